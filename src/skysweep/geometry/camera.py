@@ -1,0 +1,78 @@
+"""Pinhole camera: projection, footprints, pixels on target. Pure functions of lens and pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """An ideal pinhole lens with square pixels and a centred principal point."""
+
+    width_px: int
+    height_px: int
+    hfov_rad: float
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels: f = W / (2 tan(hfov / 2))."""
+        return self.width_px / (2.0 * np.tan(self.hfov_rad / 2.0))
+
+    @property
+    def vfov_rad(self) -> float:
+        """Vertical field of view in radians."""
+        return float(2.0 * np.arctan(self.height_px / (2.0 * self.focal_px)))
+
+    @property
+    def K(self) -> F64:
+        """Camera matrix (3, 3)."""
+        f = self.focal_px
+        return np.array([[f, 0.0, self.width_px / 2], [0.0, f, self.height_px / 2], [0.0, 0.0, 1.0]])
+
+    def pixels_on_target(self, size_m: float, distance_m: ArrayLike) -> F64:
+        """Pixels that an object of ``size_m`` spans, seen face-on at ``distance_m``."""
+        return np.asarray(self.focal_px * size_m / np.asarray(distance_m, dtype=float))
+
+    def gsd_m(self, distance_m: float) -> float:
+        """Ground sample distance (metres a pixel) looking straight down from ``distance_m``."""
+        return distance_m / self.focal_px
+
+    def footprint_m(self, altitude_agl_m: float) -> tuple[float, float]:
+        """Ground (width, height) in metres of a nadir picture over flat ground."""
+        return (
+            self.width_px * self.gsd_m(altitude_agl_m),
+            self.height_px * self.gsd_m(altitude_agl_m),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Where a camera is and how it looks. ``R_camera_to_enu`` (3, 3) maps optical axes to ENU."""
+
+    position_enu_m: F64
+    R_camera_to_enu: F64
+
+
+def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64, F64]:
+    """Pixels (N, 2) and depths (N,) in metres of points (N, 3). Depth <= 0 means behind the camera."""
+    p = (np.atleast_2d(np.asarray(points_enu_m, dtype=float)) - pose.position_enu_m) @ pose.R_camera_to_enu
+    depth = p[:, 2]
+    z = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
+    f = lens.focal_px
+    return np.column_stack([f * p[:, 0] / z + lens.width_px / 2, f * p[:, 1] / z + lens.height_px / 2]), depth
+
+
+def rays_enu(lens: Lens, pose: CameraPose, pixels: ArrayLike) -> F64:
+    """Unit ray directions (N, 3) in ENU through pixels (N, 2)."""
+    uv = np.atleast_2d(np.asarray(pixels, dtype=float))
+    f = lens.focal_px
+    d = np.column_stack(
+        [(uv[:, 0] - lens.width_px / 2) / f, (uv[:, 1] - lens.height_px / 2) / f, np.ones(len(uv))]
+    )
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    return d @ pose.R_camera_to_enu.T

@@ -1,0 +1,365 @@
+"""Scenario files: pydantic models with units in the field names.
+
+A scenario says everything about one mission: the area, what is out there, the vehicle, the camera, the
+detector and the search parameters. Local coordinates are ENU metres with home's origin at (0, 0);
+an area may be given in latitude/longitude instead. ``Scenario.model_json_schema()`` is the JSON schema.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import shapely
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from skysweep.geometry.camera import Lens
+from skysweep.geometry.frames import LocalFrame
+
+MAX_AREA_KM2 = 25.0
+
+TargetClass = Literal["stop sign", "person", "boat"]
+DistractorClass = Literal["red bucket", "red round sign", "rock", "stump", "clothing", "buoy"]
+ObjectPose = Literal["face-up", "standing", "lying", "floating"]
+
+# Size means: across the flats (sign), body height (person), length (boat, clothing), diameter (the rest).
+DEFAULT_SIZE_M: dict[str, float] = {
+    "stop sign": 0.75,
+    "person": 1.75,
+    "boat": 5.0,
+    "red bucket": 0.35,
+    "red round sign": 0.6,
+    "rock": 1.0,
+    "stump": 0.6,
+    "clothing": 0.9,
+    "buoy": 0.6,
+}
+DEFAULT_POSE: dict[str, str] = {"person": "lying"}
+
+PointXY = tuple[float, float]
+
+
+class Model(BaseModel):
+    """Strict base: unknown fields are errors, NaN and infinity are refused unless a field says otherwise."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Area(Model):
+    """Where to search: a polygon, concave if need be, with holes that need no search."""
+
+    polygon_enu_m: list[PointXY] | None = Field(None, description="Corners, east and north of home")
+    polygon_lat_lon_deg: list[PointXY] | None = Field(None, description="Corners, latitude and longitude")
+    holes_enu_m: list[list[PointXY]] = Field(default_factory=list)
+    holes_lat_lon_deg: list[list[PointXY]] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _one_kind_of_corner(self) -> Area:
+        if (self.polygon_enu_m is None) == (self.polygon_lat_lon_deg is None):
+            raise ValueError("write exactly one of polygon_enu_m and polygon_lat_lon_deg")
+        if self.polygon_enu_m is None and self.holes_enu_m:
+            raise ValueError("the polygon is in latitude/longitude: write the holes as holes_lat_lon_deg")
+        if self.polygon_enu_m is not None and self.holes_lat_lon_deg:
+            raise ValueError("the polygon is in ENU metres: write the holes as holes_enu_m")
+        return self
+
+
+class Home(Model):
+    """Take-off and landing place; the ENU origin sits at its latitude, longitude and altitude."""
+
+    latitude_deg: float = Field(60.4490, ge=-90, le=90)
+    longitude_deg: float = Field(22.2966, ge=-180, le=180)
+    altitude_amsl_m: float = Field(30.0, ge=-430, le=8850)
+    position_enu_m: PointXY = Field((0.0, 0.0), description="Take-off place, east and north of the origin")
+
+
+class Terrain(Model):
+    """Ground shape and what covers it."""
+
+    surface: Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"] = "grass"
+    heightmap_m: list[list[float]] | None = Field(
+        None,
+        description="Rows south to north, columns west to east, stretched over the area's bounding box and margin",
+    )
+    hills_height_m: float = Field(0.0, ge=0, le=500, description="Random hills up to this height")
+    hills_wavelength_m: float = Field(150.0, ge=20, le=5000)
+    seed: int = Field(0, ge=0)
+
+    @field_validator("heightmap_m")
+    @classmethod
+    def _rectangular(cls, rows: list[list[float]] | None) -> list[list[float]] | None:
+        if rows is not None and (len(rows) < 2 or len(rows[0]) < 2 or len({len(r) for r in rows}) != 1):
+            raise ValueError("write at least 2 rows of at least 2 heights, all rows equally long")
+        return rows
+
+
+class Tree(Model):
+    """One tree: it occludes."""
+
+    position_enu_m: PointXY
+    height_m: float = Field(8.0, gt=0.3, le=60)
+    crown_radius_m: float = Field(2.0, gt=0.1, le=15)
+    kind: Literal["broadleaf", "conifer", "bush"] = "broadleaf"
+
+
+class Forest(Model):
+    """Trees scattered by seed over the area and its margin, or inside a polygon."""
+
+    trees_per_hectare: float = Field(gt=0, le=2000)
+    polygon_enu_m: list[PointXY] | None = None
+    height_m: tuple[float, float] = (5.0, 12.0)
+    crown_radius_m: tuple[float, float] = (1.2, 2.8)
+    conifer_fraction: float = Field(0.5, ge=0, le=1)
+    seed: int = Field(0, ge=0)
+
+
+class Building(Model):
+    """A box with a gable roof: it occludes."""
+
+    position_enu_m: PointXY
+    size_m: tuple[float, float] = Field((10.0, 8.0), description="Length and width")
+    height_m: float = Field(4.0, gt=0, le=120)
+    yaw_deg: float = 0.0
+
+
+class Target(Model):
+    """Something to find."""
+
+    kind: TargetClass = Field(alias="class")
+    position_enu_m: PointXY
+    yaw_deg: float = 0.0
+    size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
+    pose: ObjectPose | None = Field(None, description="Default depends on the class")
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class Distractor(Model):
+    """Something that looks like a target from high up and does not from near."""
+
+    kind: DistractorClass = Field(alias="class")
+    position_enu_m: PointXY
+    yaw_deg: float = 0.0
+    size_m: float | None = Field(None, gt=0.05, le=60)
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class Generator(Model):
+    """Places objects at random, the same ones for the same seed.
+
+    ``uniform``: anywhere in the area; ``clustered``: around ``clusters`` centres with a standard deviation of
+    ``spread_m``; ``sparse``: as far apart as the area allows (best candidate sampling).
+    ``seed`` null means: another layout for every mission seed.
+    """
+
+    kind: TargetClass | DistractorClass = Field(alias="class")
+    pattern: Literal["uniform", "clustered", "sparse"]
+    count: int = Field(ge=1, le=2000)
+    clusters: int = Field(2, ge=1, le=100)
+    centres_enu_m: list[PointXY] | None = None
+    spread_m: float = Field(8.0, gt=0, le=1000)
+    min_separation_m: float = Field(2.0, ge=0, le=1000)
+    size_m: float | None = Field(None, gt=0.05, le=60)
+    poses: list[ObjectPose] | None = None
+    seed: int | None = Field(0, ge=0)
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class Wind(Model):
+    """Mean wind and gusts (first-order Gauss-Markov, after the Dryden model's length scale)."""
+
+    mean_speed_mps: float = Field(2.0, ge=0, le=25)
+    from_heading_deg: float = Field(240.0, ge=0, lt=360, description="Where the wind comes from")
+    gust_std_mps: float = Field(0.5, ge=0, le=8)
+
+
+class Light(Model):
+    """Sun and air."""
+
+    sun_elevation_deg: float = Field(45.0, ge=3, le=90)
+    sun_heading_deg: float = Field(150.0, ge=0, lt=360)
+    visibility_m: float = Field(3000.0, ge=50)
+
+
+class VehicleLimits(Model):
+    """The vehicle. Defaults are PX4's (v1.17) and fit its SIH quadrotor."""
+
+    cruise_speed_mps: float = Field(5.0, gt=0, le=20)
+    climb_speed_mps: float = Field(3.0, gt=0, le=8)
+    descent_speed_mps: float = Field(1.5, gt=0, le=4)
+    battery_wh: float = Field(98.0, gt=1, le=5000)
+    hover_power_w: float = Field(250.0, gt=1, le=20000)
+    position_noise_m: float = Field(0.3, ge=0, le=20, description="Standard deviation of the slow GNSS error")
+    attitude_noise_deg: float = Field(0.3, ge=0, le=10)
+
+
+class Gimbal(Model):
+    """3-axis gimbal. The mission believes that it points where it was told to."""
+
+    pitch_deg: float = Field(-90.0, ge=-90, le=45)
+    max_rate_dps: float = Field(120.0, gt=1, le=1000)
+    lag_s: float = Field(0.12, ge=0, le=2, description="Time constant of the stabilisation loop")
+
+
+class CameraModel(Model):
+    """Camera; the default is that of PX4's Typhoon H480 in Gazebo."""
+
+    width_px: int = Field(640, ge=64, le=8192)
+    height_px: int = Field(360, ge=64, le=8192)
+    hfov_rad: float = Field(2.0, gt=0.02, lt=3.0)
+    rate_hz: float = Field(10.0, gt=0, le=60)
+    exposure_s: float = Field(1 / 500, gt=0, le=0.1)
+    noise_std: float = Field(2.0, ge=0, le=50, description="Grey levels (0..255)")
+    jpeg_quality: int = Field(90, ge=10, le=100)
+    latency_s: float = Field(0.2, ge=0, le=5, description="From exposure until the detection arrives")
+    pose_delay_s: float = Field(0.1, ge=0, le=2, description="How much older the believed pose is than the picture")
+    gimbal: Gimbal = Gimbal()
+
+    @property
+    def lens(self) -> Lens:
+        """The lens as the geometry module wants it."""
+        return Lens(self.width_px, self.height_px, self.hfov_rad)
+
+
+class DetectorModel(Model):
+    """Which detector, and how often it looks."""
+
+    model: str = Field("skysweep", description="'skysweep' (ours, shipped) or the path of an ONNX file")
+    rate_hz: float = Field(2.5, gt=0, le=60)
+    confidence_min: float = Field(0.25, ge=0.01, le=0.99, description="Detections below are dropped")
+    iou_max: float = Field(0.5, gt=0, le=1)
+    tiles: int = Field(1, ge=1, le=8, description="Split the picture into tiles x tiles")
+
+
+PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]
+
+
+class Search(Model):
+    """Strategy and its parameters (Algorithm 1 of the paper). ``n_c`` and ``d_c_m`` may be ``.inf``."""
+
+    strategy: str = "scan-check"
+    n_c: PositiveOrInf = Field(5.0, description="Check after this many candidates")
+    d_c_m: PositiveOrInf = Field(math.inf, description="Check when this far from where the last one was seen")
+    c_t: float = Field(0.6, gt=0, lt=1, description="Confidence at h_C that confirms")
+    scan_altitude_agl_m: float = Field(30.0, gt=0, le=500, description="h_S")
+    check_altitude_agl_m: float = Field(4.0, gt=0, le=200, description="h_C")
+    scan_speed_mps: float = Field(5.0, gt=0, le=20)
+    check_speed_mps: float = Field(1.0, gt=0, le=20)
+    sidelap: float = Field(0.2, ge=0, lt=0.95)
+    transect_heading_deg: float | None = Field(None, ge=0, lt=360, description="Default: the best angle")
+    plan: str | None = Field(None, description="A QGroundControl .plan whose survey becomes F")
+
+    @field_validator("n_c", "d_c_m")
+    @classmethod
+    def _no_nan(cls, value: float) -> float:
+        if math.isnan(value):
+            raise ValueError("write a number > 0, or .inf")
+        return value
+
+    @model_validator(mode="after")
+    def _check_below_scan(self) -> Search:
+        if self.check_altitude_agl_m >= self.scan_altitude_agl_m:
+            raise ValueError(
+                f"check_altitude_agl_m ({self.check_altitude_agl_m:g}) must be below "
+                f"scan_altitude_agl_m ({self.scan_altitude_agl_m:g})"
+            )
+        return self
+
+
+class Scenario(Model):
+    """One mission, whole."""
+
+    name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")
+    description: str = ""
+    area: Area
+    home: Home = Home()
+    geofence_enu_m: list[PointXY] | None = None
+    terrain: Terrain = Terrain()
+    trees: list[Tree] = Field(default_factory=list)
+    forests: list[Forest] = Field(default_factory=list)
+    buildings: list[Building] = Field(default_factory=list)
+    targets: list[Target] = Field(default_factory=list)
+    distractors: list[Distractor] = Field(default_factory=list)
+    generators: list[Generator] = Field(default_factory=list)
+    wind: Wind = Wind()
+    light: Light = Light()
+    vehicle: VehicleLimits = VehicleLimits()
+    camera: CameraModel = CameraModel()
+    detector: DetectorModel = DetectorModel()
+    search: Search = Search()
+
+    @property
+    def frame(self) -> LocalFrame:
+        """The ENU frame. Altitudes are AMSL throughout (no geoid model: the origin's own is kept)."""
+        return LocalFrame(self.home.latitude_deg, self.home.longitude_deg, self.home.altitude_amsl_m)
+
+    @property
+    def area_enu_m(self) -> shapely.Polygon:
+        """The search area as a polygon in ENU metres."""
+        if self.area.polygon_enu_m is not None:
+            return shapely.Polygon(self.area.polygon_enu_m, self.area.holes_enu_m)
+
+        def enu(corners: list[PointXY]) -> list[PointXY]:
+            geodetic = [(lat, lon, self.home.altitude_amsl_m) for lat, lon in corners]
+            return [(float(p[0]), float(p[1])) for p in self.frame.enu_from_geodetic(geodetic)]
+
+        assert self.area.polygon_lat_lon_deg is not None
+        return shapely.Polygon(
+            enu(self.area.polygon_lat_lon_deg), [enu(hole) for hole in self.area.holes_lat_lon_deg]
+        )
+
+    @model_validator(mode="after")
+    def _area_is_searchable(self) -> Scenario:
+        corners = self.area.polygon_enu_m or self.area.polygon_lat_lon_deg or []
+        if len(corners) < 3:
+            raise ValueError("area: write at least 3 corners")
+        polygon = self.area_enu_m
+        if not polygon.is_valid:
+            reason = shapely.is_valid_reason(polygon)
+            raise ValueError(f"area: the polygon is not simple ({reason}); list the corners in order around it")
+        if polygon.area < 1.0:
+            raise ValueError("area: the polygon is empty (less than 1 m2); check the corners")
+        if polygon.area > MAX_AREA_KM2 * 1e6:
+            raise ValueError(
+                f"area: {polygon.area / 1e6:.0f} km2 is more than one vehicle can search "
+                f"({MAX_AREA_KM2:g} km2); split it, or check the units (metres)"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _home_inside_fence(self) -> Scenario:
+        if self.geofence_enu_m is not None:
+            if len(self.geofence_enu_m) < 3:
+                raise ValueError("geofence_enu_m: write at least 3 corners")
+            fence = shapely.Polygon(self.geofence_enu_m)
+            if not fence.is_valid:
+                raise ValueError("geofence_enu_m: the polygon crosses itself; list the corners in order around it")
+            if not fence.covers(shapely.Point(self.home.position_enu_m)):
+                raise ValueError("home: position_enu_m lies outside geofence_enu_m; move home or widen the fence")
+            if not fence.covers(self.area_enu_m):
+                raise ValueError("geofence_enu_m: the search area reaches outside the fence; widen the fence")
+        return self
+
+    @property
+    def target_classes(self) -> tuple[str, ...]:
+        """The classes that this mission searches for."""
+        kinds = {t.kind for t in self.targets} | {
+            g.kind for g in self.generators if g.kind in TargetClass.__args__  # type: ignore[attr-defined]
+        }
+        return tuple(sorted(kinds)) or ("stop sign", "person", "boat")
+
+    def pixels_on_target(self, altitude_agl_m: float) -> float:
+        """Pixels that the smallest target spans, seen straight down from ``altitude_agl_m``."""
+        sizes = [t.size_m or DEFAULT_SIZE_M[t.kind] for t in self.targets]
+        sizes += [g.size_m or DEFAULT_SIZE_M[g.kind] for g in self.generators if g.kind in self.target_classes]
+        size = min(sizes, default=DEFAULT_SIZE_M[self.target_classes[0]])
+        return float(np.asarray(self.camera.lens.pixels_on_target(size, altitude_agl_m)))
+
+    def with_search(self, **changes: Any) -> Scenario:
+        """A copy with other search parameters, validated again."""
+        data = self.model_dump(by_alias=True)
+        data["search"].update(changes)
+        return Scenario.model_validate(data)

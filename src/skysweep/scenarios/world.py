@@ -1,0 +1,241 @@
+"""What is out there: a scenario made concrete. Everything random is drawn here, from one seed.
+
+This is the truth. Only simulated sensors and results may look at it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
+
+from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Forest, Generator, Light, Scenario
+
+F64 = NDArray[np.float64]
+
+MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
+HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
+
+
+@dataclass(frozen=True, slots=True)
+class WorldObject:
+    """A target or a distractor. ``variant`` seeds its looks (mesh proportions, colours)."""
+
+    kind: str
+    position_enu_m: F64  # (3,), on the ground
+    yaw_rad: float
+    size_m: float
+    pose: str
+    is_target: bool
+    variant: int
+
+
+@dataclass(frozen=True, slots=True)
+class WorldTree:
+    """A trunk with a crown. The crown is an ellipsoid (or cone) between 0.35 and 1.0 of the height."""
+
+    position_enu_m: F64  # (3,)
+    height_m: float
+    crown_radius_m: float
+    kind: str
+    variant: int
+
+
+@dataclass(frozen=True, slots=True)
+class WorldBuilding:
+    """A box ``size_m`` (length, width) with eaves at ``height_m`` and a gable roof."""
+
+    position_enu_m: F64  # (3,)
+    size_m: tuple[float, float]
+    height_m: float
+    yaw_rad: float
+    variant: int
+
+
+@dataclass(frozen=True)
+class TerrainSurface:
+    """Ground height over a regular grid, bilinear in between, flat beyond the edges."""
+
+    heights_m: F64  # (rows south to north, columns west to east)
+    bounds_enu_m: tuple[float, float, float, float]  # west, south, east, north
+    surface: str
+
+    @property
+    def is_flat(self) -> bool:
+        return bool(np.ptp(self.heights_m) == 0.0)
+
+    def height_m(self, xy_enu_m: ArrayLike) -> F64:
+        """Ground height (N,) in metres ENU at points (N, 2)."""
+        xy = np.atleast_2d(np.asarray(xy_enu_m, dtype=float))
+        if self.is_flat:
+            return np.full(len(xy), self.heights_m[0, 0])
+        west, south, east, north = self.bounds_enu_m
+        rows, columns = self.heights_m.shape
+        r = (xy[:, 1] - south) / (north - south) * (rows - 1)
+        c = (xy[:, 0] - west) / (east - west) * (columns - 1)
+        return map_coordinates(self.heights_m, [r, c], order=1, mode="nearest")
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything that a simulated sensor can see."""
+
+    terrain: TerrainSurface
+    objects: tuple[WorldObject, ...]
+    trees: tuple[WorldTree, ...]
+    buildings: tuple[WorldBuilding, ...]
+    light: Light
+    seed: int  # of textures and other looks
+
+    @property
+    def targets(self) -> tuple[WorldObject, ...]:
+        return tuple(o for o in self.objects if o.is_target)
+
+
+def build_terrain(scenario: Scenario) -> TerrainSurface:
+    """The scenario's ground. Home's ground is height 0 unless a heightmap says otherwise."""
+    west, south, east, north = shapely.box(*scenario.area_enu_m.bounds).union(
+        shapely.Point(scenario.home.position_enu_m)
+    ).buffer(MARGIN_M).bounds
+    bounds = (west, south, east, north)
+    t = scenario.terrain
+    if t.heightmap_m is not None:
+        return TerrainSurface(np.asarray(t.heightmap_m, dtype=float), bounds, t.surface)
+    if t.hills_height_m == 0:
+        return TerrainSurface(np.zeros((2, 2)), bounds, t.surface)
+    step = max(2.0, max(east - west, north - south) / 400)
+    x = np.arange(west, east + step, step)
+    y = np.arange(south, north + step, step)
+    X, Y = np.meshgrid(np.linspace(west, east, len(x)), np.linspace(south, north, len(y)))
+    rng = np.random.default_rng([t.seed, 7])
+    h = np.zeros_like(X)
+    for octave in range(4):
+        k = 2 * np.pi / t.hills_wavelength_m * 2**octave
+        for _ in range(5):
+            a, phase = rng.uniform(0, 2 * np.pi, 2)
+            h += 0.5**octave * np.sin(k * (X * np.cos(a) + Y * np.sin(a)) + phase)
+    h = (h - h.min()) / np.ptp(h) * t.hills_height_m
+    surface = TerrainSurface(h, bounds, t.surface)
+    home_height = surface.height_m([scenario.home.position_enu_m])[0]
+    return TerrainSurface(h - home_height, bounds, t.surface)
+
+
+def build_world(scenario: Scenario, seed: int) -> World:
+    """The world of one mission. The same scenario and seed give the same world."""
+    terrain = build_terrain(scenario)
+    rng = np.random.default_rng([seed, 11])
+    area = scenario.area_enu_m
+    items: list[tuple[str, tuple[float, float], float, float | None, str | None, bool]] = [
+        (t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True) for t in scenario.targets
+    ]
+    items += [
+        (d.kind, d.position_enu_m, np.radians(d.yaw_deg), d.size_m, None, False) for d in scenario.distractors
+    ]
+    target_kinds = scenario.target_classes
+    for index, g in enumerate(scenario.generators):
+        g_rng = np.random.default_rng([g.seed if g.seed is not None else seed + 100_000, index, 13])
+        for xy in generate_positions(g, area, g_rng):
+            pose = str(g_rng.choice(g.poses)) if g.poses else None
+            yaw = float(g_rng.uniform(0, 2 * np.pi))
+            items.append((g.kind, xy, yaw, g.size_m, pose, g.kind in target_kinds))
+    objects = tuple(
+        WorldObject(
+            kind,
+            _on_ground(terrain, xy),
+            yaw,
+            size or DEFAULT_SIZE_M[kind],
+            pose or DEFAULT_POSE.get(kind, "face-up"),
+            is_target,
+            HELD_OUT_VARIANTS + int(rng.integers(1000)),
+        )
+        for kind, xy, yaw, size, pose, is_target in items
+    )
+    buildings = tuple(
+        WorldBuilding(
+            _on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, float(np.radians(b.yaw_deg)), i
+        )
+        for i, b in enumerate(scenario.buildings)
+    )
+    trees = [
+        WorldTree(_on_ground(terrain, t.position_enu_m), t.height_m, t.crown_radius_m, t.kind, i)
+        for i, t in enumerate(scenario.trees)
+    ]
+    for index, forest in enumerate(scenario.forests):
+        trees += _grow(forest, terrain, scenario, index)
+    return World(terrain, objects, tuple(trees), buildings, scenario.light, seed)
+
+
+def generate_positions(
+    generator: Generator, area: shapely.Polygon, rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """Positions inside ``area`` by the generator's pattern, at least ``min_separation_m`` apart.
+
+    Where the area has no room for that, the separation is halved until they fit.
+    """
+    centres = generator.centres_enu_m
+    if generator.pattern == "clustered" and centres is None:
+        inner = area.buffer(-generator.spread_m)
+        centres = _sparse(inner if not inner.is_empty else area, generator.clusters, rng)
+    if generator.pattern == "sparse":
+        return _sparse(area, generator.count, rng)
+    placed: list[tuple[float, float]] = []
+    separation, tries = generator.min_separation_m, 0
+    while len(placed) < generator.count:
+        if generator.pattern == "clustered":
+            assert centres is not None
+            cx, cy = centres[len(placed) % len(centres)]
+            xy = (cx + float(rng.normal(0, generator.spread_m)), cy + float(rng.normal(0, generator.spread_m)))
+        else:
+            xy = _inside(area, rng)
+        free = all(np.hypot(xy[0] - p[0], xy[1] - p[1]) >= separation for p in placed)
+        if free and area.covers(shapely.Point(xy)):
+            placed.append(xy)
+        tries += 1
+        if tries % 500 == 0:
+            separation /= 2
+    return placed
+
+
+def _sparse(area: shapely.Polygon, count: int, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Mitchell's best candidate sampling."""
+    placed = [_inside(area, rng)]
+    while len(placed) < count:
+        tries = [_inside(area, rng) for _ in range(10 * len(placed) + 10)]
+        gaps = [min(np.hypot(t[0] - p[0], t[1] - p[1]) for p in placed) for t in tries]
+        placed.append(tries[int(np.argmax(gaps))])
+    return placed
+
+
+def _inside(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:
+    west, south, east, north = area.bounds
+    while True:
+        x, y = float(rng.uniform(west, east)), float(rng.uniform(south, north))
+        if area.covers(shapely.Point(x, y)):
+            return x, y
+
+
+def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:
+    return np.array([xy[0], xy[1], terrain.height_m([xy])[0]])
+
+
+def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: int) -> list[WorldTree]:
+    rng = np.random.default_rng([forest.seed, index, 17])
+    area = scenario.area_enu_m
+    ground = shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.buffer(MARGIN_M).envelope
+    count = round(forest.trees_per_hectare * ground.area / 1e4)
+    clear = shapely.Point(scenario.home.position_enu_m).buffer(6.0)
+    trees = []
+    while len(trees) < count:
+        xy = _inside(ground, rng)
+        height = float(rng.uniform(*forest.height_m))
+        radius = float(rng.uniform(*forest.crown_radius_m))
+        kind = "conifer" if rng.random() < forest.conifer_fraction else "broadleaf"
+        variant = int(rng.integers(1000))
+        if clear.covers(shapely.Point(xy)):
+            count -= 1
+            continue
+        trees.append(WorldTree(_on_ground(terrain, xy), height, radius, kind, variant))
+    return trees

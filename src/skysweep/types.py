@@ -1,0 +1,186 @@
+"""The small immutable values that flow through a mission, and the Protocols of its four parts.
+
+Data flows one way: sense -> track -> decide -> fly. Arrays are float64 and never written to after they
+were handed on. Frames: ENU metres; body FLU; camera optical (x right, y down, z forward).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose, Lens
+
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What the vehicle believes about itself (its estimator's output, not the truth)."""
+
+    time_s: float
+    position_enu_m: F64  # (3,)
+    velocity_enu_mps: F64  # (3,)
+    R_body_to_enu: F64  # (3, 3) FLU -> ENU
+    camera: CameraPose  # where the vehicle believes its camera is and looks, now
+    battery_remaining: float  # 0..1
+    energy_used_wh: float
+    airborne: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """Where to go: PX4 offboard semantics (position plus optional velocity feed-forward).
+
+    ``speed_mps`` limits the horizontal speed; vertical limits are the vehicle's own.
+    """
+
+    position_enu_m: F64  # (3,)
+    speed_mps: float
+    yaw_rad: float  # ENU: 0 = east, counter-clockwise
+    velocity_enu_mps: F64 | None = None  # (3,) feed-forward, for moving setpoints
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture and what the mission believes about it."""
+
+    time_s: float  # of exposure
+    image: U8  # (H, W, 3) RGB
+    camera: CameraPose  # believed, not true
+    lens: Lens
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """Boxes found in one frame, in pixels, with the camera pose that the mission believes.
+
+    Pixel coordinates: (0, 0) is the top left corner of the top left pixel.
+    """
+
+    time_s: float  # of exposure
+    boxes_xyxy_px: F64  # (N, 4)
+    confidences: F64  # (N,) 0..1
+    class_names: tuple[str, ...]  # (N,)
+    camera: CameraPose  # believed, at exposure
+    lens: Lens
+
+    def __len__(self) -> int:
+        return len(self.confidences)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A possible target on the ground, merged from sightings."""
+
+    id: int
+    class_name: str
+    position_enu_m: F64  # (3,)
+    covariance_m2: F64  # (2, 2) horizontal
+    first_seen_s: float
+    last_seen_s: float
+    confidences: tuple[float, ...]  # of every sighting, oldest first
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """One detection on the ground, assigned to a candidate."""
+
+    candidate_id: int
+    is_new: bool  # this sighting opened the candidate
+    time_s: float  # of exposure
+    position_enu_m: F64  # (3,) of this sighting alone
+    confidence: float
+    camera_altitude_agl_m: float  # believed height of the camera above the sighting at exposure
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """Everything a strategy may know at one step. ``time_s`` is the vehicle's."""
+
+    vehicle: VehicleState
+    sightings: tuple[Sighting, ...]  # since the last step, oldest first
+    candidates: dict[int, Candidate]  # all that the tracker keeps, by id
+
+    @property
+    def time_s(self) -> float:
+        return self.vehicle.time_s
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something the strategy decided, for the journal: kind is one of scanned, check_started,
+    confirmed, rejected, scan_resumed, waypoint_reached, finished."""
+
+    kind: str
+    candidate_id: int | None = None
+    position_enu_m: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A strategy's answer. ``setpoint`` is None when the mission is over (``done``)."""
+
+    mode: str  # SCAN, CHECK or DONE
+    setpoint: Setpoint | None
+    events: tuple[Event, ...] = ()
+
+    @property
+    def done(self) -> bool:
+        return self.setpoint is None
+
+
+class Vehicle(Protocol):
+    """Flies. Time is its own: nothing in a mission reads a wall clock."""
+
+    def state(self) -> VehicleState: ...
+
+    def command(self, setpoint: Setpoint) -> None: ...
+
+    def advance(self, duration_s: float) -> None: ...
+
+    def takeoff(self, altitude_agl_m: float) -> None: ...
+
+    def land(self) -> None: ...
+
+
+class Sensor(Protocol):
+    """Looks. Returns the newest finished result, or None when there is nothing new."""
+
+    def sense(self, state: VehicleState) -> Detections | None: ...
+
+
+class Camera(Protocol):
+    """Takes the picture of this moment; the frame carries the pose that the mission believes."""
+
+    def capture(self, state: VehicleState) -> Frame: ...
+
+
+class Detector(Protocol):
+    """Finds boxes in one frame."""
+
+    class_names: tuple[str, ...]
+
+    def detect(self, frame: Frame) -> Detections: ...
+
+
+class Tracker(Protocol):
+    """Puts detections on the ground and keeps one candidate per thing seen."""
+
+    def update(self, detections: Detections) -> tuple[Sighting, ...]: ...
+
+    def candidates(self) -> dict[int, Candidate]: ...
+
+
+class Strategy(Protocol):
+    """Decides. Pure: no I/O, no clock, no truth. Its state is plain data, so a mission can resume."""
+
+    def step(self, observation: Observation) -> Command: ...
+
+    def snapshot(self) -> dict[str, Any]: ...
+
+    def restore(self, snapshot: dict[str, Any]) -> None: ...
