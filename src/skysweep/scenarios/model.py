@@ -18,6 +18,7 @@ from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
 
 MAX_AREA_KM2 = 25.0
+MAX_DISTANCE_FROM_HOME_KM = 50.0
 
 TargetClass = Literal["stop sign", "person", "boat"]
 DistractorClass = Literal["red bucket", "red round sign", "rock", "stump", "clothing", "buoy"]
@@ -38,6 +39,7 @@ DEFAULT_SIZE_M: dict[str, float] = {
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
 
 PointXY = tuple[float, float]
+LatLon = tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]]
 
 
 class Model(BaseModel):
@@ -50,9 +52,9 @@ class Area(Model):
     """Where to search: a polygon, concave if need be, with holes that need no search."""
 
     polygon_enu_m: list[PointXY] | None = Field(None, description="Corners, east and north of home")
-    polygon_lat_lon_deg: list[PointXY] | None = Field(None, description="Corners, latitude and longitude")
+    polygon_lat_lon_deg: list[LatLon] | None = Field(None, description="Corners, latitude and longitude")
     holes_enu_m: list[list[PointXY]] = Field(default_factory=list)
-    holes_lat_lon_deg: list[list[PointXY]] = Field(default_factory=list)
+    holes_lat_lon_deg: list[list[LatLon]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _one_kind_of_corner(self) -> Area:
@@ -62,6 +64,8 @@ class Area(Model):
             raise ValueError("the polygon is in latitude/longitude: write the holes as holes_lat_lon_deg")
         if self.polygon_enu_m is not None and self.holes_lat_lon_deg:
             raise ValueError("the polygon is in ENU metres: write the holes as holes_enu_m")
+        if any(len(hole) < 3 for hole in [*self.holes_enu_m, *self.holes_lat_lon_deg]):
+            raise ValueError("a hole has less than 3 corners; write at least 3, or delete it")
         return self
 
 
@@ -215,7 +219,9 @@ class CameraModel(Model):
     noise_std: float = Field(2.0, ge=0, le=50, description="Grey levels (0..255)")
     jpeg_quality: int = Field(90, ge=10, le=100)
     latency_s: float = Field(0.2, ge=0, le=5, description="From exposure until the detection arrives")
-    pose_delay_s: float = Field(0.1, ge=0, le=2, description="How much older the believed pose is than the picture")
+    pose_delay_s: float = Field(
+        0.1, ge=0, le=2, description="How much older the believed pose is than the picture"
+    )
     gimbal: Gimbal = Gimbal()
 
     @property
@@ -263,7 +269,7 @@ class Search(Model):
     def _check_below_scan(self) -> Search:
         if self.check_altitude_agl_m >= self.scan_altitude_agl_m:
             raise ValueError(
-                f"check_altitude_agl_m ({self.check_altitude_agl_m:g}) must be below "
+                f"check_altitude_agl_m: is {self.check_altitude_agl_m:g}; write less than "
                 f"scan_altitude_agl_m ({self.scan_altitude_agl_m:g})"
             )
         return self
@@ -317,15 +323,25 @@ class Scenario(Model):
         if len(corners) < 3:
             raise ValueError("area: write at least 3 corners")
         polygon = self.area_enu_m
+        if polygon.convex_hull.area < 1.0:
+            raise ValueError("area: the polygon is empty (less than 1 m2); check the corners")
         if not polygon.is_valid:
             reason = shapely.is_valid_reason(polygon)
-            raise ValueError(f"area: the polygon is not simple ({reason}); list the corners in order around it")
+            raise ValueError(
+                f"area: the polygon is not simple ({reason}); list the corners in order around it"
+            )
         if polygon.area < 1.0:
-            raise ValueError("area: the polygon is empty (less than 1 m2); check the corners")
+            raise ValueError("area: the holes leave nothing to search; make them smaller")
         if polygon.area > MAX_AREA_KM2 * 1e6:
             raise ValueError(
                 f"area: {polygon.area / 1e6:.0f} km2 is more than one vehicle can search "
                 f"({MAX_AREA_KM2:g} km2); split it, or check the units (metres)"
+            )
+        distance_km = polygon.distance(shapely.Point(self.home.position_enu_m)) / 1000
+        if not distance_km <= MAX_DISTANCE_FROM_HOME_KM:
+            raise ValueError(
+                f"home: lies {distance_km:.0f} km from the area; write home's latitude_deg, longitude_deg and "
+                f"position_enu_m within {MAX_DISTANCE_FROM_HOME_KM:g} km of it"
             )
         return self
 
@@ -336,9 +352,13 @@ class Scenario(Model):
                 raise ValueError("geofence_enu_m: write at least 3 corners")
             fence = shapely.Polygon(self.geofence_enu_m)
             if not fence.is_valid:
-                raise ValueError("geofence_enu_m: the polygon crosses itself; list the corners in order around it")
+                raise ValueError(
+                    "geofence_enu_m: the polygon crosses itself; list the corners in order around it"
+                )
             if not fence.covers(shapely.Point(self.home.position_enu_m)):
-                raise ValueError("home: position_enu_m lies outside geofence_enu_m; move home or widen the fence")
+                raise ValueError(
+                    "home.position_enu_m: lies outside geofence_enu_m; move home or widen the fence"
+                )
             if not fence.covers(self.area_enu_m):
                 raise ValueError("geofence_enu_m: the search area reaches outside the fence; widen the fence")
         return self
@@ -347,14 +367,18 @@ class Scenario(Model):
     def target_classes(self) -> tuple[str, ...]:
         """The classes that this mission searches for."""
         kinds = {t.kind for t in self.targets} | {
-            g.kind for g in self.generators if g.kind in TargetClass.__args__  # type: ignore[attr-defined]
+            g.kind
+            for g in self.generators
+            if g.kind in TargetClass.__args__  # type: ignore[attr-defined]
         }
         return tuple(sorted(kinds)) or ("stop sign", "person", "boat")
 
     def pixels_on_target(self, altitude_agl_m: float) -> float:
         """Pixels that the smallest target spans, seen straight down from ``altitude_agl_m``."""
         sizes = [t.size_m or DEFAULT_SIZE_M[t.kind] for t in self.targets]
-        sizes += [g.size_m or DEFAULT_SIZE_M[g.kind] for g in self.generators if g.kind in self.target_classes]
+        sizes += [
+            g.size_m or DEFAULT_SIZE_M[g.kind] for g in self.generators if g.kind in self.target_classes
+        ]
         size = min(sizes, default=DEFAULT_SIZE_M[self.target_classes[0]])
         return float(np.asarray(self.camera.lens.pixels_on_target(size, altitude_agl_m)))
 

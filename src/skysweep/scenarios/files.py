@@ -1,0 +1,306 @@
+"""Scenario files: YAML in, YAML out, and what is wrong with one said in a sentence.
+
+Only plain YAML is read: no tags, no aliases, no repeated keys, no huge or deeply nested files. Everything
+that a user can mend raises UserError naming the file, the field and what to write instead.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import tempfile
+import typing
+from collections.abc import Hashable, Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from skysweep.errors import UserError
+from skysweep.scenarios.model import Scenario
+
+MAX_FILE_BYTES = 5_000_000
+MAX_NESTING = 20
+
+_FastLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
+    """YAML's own types only; a key may be written once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            problem = None
+            if key.tag != "tag:yaml.org,2002:str":
+                problem = "a field's name must be a word; put it in quotes if it is one"
+            elif key.value in seen:
+                problem = f"'{key.value}' is written twice; keep one"
+            if problem:
+                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep=deep)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes every value where it stands, without anchors, as the loader wants it."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def list_scenarios() -> list[str]:
+    """Names of the shipped scenarios, sorted."""
+    return sorted(f.name.removesuffix(".yaml") for f in _shipped().iterdir() if f.name.endswith(".yaml"))
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """A shipped scenario by its name, or one from a YAML file.
+
+    A relative ``search.plan`` or ``detector.model`` path counts from the scenario file's folder.
+
+    Raises:
+        UserError: not found, not readable as plain YAML, or not a valid scenario.
+    """
+    name = str(name_or_path)
+    if name in list_scenarios():
+        return parse_scenario(_shipped().joinpath(f"{name}.yaml").read_text("utf-8"), f"{name}.yaml")
+    path = Path(name).expanduser()
+    scenario = parse_scenario(_read_text(path), str(path))
+    return _with_paths_beside(scenario, path.parent)
+
+
+def parse_scenario(text: str, source: str) -> Scenario:
+    """A scenario from YAML text; ``source`` names it in errors.
+
+    Raises:
+        UserError: not plain YAML, or not a valid scenario.
+    """
+    data = _plain_yaml(text, source)
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        raise explain(error, source) from None
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """The whole scenario as YAML, defaults included: ``parse_scenario`` gives the same one back."""
+    return yaml.dump(
+        scenario.model_dump(by_alias=True),
+        Dumper=_PlainDumper,
+        sort_keys=False,
+        default_flow_style=None,
+        allow_unicode=True,
+        width=100,
+    )
+
+
+def write_scenario(scenario: Scenario, path: str | Path) -> Path:
+    """Writes the scenario to ``path``, whole or not at all, and returns the path.
+
+    Raises:
+        UserError: the folder is missing or cannot be written to.
+    """
+    path = Path(path).expanduser()
+    text = dump_scenario(scenario)
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(text)
+            os.replace(temporary, path)
+        except BaseException:
+            os.unlink(temporary)
+            raise
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    return path
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a scenario file, for editors and other tools."""
+    schema = Scenario.model_json_schema(by_alias=True)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_without_infinity(schema)}
+
+
+def explain(error: ValidationError, source: str) -> UserError:
+    """What pydantic found, as one sentence: the first wrong field and what to write instead."""
+    by_path: dict[tuple[str | int, ...], list[ErrorDetails]] = {}
+    for detail in error.errors():
+        by_path.setdefault(_location(detail), []).append(detail)
+    location, details = next(iter(by_path.items()))
+    sentence = _sentence(location, details)
+    if len(by_path) > 1:
+        sentence += f" ({len(by_path) - 1} more like this)" if len(by_path) > 2 else " (1 more like this)"
+    return UserError(f"{source}: {sentence}")
+
+
+def _shipped() -> Any:
+    return resources.files("skysweep.scenarios") / "shipped"
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if not path.exists():
+            raise UserError(f"{path}: there is no such scenario; {_shipped_hint(path.name)}")
+        if not path.is_file():
+            raise UserError(f"{path}: is a folder or device; write the path of a scenario's YAML file")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise UserError(
+                f"{path}: is larger than {MAX_FILE_BYTES / 1e6:g} MB; a scenario is a small text file "
+                "(thin out terrain.heightmap_m, or write generators instead of single objects)"
+            )
+        return path.read_text("utf-8")
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not a text file in UTF-8; write a scenario as YAML text") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+
+
+def _shipped_hint(name: str) -> str:
+    shipped = list_scenarios()
+    near = difflib.get_close_matches(name.removesuffix(".yaml"), shipped, n=1)
+    start = f"did you mean '{near[0]}'? " if near else ""
+    return f"{start}write the path of a YAML file or one of {', '.join(shipped)}"
+
+
+def _plain_yaml(text: str, source: str) -> dict[str, Any]:
+    try:
+        for problem, mark in _forbidden(text):
+            raise UserError(f"{source}: line {mark.line + 1}: {problem}")
+        data = yaml.load(text, Loader=_PlainLoader)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        where = f"line {at.line + 1}: " if at else ""
+        if isinstance(error, yaml.constructor.ConstructorError):
+            raise UserError(f"{source}: {where}{error.problem}") from None
+        raise UserError(
+            f"{source}: {where}not YAML ({error.problem or error.context}); "
+            "check the indentation, quotes and brackets there, and that the file is whole"
+        ) from None
+    except (yaml.YAMLError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise UserError(f"{source}: not YAML ({reason}); write a scenario as YAML text") from None
+    if not isinstance(data, dict):
+        found = "empty" if data is None else f"a {type(data).__name__}"
+        raise UserError(f"{source}: is {found}, not a scenario; write fields such as  name: my-search")
+    return data
+
+
+def _forbidden(text: str) -> Iterator[tuple[str, yaml.Mark]]:
+    """What a scenario file may not hold, found before anything is built from it."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_FastLoader):
+        if isinstance(event, yaml.AliasEvent):
+            yield f"the alias *{event.anchor} is not allowed; write the value out", event.start_mark
+        elif isinstance(event, yaml.NodeEvent) and getattr(event, "tag", None):
+            yield f"the YAML tag {event.tag} is not allowed; write a plain value", event.start_mark  # type: ignore[attr-defined]
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_NESTING:
+                yield "lists are nested too deeply; check the brackets", event.start_mark
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def _with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
+    updates: dict[str, Any] = {}
+    if scenario.search.plan is not None:
+        plan = str(folder / Path(scenario.search.plan).expanduser())
+        updates["search"] = scenario.search.model_copy(update={"plan": plan})
+    if scenario.detector.model.lower().endswith(".onnx"):
+        model = str(folder / Path(scenario.detector.model).expanduser())
+        updates["detector"] = scenario.detector.model_copy(update={"model": model})
+    return scenario.model_copy(update=updates)
+
+
+def _without_infinity(node: Any) -> Any:
+    """JSON has no infinity: such a default is said in YAML's words."""
+    if isinstance(node, dict):
+        return {key: _without_infinity(value) for key, value in node.items()}
+    if isinstance(node, list):
+        return [_without_infinity(value) for value in node]
+    return ".inf" if node == float("inf") else node
+
+
+def _location(detail: ErrorDetails) -> tuple[str | int, ...]:
+    """The error's path in the file, without the names that pydantic gives to the arms of a union."""
+    return tuple(part for part in detail["loc"] if isinstance(part, int) or re.fullmatch(r"\w+", part))
+
+
+def _dotted(location: tuple[str | int, ...]) -> str:
+    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
+    return path.removeprefix(".")
+
+
+def _sentence(location: tuple[str | int, ...], details: list[ErrorDetails]) -> str:
+    detail = details[0]
+    kind, value = detail["type"], detail["input"]
+    path = _dotted(location)
+    shown = repr(value) if isinstance(value, str) else str(value)
+    if len(shown) > 60:
+        shown = shown[:57] + "..."
+    if kind == "value_error":
+        reason = str(detail["ctx"]["error"])
+        names_field = re.match(r"[a-z_]+(\.[a-z_]+)*: ", reason)
+        return reason if not path else f"{path}{'.' if names_field else ': '}{reason}"
+    if kind == "extra_forbidden":
+        return f"{path}: there is no such field; {_field_hint(location)}"
+    if kind == "missing":
+        if isinstance(location[-1], int):
+            return f"{_dotted(location[:-1])}: is too short; write two numbers, such as [12.5, 40]"
+        return f"{path}: is missing; {_missing_hint(location)}"
+    if kind == "literal_error":
+        choices = [c for d in details for c in re.findall(r"'([^']*)'", d["ctx"]["expected"])]
+        near = difflib.get_close_matches(str(value), choices, n=1)
+        start = f"did you mean '{near[0]}'? " if near else ""
+        return f"{path}: {shown} is not known; {start}write one of {', '.join(choices)}"
+    if kind == "string_pattern_mismatch":
+        return f"{path}: {shown} does not do; write letters and digits, with spaces and . _ - between"
+    if kind in ("model_type", "dict_type"):
+        what = "is empty" if value is None else f"is {shown}"
+        return f"{path}: {what}; write its fields indented below it, or delete the line"
+    if kind == "too_long":
+        ctx = detail["ctx"]
+        return f"{path}: has {ctx['actual_length']} values; write {ctx['max_length']}"
+    instead = re.sub(r"^(Input|String|List|Tuple) should (be|have) ", "", detail["msg"]).split(",")[0]
+    instead = re.sub(r"^(greater|less) than", r"a number \1 than", instead)
+    return f"{path}: is {'empty' if value is None else shown}; write {instead}"
+
+
+def _field_hint(location: tuple[str | int, ...]) -> str:
+    known = [field.alias or name for name, field in _model_at(location[:-1]).model_fields.items()]
+    near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
+    return f"did you mean '{near[0]}'?" if near else f"write one of {', '.join(known)}"
+
+
+def _missing_hint(location: tuple[str | int, ...]) -> str:
+    field = _field(_model_at(location[:-1]), location[-1])
+    inner = _model_in(field.annotation)
+    if inner is not None:
+        return f"add it with fields such as {', '.join(list(inner.model_fields)[:2])}"
+    return f"add  {location[-1]}: ..." + (f"  ({field.description})" if field.description else "")
+
+
+def _model_at(location: tuple[str | int, ...]) -> type[BaseModel]:
+    model: type[BaseModel] = Scenario
+    for part in location:
+        if isinstance(part, str):
+            inner = _model_in(_field(model, part).annotation)
+            assert inner is not None, f"{part} holds no fields"
+            model = inner
+    return model
+
+
+def _field(model: type[BaseModel], alias: str | int) -> Any:
+    return next(f for name, f in model.model_fields.items() if alias in (name, f.alias))
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((m for a in typing.get_args(annotation) if (m := _model_in(a))), None)
