@@ -103,11 +103,13 @@ class Observation:
     """Everything a strategy may know at one step. ``time_s`` is the vehicle's."""
 
     vehicle: VehicleState
+    altitude_agl_m: float  # believed
     sightings: tuple[Sighting, ...]  # since the last step, oldest first
     candidates: dict[int, Candidate]  # all that the tracker keeps, by id
 
     @property
     def time_s(self) -> float:
+        """The vehicle's time."""
         return self.vehicle.time_s
 
 
@@ -122,16 +124,21 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class Waypoint:
+    """Where a strategy wants to be: above the ground, because terrain is the loop's business."""
+
+    xy_enu_m: tuple[float, float]
+    altitude_agl_m: float
+    speed_mps: float  # horizontal
+
+
+@dataclass(frozen=True, slots=True)
 class Command:
-    """A strategy's answer. ``setpoint`` is None when the mission is over (``done``)."""
+    """A strategy's answer. ``waypoint`` is None when the search is over."""
 
-    mode: str  # SCAN, CHECK or DONE
-    setpoint: Setpoint | None
+    mode: str  # SCAN or CHECK
+    waypoint: Waypoint | None
     events: tuple[Event, ...] = ()
-
-    @property
-    def done(self) -> bool:
-        return self.setpoint is None
 
 
 class Vehicle(Protocol):

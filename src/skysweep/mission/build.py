@@ -1,0 +1,82 @@
+"""Puts a mission together: the only place that picks concrete parts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import yaw_from_heading
+from skysweep.mission.loop import Mission
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import build_world
+from skysweep.sensing.schedule import Exposures
+from skysweep.strategies import strategy_spec
+from skysweep.tracking.tracker import GroundTracker
+from skysweep.types import Sensor
+from skysweep.vehicles.multirotor import Multirotor
+
+SENSORS = ("imaging", "statistical")
+
+
+def build_mission(
+    scenario: Scenario, seed: int, sensor_name: str = "imaging", renderer: str = "auto", threads: int = 2
+) -> Mission:
+    """A mission with the embedded vehicle, ready to fly.
+
+    ``renderer`` is auto, gl or embree; ``threads`` is for the detector. Raises UserError on what the
+    scenario asks for and is not there.
+    """
+    if sensor_name not in SENSORS:
+        raise UserError(f"sensor: there is no sensor '{sensor_name}'; write one of {', '.join(SENSORS)}")
+    search = scenario.search
+    spec = strategy_spec(search.strategy)
+    cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
+    plan = plan_scenario(scenario, cover_altitude_agl_m)
+    world = build_world(scenario, seed)
+    home_xy = np.array(scenario.home.position_enu_m, dtype=float)
+    home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
+    vehicle = Multirotor(scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed)
+    camera = scenario.camera
+    detector_rate_hz = min(scenario.detector.rate_hz, camera.rate_hz)
+    exposures = Exposures(detector_rate_hz, camera.pose_delay_s)
+    sensor: Sensor
+    if sensor_name == "statistical":
+        from skysweep.sensing.statistical import StatisticalSensor
+
+        sensor = StatisticalSensor(
+            world,
+            camera.lens,
+            vehicle.true_camera_pose,
+            exposures,
+            camera.latency_s,
+            scenario.target_classes,
+            scenario.detector.confidence_min,
+            seed,
+        )
+    else:
+        from skysweep.sensing.detector import YoloDetector
+        from skysweep.sensing.imaging import ImagingSensor
+        from skysweep.sensing.rendered_camera import RenderedCamera
+
+        d = scenario.detector
+        detector = YoloDetector(
+            d.model, scenario.target_classes, d.confidence_min, d.iou_max, d.tiles, threads
+        )
+        pictures = RenderedCamera(world, camera, vehicle.true_camera_state, seed, renderer)
+        sensor = ImagingSensor(pictures, detector, exposures, camera.latency_s)
+    look_s = camera.latency_s + camera.pose_delay_s + 2.0 / detector_rate_hz
+    waypoints = plan.waypoints_xy_enu_m
+    return Mission(
+        scenario,
+        seed,
+        sensor_name,
+        vehicle,
+        sensor,
+        GroundTracker(world.terrain.height_m),
+        spec.make(search, [(float(x), float(y)) for x, y in waypoints], look_s),
+        waypoints,
+        cover_altitude_agl_m,
+        yaw_from_heading(plan.heading_deg),
+        world.terrain.height_m,
+    )

@@ -1,0 +1,41 @@
+"""A camera and a detector as one sensor."""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+
+from skysweep.sensing.schedule import Exposures
+from skysweep.types import Camera, Detections, Detector, VehicleState
+
+_EPS_S = 1e-6
+
+
+class ImagingSensor:
+    """Captures at the detector's rate and hands results on ``latency_s`` after exposure.
+
+    The detector works in a thread of its own while the next picture is rendered. Results are released by
+    the vehicle's time alone, so that nothing depends on how fast the machine is. Implements ``types.Sensor``.
+    """
+
+    def __init__(self, camera: Camera, detector: Detector, exposures: Exposures, latency_s: float) -> None:
+        self._camera = camera
+        self._detector = detector
+        self._exposures = exposures
+        self._latency_s = latency_s
+        self._pending: deque[tuple[float, Future[Detections]]] = deque()
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="detector")
+
+    def sense(self, state: VehicleState) -> Detections | None:
+        """Take a picture if one is due; return the oldest result whose time has come."""
+        exposed = self._exposures.due(state)
+        if exposed is not None:
+            frame = self._camera.capture(exposed)
+            self._pending.append((frame.time_s, self._worker.submit(self._detector.detect, frame)))
+        if self._pending and state.time_s >= self._pending[0][0] + self._latency_s - _EPS_S:
+            return self._pending.popleft()[1].result()
+        return None
+
+    def close(self) -> None:
+        """Stop the worker."""
+        self._worker.shutdown(wait=True, cancel_futures=True)

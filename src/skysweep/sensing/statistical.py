@@ -1,0 +1,229 @@
+"""A sensor without pictures: it draws detections from a model fitted to renders and the real detector.
+
+The objects are projected through the true camera, detections are drawn from tables over pixels on target,
+and the result carries the pose that the mission believes. Georeferencing therefore suffers in turns for the
+same physical reasons as with pictures; only seeing is statistical.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose, Lens, project
+from skysweep.scenarios.world import World
+from skysweep.sensing.occlusion import apparent_size_m, visible_fraction
+from skysweep.sensing.schedule import Exposures
+from skysweep.types import Detections, VehicleState
+
+F64 = NDArray[np.float64]
+
+_EPS_S = 1e-6
+_MIN_VISIBLE = 0.25
+
+
+class KindModel(BaseModel):
+    """How one kind of object is reported as one class, over the model's grid of pixels on target."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: str = Field(description="What is out there")
+    reported_as: str = Field(description="What the detector calls it")
+    probability: list[float] = Field(description="Of a detection in one look")
+    confidence_logit_mean: list[float]
+    confidence_logit_std: list[float]
+    object_logit_std: float = Field(
+        ge=0, description="Some objects are seen better than others, in every look"
+    )
+
+
+class BackgroundModel(BaseModel):
+    """Detections where nothing is."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    reported_as: str
+    altitude_agl_m: list[float] = Field(min_length=1)
+    rate_per_picture: list[float]
+    confidence_logit_mean: float
+    confidence_logit_std: float
+    pixels: float
+
+
+class StatisticalModel(BaseModel):
+    """Everything the sensor draws from. Written by ``skysweep calibrate``, never by hand."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: int = 1
+    detector: str
+    pictures: int
+    seed: int
+    pixels: list[float] = Field(min_length=2, description="Grid of pixels on target, ascending")
+    kinds: list[KindModel]
+    background: list[BackgroundModel]
+    centre_std_fraction: float = Field(ge=0, description="Of the object's pixels")
+    centre_std_px: float = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _tables_fit_grid(self) -> StatisticalModel:
+        for kind in self.kinds:
+            for table in (kind.probability, kind.confidence_logit_mean, kind.confidence_logit_std):
+                if len(table) != len(self.pixels):
+                    raise ValueError(f"kind '{kind.kind}': every list must have {len(self.pixels)} entries")
+        return self
+
+    @classmethod
+    def load(cls, path: Path | None = None) -> StatisticalModel:
+        """Read a model file; without a path the one that is shipped for the shipped detector."""
+        source = path or resources.files("skysweep.sensing") / "statistical_default.yaml"
+        try:
+            return cls.model_validate(yaml.safe_load(source.read_text()))
+        except (OSError, yaml.YAMLError, ValidationError) as error:
+            raise UserError(
+                f"{source}: not a sensor model ({str(error).splitlines()[0]}); write one with 'skysweep calibrate'"
+            ) from None
+
+
+class StatisticalSensor:
+    """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
+
+    ``truth`` gives the true camera pose of this moment; ``classes`` are those that the mission searches for.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        lens: Lens,
+        truth: Callable[[], CameraPose],
+        exposures: Exposures,
+        latency_s: float,
+        classes: Sequence[str],
+        confidence_min: float,
+        seed: int,
+        model: StatisticalModel | None = None,
+    ) -> None:
+        self._model = model or StatisticalModel.load()
+        self._world, self._lens, self._truth = world, lens, truth
+        self._exposures, self._latency_s = exposures, latency_s
+        self._confidence_min = confidence_min
+        self._rng = np.random.default_rng([seed, 23])
+        self._pending: deque[Detections] = deque()
+        self._background = [b for b in self._model.background if b.reported_as in classes]
+        self._log_pixels = np.log(self._model.pixels)
+        self._tabulate(classes)
+
+    def _tabulate(self, classes: Sequence[str]) -> None:
+        """One row for every object and every class that it can be reported as."""
+        rows = [
+            (i, kind)
+            for i, thing in enumerate(self._world.objects)
+            for kind in self._model.kinds
+            if kind.kind == thing.kind and kind.reported_as in classes
+        ]
+        offsets = self._rng.normal(size=len(self._world.objects))
+        self._objects = np.array([i for i, _ in rows], dtype=int)
+        self._positions = np.array([self._world.objects[i].position_enu_m for i, _ in rows]).reshape(-1, 3)
+        self._names = [kind.reported_as for _, kind in rows]
+        self._tables = np.array(
+            [[k.probability, k.confidence_logit_mean, k.confidence_logit_std] for _, k in rows]
+        ).reshape(len(rows), 3, len(self._model.pixels))
+        self._offsets = np.array([offsets[i] * kind.object_logit_std for i, kind in rows])
+
+    def sense(self, state: VehicleState) -> Detections | None:
+        """Draw a look if one is due; return the oldest result whose time has come."""
+        exposed = self._exposures.due(state)
+        if exposed is not None:
+            self._pending.append(self._look(exposed))
+        if self._pending and state.time_s >= self._pending[0].time_s + self._latency_s - _EPS_S:
+            return self._pending.popleft()
+        return None
+
+    def _look(self, state: VehicleState) -> Detections:
+        """One picture's worth of draws. The number of draws does not depend on what is in view."""
+        true_pose = self._truth()
+        n = len(self._objects)
+        chance = self._rng.random(n)
+        noise = self._rng.normal(size=(n, 3))
+        background = self._rng.random(len(self._background)), self._rng.normal(size=len(self._background))
+        corner = self._rng.random((len(self._background), 2))
+
+        centres, depths = project(self._lens, true_pose, self._positions)
+        size_px = np.array([self._lens.width_px, self._lens.height_px])
+        seen = np.flatnonzero((depths > 0.1) & (centres >= 0).all(axis=1) & (centres <= size_px).all(axis=1))
+        pixels = np.empty(len(seen))
+        for k, row in enumerate(seen):
+            thing = self._world.objects[self._objects[row]]
+            share = visible_fraction(self._world, true_pose.position_enu_m, thing)
+            extent = apparent_size_m(thing, true_pose.position_enu_m)
+            pixels[k] = self._lens.focal_px * extent / depths[row] * np.sqrt(share) * (share >= _MIN_VISIBLE)
+
+        probability, mean, std = self._interpolate(seen, pixels)
+        logits = mean + std * noise[seen, 2] + self._offsets[seen]
+        confidences = _sigmoid(logits)
+        found = (chance[seen] < _shift(probability, self._offsets[seen])) & (
+            confidences >= self._confidence_min
+        )
+        spread = np.hypot(self._model.centre_std_px, self._model.centre_std_fraction * pixels)
+        middles = centres[seen] + noise[seen, :2] * spread[:, None]
+        half = np.maximum(pixels, 1.0)[:, None] / 2
+        boxes = np.hstack([middles - half, middles + half])[found]
+        names = [self._names[row] for row in seen[found]]
+        extra = self._background_boxes(true_pose, background, corner)
+        return Detections(
+            state.time_s,
+            np.vstack([boxes, *(e[0] for e in extra)]),
+            np.concatenate([confidences[found], np.array([e[1] for e in extra])]),
+            (*names, *(e[2] for e in extra)),
+            state.camera,
+            self._lens,
+        )
+
+    def _interpolate(self, rows: NDArray[np.int64], pixels: F64) -> tuple[F64, F64, F64]:
+        """Probability, mean and standard deviation of the confidence logit at these pixels on target."""
+        x = np.log(np.maximum(pixels, 1e-3))
+        grid = self._log_pixels
+        left = np.clip(np.searchsorted(grid, x) - 1, 0, len(grid) - 2)
+        share = np.clip((x - grid[left]) / (grid[left + 1] - grid[left]), 0.0, 1.0)[:, None]
+        tables = self._tables[rows]
+        index = np.arange(len(rows))
+        values = tables[index, :, left] * (1 - share) + tables[index, :, left + 1] * share
+        too_small = pixels < self._model.pixels[0] * 0.8
+        return np.where(too_small, 0.0, values[:, 0]), values[:, 1], values[:, 2]
+
+    def _background_boxes(
+        self, true_pose: CameraPose, draws: tuple[F64, F64], corner: F64
+    ) -> list[tuple[F64, float, str]]:
+        ground = self._world.terrain.height_m(true_pose.position_enu_m[None, :2])[0]
+        altitude = float(true_pose.position_enu_m[2] - ground)
+        size_px = np.array([self._lens.width_px, self._lens.height_px])
+        found = []
+        for k, model in enumerate(self._background):
+            rate = float(np.interp(altitude, model.altitude_agl_m, model.rate_per_picture))
+            confidence = float(
+                _sigmoid(model.confidence_logit_mean + model.confidence_logit_std * draws[1][k])
+            )
+            if draws[0][k] < rate and confidence >= self._confidence_min:
+                middle = corner[k] * size_px
+                half = model.pixels / 2
+                box = np.concatenate([middle - half, middle + half])[None]
+                found.append((box, confidence, model.reported_as))
+        return found
+
+
+def _sigmoid(x: F64 | float) -> F64:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.asarray(x, dtype=float))))
+
+
+def _shift(probability: F64, offset_logit: F64) -> F64:
+    """Probabilities moved by an offset in logits; 0 and 1 stay what they are."""
+    odds = probability / np.maximum(1.0 - probability, 1e-9) * np.exp(offset_logit)
+    return np.asarray(odds / (1.0 + odds))

@@ -1,0 +1,165 @@
+"""Algorithm 1 of the paper: SCAN from h_S, come down to h_C to CHECK.
+
+Where the paper is silent, this is how we read it (each line has a test):
+
+- ``n_c`` or ``d_c`` may be infinite. A CHECK never starts with an empty S.
+- S is emptied when it becomes C.
+- ``d_c`` is measured from where the vehicle was when it last saw a new candidate. Seeing a known candidate
+  again is not a new target and does not reset it.
+- A candidate that was confirmed or rejected is never scanned again.
+- In CHECK nothing joins S: a candidate first seen then joins when a SCAN sees it again. The step that ends
+  a CHECK is already a SCAN step.
+- When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included: nobody
+  is left behind because of the order of things. Only then does the search end.
+- C is visited in the order in which S was filled.
+- In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
+  confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
+  for ``look_s`` and it was not confirmed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from skysweep.scenarios.model import Search
+from skysweep.types import Command, Event, Observation, Waypoint
+
+ALTITUDE_TOLERANCE_M = 0.8  # PX4 NAV_MC_ALT_RAD
+SCAN_ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD
+CHECK_ACCEPTANCE_M = 0.7
+
+XY = tuple[float, float]
+
+
+class ScanCheck:
+    """The paper's state machine. Implements ``types.Strategy``."""
+
+    def __init__(self, search: Search, waypoints_xy_enu_m: Sequence[XY], look_s: float) -> None:
+        self._search = search
+        self._look_s = look_s
+        self._mode = "SCAN"
+        self._to_scan: list[XY] = [(float(x), float(y)) for x, y in waypoints_xy_enu_m]  # F
+        self._scanned: list[int] = []  # S
+        self._to_check: list[int] = []  # C
+        self._confirmed: list[int] = []  # R
+        self._rejected: list[int] = []
+        self._last_target_xy: XY | None = None
+        self._arrived_s: float | None = None
+
+    def step(self, observation: Observation) -> Command:
+        """One pass of the algorithm's loop."""
+        events: list[Event] = []
+        if self._mode == "CHECK":
+            self._check(observation, events)
+        if self._mode == "SCAN":
+            self._scan(observation, events)
+        return Command(self._mode, self._waypoint(observation), tuple(events))
+
+    def _scan(self, seen: Observation, events: list[Event]) -> None:
+        x, y = float(seen.vehicle.position_enu_m[0]), float(seen.vehicle.position_enu_m[1])
+        for sighting in seen.sightings:
+            if self._is_unknown(sighting.candidate_id):
+                self._scanned.append(sighting.candidate_id)
+                self._last_target_xy = (x, y)
+                events.append(_event("scanned", seen, sighting.candidate_id))
+        if self._to_scan and _near((x, y), self._to_scan[0], SCAN_ACCEPTANCE_M):
+            self._to_scan.pop(0)
+            events.append(Event("waypoint_reached"))
+        if not self._to_scan:
+            self._scanned += [k for k in seen.candidates if self._is_unknown(k)]
+        if self._scanned and (self._check_is_due((x, y)) or not self._to_scan):
+            self._mode = "CHECK"
+            self._to_check, self._scanned = self._scanned, []
+            self._last_target_xy = None
+            self._arrived_s = None
+            events.append(_event("check_started", seen, self._to_check[0]))
+        elif not self._to_scan:
+            events.append(Event("finished"))
+
+    def _check_is_due(self, xy: XY) -> bool:
+        enough = len(self._scanned) >= self._search.n_c
+        far = self._last_target_xy is not None and math.dist(self._last_target_xy, xy) >= self._search.d_c_m
+        return enough or far
+
+    def _check(self, seen: Observation, events: list[Event]) -> None:
+        for sighting in seen.sightings:
+            low = sighting.camera_altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M
+            sure = sighting.confidence >= self._search.c_t
+            if low and sure and sighting.candidate_id in self._to_check:
+                self._settle(sighting.candidate_id, self._confirmed, "confirmed", seen, events)
+        if self._to_check and self._is_above(seen, self._to_check[0]):
+            if self._arrived_s is None:
+                self._arrived_s = seen.time_s
+            elif seen.time_s - self._arrived_s >= self._look_s:
+                self._settle(self._to_check[0], self._rejected, "rejected", seen, events)
+        if not self._to_check:
+            self._mode = "SCAN"
+            events.append(Event("scan_resumed"))
+
+    def _is_above(self, seen: Observation, candidate_id: int) -> bool:
+        position = seen.candidates[candidate_id].position_enu_m
+        vehicle = seen.vehicle.position_enu_m
+        return (
+            math.hypot(vehicle[0] - position[0], vehicle[1] - position[1]) <= CHECK_ACCEPTANCE_M
+            and seen.altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M
+        )
+
+    def _settle(
+        self, candidate_id: int, verdict: list[int], kind: str, seen: Observation, events: list[Event]
+    ) -> None:
+        if candidate_id == self._to_check[0]:
+            self._arrived_s = None
+        self._to_check.remove(candidate_id)
+        verdict.append(candidate_id)
+        events.append(_event(kind, seen, candidate_id))
+
+    def _is_unknown(self, candidate_id: int) -> bool:
+        return not any(
+            candidate_id in known
+            for known in (self._scanned, self._to_check, self._confirmed, self._rejected)
+        )
+
+    def _waypoint(self, seen: Observation) -> Waypoint | None:
+        s = self._search
+        if self._mode == "CHECK":
+            x, y, _ = seen.candidates[self._to_check[0]].position_enu_m
+            return Waypoint((float(x), float(y)), s.check_altitude_agl_m, s.check_speed_mps)
+        if self._to_scan:
+            return Waypoint(self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps)
+        return None
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as plain data."""
+        return {
+            "mode": self._mode,
+            "to_scan": [list(p) for p in self._to_scan],
+            "scanned": list(self._scanned),
+            "to_check": list(self._to_check),
+            "confirmed": list(self._confirmed),
+            "rejected": list(self._rejected),
+            "last_target_xy": list(self._last_target_xy) if self._last_target_xy else None,
+            "arrived_s": self._arrived_s,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        self._mode = snapshot["mode"]
+        self._to_scan = [(x, y) for x, y in snapshot["to_scan"]]
+        self._scanned = list(snapshot["scanned"])
+        self._to_check = list(snapshot["to_check"])
+        self._confirmed = list(snapshot["confirmed"])
+        self._rejected = list(snapshot["rejected"])
+        xy = snapshot["last_target_xy"]
+        self._last_target_xy = (xy[0], xy[1]) if xy else None
+        self._arrived_s = snapshot["arrived_s"]
+
+
+def _near(a: XY, b: XY, radius_m: float) -> bool:
+    return math.dist(a, b) <= radius_m
+
+
+def _event(kind: str, seen: Observation, candidate_id: int) -> Event:
+    x, y, z = seen.candidates[candidate_id].position_enu_m
+    return Event(kind, candidate_id, (float(x), float(y), float(z)))

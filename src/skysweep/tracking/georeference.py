@@ -1,0 +1,53 @@
+"""From a pixel to a place on the ground, with the pose that the mission believes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skysweep.geometry.camera import CameraPose, Lens, rays_enu
+
+F64 = NDArray[np.float64]
+GroundHeight = Callable[[F64], F64]
+
+_MAX_RANGE_M = 2000.0
+_REFINEMENTS = 25
+
+
+def pixels_to_ground(lens: Lens, pose: CameraPose, pixels: ArrayLike, ground_height_m: GroundHeight) -> F64:
+    """Where rays through ``pixels`` (N, 2) meet the terrain: (N, 3) ENU metres.
+
+    Rows are NaN for rays that miss the ground within 2 km. March along the ray until it is below the
+    terrain, then bisect; exact (one division) on flat ground.
+    """
+    directions = rays_enu(lens, pose, pixels)
+    origin = np.asarray(pose.position_enu_m, dtype=float)
+    ground = ground_height_m(origin[None, :2])[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.where(directions[:, 2] < -1e-6, (ground - origin[2]) / directions[:, 2], np.nan)
+    flat = origin + directions * distance[:, None]
+    reachable = np.isfinite(distance) & (distance > 0) & (distance < _MAX_RANGE_M)
+    flat[~reachable] = np.nan
+    if reachable.all() and np.abs(ground_height_m(flat[:, :2]) - ground).max(initial=0.0) < 1e-9:
+        return flat
+    return np.array([_march(origin, d, ground_height_m) for d in directions]).reshape(-1, 3)
+
+
+def _march(origin: F64, direction: F64, ground_height_m: GroundHeight) -> F64:
+    s = np.linspace(0.0, _MAX_RANGE_M, 2001)
+    points = origin + s[:, None] * direction
+    below = points[:, 2] <= ground_height_m(points[:, :2])
+    if not below.any() or below[0]:
+        return np.full(3, np.nan)
+    first = int(np.argmax(below))
+    low, high = s[first - 1], s[first]
+    for _ in range(_REFINEMENTS):
+        middle = (low + high) / 2
+        point = origin + middle * direction
+        if point[2] <= ground_height_m(point[None, :2])[0]:
+            high = middle
+        else:
+            low = middle
+    return origin + high * direction
