@@ -1,0 +1,216 @@
+"""What one mission achieved, in numbers. Every number is defined in docs/results.md."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from skysweep.results.run_folder import CandidateStory, Run
+from skysweep.scenarios.world import WorldObject
+
+F64 = NDArray[np.float64]
+
+MATCH_DISTANCE_M = 3.0
+_FORBIDDEN_M = 1e6
+_FLATTEST_VIEW = (
+    -0.1
+)  # vertical part of a unit ray; flatter views reach the horizon and count as nothing seen
+
+
+@dataclass(frozen=True, slots=True)
+class Matches:
+    """Which checked candidate is which true target. ``candidate id -> index of the target``."""
+
+    confirmed: dict[int, int]  # right: one candidate a target
+    duplicates: frozenset[int]  # confirmed, but their target had been confirmed already
+    false_alarms: frozenset[int]  # confirmed, and no target of the class is there
+    wrong_rejections: dict[int, int]  # rejected, although a target that nobody confirmed is there
+    rejected: frozenset[int]  # rightly: nothing there, or a second candidate of a confirmed target
+
+    @property
+    def false_positives(self) -> frozenset[int]:
+        """Confirmed candidates that are no new target."""
+        return self.duplicates | self.false_alarms
+
+    @property
+    def false_scans(self) -> frozenset[int]:
+        """Checked candidates that are no new target."""
+        return self.false_positives | self.rejected
+
+
+def match(run: Run) -> Matches:
+    """Assign checked candidates to true targets of the same class within ``MATCH_DISTANCE_M``, one to one.
+
+    Confirmed candidates first: in the order of their confirmation each one counts if it can have a target of
+    its own (so a duplicate is always the later one); among those the assignment has the least total distance.
+    Rejected candidates then share the targets that are left.
+    """
+    targets = run.world.targets
+    confirmed = [c for c in run.candidates if c.verdict == "confirmed"]
+    rejected = [c for c in run.candidates if c.verdict == "rejected"]
+    right = _assign(confirmed, targets, set(range(len(targets))))
+    wrong = _assign(rejected, targets, set(range(len(targets))) - set(right.values()))
+    distances = _distances_m(confirmed, targets)
+    near_one = {c.id: bool((row < _FORBIDDEN_M).any()) for c, row in zip(confirmed, distances, strict=True)}
+    return Matches(
+        confirmed=right,
+        duplicates=frozenset(i for i, near in near_one.items() if near and i not in right),
+        false_alarms=frozenset(i for i, near in near_one.items() if not near),
+        wrong_rejections=wrong,
+        rejected=frozenset(c.id for c in rejected) - frozenset(wrong),
+    )
+
+
+def compute_summary(
+    run: Run,
+    *,
+    scan_only_time_s: float | None = None,
+    wall_time_s: float | None = None,
+    real_time_factor: float | None = None,
+) -> dict[str, Any]:
+    """The numbers of ``summary.json``; keys are defined in docs/results.md.
+
+    Infinite ``n_c`` and ``d_c_m`` are the string ``"inf"`` as JSON has no infinity; None: does not apply.
+    """
+    search = run.scenario.search
+    targets = run.world.targets
+    matches = match(run)
+    stories = {c.id: c for c in run.candidates}
+    confirmed_s: list[float | None] = [None] * len(targets)
+    errors_m = []
+    for identity, index in matches.confirmed.items():
+        confirmed_s[index] = stories[identity].verdict_s
+        errors_m.append(horizontal_distance_m(stories[identity], targets[index]))
+    times = sorted(t for t in confirmed_s if t is not None)
+    mission_time_s = run.finished_s if run.finished_s is not None else run.last_s
+    total_time_s = run.landed_s if run.landed_s is not None else run.last_s
+    if real_time_factor is None and wall_time_s:
+        real_time_factor = total_time_s / wall_time_s
+    searching = run.states.time_s <= mission_time_s
+    path_m, vertical_m = travelled_m(run.states.position_enu_m[searching])
+    seen_m2 = seen_area(run).area
+    return {
+        "scenario": run.scenario.name,
+        "strategy": run.strategy,
+        "n_c": finite_or_inf(search.n_c),
+        "d_c_m": finite_or_inf(search.d_c_m),
+        "seed": run.seed,
+        "sensor": run.start.get("sensor"),
+        "completed": run.finished_s is not None,
+        "end_reason": run.end_reason,
+        "mission_time_s": round(mission_time_s, 3),
+        "scan_only_time_s": _rounded(scan_only_time_s),
+        "return_time_s": None
+        if run.landed_s is None or run.finished_s is None
+        else round(run.landed_s - run.finished_s, 3),
+        "total_time_s": round(total_time_s, 3),
+        "n_targets": len(targets),
+        "n_confirmed": len(times),
+        "recall": len(times) / len(targets) if targets else None,
+        "time_to_confirm_s": [_rounded(t) for t in confirmed_s],
+        "pos_curve": [[0.0, 0.0]]
+        + [[round(t, 3), (k + 1) / len(targets)] for k, t in enumerate(times)]
+        + [[round(mission_time_s, 3), len(times) / len(targets) if targets else 0.0]],
+        "n_scanned": len({r["candidate"] for r in run.events("scanned")}),
+        "n_checks": len(run.events("check_started")),
+        "n_checked": sum(c.verdict is not None for c in run.candidates),
+        "false_scans": len(matches.false_scans),
+        "false_positives": len(matches.false_positives),
+        "duplicates": len(matches.duplicates),
+        "wrong_rejections": len(matches.wrong_rejections),
+        "median_localisation_error_m": _rounded(float(np.median(errors_m)) if errors_m else None),
+        "path_length_m": round(path_m, 2),
+        "vertical_m": round(vertical_m, 2),
+        "energy_wh": _last(run.states.energy_wh[searching]),
+        "total_energy_wh": _last(run.states.energy_wh),
+        "battery_remaining": _last(run.states.battery),
+        "area_m2": round(run.scenario.area_enu_m.area, 1),
+        "area_covered": round(seen_m2 / run.scenario.area_enu_m.area, 4),
+        "area_covered_m2": round(seen_m2, 1),
+        "wall_time_s": _rounded(wall_time_s),
+        "real_time_factor": _rounded(real_time_factor),
+    }
+
+
+def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
+    """Path length and vertical travel (up plus down) in metres along positions (N, 3)."""
+    steps = np.diff(positions_enu_m, axis=0)
+    return float(np.linalg.norm(steps, axis=1).sum()), float(np.abs(steps[:, 2]).sum())
+
+
+def seen_area(run: Run) -> shapely.Geometry:
+    """The part of the search area that lay in the camera's picture in mode SCAN.
+
+    Each believed camera pose gives one footprint on the level of the ground below it.
+    """
+    states, lens = run.states, run.scenario.camera.lens
+    scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
+    eye = states.camera_position_enu_m[scanning]
+    if not len(eye):
+        return shapely.Polygon()
+    u, v = lens.width_px / (2 * lens.focal_px), lens.height_px / (2 * lens.focal_px)
+    corners = np.array([[-u, -v, 1.0], [u, -v, 1.0], [u, v, 1.0], [-u, v, 1.0]])
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    rays = np.einsum("nij,kj->nki", states.R_camera_to_enu[scanning], corners)
+    height = eye[:, 2] - run.world.terrain.height_m(eye[:, :2])
+    good = (rays[..., 2] < _FLATTEST_VIEW).all(axis=1) & (height > 0)
+    reach = height[good, None] / -rays[good, :, 2]
+    ground = eye[good, None, :2] + reach[..., None] * rays[good, :, :2]
+    return shapely.union_all(shapely.polygons(ground)).intersection(run.scenario.area_enu_m)
+
+
+def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> float:
+    """Distance over ground between an estimated position and the truth."""
+    return float(np.linalg.norm(candidate.position_enu_m[:2] - target.position_enu_m[:2]))
+
+
+def finite_or_inf(value: float) -> float | str:
+    """The number itself, as an int where it is whole, or the string ``"inf"``."""
+    if math.isinf(value):
+        return "inf"
+    return int(value) if float(value).is_integer() else float(value)
+
+
+def _distances_m(candidates: list[CandidateStory], targets: tuple[WorldObject, ...]) -> F64:
+    """Distances (candidates, targets); forbidden pairs are very far apart."""
+    distances = np.full((len(candidates), len(targets)), _FORBIDDEN_M)
+    for i, candidate in enumerate(candidates):
+        for j, target in enumerate(targets):
+            if candidate.class_name in (None, target.kind):
+                distance = horizontal_distance_m(candidate, target)
+                if distance <= MATCH_DISTANCE_M:
+                    distances[i, j] = distance
+    return distances
+
+
+def _assign(
+    candidates: list[CandidateStory], targets: tuple[WorldObject, ...], free: set[int]
+) -> dict[int, int]:
+    """Largest one-to-one assignment to the free targets that keeps the earliest candidates."""
+    columns = sorted(free)
+    distances = _distances_m(candidates, targets)[:, columns]
+    kept: list[int] = []
+    pairs: dict[int, int] = {}
+    for row in range(len(candidates)):
+        if (distances[row] >= _FORBIDDEN_M).all():
+            continue
+        trial = [*kept, row]
+        r, c = linear_sum_assignment(distances[trial])
+        if len(r) == len(trial) and (distances[trial][r, c] < _FORBIDDEN_M).all():
+            kept = trial
+            pairs = {candidates[trial[a]].id: columns[b] for a, b in zip(r, c, strict=True)}
+    return pairs
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(float(value), 3)
+
+
+def _last(values: F64) -> float | None:
+    return _rounded(values[-1]) if len(values) and np.isfinite(values[-1]) else None

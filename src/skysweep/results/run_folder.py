@@ -1,0 +1,245 @@
+"""Read a finished (or broken off) mission back from its run folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from skysweep.errors import UserError
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import World, build_world
+
+F64 = NDArray[np.float64]
+Record = Mapping[str, Any]
+
+CONFIG_FILE = "config.yaml"
+JOURNAL_FILE = "journal.jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class States:
+    """The vehicle's believed states, oldest first, N rows."""
+
+    time_s: F64  # (N,) since the take-off command
+    position_enu_m: F64  # (N, 3)
+    mode: tuple[str, ...]  # (N,) TAKEOFF, SCAN, CHECK, RETURN or LAND
+    battery: F64  # (N,) 0..1
+    energy_wh: F64  # (N,) used so far
+    camera_position_enu_m: F64  # (N, 3)
+    R_camera_to_enu: F64  # (N, 3, 3)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateStory:
+    """What became of one candidate. ``verdict`` is confirmed, rejected, or None (never checked)."""
+
+    id: int
+    class_name: str | None  # None: the journal does not say and the scenario has several classes
+    position_enu_m: F64  # (3,) newest estimate
+    n_sightings: int
+    first_seen_s: float
+    scanned_s: float | None
+    verdict: str | None
+    verdict_s: float | None
+    confidence: float | None  # best of the sightings up to the verdict
+    covariance_m2: F64 | None  # (2, 2) horizontal
+
+    @property
+    def radius_95_m(self) -> float | None:
+        """Radius of the circle around the 95 % error ellipse (chi-square, 2 degrees of freedom: 5.991)."""
+        if self.covariance_m2 is None:
+            return None
+        return float(np.sqrt(5.991 * np.linalg.eigvalsh(self.covariance_m2)[-1]))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One mission as its journal tells it. Times count from the take-off command."""
+
+    scenario: Scenario
+    records: tuple[Record, ...]
+    folder: Path | None = None
+    known_world: World | None = field(default=None, repr=False)
+
+    @cached_property
+    def start(self) -> Record:
+        """The journal's first record."""
+        return self._first("start") or {"t": 0.0, "seed": 0}
+
+    @property
+    def seed(self) -> int:
+        return int(self.start["seed"])
+
+    @property
+    def strategy(self) -> str:
+        return str(self.start.get("strategy", self.scenario.search.strategy))
+
+    @cached_property
+    def world(self) -> World:
+        """The truth, rebuilt from scenario and seed."""
+        return self.known_world or build_world(self.scenario, self.seed)
+
+    @cached_property
+    def states(self) -> States:
+        """Believed states of the vehicle."""
+        rows = [r for r in self.records if r["kind"] == "state"]
+        n = len(rows)
+        cameras = [r.get("cam") or {"p": r["p"], "R": [0, 1, 0, 1, 0, 0, 0, 0, -1]} for r in rows]
+        return States(
+            np.array([self.since_start(r) for r in rows], dtype=float),
+            np.array([r["p"] for r in rows], dtype=float).reshape(n, 3),
+            tuple(str(r.get("mode", "SCAN")) for r in rows),
+            np.array([r.get("battery", np.nan) for r in rows], dtype=float),
+            np.array([r.get("energy_wh", np.nan) for r in rows], dtype=float),
+            np.array([c["p"] for c in cameras], dtype=float).reshape(n, 3),
+            np.array([c["R"] for c in cameras], dtype=float).reshape(n, 3, 3),
+        )
+
+    @cached_property
+    def plan_enu_m(self) -> F64:
+        """The waypoints F (K, 3)."""
+        record = self._first("plan")
+        return np.array(record["waypoints_enu_m"] if record else [], dtype=float).reshape(-1, 3)
+
+    @cached_property
+    def candidates(self) -> tuple[CandidateStory, ...]:
+        """Every candidate that was seen, in the order of their verdicts, those without one last."""
+        told: dict[int, list[Record]] = {}
+        for record in self.records:
+            if record["kind"] in ("sighting", "scanned", "confirmed", "rejected"):
+                identity = record.get("candidate")
+                if identity is not None:
+                    told.setdefault(int(identity), []).append(record)
+        stories = [self._story(identity, records) for identity, records in told.items()]
+        return tuple(
+            sorted(stories, key=lambda s: (s.verdict_s is None, s.verdict_s or s.first_seen_s, s.id))
+        )
+
+    @property
+    def finished_s(self) -> float | None:
+        """When the last candidate had its verdict and F was empty; None for a mission broken off."""
+        return self._time_of("finished")
+
+    @property
+    def landed_s(self) -> float | None:
+        return self._time_of("landed")
+
+    @property
+    def last_s(self) -> float:
+        """Time of the newest record."""
+        return max((self.since_start(r) for r in self.records), default=0.0)
+
+    @property
+    def end_reason(self) -> str:
+        """Why the mission ended; ``broken off`` where the journal does not say."""
+        record = self._first("end")
+        return str(record["reason"]) if record else "broken off"
+
+    def events(self, *kinds: str) -> tuple[Record, ...]:
+        """Records of these kinds, oldest first."""
+        return tuple(r for r in self.records if r["kind"] in kinds)
+
+    def since_start(self, record: Record) -> float:
+        """A record's time in seconds since the take-off command."""
+        return float(record["t"]) - float(self.start["t"])
+
+    def _first(self, kind: str) -> Record | None:
+        return next((r for r in self.records if r["kind"] == kind), None)
+
+    def _time_of(self, kind: str) -> float | None:
+        record = self._first(kind)
+        return None if record is None else self.since_start(record)
+
+    def _story(self, identity: int, records: list[Record]) -> CandidateStory:
+        verdict = next((r for r in records if r["kind"] in ("confirmed", "rejected")), None)
+        known = records if verdict is None else records[: records.index(verdict) + 1]
+        scanned = next((r for r in known if r["kind"] == "scanned"), None)
+        sightings = [r for r in known if r["kind"] == "sighting"]
+        classes = self.scenario.target_classes
+        return CandidateStory(
+            id=identity,
+            class_name=_newest(known, "class") or (classes[0] if len(classes) == 1 else None),
+            position_enu_m=np.asarray(_newest(known, "p"), dtype=float),
+            n_sightings=len(sightings),
+            first_seen_s=self.since_start(known[0]),
+            scanned_s=None if scanned is None else self.since_start(scanned),
+            verdict=None if verdict is None else str(verdict["kind"]),
+            verdict_s=None if verdict is None else self.since_start(verdict),
+            confidence=max((float(r["confidence"]) for r in known if "confidence" in r), default=None),
+            covariance_m2=_matrix(_newest(known, "covariance_m2")),
+        )
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read ``config.yaml`` and ``journal.jsonl`` of a run folder.
+
+    A last line cut short by a crash is left out.
+
+    Raises:
+        UserError: a file is missing or is not what it should be.
+    """
+    folder = Path(folder)
+    return Run(load_config(folder / CONFIG_FILE), tuple(read_journal(folder / JOURNAL_FILE)), folder)
+
+
+def load_config(path: Path) -> Scenario:
+    """The resolved scenario of a run.
+
+    Raises:
+        UserError: the file is missing, not YAML, or not a scenario.
+    """
+    try:
+        return Scenario.model_validate(yaml.safe_load(_read(path)))
+    except yaml.YAMLError:
+        raise UserError(f"{path}: not a YAML file; give the folder that 'skysweep run' wrote") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "file"
+        raise UserError(f"{path}: {where}: {first['msg']}") from None
+
+
+def read_journal(path: Path) -> Iterable[Record]:
+    """Records of a journal, oldest first.
+
+    Raises:
+        UserError: the file is missing or a line other than the last is not a record.
+    """
+    lines = _read(path).splitlines()
+    for number, line in enumerate(lines, start=1):
+        try:
+            record = json.loads(line)
+            record["kind"], record["t"]
+        except (json.JSONDecodeError, TypeError, KeyError):
+            if number == len(lines):
+                return
+            raise UserError(
+                f"{path}: line {number} is not a journal record; give a journal that 'skysweep run' wrote"
+            ) from None
+        yield record
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise UserError(f"{path}: cannot be read; give the folder that 'skysweep run' wrote") from None
+
+
+def _newest(records: list[Record], key: str) -> Any:
+    return next((r[key] for r in reversed(records) if r.get(key) is not None), None)
+
+
+def _matrix(value: Any) -> F64 | None:
+    return None if value is None else np.asarray(value, dtype=float).reshape(2, 2)

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from results_data import NADIR, event, state, tiny_records, write_run
+
+from skysweep.results.metrics import compute_summary, match, seen_area, travelled_m
+from skysweep.results.run_folder import Run, load_run
+from skysweep.scenarios.model import Scenario
+
+
+def test_summary_of_the_tiny_mission(tiny_run):
+    s = compute_summary(tiny_run, scan_only_time_s=45.0, wall_time_s=8.0)
+    assert s["scenario"] == "tiny"
+    assert (s["n_c"], s["d_c_m"]) == (1, "inf")
+    assert s["mission_time_s"] == 60
+    assert s["return_time_s"] == 20
+    assert s["total_time_s"] == 80
+    assert s["scan_only_time_s"] == 45
+    assert (s["n_targets"], s["n_confirmed"]) == (3, 2)
+    assert s["recall"] == pytest.approx(2 / 3)
+    assert s["time_to_confirm_s"] == [16, 40, None]
+    assert s["pos_curve"] == [[0, 0], [16, 1 / 3], [40, 2 / 3], [60, 2 / 3]]
+    assert (s["n_scanned"], s["n_checks"], s["n_checked"]) == (3, 3, 5)
+    assert s["false_scans"] == 3  # 2 (second candidate), 4 (duplicate), 5 (bucket)
+    assert s["false_positives"] == 2
+    assert s["duplicates"] == 1
+    assert s["wrong_rejections"] == 0
+    assert s["median_localisation_error_m"] == pytest.approx(0.75)
+    # up 10; down 8 and 5 east; up 8; 15 east; home and down are not part of the mission time
+    assert s["vertical_m"] == 26
+    assert s["path_length_m"] == pytest.approx(10 + np.hypot(5, 8) + 8 + 15, abs=0.01)
+    assert s["energy_wh"] == 6
+    assert s["total_energy_wh"] == 8
+    assert s["real_time_factor"] == 10
+
+
+def test_area_covered_is_the_union_of_the_scan_pictures(tiny_run):
+    # Pictures of 20 m x 10 m around x = 0, 5, 20 at y = 10: x from 0 to 30, y from 5 to 15.
+    assert seen_area(tiny_run).area == pytest.approx(300)
+    assert compute_summary(tiny_run)["area_covered"] == pytest.approx(300 / 800)
+
+
+def test_picture_turned_by_90_degrees_covers_the_other_way(tmp_path):
+    run = load_run(write_run(tmp_path, [tiny_records()[0], state(0, [20, 10, 10], R=NADIR)]))
+    assert seen_area(run).bounds == pytest.approx((15, 0, 25, 20))
+
+
+def test_level_camera_has_seen_nothing(tmp_path):
+    level = [0, 0, 1, -1, 0, 0, 0, -1, 0]
+    run = load_run(write_run(tmp_path, [tiny_records()[0], state(0, [20, 10, 10], R=level)]))
+    assert seen_area(run).area == 0
+
+
+def test_mission_broken_off_counts_what_was_done(tmp_path):
+    records = [r for r in tiny_records() if r["t"] <= 41]
+    s = compute_summary(load_run(write_run(tmp_path, records)))
+    assert not s["completed"]
+    assert s["end_reason"] == "broken off"
+    assert s["mission_time_s"] == 40
+    assert s["return_time_s"] is None
+    assert s["n_confirmed"] == 2
+
+
+def run_with(verdicts, targets=((5, 10), (20, 10), (35, 10))) -> Run:
+    scenario = Scenario.model_validate(
+        {
+            "name": "match",
+            "area": {"polygon_enu_m": [[0, 0], [40, 0], [40, 20], [0, 20]]},
+            "targets": [{"class": "stop sign", "position_enu_m": p} for p in targets],
+        }
+    )
+    start = {"t": 0, "kind": "start", "seed": 0}
+    return Run(scenario, (start, *(event(t, kind, i, p) for i, (t, kind, p) in enumerate(verdicts))))
+
+
+def test_the_later_of_two_confirmations_is_the_duplicate_even_if_nearer():
+    m = match(run_with([(10, "confirmed", [6, 10, 0]), (20, "confirmed", [5, 10, 0])]))
+    assert m.confirmed == {0: 0}
+    assert m.duplicates == {1}
+
+
+def test_two_targets_close_together_are_two():
+    targets = ((5, 10), (7, 10))
+    m = match(run_with([(10, "confirmed", [6.5, 10, 0]), (20, "confirmed", [7.5, 10, 0])], targets))
+    assert m.confirmed == {0: 0, 1: 1}
+    assert not m.false_positives
+
+
+def test_match_ends_at_three_metres():
+    m = match(run_with([(10, "confirmed", [8.0, 10, 0]), (20, "confirmed", [23.01, 10, 0])]))
+    assert m.confirmed == {0: 0}
+    assert m.false_alarms == {1}
+
+
+def test_rejecting_a_target_that_nobody_confirmed_is_no_false_scan():
+    m = match(run_with([(10, "rejected", [5, 11, 0]), (20, "rejected", [12, 11, 0])]))
+    assert m.wrong_rejections == {0: 0}
+    assert m.false_scans == {1}
+
+
+def test_other_class_does_not_match():
+    run = run_with([(10, "confirmed", [5, 10, 0])])
+    person = Run(run.scenario, (run.records[0], dict(run.records[1]) | {"class": "person"}))
+    assert match(person).false_alarms == {0}
+
+
+xy = st.tuples(st.floats(0, 40), st.floats(0, 20), st.just(0.0))
+verdicts = st.lists(st.tuples(st.floats(1, 100), st.sampled_from(["confirmed", "rejected"]), xy), max_size=12)
+
+
+@given(verdicts)
+def test_every_checked_candidate_is_exactly_one_thing(told):
+    m = match(run_with(told))
+    parts = [set(m.confirmed), m.duplicates, m.false_alarms, set(m.wrong_rejections), m.rejected]
+    assert sum(map(len, parts)) == len(told)
+    assert set().union(*parts) == set(range(len(told)))
+    found = [*m.confirmed.values(), *m.wrong_rejections.values()]
+    assert len(found) == len(set(found))
+
+
+@given(st.lists(st.tuples(*[st.floats(-50, 50)] * 3), max_size=20))
+def test_path_is_at_least_as_long_as_its_vertical_part(points):
+    path_m, vertical_m = travelled_m(np.array(points, dtype=float).reshape(-1, 3))
+    assert path_m >= vertical_m - 1e-9
