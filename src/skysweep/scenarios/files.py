@@ -170,8 +170,8 @@ def _shipped_hint(name: str) -> str:
 
 def _plain_yaml(text: str, source: str) -> dict[str, Any]:
     try:
-        for problem, mark in _forbidden(text):
-            raise UserError(f"{source}: line {mark.line + 1}: {problem}")
+        for problem, line in _forbidden(text):
+            raise UserError(f"{source}: line {line}: {problem}")
         data = yaml.load(text, Loader=_PlainLoader)
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
@@ -191,18 +191,19 @@ def _plain_yaml(text: str, source: str) -> dict[str, Any]:
     return data
 
 
-def _forbidden(text: str) -> Iterator[tuple[str, yaml.Mark]]:
-    """What a scenario file may not hold, found before anything is built from it."""
+def _forbidden(text: str) -> Iterator[tuple[str, int]]:
+    """What a scenario file may not hold and on which line, found before anything is built from it."""
     depth = 0
     for event in yaml.parse(text, Loader=_FastLoader):
+        line = event.start_mark.line + 1 if event.start_mark else 0
         if isinstance(event, yaml.AliasEvent):
-            yield f"the alias *{event.anchor} is not allowed; write the value out", event.start_mark
-        elif isinstance(event, yaml.NodeEvent) and getattr(event, "tag", None):
-            yield f"the YAML tag {event.tag} is not allowed; write a plain value", event.start_mark  # type: ignore[attr-defined]
+            yield f"the alias *{event.anchor} is not allowed; write the value out", line
+        elif isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)) and event.tag:
+            yield f"the YAML tag {event.tag} is not allowed; write a plain value", line
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_NESTING:
-                yield "lists are nested too deeply; check the brackets", event.start_mark
+                yield "lists are nested too deeply; check the brackets", line
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
 
@@ -228,8 +229,9 @@ def _without_infinity(node: Any) -> Any:
 
 
 def _location(detail: ErrorDetails) -> tuple[str | int, ...]:
-    """The error's path in the file, without the names that pydantic gives to the arms of a union."""
-    return tuple(part for part in detail["loc"] if isinstance(part, int) or re.fullmatch(r"\w+", part))
+    """The error's path in the file, without the name that pydantic gives to the arm of a union."""
+    arm = detail["type"] == "literal_error" and str(detail["loc"][-1]).startswith("literal[")
+    return detail["loc"][:-1] if arm else detail["loc"]
 
 
 def _dotted(location: tuple[str | int, ...]) -> str:

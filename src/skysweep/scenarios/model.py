@@ -84,7 +84,8 @@ class Terrain(Model):
     surface: Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"] = "grass"
     heightmap_m: list[list[float]] | None = Field(
         None,
-        description="Rows south to north, columns west to east, stretched over the area's bounding box and margin",
+        description="Rows south to north, columns west to east, stretched over the area's bounding box "
+        "(with home) and its margin",
     )
     hills_height_m: float = Field(0.0, ge=0, le=500, description="Random hills up to this height")
     hills_wavelength_m: float = Field(150.0, ge=20, le=5000)
@@ -340,8 +341,8 @@ class Scenario(Model):
         distance_km = polygon.distance(shapely.Point(self.home.position_enu_m)) / 1000
         if not distance_km <= MAX_DISTANCE_FROM_HOME_KM:
             raise ValueError(
-                f"home: lies {distance_km:.0f} km from the area; write home's latitude_deg, longitude_deg and "
-                f"position_enu_m within {MAX_DISTANCE_FROM_HOME_KM:g} km of it"
+                f"home: lies {distance_km:.0f} km from the area; write home's latitude_deg, longitude_deg "
+                f"and position_enu_m within {MAX_DISTANCE_FROM_HOME_KM:g} km of it"
             )
         return self
 

@@ -97,9 +97,12 @@ class World:
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
     """The scenario's ground. Home's ground is height 0 unless a heightmap says otherwise."""
-    west, south, east, north = shapely.box(*scenario.area_enu_m.bounds).union(
-        shapely.Point(scenario.home.position_enu_m)
-    ).buffer(MARGIN_M).bounds
+    west, south, east, north = (
+        shapely.box(*scenario.area_enu_m.bounds)
+        .union(shapely.Point(scenario.home.position_enu_m))
+        .buffer(MARGIN_M)
+        .bounds
+    )
     bounds = (west, south, east, north)
     t = scenario.terrain
     if t.heightmap_m is not None:
@@ -187,7 +190,10 @@ def generate_positions(
         if generator.pattern == "clustered":
             assert centres is not None
             cx, cy = centres[len(placed) % len(centres)]
-            xy = (cx + float(rng.normal(0, generator.spread_m)), cy + float(rng.normal(0, generator.spread_m)))
+            xy = (
+                cx + float(rng.normal(0, generator.spread_m)),
+                cy + float(rng.normal(0, generator.spread_m)),
+            )
         else:
             xy = _inside(area, rng)
         free = all(np.hypot(xy[0] - p[0], xy[1] - p[1]) >= separation for p in placed)

@@ -1,0 +1,136 @@
+"""What is odd about a valid scenario: the mission can fly, but hardly as its author meant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import get_args
+
+import numpy as np
+import shapely
+import shapely.affinity
+
+from skysweep.scenarios.model import DEFAULT_SIZE_M, Building, Scenario, TargetClass
+
+UNSEEN_BELOW_PX = 8.0  # a small detector finds next to nothing on fewer pixels
+WISHED_AT_SCAN_PX = 12.0
+WISHED_AT_CHECK_PX = 30.0  # from here on a detector tells a target from what looks like one
+
+
+def warnings_for(scenario: Scenario) -> list[str]:
+    """One sentence for each thing that will probably spoil the mission; empty when all is well."""
+    return [
+        *_about_resolution(scenario),
+        *_about_footprints(scenario),
+        *_about_targets(scenario),
+        *_about_obstacles(scenario),
+        *_about_speeds(scenario),
+    ]
+
+
+def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:
+    """Standard deviation of a sighting's place on the ground in steady flight, metres, horizontal.
+
+    GNSS error, attitude error times the height, and the way flown while the believed pose is late.
+    """
+    vehicle, camera = scenario.vehicle, scenario.camera
+    return math.hypot(
+        vehicle.position_noise_m,
+        altitude_agl_m * math.radians(vehicle.attitude_noise_deg),
+        scenario.search.scan_speed_mps * camera.pose_delay_s,
+    )
+
+
+def _about_resolution(scenario: Scenario) -> Iterator[str]:
+    search = scenario.search
+    h_s, h_c = search.scan_altitude_agl_m, search.check_altitude_agl_m
+    px_s, px_c = scenario.pixels_on_target(h_s), scenario.pixels_on_target(h_c)
+    if px_s < UNSEEN_BELOW_PX:
+        yield (
+            f"search.scan_altitude_agl_m: the smallest target spans only {px_s:.1f} pixels from {h_s:g} m; "
+            f"scan from {h_s * px_s / WISHED_AT_SCAN_PX:.1f} m for {WISHED_AT_SCAN_PX:g} pixels, "
+            "or write a narrower camera.hfov_rad"
+        )
+    if px_c < WISHED_AT_CHECK_PX:
+        yield (
+            f"search.check_altitude_agl_m: the smallest target spans only {px_c:.1f} pixels from {h_c:g} m, "
+            "too few to tell it from what looks like it; "
+            f"check from {h_c * px_c / WISHED_AT_CHECK_PX:.1f} m for {WISHED_AT_CHECK_PX:g} pixels"
+        )
+
+
+def _about_footprints(scenario: Scenario) -> Iterator[str]:
+    search, lens = scenario.search, scenario.camera.lens
+    h_s, h_c = search.scan_altitude_agl_m, search.check_altitude_agl_m
+    error_m = 2 * localisation_std_m(scenario, h_s)
+    half_m = min(lens.footprint_m(h_c)) / 2
+    if half_m < error_m:
+        yield (
+            f"search.check_altitude_agl_m: from {h_c:g} m the picture reaches {half_m:.1f} m from its "
+            f"centre, less than the {error_m:.1f} m (2 sigma) by which a candidate may be misplaced; "
+            f"check from {h_c * error_m / half_m:.1f} m or higher"
+        )
+    step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, scenario.camera.rate_hz)
+    along_m = lens.footprint_m(h_s)[1]
+    if step_m > along_m:
+        yield (
+            f"detector.rate_hz: the vehicle flies {step_m:.1f} m between two pictures that cover "
+            f"{along_m:.1f} m, so strips are never looked at; "
+            "write a higher rate or a lower search.scan_speed_mps"
+        )
+    largest_m = max([t.size_m or DEFAULT_SIZE_M[t.kind] for t in scenario.targets], default=0.0)
+    widest_m = max(lens.footprint_m(h_c))
+    if largest_m > widest_m:
+        yield (
+            f"search.check_altitude_agl_m: a target of {largest_m:g} m does not fit in the "
+            f"{widest_m:.1f} m wide picture from {h_c:g} m; check from {h_c * 2 * largest_m / widest_m:.0f} m"
+        )
+
+
+def _about_targets(scenario: Scenario) -> Iterator[str]:
+    generated = any(g.kind in get_args(TargetClass) for g in scenario.generators)
+    if not scenario.targets and not generated:
+        yield "targets: there are none, so nothing can be found; write targets or generators"
+    area = scenario.area_enu_m
+    for index, target in enumerate(scenario.targets):
+        place = shapely.Point(target.position_enu_m)
+        x, y = target.position_enu_m
+        if not area.covers(place):
+            yield f"targets[{index}]: lies outside the area at [{x:g}, {y:g}] and will not be searched for"
+        elif any(_outline(b).covers(place) for b in scenario.buildings):
+            yield f"targets[{index}]: lies inside a building at [{x:g}, {y:g}] and cannot be seen"
+
+
+def _about_obstacles(scenario: Scenario) -> Iterator[str]:
+    tops = [("a building", b.height_m + b.size_m[1] / 2) for b in scenario.buildings]
+    tops += [("a tree", t.height_m) for t in scenario.trees]
+    tops += [("a forest", f.height_m[1]) for f in scenario.forests]
+    what, top_m = max(tops, key=lambda top: top[1], default=("", 0.0))
+    h_s = scenario.search.scan_altitude_agl_m
+    if top_m >= h_s:
+        yield (
+            f"search.scan_altitude_agl_m: {what} may reach {top_m:g} m, above the scan at {h_s:g} m; "
+            f"scan from {math.ceil(top_m) + 5} m or higher"
+        )
+
+
+def _about_speeds(scenario: Scenario) -> Iterator[str]:
+    cruise, wanted = scenario.vehicle.cruise_speed_mps, scenario.search.scan_speed_mps
+    if wanted > cruise:
+        yield (
+            f"search.scan_speed_mps: {wanted:g} m/s is more than vehicle.cruise_speed_mps ({cruise:g}), "
+            "which will be flown instead"
+        )
+    wind = scenario.wind.mean_speed_mps + 2 * scenario.wind.gust_std_mps
+    if wind >= 2 * cruise:
+        yield (
+            f"wind.mean_speed_mps: with gusts it blows at {wind:g} m/s, too much for a vehicle that "
+            f"cruises at {cruise:g} m/s"
+        )
+
+
+def _outline(building: Building) -> shapely.Polygon:
+    length, width = building.size_m
+    box = shapely.box(-length / 2, -width / 2, length / 2, width / 2)
+    turned = shapely.affinity.rotate(box, building.yaw_deg, origin=(0, 0))
+    return shapely.transform(turned, lambda xy: xy + np.asarray(building.position_enu_m))

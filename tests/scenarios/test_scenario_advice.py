@@ -1,0 +1,85 @@
+"""Warnings: each shows up for its cause, and none for what is shipped."""
+
+import pytest
+
+from skysweep.scenarios.advice import localisation_std_m, warnings_for
+from skysweep.scenarios.files import list_scenarios, load_scenario, parse_scenario
+
+WELL = """
+name: mine
+area: {polygon_enu_m: [[0, 0], [100, 0], [100, 100], [0, 100]]}
+camera: {hfov_rad: 1.2}
+targets: [{class: stop sign, position_enu_m: [50, 50], size_m: 0.9}]
+"""
+
+
+def warnings_of(**sections: str) -> list[str]:
+    text = "".join(line + "\n" for line in WELL.splitlines() if line.split(":")[0] not in sections)
+    return warnings_for(parse_scenario(text + "".join(f"{k}: {v}\n" for k, v in sections.items()), "mine"))
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_shipped_scenarios_give_none(name):
+    assert warnings_for(load_scenario(name)) == []
+
+
+def test_too_high_for_the_camera_tells_the_pixels_and_the_altitude_that_gives_twelve():
+    (warning,) = warnings_of(search="{scan_altitude_agl_m: 60}")
+    assert "spans only 7.0 pixels from 60 m; scan from 35.1 m for 12 pixels" in warning
+    assert warnings_of(search="{scan_altitude_agl_m: 35.1}") == []
+
+
+CASES = {
+    "check too high": (
+        {"search": "{check_altitude_agl_m: 20}"},
+        "check_altitude_agl_m: the smallest target spans only 21.0 pixels",
+    ),
+    "check too low": ({"search": "{check_altitude_agl_m: 2}"}, "check_altitude_agl_m: from 2 m the picture"),
+    "too few looks": ({"detector": "{rate_hz: 0.2}"}, "detector.rate_hz: the vehicle flies 25.0 m between"),
+    "too big for check": (
+        {"targets": "[{class: boat, position_enu_m: [5, 5], size_m: 9}]"},
+        "a target of 9 m does not fit in the 5.5 m wide picture from 4 m; check from 13 m",
+    ),
+    "no targets": ({"targets": "[]"}, "targets: there are none"),
+    "target outside": (
+        {"targets": "[{class: stop sign, position_enu_m: [50, 120], size_m: 0.9}]"},
+        "targets[0]: lies outside the area at [50, 120]",
+    ),
+    "target in a building": (
+        {"buildings": "[{position_enu_m: [55, 50], size_m: [8, 14], yaw_deg: 90}]"},
+        "targets[0]: lies inside a building",
+    ),
+    "building too high": (
+        {"buildings": "[{position_enu_m: [10, 10], height_m: 28}]"},
+        "a building may reach 32 m, above the scan at 30 m; scan from 37 m",
+    ),
+    "forest too high": (
+        {"forests": "[{trees_per_hectare: 5, height_m: [20, 31]}]"},
+        "a forest may reach 31 m, above the scan at 30 m",
+    ),
+    "faster than the vehicle": (
+        {"vehicle": "{cruise_speed_mps: 4}"},
+        "search.scan_speed_mps: 5 m/s is more than vehicle.cruise_speed_mps (4)",
+    ),
+        {"search": "{scan_speed_mps: 8}"},
+        "scan_speed_mps: 8 m/s is more than vehicle",
+    ),
+    "storm": ({"wind": "{mean_speed_mps: 12}"}, "wind.mean_speed_mps: with gusts it blows at 13 m/s"),
+}
+
+
+@pytest.mark.parametrize(("sections", "expected"), CASES.values(), ids=CASES.keys())
+def test_each_cause_has_its_warning(sections, expected):
+    (warning,) = warnings_of(**sections)
+    assert expected in warning
+
+
+def test_generated_targets_count_as_targets():
+    generators = "[{class: stop sign, pattern: uniform, count: 3, size_m: 0.9}]"
+    assert warnings_of(targets="[]", generators=generators) == []
+
+
+def test_localisation_error_grows_with_height_and_speed():
+    scenario = load_scenario("sparse")
+    assert localisation_std_m(scenario, 60) > localisation_std_m(scenario, 30) > 0.3
+    assert localisation_std_m(scenario.with_search(scan_speed_mps=10), 30) > localisation_std_m(scenario, 30)

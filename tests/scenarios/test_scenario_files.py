@@ -1,0 +1,390 @@
+"""Scenario files: what is shipped, what round trips, and what every bad file is told."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skysweep.errors import UserError
+from skysweep.scenarios.files import (
+    MAX_FILE_BYTES,
+    dump_scenario,
+    json_schema,
+    list_scenarios,
+    load_scenario,
+    parse_scenario,
+    write_scenario,
+)
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import build_world
+
+PAPER = ("clusters", "abundance", "sparse")
+MINIMAL = "name: mine\narea: {polygon_enu_m: [[0, 0], [50, 0], [50, 50], [0, 50]]}\n"
+
+
+def error_of(text: str) -> str:
+    with pytest.raises(UserError) as caught:
+        parse_scenario(text, "mine.yaml")
+    message = str(caught.value)
+    assert message.startswith("mine.yaml: ")
+    assert "\n" not in message
+    return message
+
+
+def test_the_wished_scenarios_are_shipped():
+    assert {*PAPER, "person-wilderness", "maritime", "buildings"} <= set(list_scenarios())
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_shipped_scenario_loads_by_its_name_and_builds_a_world(name):
+    scenario = load_scenario(name)
+    assert scenario.name == name
+    assert scenario.description
+    world = build_world(scenario, seed=0)
+    assert len(world.targets) >= 4
+    assert any(not o.is_target for o in world.objects), "nothing there to be fooled by"
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_shipped_scenario_leaves_the_detector_unsure_at_scan_and_sure_at_check(name):
+    scenario = load_scenario(name)
+    assert 10 <= scenario.pixels_on_target(scenario.search.scan_altitude_agl_m) <= 16.5
+    assert scenario.pixels_on_target(scenario.search.check_altitude_agl_m) >= 60
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_shipped_scenario_round_trips(name):
+    scenario = load_scenario(name)
+    assert parse_scenario(dump_scenario(scenario), "dump") == scenario
+
+
+def test_paper_scenarios_differ_in_what_is_out_there_only():
+    layout = {"name", "description", "targets", "distractors", "generators"}
+    first, *others = [load_scenario(name).model_dump(exclude=layout) for name in PAPER]
+    assert all(other == first for other in others)
+
+
+def test_dump_writes_infinity_and_aliased_names_as_a_person_would():
+    text = dump_scenario(load_scenario("sparse"))
+    assert "d_c_m: .inf" in text
+    assert "class: stop sign" in text
+    assert "&" not in text
+
+
+def test_write_scenario_leaves_nothing_half_written(tmp_path, monkeypatch):
+    scenario = load_scenario("sparse")
+    path = write_scenario(scenario, tmp_path / "mine.yaml")
+    assert load_scenario(path) == scenario
+
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full_disk)
+    with pytest.raises(UserError, match="No space left"):
+        write_scenario(load_scenario("clusters"), path)
+    assert load_scenario(path) == scenario
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_write_scenario_into_a_missing_folder_names_it(tmp_path):
+    with pytest.raises(UserError, match="cannot be written"):
+        write_scenario(load_scenario("sparse"), tmp_path / "nowhere" / "mine.yaml")
+
+
+def test_plan_and_model_paths_count_from_the_scenario_file(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(MINIMAL + "search: {plan: area.plan}\ndetector: {model: best.onnx}\n")
+    scenario = load_scenario(path)
+    assert scenario.search.plan == str(tmp_path / "area.plan")
+    assert scenario.detector.model == str(tmp_path / "best.onnx")
+
+
+def test_json_schema_is_strict_json_and_names_every_field():
+    schema = json.loads(json.dumps(json_schema(), allow_nan=False))
+    assert set(schema["properties"]) == set(Scenario.model_fields)
+    assert "class" in schema["$defs"]["Target"]["properties"]
+    assert schema["$defs"]["Search"]["properties"]["d_c_m"]["default"] == ".inf"
+
+
+# --- what a bad field is told ---------------------------------------------------------------------------
+
+BAD_FIELDS = {
+    "self-intersecting area": (
+        "name: a\narea: {polygon_enu_m: [[0, 0], [9, 9], [9, 0], [0, 9]]}",
+        "area: the polygon is not simple (Self-intersection",
+    ),
+    "no corners": ("name: a\narea: {polygon_enu_m: []}", "area: write at least 3 corners"),
+    "empty area": ("name: a\narea: {polygon_enu_m: [[0, 0], [5, 5], [9, 9]]}", "area: the polygon is empty"),
+    "hole swallows area": (
+        "name: a\narea: {polygon_enu_m: [[0, 0], [9, 0], [9, 9], [0, 9]], "
+        "holes_enu_m: [[[0.01, 0.01], [8.99, 0.01], [8.99, 8.99], [0.01, 8.99]]]}",
+        "area: the holes leave nothing to search",
+    ),
+    "hole without area": (
+        "name: a\narea: {polygon_enu_m: [[0, 0], [9, 0], [9, 9]], holes_enu_m: [[[1, 1], [2, 2]]]}",
+        "area: a hole has less than 3 corners",
+    ),
+    "enormous area": (
+        "name: a\narea: {polygon_enu_m: [[0, 0], [1.0e+5, 0], [1.0e+5, 1.0e+5]]}",
+        "area: 5000 km2 is more than one vehicle can search (25 km2)",
+    ),
+    "area in no unit": ("name: a\narea: {}", "write exactly one of polygon_enu_m and polygon_lat_lon_deg"),
+    "latitude and longitude swapped": (
+        "name: a\narea: {polygon_lat_lon_deg: [[122.3, 37.1], [122.31, 37.1], [122.3, 37.2]]}",
+        "area.polygon_lat_lon_deg[0][0]: is 122.3; write a number less than or equal to 90",
+    ),
+    "home elsewhere": (
+        "name: a\narea: {polygon_lat_lon_deg: [[37.1, 122.3], [37.1, 122.31], [37.11, 122.31]]}",
+        "km from the area; write home's latitude_deg, longitude_deg",
+    ),
+    "home outside fence": (
+        MINIMAL + "geofence_enu_m: [[-1, -1], [51, -1], [51, 51], [-1, 51]]\nhome: {position_enu_m: [-9, 0]}",
+        "home.position_enu_m: lies outside geofence_enu_m; move home or widen the fence",
+    ),
+    "area outside fence": (
+        MINIMAL + "geofence_enu_m: [[-1, -1], [41, -1], [41, 51], [-1, 51]]",
+        "geofence_enu_m: the search area reaches outside the fence",
+    ),
+    "NaN": (MINIMAL + "wind: {mean_speed_mps: .nan}", "wind.mean_speed_mps: is nan; write a"),
+    "NaN corner": ("name: a\narea: {polygon_enu_m: [[0, 0], [9, .nan], [9, 9]]}", "area.polygon_enu_m[1][1]"),
+    "NaN n_c": (MINIMAL + "search: {n_c: .nan}", "search.n_c: is nan; write a number greater than 0"),
+    "infinity where none belongs": (
+        MINIMAL + "vehicle: {cruise_speed_mps: .inf}",
+        "vehicle.cruise_speed_mps: is inf; write a",
+    ),
+    "h_C above h_S": (
+        MINIMAL + "search: {check_altitude_agl_m: 40}",
+        "search.check_altitude_agl_m: is 40; write less than scan_altitude_agl_m (30)",
+    ),
+    "h_C equal to h_S": (
+        MINIMAL + "search: {check_altitude_agl_m: 30, scan_altitude_agl_m: 30}",
+        "search.check_altitude_agl_m: is 30; write less than scan_altitude_agl_m (30)",
+    ),
+    "unknown class": (
+        MINIMAL + "targets: [{class: stop sgn, position_enu_m: [1, 2]}]",
+        "targets[0].class: 'stop sgn' is not known; did you mean 'stop sign'? write one of stop sign, person",
+    ),
+    "unknown class of a union": (
+        MINIMAL + "generators: [{class: cat, pattern: uniform, count: 3}]",
+        "generators[0].class: 'cat' is not known; write one of stop sign, person, boat, red bucket",
+    ),
+    "unknown field": (MINIMAL + "serach: {}", "serach: there is no such field; did you mean 'search'?"),
+    "unknown inner field": (
+        MINIMAL + "camera: {gimbal: {max_rate: 3}}",
+        "camera.gimbal.max_rate: there is no such field; did you mean 'max_rate_dps'?",
+    ),
+    "field of list item": (
+        MINIMAL + "targets: [{kind_of: 3, class: person, position_enu_m: [1, 2]}]",
+        "targets[0].kind_of: there is no such field; write one of class, position_enu_m",
+    ),
+    "missing area": ("name: a", "area: is missing; add it with fields such as polygon_enu_m"),
+    "missing position": (
+        MINIMAL + "targets: [{class: person}]",
+        "targets[0].position_enu_m: is missing; add",
+    ),
+    "one coordinate": (
+        MINIMAL + "targets: [{class: person, position_enu_m: [1]}]",
+        "targets[0].position_enu_m: is too short; write two numbers",
+    ),
+    "three coordinates": (
+        MINIMAL + "targets: [{class: person, position_enu_m: [1, 2, 3]}]",
+        "targets[0].position_enu_m: has 3 values; write 2",
+    ),
+    "empty section": (MINIMAL + "search:", "search: is empty; write its fields indented below it"),
+    "word for number": (
+        MINIMAL + "wind: {mean_speed_mps: fast}",
+        "wind.mean_speed_mps: is 'fast'; write a valid number",
+    ),
+    "mapping for list": (
+        MINIMAL + "targets: {class: person}",
+        "targets: is {'class': 'person'}; write a valid list",
+    ),
+    "ragged heightmap": (
+        MINIMAL + "terrain: {heightmap_m: [[1, 2], [3]]}",
+        "terrain.heightmap_m: write at least 2 rows",
+    ),
+    "name with a slash": (
+        "name: ../../x\n" + MINIMAL.split("\n", 1)[1],
+        "name: '../../x' does not do; write letters",
+    ),
+    "several": (
+        MINIMAL + "wind: {mean_speed_mps: 99}\nlight: {visibility_m: 1}\nsearch: {c_t: 2}",
+        "wind.mean_speed_mps: is 99; write a number less than or equal to 25 (2 more like this)",
+    ),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), BAD_FIELDS.values(), ids=BAD_FIELDS.keys())
+def test_bad_field_is_named_with_what_to_write_instead(text, expected):
+    assert expected in error_of(text)
+
+
+# --- what a bad file is told ----------------------------------------------------------------------------
+
+BAD_YAML = {
+    "tag": (MINIMAL + "x: !!python/object/apply:os.system [ls]", "line 3: the YAML tag"),
+    "own tag": (MINIMAL + "light: !sun {}", "line 3: the YAML tag !sun is not allowed"),
+    "truncated in a list": (MINIMAL + "targets: [{class: person, pos", "line 4: not YAML"),
+    "truncated in quotes": (MINIMAL + 'description: "two clus', "not YAML"),
+    "tab": (MINIMAL + "wind:\n\tmean_speed_mps: 2", "line 4: not YAML"),
+    "two documents": (MINIMAL + "---\n" + MINIMAL, "line 3: not YAML"),
+    "duplicate key": (MINIMAL + "name: again", "line 3: 'name' is written twice; keep one"),
+    "duplicate inner key": (
+        MINIMAL + "wind:\n  gust_std_mps: 1\n  gust_std_mps: 2",
+        "line 5: 'gust_std_mps' is",
+    ),
+    "number as key": (MINIMAL + "3: 4", "line 3: a field's name must be a word"),
+    "list as key": (MINIMAL + "? [1, 2]\n: 3", "line 3: a field's name must be a word"),
+    "a list": ("- 1\n- 2", "is a list, not a scenario"),
+    "a word": ("clusters", "is a str, not a scenario"),
+    "nothing": ("", "is empty, not a scenario"),
+    "only a comment": ("# name: a", "is empty, not a scenario"),
+    "control characters": ("name: \x00\x01", "not YAML"),
+    "nesting": ("[" * 100_000, "line 1: lists are nested too deeply"),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), BAD_YAML.values(), ids=BAD_YAML.keys())
+def test_bad_yaml_is_told_where(text, expected):
+    assert expected in error_of(text)
+
+
+def test_aliases_are_refused_before_they_grow():
+    bomb = "a0: &a0 [x, x]\n" + "".join(
+        f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 30)
+    )
+    assert "line 2: the alias *a0 is not allowed" in error_of(bomb)
+
+
+def test_missing_file_suggests_shipped_names():
+    with pytest.raises(UserError, match=r"clustrs: there is no such scenario; did you mean 'clusters'\?"):
+        load_scenario("clustrs")
+    with pytest.raises(UserError, match=r"one of .*abundance, .*clusters, .*sparse"):
+        load_scenario("no/where.yaml")
+
+
+def test_folder_is_refused(tmp_path):
+    with pytest.raises(UserError, match="is a folder or device"):
+        load_scenario(tmp_path)
+
+
+def test_device_is_refused():
+    with pytest.raises(UserError, match="is a folder or device"):
+        load_scenario("/dev/zero")
+
+
+def test_binary_file_is_refused(tmp_path):
+    path = tmp_path / "picture.yaml"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
+    with pytest.raises(UserError, match=r"picture\.yaml: is not a text file in UTF-8"):
+        load_scenario(path)
+
+
+def test_huge_file_is_refused_unread(tmp_path):
+    path = tmp_path / "huge.yaml"
+    with path.open("wb") as file:
+        file.truncate(MAX_FILE_BYTES + 1)
+    with pytest.raises(UserError, match="is larger than 5 MB"):
+        load_scenario(path)
+
+
+def test_overlong_path_is_one_sentence():
+    with pytest.raises(UserError, match="cannot be read"):
+        load_scenario("x" * 5000)
+
+
+# --- properties -----------------------------------------------------------------------------------------
+
+coordinate = st.floats(-200, 200, allow_nan=False)
+point = st.tuples(coordinate, coordinate)
+positive_or_infinite = st.one_of(st.floats(0.01, 1e6), st.just(math.inf))
+text = st.text(st.characters(exclude_categories=("Cs",)), max_size=40)
+target = st.fixed_dictionaries(
+    {"class": st.sampled_from(["stop sign", "person", "boat"]), "position_enu_m": point},
+    optional={
+        "yaw_deg": st.floats(-720, 720),
+        "size_m": st.none() | st.floats(0.06, 60),
+        "pose": st.sampled_from(["face-up", "standing", "lying", "floating"]),
+    },
+)
+generator = st.fixed_dictionaries(
+    {
+        "class": st.sampled_from(["person", "red bucket", "buoy"]),
+        "pattern": st.sampled_from(["uniform", "clustered", "sparse"]),
+        "count": st.integers(1, 2000),
+    },
+    optional={
+        "seed": st.none() | st.integers(0, 2**31),
+        "centres_enu_m": st.none() | st.lists(point, min_size=1),
+    },
+)
+scenario_data = st.fixed_dictionaries(
+    {
+        "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}", fullmatch=True),
+        "area": st.builds(
+            lambda w, h: {"polygon_enu_m": [[0, 0], [w, 0], [w, h], [0, h]]},
+            st.floats(2, 3000),
+            st.floats(2, 3000),
+        ),
+    },
+    optional={
+        "description": text,
+        "targets": st.lists(target, max_size=4),
+        "generators": st.lists(generator, max_size=3),
+        "forests": st.lists(st.fixed_dictionaries({"trees_per_hectare": st.floats(0.1, 2000)}), max_size=2),
+        "terrain": st.fixed_dictionaries({"heightmap_m": st.just([[0.5, 1e-17], [-3.25, 1e17]])}),
+        "search": st.fixed_dictionaries(
+            {}, optional={"n_c": positive_or_infinite, "d_c_m": positive_or_infinite}
+        ),
+    },
+)
+
+
+def assert_scenario_or_sentence(text: str) -> None:
+    try:
+        outcome: object = parse_scenario(text, "any.yaml")
+    except UserError as error:
+        outcome = str(error)
+    assert isinstance(outcome, Scenario) or str(outcome).startswith("any.yaml: ")
+
+
+@settings(max_examples=60, deadline=None)
+@given(scenario_data)
+def test_any_scenario_round_trips(data):
+    scenario = Scenario.model_validate(data)
+    assert parse_scenario(dump_scenario(scenario), "dump") == scenario
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | text,
+        lambda s: (
+            st.lists(s, max_size=3)
+            | st.dictionaries(st.sampled_from([*Scenario.model_fields, "class", "other"]), s, max_size=5)
+        ),
+    )
+)
+def test_any_data_is_a_scenario_or_one_sentence(data):
+    assert_scenario_or_sentence(yaml.safe_dump(data))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.data())
+def test_any_damage_to_a_file_is_survived_or_told_in_one_sentence(data):
+    whole = dump_scenario(load_scenario("sparse"))
+    start = data.draw(st.integers(0, len(whole)))
+    end = data.draw(st.integers(start, len(whole)))
+    junk = data.draw(st.text(max_size=5))
+    assert_scenario_or_sentence(whole[:start] + junk + whole[end:])
+
+
+def test_shipped_folder_holds_scenarios_only():
+    import skysweep.scenarios.files as files
+
+    folder = Path(files.__file__).parent / "shipped"
+    assert {p.suffix for p in folder.iterdir()} == {".yaml"}
