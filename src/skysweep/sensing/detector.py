@@ -1,0 +1,280 @@
+"""The YOLO detector: any model of the family in an ONNX file, run by ONNX Runtime."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.sensing.classes import default_names
+from skysweep.sensing.layouts import Boxes, Layout, PixelFormat, Probe, recognise
+from skysweep.types import Detections, Frame
+
+U8 = NDArray[np.uint8]
+
+OWN_MODEL = "skysweep"
+PAD_GREY = 114
+STRIDE = 32
+PROBE_SIZE = (640, 640)
+TILE_OVERLAP = 0.2
+_NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+
+
+def own_model_path() -> Path:
+    """Where the model that the package ships lies."""
+    return Path(str(resources.files("skysweep") / "models" / "skysweep.onnx"))
+
+
+class YoloDetector:
+    """Finds objects in pictures with an ONNX model of the YOLO family.
+
+    The output layout is recognised, not configured (see :mod:`skysweep.sensing.layouts`). Class names come
+    from a text file beside the model (``model.names``, one name a line), else from its metadata, else they
+    are COCO's where the model has 80 or 91 classes.
+
+    Args:
+        model_path: an ONNX file, or "skysweep" for the model that the package ships.
+        classes: names to keep; None keeps all.
+        confidence_min: detections below are dropped, 0..1.
+        iou_max: of two boxes of one class that overlap more, the weaker is dropped, 0..1.
+        tiles: split each picture into ``tiles`` x ``tiles`` overlapping parts, each enlarged to the model's
+            input, so that small things span ``tiles`` times as many pixels (at ``tiles**2`` times the cost).
+        threads: CPU threads of the network; they do not spin while they wait, so that rendering may overlap.
+
+    Raises:
+        UserError: the file is missing or broken, its layout or class names are unknown, or a class is asked
+            for that it does not have.
+
+    Example:
+        >>> detector = YoloDetector("skysweep", classes=["person"])
+        >>> detector.class_names
+        ('person',)
+    """
+
+    def __init__(
+        self,
+        model_path: Path | str = OWN_MODEL,
+        classes: Sequence[str] | None = None,
+        *,
+        confidence_min: float = 0.25,
+        iou_max: float = 0.5,
+        tiles: int = 1,
+        threads: int = 1,
+    ) -> None:
+        self._path = own_model_path() if str(model_path) == OWN_MODEL else Path(model_path)
+        self._confidence_min, self._iou_max, self._tiles = confidence_min, iou_max, tiles
+        self._session = _open(self._path, threads)
+        self._network = _Network(self._session, self._path)
+        self.model_class_names = self._network.class_names
+        self.class_names = tuple(classes) if classes is not None else self.model_class_names
+        for name in self.class_names:
+            if name not in self.model_class_names:
+                known = ", ".join(self.model_class_names)
+                raise UserError(f"{self._path}: the model has no class {name!r}; it has {known}")
+        self._wanted = np.isin(self.model_class_names, self.class_names)
+
+    @property
+    def layout(self) -> Layout:
+        """The output layout that was recognised."""
+        return self._network.layout
+
+    def detect(self, frame: Frame) -> Detections:
+        """Boxes in the frame's pixels, most confident first, with the frame's pose and lens."""
+        input_hw = self._network.input_hw_for(frame.image.shape[:2])
+        found = [self._look(*tile, input_hw) for tile in _split(frame.image, self._tiles)]
+        boxes = np.concatenate([b.xyxy_px for b in found]).astype(np.float64)
+        scores = np.concatenate([b.scores for b in found]).astype(np.float64)
+        classes = np.concatenate([b.classes for b in found])
+        keep = _suppress(boxes, scores, classes, self._confidence_min, self._iou_max)
+        return Detections(
+            time_s=frame.time_s,
+            boxes_xyxy_px=boxes[keep],
+            confidences=np.clip(scores[keep], 0.0, 1.0),
+            class_names=tuple(self.model_class_names[i] for i in classes[keep]),
+            camera=frame.camera,
+            lens=frame.lens,
+        )
+
+    def _look(self, picture: U8, left_px: int, top_px: int, input_hw: tuple[int, int]) -> Boxes:
+        """Boxes of wanted classes above the threshold in one tile, in pixels of the whole picture."""
+        canvas, scale, pad_x, pad_y = letterbox(picture, input_hw, centred=not self.layout.pixels.bgr)
+        boxes = self._network(canvas)
+        in_range = (boxes.classes >= 0) & (boxes.classes < len(self._wanted))
+        keep = (boxes.scores >= self._confidence_min) & in_range
+        keep[keep] = self._wanted[boxes.classes[keep]]
+        height, width = picture.shape[:2]
+        corners = (boxes.xyxy_px[keep] - np.array([pad_x, pad_y] * 2)) / scale
+        corners = np.clip(corners, 0, [width, height, width, height]) + [left_px, top_px] * 2
+        real = np.all(corners[:, 2:] - corners[:, :2] > 0.5, axis=1)
+        return Boxes(corners[real], boxes.scores[keep][real], boxes.classes[keep][real])
+
+
+class _Network:
+    """An open model: pixels in, decoded boxes out."""
+
+    def __init__(self, session: ort.InferenceSession, path: Path) -> None:
+        self._session, self._path = session, path
+        first, *others = session.get_inputs()
+        if len(first.shape) != 4 or first.type not in _NUMPY_TYPE:
+            raise UserError(
+                f"{path}: the first input is {first.type} {first.shape}, not one picture; "
+                "export the model with an input of shape (1, 3, height, width)"
+            )
+        self._input, self._dtype = first, _NUMPY_TYPE[first.type]
+        self._channels_last = first.shape[3] == 3
+        self._size_input = next((i for i in others if "size" in i.name), None)
+        if (isinstance(first.shape[0], int) and first.shape[0] > 1) or len(others) > bool(self._size_input):
+            raise UserError(
+                f"{path}: export the model for one picture at a time (batch 1) and without other inputs"
+            )
+        sides = first.shape[1:3] if self._channels_last else first.shape[2:4]
+        self._fixed_hw = tuple(sides) if all(isinstance(side, int) and side > 0 for side in sides) else None
+        self.layout = self._recognise()
+        self.class_names = self._names(self.layout.n_classes)
+
+    def input_hw_for(self, picture_hw: tuple[int, int]) -> tuple[int, int]:
+        """The input's (height, width): the model's own, else the picture's rounded up to whole strides."""
+        if self._fixed_hw is not None:
+            return self._fixed_hw
+        height, width = (-(-side // STRIDE) * STRIDE for side in picture_hw)
+        return height, width
+
+    def __call__(self, canvas: U8) -> Boxes:
+        """Boxes in the canvas' pixels."""
+        return self.layout.decode(self._run(canvas, self.layout.pixels), canvas.shape[:2])
+
+    def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, NDArray[np.float32]]:
+        picture: NDArray[Any] = canvas[..., ::-1] if pixels.bgr else canvas
+        if self._dtype != np.uint8:
+            gain = np.float32(pixels.scale) / np.array(pixels.std, dtype=np.float32)
+            picture = picture * gain - np.array(pixels.mean, dtype=np.float32) / np.array(
+                pixels.std, np.float32
+            )
+        if not self._channels_last:
+            picture = picture.transpose(2, 0, 1)
+        feed = {self._input.name: np.ascontiguousarray(picture[None], dtype=self._dtype)}
+        if self._size_input is not None:
+            kind = np.int64 if self._size_input.type == "tensor(int64)" else np.float32
+            feed[self._size_input.name] = np.array([canvas.shape[1::-1]], dtype=kind)
+        answers = self._session.run(None, feed)
+        return {
+            o.name: np.asarray(a, np.float32)
+            for o, a in zip(self._session.get_outputs(), answers, strict=True)
+        }
+
+    def _recognise(self) -> Layout:
+        input_hw = self._fixed_hw or PROBE_SIZE
+        blank = np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8)
+        try:
+            outputs = self._run(blank, PixelFormat())
+        except Exception as error:  # ONNX Runtime raises its own types, all direct children of Exception
+            raise UserError(f"{self._path}: the model does not run ({str(error).splitlines()[0]})") from error
+        meta = self._session.get_modelmeta()
+        names = self._named_in_file()
+        hint = " ".join([self._path.stem, meta.graph_name, meta.producer_name, meta.description]).lower()
+        layout = recognise(Probe(outputs, input_hw, len(names) if names else None, hint))
+        if layout is None:
+            shapes = ", ".join(f"{n} {v.shape}" for n, v in outputs.items())
+            raise UserError(
+                f"{self._path}: outputs {shapes} are none of the layouts known (YOLOv3 to v12, YOLOX, "
+                "DETR, RT-DETR); export the model for detection"
+            )
+        return layout
+
+    def _named_in_file(self) -> tuple[str, ...] | None:
+        """Class names of the metadata (a Python or JSON dict or list, as Ultralytics writes) or sidecar."""
+        sidecar = self._path.with_suffix(".names")
+        text = self._session.get_modelmeta().custom_metadata_map.get("names")
+        if sidecar.is_file():
+            return tuple(line.strip() for line in sidecar.read_text().splitlines() if line.strip())
+        if text is None:
+            return None
+        try:
+            names = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            return None
+        if isinstance(names, dict):
+            names = [names[key] for key in sorted(names, key=int)]
+        return tuple(str(name) for name in names)
+
+    def _names(self, n_classes: int) -> tuple[str, ...]:
+        names = self._named_in_file() or default_names(n_classes)
+        if names is None or len(names) != n_classes:
+            found = "names none" if names is None else f"names {len(names)}"
+            raise UserError(
+                f"{self._path}: the model has {n_classes} classes but {found}; write their names one a line "
+                f"into {self._path.with_suffix('.names').name} beside it"
+            )
+        return names
+
+
+def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple[U8, float, int, int]:
+    """The picture (H, W, 3) scaled to fit ``input_hw`` on grey, its scale, and the left and top padding."""
+    height, width = picture.shape[:2]
+    scale = min(input_hw[0] / height, input_hw[1] / width)
+    new_h, new_w = round(height * scale), round(width * scale)
+    if (new_h, new_w) != (height, width):
+        shrinks = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        picture = np.asarray(cv2.resize(picture, (new_w, new_h), interpolation=shrinks), dtype=np.uint8)
+    top, left = ((input_hw[0] - new_h) // 2, (input_hw[1] - new_w) // 2) if centred else (0, 0)
+    canvas = np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8)
+    canvas[top : top + new_h, left : left + new_w] = picture
+    return canvas, scale, left, top
+
+
+def _open(path: Path, threads: int) -> ort.InferenceSession:
+    if not path.is_file():
+        raise UserError(
+            f"{path}: there is no such model file; write the path of an ONNX file or {OWN_MODEL!r}"
+        )
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
+    providers = [p for p in wanted if p in ort.get_available_providers()]
+    try:
+        return ort.InferenceSession(str(path), options, providers=providers)
+    except Exception as error:  # ONNX Runtime raises its own types, all direct children of Exception
+        raise UserError(f"{path}: not a readable ONNX model; export or download it again") from error
+
+
+def _split(image: U8, tiles: int) -> Iterator[tuple[U8, int, int]]:
+    """Overlapping parts of a picture, each with its left and top pixel."""
+    if tiles == 1:
+        yield image, 0, 0
+        return
+    height, width = image.shape[:2]
+    side_h, side_w = (int(np.ceil(s / (tiles - (tiles - 1) * TILE_OVERLAP))) for s in (height, width))
+    for top in np.linspace(0, height - side_h, tiles).astype(int):
+        for left in np.linspace(0, width - side_w, tiles).astype(int):
+            yield image[top : top + side_h, left : left + side_w], int(left), int(top)
+
+
+def _suppress(
+    boxes: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    classes: NDArray[np.int64],
+    confidence_min: float,
+    iou_max: float,
+) -> NDArray[np.int64]:
+    """Indices that survive non-maximum suppression by class, most confident first."""
+    if len(boxes) == 0:
+        return np.zeros(0, dtype=np.int64)
+    corner_and_size = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
+    kept = np.asarray(
+        cv2.dnn.NMSBoxesBatched(
+            corner_and_size.tolist(), scores.tolist(), classes.tolist(), confidence_min, iou_max
+        ),
+        dtype=np.int64,
+    ).ravel()
+    return kept[np.argsort(-scores[kept], kind="stable")]
