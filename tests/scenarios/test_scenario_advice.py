@@ -61,9 +61,6 @@ CASES = {
         {"vehicle": "{cruise_speed_mps: 4}"},
         "search.scan_speed_mps: 5 m/s is more than vehicle.cruise_speed_mps (4)",
     ),
-        {"search": "{scan_speed_mps: 8}"},
-        "scan_speed_mps: 8 m/s is more than vehicle",
-    ),
     "storm": ({"wind": "{mean_speed_mps: 12}"}, "wind.mean_speed_mps: with gusts it blows at 13 m/s"),
 }
 

@@ -233,7 +233,7 @@ def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: in
     ground = shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.buffer(MARGIN_M).envelope
     count = round(forest.trees_per_hectare * ground.area / 1e4)
     clear = shapely.Point(scenario.home.position_enu_m).buffer(6.0)
-    trees = []
+    trees: list[WorldTree] = []
     while len(trees) < count:
         xy = _inside(ground, rng)
         height = float(rng.uniform(*forest.height_m))
