@@ -6,8 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
 
 NADIR = [0, 1, 0, 1, 0, 0, 0, 0, -1]  # picture's top to the east
@@ -108,8 +107,6 @@ def tiny_records(t0: float = 0.0) -> list[dict[str, Any]]:
 
 def write_run(folder: Path, records: list[dict[str, Any]], **changes: Any) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    config = Scenario.model_validate(scenario_data(**changes)).model_dump(mode="json", by_alias=True)
-    config["search"]["d_c_m"] = float("inf")
-    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    write_scenario(Scenario.model_validate(scenario_data(**changes)), folder / "config.yaml")
     (folder / "journal.jsonl").write_text("".join(json.dumps(r) + "\n" for r in records))
     return folder

@@ -64,6 +64,14 @@ def test_mission_broken_off_counts_what_was_done(tmp_path):
     assert s["n_confirmed"] == 2
 
 
+def test_low_battery_ends_the_search_where_the_way_home_begins(tmp_path):
+    records = [r for r in tiny_records() if r["kind"] != "finished" and r["t"] != 50]
+    records[-1] = {"t": 80, "kind": "end", "reason": "low battery"}
+    s = compute_summary(load_run(write_run(tmp_path, records)))
+    assert (s["completed"], s["end_reason"]) == (False, "low battery")
+    assert (s["mission_time_s"], s["return_time_s"], s["total_time_s"]) == (60, 20, 80)
+
+
 def run_with(verdicts, targets=((5, 10), (20, 10), (35, 10))) -> Run:
     scenario = Scenario.model_validate(
         {
@@ -103,7 +111,7 @@ def test_rejecting_a_target_that_nobody_confirmed_is_no_false_scan():
 
 def test_other_class_does_not_match():
     run = run_with([(10, "confirmed", [5, 10, 0])])
-    person = Run(run.scenario, (run.records[0], dict(run.records[1]) | {"class": "person"}))
+    person = Run(run.scenario, (run.records[0], dict(run.records[1]) | {"class_name": "person"}))
     assert match(person).false_alarms == {0}
 
 

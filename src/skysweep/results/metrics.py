@@ -88,7 +88,7 @@ def compute_summary(
         confirmed_s[index] = stories[identity].verdict_s
         errors_m.append(horizontal_distance_m(stories[identity], targets[index]))
     times = sorted(t for t in confirmed_s if t is not None)
-    mission_time_s = run.finished_s if run.finished_s is not None else run.last_s
+    mission_time_s = run.search_end_s
     total_time_s = run.landed_s if run.landed_s is not None else run.last_s
     if real_time_factor is None and wall_time_s:
         real_time_factor = total_time_s / wall_time_s
@@ -106,9 +106,7 @@ def compute_summary(
         "end_reason": run.end_reason,
         "mission_time_s": round(mission_time_s, 3),
         "scan_only_time_s": _rounded(scan_only_time_s),
-        "return_time_s": None
-        if run.landed_s is None or run.finished_s is None
-        else round(run.landed_s - run.finished_s, 3),
+        "return_time_s": None if run.landed_s is None else round(run.landed_s - mission_time_s, 3),
         "total_time_s": round(total_time_s, 3),
         "n_targets": len(targets),
         "n_confirmed": len(times),

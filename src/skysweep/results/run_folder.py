@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from skysweep.errors import UserError
+from skysweep.mission.journal import read_journal
+from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
 
@@ -133,6 +132,14 @@ class Run:
         return self._time_of("finished")
 
     @property
+    def search_end_s(self) -> float:
+        """When the search ended: finished, or broken off for the way home, or the newest record."""
+        if self.finished_s is not None:
+            return self.finished_s
+        homeward = (r for r in self.records if r.get("mode") in ("RETURN", "LAND"))
+        return next((self.since_start(r) for r in homeward), self.last_s)
+
+    @property
     def landed_s(self) -> float | None:
         return self._time_of("landed")
 
@@ -170,7 +177,7 @@ class Run:
         classes = self.scenario.target_classes
         return CandidateStory(
             id=identity,
-            class_name=_newest(known, "class") or (classes[0] if len(classes) == 1 else None),
+            class_name=_newest(known, "class_name") or (classes[0] if len(classes) == 1 else None),
             position_enu_m=np.asarray(_newest(known, "p"), dtype=float),
             n_sightings=len(sightings),
             first_seen_s=self.since_start(known[0]),
@@ -191,50 +198,17 @@ def load_run(folder: str | Path) -> Run:
         UserError: a file is missing or is not what it should be.
     """
     folder = Path(folder)
-    return Run(load_config(folder / CONFIG_FILE), tuple(read_journal(folder / JOURNAL_FILE)), folder)
-
-
-def load_config(path: Path) -> Scenario:
-    """The resolved scenario of a run.
-
-    Raises:
-        UserError: the file is missing, not YAML, or not a scenario.
-    """
-    try:
-        return Scenario.model_validate(yaml.safe_load(_read(path)))
-    except yaml.YAMLError:
-        raise UserError(f"{path}: not a YAML file; give the folder that 'skysweep run' wrote") from None
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise UserError(f"{path}: {where}: {first['msg']}") from None
-
-
-def read_journal(path: Path) -> Iterable[Record]:
-    """Records of a journal, oldest first.
-
-    Raises:
-        UserError: the file is missing or a line other than the last is not a record.
-    """
-    lines = _read(path).splitlines()
-    for number, line in enumerate(lines, start=1):
-        try:
-            record = json.loads(line)
-            record["kind"], record["t"]
-        except (json.JSONDecodeError, TypeError, KeyError):
-            if number == len(lines):
-                return
+    for name in (CONFIG_FILE, JOURNAL_FILE):
+        if not (folder / name).is_file():
+            raise UserError(f"{folder}: has no {name}; give a folder that 'skysweep run' wrote")
+    records = tuple(read_journal(folder / JOURNAL_FILE))
+    for number, record in enumerate(records, start=1):
+        if not isinstance(record, dict) or "kind" not in record or "t" not in record:
             raise UserError(
-                f"{path}: line {number} is not a journal record; give a journal that 'skysweep run' wrote"
-            ) from None
-        yield record
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; give the folder that 'skysweep run' wrote") from None
+                f"{folder / JOURNAL_FILE}: line {number} is no record with t and kind; "
+                "give a journal that 'skysweep run' wrote"
+            )
+    return Run(load_scenario(folder / CONFIG_FILE), records, folder)
 
 
 def _newest(records: list[Record], key: str) -> Any:

@@ -1,0 +1,307 @@
+"""Figures for reports and papers: map of a run, the paper's panels, POS over time.
+
+Colours are safe for the common kinds of colour blindness: trajectories in viridis (darkest when low), marks
+from Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), and every mark has its own shape as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib import colormaps, rc_context
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as MplPath
+from numpy.typing import NDArray
+
+from skysweep.results.metrics import finite_or_inf, match
+from skysweep.results.run_folder import Run
+from skysweep.results.tables import t_quantile
+
+F64 = NDArray[np.float64]
+
+COLUMN_IN, PAGE_IN = 3.5, 7.2  # widths of a column and a page of an IEEE paper
+ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(
+    "altitude", colormaps["viridis"](np.linspace(0.0, 0.87, 256))
+)
+GREEN, ORANGE, VERMILLION, PURPLE, GREY = "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#808080"
+
+_STYLE: Any = {
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7.5,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "font.family": "DejaVu Sans",
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "skysweep",
+}
+
+# name -> marker, size, face, edge, edge width, what the legend says
+_MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
+    "home": ("s", 5.5, "white", "black", 1.2, "home"),
+    "target": ("o", 9.0, "none", "black", 1.0, "target (truth)"),
+    "distractor": ("^", 5.0, "none", GREY, 1.0, "distractor (truth)"),
+    "scanned": ("+", 10.0, ORANGE, ORANGE, 1.1, "scanned from high up"),
+    "confirmed": ("o", 5.0, GREEN, "white", 0.6, "confirmed, right"),
+    "false scan": ("x", 6.5, VERMILLION, VERMILLION, 1.6, "false scan (nothing new there)"),
+    "false positive": ("D", 5.5, PURPLE, "black", 0.8, "false positive (confirmed wrongly)"),
+}
+
+
+def run_map(run: Run, path: str | Path) -> Path:
+    """Top view of one mission with its altitude profile below, as PNG, SVG or PDF (by suffix)."""
+    with _style():
+        width, south_north = PAGE_IN, _extent(run)
+        height = width * 0.78 * (south_north[3] - south_north[2]) / (south_north[1] - south_north[0])
+        figure = Figure(figsize=(width, min(max(height, 3.0), 8.0) + 2.6), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=[min(max(height, 3.0), 8.0), 1.6])
+        norm = _altitude_norm([run])
+        _top_view(above, run, norm)
+        above.set_title(_title(run), loc="left")
+        figure.colorbar(_mappable(norm), ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
+        _profile(below, run, norm)
+        figure.legend(handles=_legend([run]), loc="outside lower center", ncols=4, frameon=False)
+        return _save(figure, path)
+
+
+def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
+    """The paper's figures in one: a row a scenario, a column an ``n_c``; PNG, SVG and PDF.
+
+    Scenarios stand in the order in which they come first in ``runs``, columns by rising ``n_c``; of several
+    runs of one cell the first is drawn. All panels share one altitude scale.
+
+    Returns:
+        The three files, named after ``path`` without its suffix.
+    """
+    scenarios = list(dict.fromkeys(run.scenario.name for run in runs))
+    limits = sorted({run.scenario.search.n_c for run in runs})
+    cells = {(run.scenario.name, run.scenario.search.n_c): run for run in reversed(runs)}
+    with _style():
+        rows, columns = len(scenarios), len(limits)
+        figure = Figure(figsize=(PAGE_IN, 2.2 * rows * 3 / max(columns, 2) + 0.7), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False)
+        norm = _altitude_norm(runs)
+        for i, scenario in enumerate(scenarios):
+            for j, n_c in enumerate(limits):
+                axis = axes[i][j]
+                run = cells.get((scenario, n_c))
+                if run is None:
+                    axis.axis("off")
+                    continue
+                _top_view(axis, run, norm, detail=False)
+                axis.set_title(f"{scenario}, {_n_c(n_c)}: {_minutes(run)}", loc="left")
+                axis.label_outer(remove_inner_ticks=False)
+        figure.colorbar(_mappable(norm), ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
+        figure.legend(handles=_legend(runs), loc="outside lower center", ncols=4, frameon=False)
+        return [_save(figure, Path(path).with_suffix(suffix)) for suffix in (".png", ".svg", ".pdf")]
+
+
+def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
+    """Probability of success over time: one line a label, the mean over its missions, with the 95 % band.
+
+    Args:
+        curves: label -> for each mission the steps (K, 2) of time s and fraction of targets confirmed.
+        path: where to write; the suffix chooses PNG, SVG or PDF.
+    """
+    colours = ["#0072B2", VERMILLION, GREEN, PURPLE, ORANGE, "#56B4E9"]
+    dashes = ["-", "--", ":", "-."]
+    end = max((steps[-1][0] for missions in curves.values() for steps in missions), default=1.0)
+    time_s = np.linspace(0.0, end, 400)
+    with _style():
+        figure = Figure(figsize=(COLUMN_IN, 2.4), layout="constrained")
+        axis = figure.subplots()
+        for k, (label, missions) in enumerate(curves.items()):
+            pos = np.array([step_values(np.asarray(steps, dtype=float), time_s) for steps in missions])
+            mean = pos.mean(axis=0)
+            colour = colours[k % len(colours)]
+            axis.plot(time_s, mean, dashes[k % len(dashes)], color=colour, label=label, lw=1.4)
+            if len(pos) > 1:
+                half = t_quantile(len(pos)) * pos.std(axis=0, ddof=1) / math.sqrt(len(pos))
+                low, high = np.clip([mean - half, mean + half], 0, 1)
+                axis.fill_between(time_s, low, high, color=colour, alpha=0.15, lw=0)
+        axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)", ylim=(0, 1.02))
+        axis.set_xlim(0, end)
+        axis.grid(lw=0.3, color="0.85")
+        axis.legend(frameon=False)
+        return _save(figure, path)
+
+
+def step_values(steps: F64, time_s: F64) -> F64:
+    """Values at times (M,) of a curve given by its steps (K, 2), zero before the first."""
+    index = np.searchsorted(steps[:, 0], time_s, side="right") - 1
+    return np.where(index < 0, 0.0, steps[np.maximum(index, 0), 1])
+
+
+def _top_view(axis: Axes, run: Run, norm: Normalize, detail: bool = True) -> None:
+    area = run.scenario.area_enu_m
+    axis.add_patch(_polygon_patch(area, facecolor="#f3f3f0", edgecolor="0.35", lw=0.8, zorder=0))
+    plan = run.plan_enu_m
+    axis.plot(plan[:, 0], plan[:, 1], color="0.72", lw=0.6, ls=(0, (4, 2)), zorder=1)
+    xy = run.states.position_enu_m[:, :2]
+    axis.add_collection(_coloured_line(xy, _altitudes_m(run), norm, 1.3 if detail else 1.0))
+    scale = 1.0 if detail else 0.72
+    for name, points in _points(run).items():
+        axis.plot(points[:, 0], points[:, 1], **_mark(name, scale), zorder=4)
+    west, east, south, north = _extent(run)
+    axis.set(xlim=(west, east), ylim=(south, north), xlabel="East (m)", ylabel="North (m)", aspect="equal")
+    if detail:
+        _scale_bar(axis, east - west, west, south)
+
+
+def _profile(axis: Axes, run: Run, norm: Normalize) -> None:
+    time_s, altitude_m = run.states.time_s, _altitudes_m(run)
+    points = np.column_stack([time_s, altitude_m])
+    line = LineCollection(
+        list(np.stack([points[:-1], points[1:]], axis=1)), cmap=ALTITUDE_COLOURS, norm=norm, lw=1.4
+    )
+    line.set_array(altitude_m[1:])
+    axis.add_collection(line)
+    matches = match(run)
+    for story in run.candidates:
+        if story.verdict_s is None:
+            continue
+        name = _kind(story.id, matches.confirmed, matches.false_positives, matches.wrong_rejections)
+        height = np.interp(story.verdict_s, time_s, altitude_m) if len(time_s) else 0.0
+        axis.plot(story.verdict_s, height, **_mark(name, 0.8))
+    top = max(float(altitude_m.max(initial=1.0)), 1.0)
+    if run.finished_s is not None:
+        axis.axvline(run.finished_s, color="0.4", lw=0.7, ls=":")
+        axis.annotate(
+            "search finished ", (run.finished_s, top * 1.12), ha="right", va="center", fontsize=7, color="0.3"
+        )
+    axis.set(xlabel="Time since take-off (s)", ylabel="Altitude (m)", ylim=(0, top * 1.22))
+    axis.set_xlim(0, max(run.last_s, 1.0))
+    axis.grid(lw=0.3, color="0.88")
+
+
+def _coloured_line(points: F64, altitude_m: F64, norm: Normalize, width: float) -> LineCollection:
+    """A line through points (N, 2), coloured by the altitude (N,) that each piece ends at."""
+    pieces = list(np.stack([points[:-1], points[1:]], axis=1))
+    line = LineCollection(pieces, cmap=ALTITUDE_COLOURS, norm=norm, lw=width, capstyle="round", zorder=2)
+    line.set_array(altitude_m[1:])
+    return line
+
+
+def _mark(name: str, scale: float) -> dict[str, Any]:
+    marker, size, face, edge, width, _ = _MARKS[name]
+    return {"marker": marker, "ms": size * scale, "mfc": face, "mec": edge, "mew": width, "ls": ""}
+
+
+def _kind(identity: int, confirmed: dict[int, int], wrong: frozenset[int], missed: dict[int, int]) -> str:
+    if identity in confirmed:
+        return "confirmed"
+    if identity in wrong:
+        return "false positive"
+    return "scanned" if identity in missed else "false scan"
+
+
+def _points(run: Run) -> dict[str, F64]:
+    """Points (N, 2) of every kind of mark that this run has."""
+    matches = match(run)
+    points: dict[str, list[Any]] = {name: [] for name in _MARKS}
+    points["home"].append(run.scenario.home.position_enu_m)
+    for thing in run.world.objects:
+        points["target" if thing.is_target else "distractor"].append(thing.position_enu_m[:2])
+    for event in run.events("scanned"):
+        if event.get("p") is not None:
+            points["scanned"].append(event["p"][:2])
+    for story in run.candidates:
+        if story.verdict is not None:
+            name = _kind(story.id, matches.confirmed, matches.false_positives, matches.wrong_rejections)
+            points[name].append(story.position_enu_m[:2])
+    return {name: np.array(p, dtype=float) for name, p in points.items() if p}
+
+
+def _legend(runs: Sequence[Run]) -> list[Line2D]:
+    present = {name for run in runs for name in _points(run)}
+    plan = Line2D([], [], color="0.72", lw=0.8, ls=(0, (4, 2)), label="planned transects")
+    return [
+        Line2D([], [], **_mark(name, 0.8), label=label)
+        for name, (*_, label) in _MARKS.items()
+        if name in present
+    ] + [plan]
+
+
+def _altitudes_m(run: Run) -> F64:
+    position = run.states.position_enu_m
+    return position[:, 2] - run.world.terrain.height_m(position[:, :2]) if len(position) else np.zeros(0)
+
+
+def _altitude_norm(runs: Sequence[Run]) -> Normalize:
+    return Normalize(0.0, max([float(_altitudes_m(run).max(initial=1.0)) for run in runs], default=1.0))
+
+
+def _mappable(norm: Normalize) -> ScalarMappable:
+    return ScalarMappable(norm, ALTITUDE_COLOURS)
+
+
+def _extent(run: Run) -> tuple[float, float, float, float]:
+    """West, east, south, north of all that a map shows."""
+    points = [np.array(run.scenario.area_enu_m.exterior.coords), np.array([run.scenario.home.position_enu_m])]
+    points += [run.states.position_enu_m[:, :2], run.plan_enu_m[:, :2]]
+    west, south = np.concatenate(points).min(axis=0)
+    east, north = np.concatenate(points).max(axis=0)
+    margin = 0.03 * max(east - west, north - south)
+    return west - margin, east + margin, south - margin, north + margin
+
+
+def _scale_bar(axis: Axes, width_m: float, west: float, south: float) -> None:
+    magnitude = 10 ** math.floor(math.log10(width_m / 4))
+    length = max(k * magnitude for k in (1, 2, 5) if k * magnitude <= width_m / 4)
+    x, y = west + 0.97 * width_m - length, south + 0.02 * width_m
+    axis.plot([x, x + length], [y, y], color="black", lw=2.5, solid_capstyle="butt", zorder=6)
+    axis.text(
+        x + length / 2, y + 0.008 * width_m, f"{length:g} m", ha="center", va="bottom", fontsize=7, zorder=6
+    )
+
+
+def _polygon_patch(polygon: shapely.Polygon, **style: Any) -> PathPatch:
+    rings = [polygon.exterior, *polygon.interiors]
+    return PathPatch(
+        MplPath.make_compound_path(*[MplPath(np.array(r.coords), closed=True) for r in rings]), **style
+    )
+
+
+def _title(run: Run) -> str:
+    search = run.scenario.search
+    how = f"{run.strategy}, {_n_c(search.n_c)}" if run.strategy == "scan-check" else run.strategy
+    return f"{run.scenario.name}: {how}, seed {run.seed}, {_minutes(run)}"
+
+
+def _n_c(value: float) -> str:
+    return r"$n_c=\infty$" if math.isinf(value) else f"$n_c={finite_or_inf(value)}$"
+
+
+def _minutes(run: Run) -> str:
+    if run.finished_s is None:
+        return f"broken off at {run.last_s:.0f} s"
+    return f"{run.finished_s:.0f} s"
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    with rc_context(_STYLE):
+        yield
+
+
+def _save(figure: Figure, path: str | Path) -> Path:
+    path = Path(path)
+    stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
+    figure.savefig(path, dpi=200, metadata=stamp)
+    return path
