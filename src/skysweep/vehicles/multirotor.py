@@ -1,0 +1,240 @@
+"""The embedded multirotor: PX4's cascade on PX4's SIH airframe, with gimbal, battery, wind and its own errors.
+
+What a mission may use is the ``Vehicle`` protocol of ``skysweep.types``; names that begin with ``true_``
+are for the simulated sensors and for the results only. Model, equations and calibration: docs/vehicle.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skysweep.geometry.camera import CameraPose
+from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
+from skysweep.types import Setpoint, VehicleState
+from skysweep.vehicles import dynamics as d
+
+F64 = NDArray[np.float64]
+
+_GROUND_EVERY_STEPS = 125  # how often cruise flight asks for the height of the ground
+_VEHICLE_STREAM = 0x5D_0E  # keeps this vehicle's random stream apart from others of the same seed
+
+
+@dataclass(frozen=True, slots=True)
+class Airframe:
+    """What flies. The default is the quadrotor of PX4's SIH."""
+
+    mass_kg: float = 1.0
+    drag_n_per_mps: float = 1.0  # SIH_KDV
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMotion:
+    """How the camera moves, in its own optical axes (x right, y down, z forward)."""
+
+    velocity_mps: F64  # (3,)
+    rates_radps: F64  # (3,)
+
+
+class Multirotor:
+    """A multirotor that flies PX4 offboard setpoints at 250 Hz inside; implements ``types.Vehicle``.
+
+    Starts landed at ``home_enu_m`` (3,). ``ground_height_m`` maps (N, 2) ENU metres to (N,) heights.
+    The same arguments and the same calls give the same bits.
+    """
+
+    def __init__(
+        self,
+        limits: VehicleLimits,
+        wind: Wind,
+        camera: CameraModel,
+        home_enu_m: ArrayLike,
+        ground_height_m: Callable[[F64], F64],
+        seed: int,
+        airframe: Airframe | None = None,
+    ) -> None:
+        airframe = airframe or Airframe()
+        heading = np.radians(wind.from_heading_deg)
+        q = np.zeros(d.N_PARAMETERS)
+        q[d.DRAG_PER_MASS] = airframe.drag_n_per_mps / airframe.mass_kg
+        q[d.CLIMB_SPEED], q[d.DESCENT_SPEED] = limits.climb_speed_mps, limits.descent_speed_mps
+        q[d.WIND : d.WIND + 2] = -wind.mean_speed_mps * np.array([np.sin(heading), np.cos(heading)])
+        q[d.GUST_STD] = wind.gust_std_mps
+        q[d.POSITION_STD] = limits.position_noise_m
+        q[d.ATTITUDE_STD] = np.radians(limits.attitude_noise_deg)
+        q[d.GIMBAL_PITCH] = np.radians(camera.gimbal.pitch_deg)
+        q[d.GIMBAL_RATE] = np.radians(camera.gimbal.max_rate_dps)
+        q[d.GIMBAL_LAG] = camera.gimbal.lag_s
+        q[d.HOVER_POWER] = limits.hover_power_w
+        self._q = q
+        self._battery_wh = limits.battery_wh
+        self._ground_height_m = ground_height_m
+        self._rng = np.random.SeedSequence([seed, _VEHICLE_STREAM]).generate_state(1, np.uint64)
+        self._time_s = 0.0
+        self._ground_at_step = 0
+        self._x = np.zeros(d.N_STATE)
+        self._place(np.asarray(home_enu_m, dtype=float), np.zeros(3), 0.0)
+        self._look_at_ground()
+        floor = self._x[d.GROUND_HEIGHT] + d.LEG_HEIGHT_M
+        self._x[d.POSITION + 2] = max(self._x[d.POSITION + 2], floor)
+        d.start(self._x, self._rng, self._q)
+
+    # ---- what a mission uses -------------------------------------------------------------------------
+
+    def state(self) -> VehicleState:
+        """What the vehicle believes: late by nothing, wrong by its GNSS and attitude errors."""
+        x, p = self._x, self._poses()
+        energy_wh = float(x[d.ENERGY_WH])
+        return VehicleState(
+            x[d.STEPS] * d.STEP_S,
+            p[0],
+            p[1],
+            p[2:5],
+            CameraPose(p[5], p[6:9]),
+            max(0.0, 1.0 - energy_wh / self._battery_wh),
+            energy_wh,
+            bool(x[d.AIRBORNE]),
+        )
+
+    def command(self, setpoint: Setpoint) -> None:
+        """Flies to the setpoint from the next step on, whatever it was doing. Raises RuntimeError when landed."""
+        x = self._x
+        if x[d.MODE] == d.ON_GROUND:
+            raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
+        feed_forward = setpoint.velocity_enu_mps
+        self._set_mode(d.OFFBOARD)
+        x[d.TARGET_POSITION : d.TARGET_POSITION + 3] = setpoint.position_enu_m
+        x[d.TARGET_VELOCITY : d.TARGET_VELOCITY + 3] = 0.0 if feed_forward is None else feed_forward
+        x[d.TARGET_SPEED] = setpoint.speed_mps
+        x[d.TARGET_YAW] = setpoint.yaw_rad
+
+    def advance(self, duration_s: float) -> None:
+        """Lets time pass, in steps of 4 ms; the rest of a step is kept for the next call."""
+        x = self._x
+        self._time_s += duration_s
+        left = round(self._time_s / d.STEP_S) - int(x[d.STEPS])
+        while left > 0:
+            near_ground = x[d.MODE] != d.OFFBOARD
+            if near_ground or x[d.STEPS] - self._ground_at_step >= _GROUND_EVERY_STEPS:
+                self._look_at_ground()
+            steps = min(left, _GROUND_EVERY_STEPS)
+            d.fly(x, self._rng, self._q, steps)
+            left -= steps
+
+    def takeoff(self, altitude_agl_m: float) -> None:
+        """Arms and climbs straight up to ``altitude_agl_m`` above the ground below, then waits there."""
+        self._look_at_ground()
+        self._hold_here()
+        self._x[d.TARGET_POSITION + 2] = self._x[d.GROUND_HEIGHT] + altitude_agl_m
+        self._set_mode(d.OFFBOARD if self._x[d.AIRBORNE] else d.TAKEOFF)
+
+    def land(self) -> None:
+        """Descends where it is, slower near the ground; not airborne a second after touchdown."""
+        self._hold_here()
+        self._set_mode(d.LAND)
+
+    # ---- to resume -----------------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that changes, as plain lists and numbers."""
+        return {
+            "state": self._x.tolist(),
+            "random": int(self._rng[0]),
+            "time_s": self._time_s,
+            "ground_at_step": self._ground_at_step,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continues, bit for bit, from ``snapshot`` of a vehicle built with the same arguments."""
+        self._x[:] = snapshot["state"]
+        self._rng[0] = snapshot["random"]
+        self._time_s = snapshot["time_s"]
+        self._ground_at_step = snapshot["ground_at_step"]
+
+    # ---- simulation only -----------------------------------------------------------------------------
+
+    def place(self, position_enu_m: ArrayLike, velocity_enu_mps: ArrayLike, yaw_rad: float) -> None:
+        """Puts the vehicle into level flight anywhere, as if it had hovered there (calibration, tests)."""
+        self._place(np.asarray(position_enu_m, dtype=float), np.asarray(velocity_enu_mps, dtype=float), yaw_rad)
+        x = self._x
+        x[d.THRUST], x[d.AIRBORNE] = d.G, 1.0
+        self._look_at_ground()
+        self._hold_here()
+        self._set_mode(d.OFFBOARD)
+        d.start(x, self._rng, self._q)
+        x[d.LAST_VELOCITY : d.LAST_VELOCITY + 3] = (
+            x[d.VELOCITY : d.VELOCITY + 3] + x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3]
+        )
+
+    @property
+    def true_position_enu_m(self) -> F64:
+        """(3,) of the body origin."""
+        return self._x[d.POSITION : d.POSITION + 3].copy()
+
+    @property
+    def true_velocity_enu_mps(self) -> F64:
+        """(3,)."""
+        return self._x[d.VELOCITY : d.VELOCITY + 3].copy()
+
+    @property
+    def true_R_body_to_enu(self) -> F64:
+        """(3, 3)."""
+        return self._poses()[9:12]
+
+    @property
+    def true_body_rates(self) -> F64:
+        """(3,) rad/s about the FLU axes."""
+        return self._x[d.RATES : d.RATES + 3].copy()
+
+    @property
+    def tilt_rad(self) -> float:
+        """Angle between the body's up axis and the vertical."""
+        i, j = self._x[d.ATTITUDE + 1], self._x[d.ATTITUDE + 2]
+        return float(2.0 * np.arcsin(min(1.0, np.hypot(i, j))))
+
+    def true_camera_pose(self) -> CameraPose:
+        """Where the camera is and how it looks, the gimbal's error included."""
+        p = self._poses()
+        return CameraPose(p[12], p[13:16])
+
+    def true_camera_motion(self) -> CameraMotion:
+        """For motion blur."""
+        p = self._poses()
+        return CameraMotion(p[16], p[17])
+
+    # ---- inside --------------------------------------------------------------------------------------
+
+    def _poses(self) -> F64:
+        out = np.empty((18, 3))
+        d.poses(self._x, self._q, out)
+        return out
+
+    def _place(self, position_enu_m: F64, velocity_enu_mps: F64, yaw_rad: float) -> None:
+        x, steps = self._x, self._x[d.STEPS]
+        x[:] = 0.0
+        x[d.STEPS] = steps
+        x[d.POSITION : d.POSITION + 3] = position_enu_m
+        x[d.VELOCITY : d.VELOCITY + 3] = velocity_enu_mps
+        x[d.ATTITUDE], x[d.ATTITUDE + 3] = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
+
+    def _hold_here(self) -> None:
+        x = self._x
+        believed = x[d.POSITION : d.POSITION + 3] + x[d.POSITION_ERROR : d.POSITION_ERROR + 3]
+        x[d.TARGET_POSITION : d.TARGET_POSITION + 3] = believed
+        x[d.TARGET_VELOCITY : d.TARGET_VELOCITY + 3] = 0.0
+        x[d.TARGET_SPEED] = d.MPC_XY_VEL_MAX
+        x[d.TARGET_YAW] = x[d.BELIEVED_YAW]
+
+    def _set_mode(self, mode: float) -> None:
+        if self._x[d.MODE] != mode:
+            self._x[d.MODE] = mode
+            self._x[d.MODE_TIME] = self._x[d.CONTACT_TIME] = 0.0
+
+    def _look_at_ground(self) -> None:
+        x = self._x
+        x[d.GROUND_HEIGHT] = self._ground_height_m(x[d.POSITION : d.POSITION + 2][None])[0]
+        self._ground_at_step = int(x[d.STEPS])
