@@ -1,0 +1,36 @@
+"""What the camera can see, one module a family. Every look is drawn from ``variant``.
+
+Variants from :data:`skysweep.scenarios.world.HELD_OUT_VARIANTS` on use other palettes and proportions than
+those below, so that a detector trained on the ones is tested on the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from skysweep.sensing.assets import boats, people, signs, things
+from skysweep.sensing.assets.looks import Looks
+from skysweep.sensing.meshes import Mesh
+
+_MAKERS: dict[str, Callable[[Looks, float, str], Mesh]] = {
+    "stop sign": signs.stop_sign,
+    "red round sign": signs.round_sign,
+    "person": people.person,
+    "boat": boats.boat,
+    "red bucket": things.bucket,
+    "rock": things.rock,
+    "stump": things.stump,
+    "clothing": things.clothing,
+    "buoy": things.buoy,
+}
+
+KINDS = tuple(_MAKERS)
+
+
+def object_mesh(kind: str, size_m: float, pose: str, variant: int) -> Mesh:
+    """The mesh of a target or distractor: origin on the ground (or water line), x forward, z up, metres.
+
+    ``pose`` is one of face-up, standing, lying, floating and sitting; kinds ignore those that mean
+    nothing for them. Raises KeyError for an unknown kind.
+    """
+    return _MAKERS[kind](Looks.of(kind, variant), size_m, pose)

@@ -1,0 +1,45 @@
+"""Where an asset's random choices come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.scenarios.world import HELD_OUT_VARIANTS
+
+F64 = NDArray[np.float64]
+RGB = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """The random choices of one asset, the same for the same kind and variant."""
+
+    kind: str
+    variant: int
+    rng: np.random.Generator
+
+    @classmethod
+    def of(cls, kind: str, variant: int) -> Looks:
+        return cls(kind, variant, np.random.default_rng([crc32(kind.encode()), variant]))
+
+    @property
+    def held_out(self) -> bool:
+        return self.variant >= HELD_OUT_VARIANTS
+
+    def between(self, low: float, high: float) -> float:
+        """A number of the range; held-out looks use its shifted, wider half."""
+        shift = 0.25 * (high - low) if self.held_out else 0.0
+        return float(self.rng.uniform(low + shift, high + shift))
+
+    def chance(self, probability: float) -> bool:
+        return bool(self.rng.random() < probability)
+
+    def pick(self, training: list[RGB], held_out: list[RGB]) -> F64:
+        """A colour (3,) 0..1 from the palette that applies, a little off."""
+        palette = held_out if self.held_out else training
+        colour = np.array(palette[self.rng.integers(len(palette))], dtype=float) / 255
+        return np.clip(colour * self.rng.uniform(0.88, 1.1) + self.rng.normal(0, 0.015, 3), 0.01, 1.0)

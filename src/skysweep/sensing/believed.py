@@ -1,0 +1,44 @@
+"""The pose that the mission believes is older than the picture; georeferencing suffers from that in turns."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skysweep.geometry.camera import CameraPose
+
+
+class DelayedPose:
+    """Keeps the camera poses of the last ``delay_s`` seconds and a little more."""
+
+    def __init__(self, delay_s: float) -> None:
+        self.delay_s = delay_s
+        self._poses: deque[tuple[float, CameraPose]] = deque()
+
+    def push(self, time_s: float, pose: CameraPose) -> None:
+        """Append a pose. Times must not go back; a second pose for the same time replaces the first."""
+        if self._poses and time_s <= self._poses[-1][0]:
+            self._poses.pop()
+        self._poses.append((time_s, pose))
+        while len(self._poses) > 2 and self._poses[1][0] <= time_s - self.delay_s:
+            self._poses.popleft()
+
+    def at(self, time_s: float) -> CameraPose:
+        """The pose at ``time_s - delay_s``: positions linear, attitudes by slerp, held beyond the ends."""
+        t = time_s - self.delay_s
+        times = [p[0] for p in self._poses]
+        k = bisect_right(times, t + 1e-9)
+        if k == 0:
+            return self._poses[0][1]
+        if k == len(times):
+            return self._poses[-1][1]
+        (t0, a), (t1, b) = self._poses[k - 1], self._poses[k]
+        w = min(max((t - t0) / (t1 - t0), 0.0), 1.0)
+        turn = Rotation.from_matrix(b.R_camera_to_enu @ a.R_camera_to_enu.T).as_rotvec()
+        return CameraPose(
+            (1 - w) * a.position_enu_m + w * b.position_enu_m,
+            np.asarray(Rotation.from_rotvec(w * turn).as_matrix() @ a.R_camera_to_enu),
+        )

@@ -1,0 +1,237 @@
+"""Triangle meshes and the few shapes from which every asset is made.
+
+Pure functions of numbers: metres, z up, colours sRGB 0..1. A vertex's ``texture`` is (u, v, layer); its
+colour is multiplied by that texture layer (see :mod:`skysweep.sensing.textures`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """Indexed triangles with everything that shading needs, one row per vertex."""
+
+    vertices: F32  # (V, 3) metres
+    normals: F32  # (V, 3) unit, outward
+    colours: F32  # (V, 3) sRGB 0..1
+    texture: F32  # (V, 3) u, v, layer
+    faces: I32  # (F, 3)
+
+    def moved(
+        self, offset: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None, scale: ArrayLike = 1.0
+    ) -> Mesh:
+        """This mesh scaled (per axis), then rotated (3, 3), then shifted."""
+        s = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
+        R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+        normals = (self.normals / s) @ R.T
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        vertices = (self.vertices * s) @ R.T + np.asarray(offset, dtype=float)
+        return replace(self, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32))
+
+    def tinted(self, factors: ArrayLike) -> Mesh:
+        """This mesh with colours multiplied by (3,) or per vertex by (V, 1) or (V, 3)."""
+        colours = np.clip(self.colours * np.asarray(factors, dtype=float), 0, 1)
+        return replace(self, colours=colours.astype(np.float32))
+
+    def grounded(self, depth_m: float, darkest: float = 0.55) -> Mesh:
+        """This mesh darkened towards z = 0, where less sky reaches it, over ``depth_m``."""
+        shade = darkest + (1 - darkest) * np.clip(self.vertices[:, 2:] / depth_m, 0, 1)
+        return self.tinted(shade)
+
+
+def make_mesh(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    colour: ArrayLike,
+    layer: int = 0,
+    texture_size_m: float = 1.0,
+    uv: ArrayLike | None = None,
+    flat: bool = False,
+) -> Mesh:
+    """A mesh with area-weighted smooth normals, or one normal per face when ``flat``.
+
+    ``colour`` is (3,) or (V, 3). Without ``uv`` (V, 2), the texture repeats every ``texture_size_m``.
+    """
+    v = np.asarray(vertices, dtype=float)
+    f = np.asarray(faces, dtype=np.int32)
+    c = np.broadcast_to(np.asarray(colour, dtype=float), v.shape)
+    t = np.asarray(uv, dtype=float) if uv is not None else _projected_uv(v, texture_size_m)
+    if flat:
+        v, c, t = v[f].reshape(-1, 3), c[f].reshape(-1, 3), t[f].reshape(-1, 2)
+        f = np.arange(len(v), dtype=np.int32).reshape(-1, 3)
+    area = np.cross(v[f[:, 1]] - v[f[:, 0]], v[f[:, 2]] - v[f[:, 0]])
+    n = np.zeros_like(v)
+    for corner in range(3):
+        np.add.at(n, f[:, corner], area)
+    length = np.linalg.norm(n, axis=1, keepdims=True)
+    n = np.where(length > 1e-12, n / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
+    texture = np.column_stack([t, np.full(len(v), layer)])
+    return Mesh(*(a.astype(np.float32) for a in (v, n, c, texture)), f)
+
+
+def merge(meshes: Sequence[Mesh]) -> Mesh:
+    """One mesh of all; ``meshes`` must not be empty."""
+    starts = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    return Mesh(
+        np.concatenate([m.vertices for m in meshes]),
+        np.concatenate([m.normals for m in meshes]),
+        np.concatenate([m.colours for m in meshes]),
+        np.concatenate([m.texture for m in meshes]),
+        np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]).astype(np.int32),
+    )
+
+
+def yaw_rotation(yaw_rad: float) -> NDArray[np.float64]:
+    """Rotation (3, 3) about z."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def tilt_rotation(normal: ArrayLike) -> NDArray[np.float64]:
+    """The smallest rotation (3, 3) that takes z to the unit vector ``normal``."""
+    n = np.asarray(normal, dtype=float)
+    axis = np.cross([0.0, 0.0, 1.0], n)
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.asarray(np.eye(3) + K + K @ K / (1.0 + n[2]))
+
+
+def loft(rings: ArrayLike, colour: ArrayLike, caps: bool = True, **kwargs: object) -> Mesh:
+    """Skin over closed rings (S, N, 3), each counter-clockwise seen from the last ring's side.
+
+    ``colour`` is (3,) or per ring (S, 3). Caps close both ends with a fan.
+    """
+    r = np.asarray(rings, dtype=float)
+    stations, n, _ = r.shape
+    c = np.asarray(colour, dtype=float)
+    c = np.repeat(c, n, axis=0) if c.ndim == 2 else np.broadcast_to(c, (stations * n, 3))
+    i = np.arange(n)
+    j = (i + 1) % n
+    faces = []
+    for s in range(stations - 1):
+        a, b = s * n, (s + 1) * n
+        faces += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
+    v = r.reshape(-1, 3)
+    if caps:
+        bottom, top = len(v), len(v) + 1
+        faces += [np.column_stack([np.full(n, bottom), j, i])]
+        faces += [np.column_stack([np.full(n, top), (stations - 1) * n + i, (stations - 1) * n + j])]
+        v = np.concatenate([v, [r[0].mean(0), r[-1].mean(0)]])
+        c = np.concatenate([c, c[:1], c[-1:]])
+    return make_mesh(v, np.concatenate(faces), c, **kwargs)  # type: ignore[arg-type]
+
+
+def circle(n: int) -> NDArray[np.float64]:
+    """Unit circle (n, 2), counter-clockwise."""
+    a = np.arange(n) * 2 * np.pi / n
+    return np.column_stack([np.cos(a), np.sin(a)])
+
+
+def lathe(profile: ArrayLike, colour: ArrayLike, n: int = 16, **kwargs: object) -> Mesh:
+    """Surface of revolution about z of a profile (S, 2) of (radius, z), bottom to top."""
+    p = np.asarray(profile, dtype=float)
+    ring = circle(n)
+    rings = np.concatenate(
+        [p[:, None, :1] * ring[None], np.broadcast_to(p[:, None, 1:], (len(p), n, 1))], axis=2
+    )
+    return loft(rings, colour, **kwargs)
+
+
+def tube(points: ArrayLike, radii: ArrayLike, colour: ArrayLike, n: int = 7, **kwargs: object) -> Mesh:
+    """A round limb along points (S, 3) with radii (S,), its ends rounded."""
+    p, r = np.asarray(points, dtype=float), np.asarray(radii, dtype=float)
+    d = np.gradient(p, axis=0)
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    p = np.concatenate([[p[0] - 0.7 * r[0] * d[0]], p, [p[-1] + 0.7 * r[-1] * d[-1]]])
+    r = np.concatenate([[0.5 * r[0]], r, [0.5 * r[-1]]])
+    d = np.concatenate([d[:1], d, d[-1:]])
+    helper = np.where(np.abs(d[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    side = np.cross(helper, d)
+    for k in range(1, len(side)):  # parallel transport, so that the skin does not twist
+        side[k] = side[k - 1] - (side[k - 1] @ d[k]) * d[k]
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    up = np.cross(d, side)
+    ring = circle(n)
+    rings = p[:, None] + r[:, None, None] * (
+        ring[None, :, :1] * side[:, None] + ring[None, :, 1:] * up[:, None]
+    )
+    c = np.asarray(colour, dtype=float)
+    c = np.concatenate([c[:1], c, c[-1:]]) if c.ndim == 2 else c
+    return loft(rings, c, **kwargs)
+
+
+def ellipsoid(radii: ArrayLike, colour: ArrayLike, n: int = 10, **kwargs: object) -> Mesh:
+    """An ellipsoid about the origin with semi-axes (3,)."""
+    t = np.linspace(-np.pi / 2, np.pi / 2, max(n // 2, 4) + 1)[1:-1]
+    unit = lathe(np.column_stack([np.cos(t), np.sin(t)]), colour, n=n, **kwargs)
+    return unit.moved(scale=radii)
+
+
+def box(size: ArrayLike, colour: ArrayLike, **kwargs: object) -> Mesh:
+    """A box (sx, sy, sz) standing on z = 0, flat shaded."""
+    x, y = np.asarray(size, dtype=float)[:2] / 2
+    z = float(np.asarray(size, dtype=float)[2])
+    base = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+    return prism(base, 0.0, z, colour, **kwargs)
+
+
+def prism(outline: ArrayLike, z0: float, z1: float, colour: ArrayLike, **kwargs: object) -> Mesh:
+    """A convex outline (N, 2), counter-clockwise, extruded from z0 to z1, flat shaded."""
+    p = np.asarray(outline, dtype=float)
+    rings = np.stack([np.column_stack([p, np.full(len(p), z)]) for z in (z0, z1)])
+    return loft(rings, colour, flat=True, **kwargs)
+
+
+def plate(outline: ArrayLike, z: float, colour: ArrayLike, layer: int, uv_radius: float) -> Mesh:
+    """A flat convex plate (N, 2) facing up whose texture spans [-uv_radius, uv_radius]."""
+    p = np.asarray(outline, dtype=float)
+    n = len(p)
+    i = np.arange(n)
+    v = np.concatenate([np.column_stack([p, np.full(n, z)]), [[0.0, 0.0, z]]])
+    uv = v[:, :2] / (2 * uv_radius) * [1, -1] + 0.5
+    faces = np.column_stack([np.full(n, n), i, (i + 1) % n])
+    return make_mesh(v, faces, colour, layer, uv=uv)
+
+
+def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
+    """Unit sphere: vertices (V, 3) and faces (F, 3); 20 * 4**subdivisions faces."""
+    g = (1 + 5**0.5) / 2
+    v = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
+    v += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
+    f = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2)]
+    f += [(10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5)]
+    f += [(2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)]
+    vertices, faces = np.array(v, dtype=float), np.array(f, dtype=np.int32)
+    for _ in range(subdivisions):
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        unique, index = np.unique(edges, axis=0, return_inverse=True)
+        m = index.reshape(-1, 3) + len(vertices)
+        vertices = np.concatenate([vertices, vertices[unique].mean(axis=1)])
+        a, b, c = faces.T
+        ab, bc, ca = m.T
+        faces = np.concatenate(
+            [np.column_stack(t) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        )
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces.astype(np.int32)
+
+
+def lumpy(directions: NDArray[np.float64], rng: np.random.Generator, lumps: int, size: float) -> NDArray[np.float64]:
+    """Radii (V,) of a sphere with ``lumps`` bulges of angular ``size`` rad, the largest radius 1."""
+    centres = rng.normal(size=(lumps, 3))
+    centres /= np.linalg.norm(centres, axis=1, keepdims=True)
+    distance = np.arccos(np.clip(directions @ centres.T, -1, 1))
+    height = np.exp(-((distance / size) ** 2)) * rng.uniform(0.5, 1.0, lumps)
+    bulge = height.max(axis=1)
+    return np.asarray(bulge / bulge.max())
+
+
+def _projected_uv(v: NDArray[np.float64], size_m: float) -> NDArray[np.float64]:
+    return np.column_stack([v[:, 0] + 0.61 * v[:, 2], v[:, 1] + 0.73 * v[:, 2]]) / size_m

@@ -1,0 +1,57 @@
+"""What a renderer is, and which one this machine can run."""
+
+from __future__ import annotations
+
+import logging
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.world import World
+from skysweep.sensing.scene import build_scene
+
+Backend = Literal["auto", "gl", "embree"]
+
+log = logging.getLogger(__name__)
+
+
+class Renderer(Protocol):
+    """Draws one world. The same lens, pose and time give the same bytes."""
+
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+        """The picture (H, W, 3) RGB. Time moves the waves, nothing else."""
+        ...
+
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
+        """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
+
+        Without ``occluders`` only the objects are drawn: an object's visible fraction is its pixel count
+        with occluders over that without.
+        """
+        ...
+
+
+def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
+    """A renderer of ``world``: OpenGL through EGL (CPU or GPU), or ray casting with Embree.
+
+    ``auto`` takes OpenGL and falls back to Embree with one warning. Raises UserError when the backend
+    cannot run here, MissingExtraError when Embree is not installed.
+    """
+    from skysweep.sensing.render_gl import GLRenderer
+
+    if backend not in ("auto", "gl", "embree"):
+        raise UserError(f"backend: '{backend}' is unknown; write auto, gl or embree")
+    scene = build_scene(world)
+    if backend != "embree":
+        try:
+            return GLRenderer(scene)
+        except UserError as error:
+            if backend == "gl":
+                raise
+            log.warning("%s Falling back to Embree, which is several times slower.", error)
+    from skysweep.sensing.render_embree import EmbreeRenderer
+
+    return EmbreeRenderer(scene)
