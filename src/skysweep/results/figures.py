@@ -303,5 +303,5 @@ def _style() -> Iterator[None]:
 def _save(figure: Figure, path: str | Path) -> Path:
     path = Path(path)
     stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
-    figure.savefig(path, dpi=200, metadata=stamp)
+    figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
     return path
