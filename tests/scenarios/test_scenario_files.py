@@ -207,6 +207,27 @@ BAD_FIELDS = {
         MINIMAL + "terrain: {heightmap_m: [[1, 2], [3]]}",
         "terrain.heightmap_m: write at least 2 rows",
     ),
+    "cluster elsewhere": (
+        MINIMAL + "generators: [{class: person, pattern: clustered, count: 3, centres_enu_m: [[900, 3]]}]",
+        "generators[0].centres_enu_m: [900, 3] lies outside the area; write centres inside it",
+    ),
+    "jungle": (
+        "name: a\narea: {polygon_enu_m: [[0, 0], [4000, 0], [4000, 4000]]}\n"
+        "forests: [{trees_per_hectare: 900}]",
+        "forests[0].trees_per_hectare: makes 1440000 trees, more than can be drawn (50000); write fewer",
+    ),
+    "trees upside down": (
+        MINIMAL + "forests: [{trees_per_hectare: 9, height_m: [9, 3]}]",
+        "forests[0].height_m: is [9, 3]; write the smallest, then the largest",
+    ),
+    "forest without area": (
+        MINIMAL + "forests: [{trees_per_hectare: 9, polygon_enu_m: [[0, 0], [3, 3]]}]",
+        "forests[0].polygon_enu_m: write at least 3 corners",
+    ),
+    "flat house": (
+        MINIMAL + "buildings: [{position_enu_m: [5, 5], size_m: [10, 0]}]",
+        "buildings[0].size_m[1]: is 0; write a number greater than 0",
+    ),
     "name with a slash": (
         "name: ../../x\n" + MINIMAL.split("\n", 1)[1],
         "name: '../../x' does not do; write letters",
@@ -319,7 +340,7 @@ generator = st.fixed_dictionaries(
     },
     optional={
         "seed": st.none() | st.integers(0, 2**31),
-        "centres_enu_m": st.none() | st.lists(point, min_size=1),
+        "centres_enu_m": st.none() | st.just([[1.5, 0.5]]),
     },
 )
 scenario_data = st.fixed_dictionaries(
@@ -335,7 +356,7 @@ scenario_data = st.fixed_dictionaries(
         "description": text,
         "targets": st.lists(target, max_size=4),
         "generators": st.lists(generator, max_size=3),
-        "forests": st.lists(st.fixed_dictionaries({"trees_per_hectare": st.floats(0.1, 2000)}), max_size=2),
+        "forests": st.lists(st.fixed_dictionaries({"trees_per_hectare": st.floats(0.1, 50)}), max_size=2),
         "terrain": st.fixed_dictionaries({"heightmap_m": st.just([[0.5, 1e-17], [-3.25, 1e17]])}),
         "search": st.fixed_dictionaries(
             {}, optional={"n_c": positive_or_infinite, "d_c_m": positive_or_infinite}

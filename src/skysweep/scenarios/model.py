@@ -19,6 +19,7 @@ from skysweep.geometry.frames import LocalFrame
 
 MAX_AREA_KM2 = 25.0
 MAX_DISTANCE_FROM_HOME_KM = 50.0
+MAX_TREES = 50_000
 
 TargetClass = Literal["stop sign", "person", "boat"]
 DistractorClass = Literal["red bucket", "red round sign", "rock", "stump", "clothing", "buoy"]
@@ -39,6 +40,7 @@ DEFAULT_SIZE_M: dict[str, float] = {
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
 
 PointXY = tuple[float, float]
+Positive = Annotated[float, Field(gt=0)]
 LatLon = tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]]
 
 
@@ -51,10 +53,14 @@ class Model(BaseModel):
 class Area(Model):
     """Where to search: a polygon, concave if need be, with holes that need no search."""
 
-    polygon_enu_m: list[PointXY] | None = Field(None, description="Corners, east and north of home")
+    polygon_enu_m: list[PointXY] | None = Field(None, description="Corners, east and north of the origin")
     polygon_lat_lon_deg: list[LatLon] | None = Field(None, description="Corners, latitude and longitude")
-    holes_enu_m: list[list[PointXY]] = Field(default_factory=list)
-    holes_lat_lon_deg: list[list[LatLon]] = Field(default_factory=list)
+    holes_enu_m: list[list[PointXY]] = Field(
+        default_factory=list, description="Corners of each hole, east and north of the origin"
+    )
+    holes_lat_lon_deg: list[list[LatLon]] = Field(
+        default_factory=list, description="Corners of each hole, latitude and longitude"
+    )
 
     @model_validator(mode="after")
     def _one_kind_of_corner(self) -> Area:
@@ -72,24 +78,26 @@ class Area(Model):
 class Home(Model):
     """Take-off and landing place; the ENU origin sits at its latitude, longitude and altitude."""
 
-    latitude_deg: float = Field(60.4490, ge=-90, le=90)
-    longitude_deg: float = Field(22.2966, ge=-180, le=180)
-    altitude_amsl_m: float = Field(30.0, ge=-430, le=8850)
+    latitude_deg: float = Field(60.4490, ge=-90, le=90, description="Of the ENU origin")
+    longitude_deg: float = Field(22.2966, ge=-180, le=180, description="Of the ENU origin")
+    altitude_amsl_m: float = Field(30.0, ge=-430, le=8850, description="Of the ground at the origin")
     position_enu_m: PointXY = Field((0.0, 0.0), description="Take-off place, east and north of the origin")
 
 
 class Terrain(Model):
     """Ground shape and what covers it."""
 
-    surface: Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"] = "grass"
+    surface: Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"] = Field(
+        "grass", description="What the ground looks like"
+    )
     heightmap_m: list[list[float]] | None = Field(
         None,
         description="Rows south to north, columns west to east, stretched over the area's bounding box "
         "(with home) and its margin",
     )
     hills_height_m: float = Field(0.0, ge=0, le=500, description="Random hills up to this height")
-    hills_wavelength_m: float = Field(150.0, ge=20, le=5000)
-    seed: int = Field(0, ge=0)
+    hills_wavelength_m: float = Field(150.0, ge=20, le=5000, description="Distance from one hill to the next")
+    seed: int = Field(0, ge=0, description="Another seed, other hills")
 
     @field_validator("heightmap_m")
     @classmethod
@@ -102,7 +110,7 @@ class Terrain(Model):
 class Tree(Model):
     """One tree: it occludes."""
 
-    position_enu_m: PointXY
+    position_enu_m: PointXY = Field(description="Of the trunk")
     height_m: float = Field(8.0, gt=0.3, le=60)
     crown_radius_m: float = Field(2.0, gt=0.1, le=15)
     kind: Literal["broadleaf", "conifer", "bush"] = "broadleaf"
@@ -112,20 +120,34 @@ class Forest(Model):
     """Trees scattered by seed over the area and its margin, or inside a polygon."""
 
     trees_per_hectare: float = Field(gt=0, le=2000)
-    polygon_enu_m: list[PointXY] | None = None
-    height_m: tuple[float, float] = (5.0, 12.0)
-    crown_radius_m: tuple[float, float] = (1.2, 2.8)
-    conifer_fraction: float = Field(0.5, ge=0, le=1)
+    polygon_enu_m: list[PointXY] | None = Field(None, description="Where it grows; default: area and margin")
+    height_m: tuple[Positive, Positive] = Field((5.0, 12.0), description="Smallest and largest")
+    crown_radius_m: tuple[Positive, Positive] = Field((1.2, 2.8), description="Smallest and largest")
+    conifer_fraction: float = Field(0.5, ge=0, le=1, description="The rest is broadleaf")
     seed: int = Field(0, ge=0)
+
+    @field_validator("height_m", "crown_radius_m")
+    @classmethod
+    def _ascending(cls, limits: tuple[float, float]) -> tuple[float, float]:
+        if limits[0] > limits[1]:
+            raise ValueError(f"is [{limits[0]:g}, {limits[1]:g}]; write the smallest, then the largest")
+        return limits
+
+    @field_validator("polygon_enu_m")
+    @classmethod
+    def _simple(cls, corners: list[PointXY] | None) -> list[PointXY] | None:
+        if corners is not None and (len(corners) < 3 or not shapely.Polygon(corners).is_valid):
+            raise ValueError("write at least 3 corners, in order around it")
+        return corners
 
 
 class Building(Model):
     """A box with a gable roof: it occludes."""
 
-    position_enu_m: PointXY
-    size_m: tuple[float, float] = Field((10.0, 8.0), description="Length and width")
-    height_m: float = Field(4.0, gt=0, le=120)
-    yaw_deg: float = 0.0
+    position_enu_m: PointXY = Field(description="Of the centre")
+    size_m: tuple[Positive, Positive] = Field((10.0, 8.0), description="Length and width")
+    height_m: float = Field(4.0, gt=0, le=120, description="Of the eaves")
+    yaw_deg: float = Field(0.0, description="Of the length, counter-clockwise from east")
 
 
 class Target(Model):
@@ -133,7 +155,7 @@ class Target(Model):
 
     kind: TargetClass = Field(alias="class")
     position_enu_m: PointXY
-    yaw_deg: float = 0.0
+    yaw_deg: float = Field(0.0, description="Counter-clockwise from east")
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     pose: ObjectPose | None = Field(None, description="Default depends on the class")
 
@@ -145,8 +167,8 @@ class Distractor(Model):
 
     kind: DistractorClass = Field(alias="class")
     position_enu_m: PointXY
-    yaw_deg: float = 0.0
-    size_m: float | None = Field(None, gt=0.05, le=60)
+    yaw_deg: float = Field(0.0, description="Counter-clockwise from east")
+    size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
@@ -160,15 +182,19 @@ class Generator(Model):
     """
 
     kind: TargetClass | DistractorClass = Field(alias="class")
-    pattern: Literal["uniform", "clustered", "sparse"]
+    pattern: Literal["uniform", "clustered", "sparse"] = Field(description="How the objects are spread")
     count: int = Field(ge=1, le=2000)
-    clusters: int = Field(2, ge=1, le=100)
-    centres_enu_m: list[PointXY] | None = None
-    spread_m: float = Field(8.0, gt=0, le=1000)
-    min_separation_m: float = Field(2.0, ge=0, le=1000)
-    size_m: float | None = Field(None, gt=0.05, le=60)
-    poses: list[ObjectPose] | None = None
-    seed: int | None = Field(0, ge=0)
+    clusters: int = Field(
+        2, ge=1, le=100, description="How many centres to draw, where centres_enu_m is not given"
+    )
+    centres_enu_m: list[PointXY] | None = Field(None, description="Centres of the clusters")
+    spread_m: float = Field(8.0, gt=0, le=1000, description="Standard deviation around a centre")
+    min_separation_m: float = Field(
+        2.0, ge=0, le=1000, description="Between two of these objects, where there is room for it"
+    )
+    size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
+    poses: list[ObjectPose] | None = Field(None, description="Drawn from, one for each object")
+    seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
@@ -178,35 +204,37 @@ class Wind(Model):
 
     mean_speed_mps: float = Field(2.0, ge=0, le=25)
     from_heading_deg: float = Field(240.0, ge=0, lt=360, description="Where the wind comes from")
-    gust_std_mps: float = Field(0.5, ge=0, le=8)
+    gust_std_mps: float = Field(0.5, ge=0, le=8, description="Standard deviation of the gusts")
 
 
 class Light(Model):
     """Sun and air."""
 
     sun_elevation_deg: float = Field(45.0, ge=3, le=90)
-    sun_heading_deg: float = Field(150.0, ge=0, lt=360)
-    visibility_m: float = Field(3000.0, ge=50)
+    sun_heading_deg: float = Field(150.0, ge=0, lt=360, description="Where the sun stands")
+    visibility_m: float = Field(3000.0, ge=50, description="Haze hides what is farther")
 
 
 class VehicleLimits(Model):
     """The vehicle. Defaults are PX4's (v1.17) and fit its SIH quadrotor."""
 
-    cruise_speed_mps: float = Field(5.0, gt=0, le=20)
+    cruise_speed_mps: float = Field(5.0, gt=0, le=20, description="Horizontal limit")
     climb_speed_mps: float = Field(3.0, gt=0, le=8)
     descent_speed_mps: float = Field(1.5, gt=0, le=4)
     battery_wh: float = Field(98.0, gt=1, le=5000)
-    hover_power_w: float = Field(250.0, gt=1, le=20000)
+    hover_power_w: float = Field(190.0, gt=1, le=20000, description="Drawn from the battery in hover")
     position_noise_m: float = Field(0.3, ge=0, le=20, description="Standard deviation of the slow GNSS error")
-    attitude_noise_deg: float = Field(0.3, ge=0, le=10)
+    attitude_noise_deg: float = Field(
+        0.3, ge=0, le=10, description="Standard deviation of the slow attitude error"
+    )
 
 
 class Gimbal(Model):
     """3-axis gimbal. The mission believes that it points where it was told to."""
 
-    pitch_deg: float = Field(-90.0, ge=-90, le=45)
-    max_rate_dps: float = Field(120.0, gt=1, le=1000)
-    lag_s: float = Field(0.12, ge=0, le=2, description="Time constant of the stabilisation loop")
+    pitch_deg: float = Field(-90.0, ge=-90, le=45, description="-90 looks straight down")
+    max_rate_dps: float = Field(180.0, gt=1, le=1000, description="Limit of the turning rate")
+    lag_s: float = Field(0.05, ge=0, le=2, description="Time constant of the stabilisation loop")
 
 
 class CameraModel(Model):
@@ -214,9 +242,9 @@ class CameraModel(Model):
 
     width_px: int = Field(640, ge=64, le=8192)
     height_px: int = Field(360, ge=64, le=8192)
-    hfov_rad: float = Field(2.0, gt=0.02, lt=3.0)
-    rate_hz: float = Field(10.0, gt=0, le=60)
-    exposure_s: float = Field(1 / 500, gt=0, le=0.1)
+    hfov_rad: float = Field(2.0, gt=0.02, lt=3.0, description="Horizontal field of view")
+    rate_hz: float = Field(10.0, gt=0, le=60, description="Pictures a second")
+    exposure_s: float = Field(1 / 500, gt=0, le=0.1, description="Longer: brighter but blurred in motion")
     noise_std: float = Field(2.0, ge=0, le=50, description="Grey levels (0..255)")
     jpeg_quality: int = Field(90, ge=10, le=100)
     latency_s: float = Field(0.2, ge=0, le=5, description="From exposure until the detection arrives")
@@ -235,9 +263,9 @@ class DetectorModel(Model):
     """Which detector, and how often it looks."""
 
     model: str = Field("skysweep", description="'skysweep' (ours, shipped) or the path of an ONNX file")
-    rate_hz: float = Field(2.5, gt=0, le=60)
+    rate_hz: float = Field(2.5, gt=0, le=60, description="Looks a second, at most the camera's rate")
     confidence_min: float = Field(0.25, ge=0.01, le=0.99, description="Detections below are dropped")
-    iou_max: float = Field(0.5, gt=0, le=1)
+    iou_max: float = Field(0.5, gt=0, le=1, description="Boxes of one class that overlap more are one thing")
     tiles: int = Field(1, ge=1, le=8, description="Split the picture into tiles x tiles")
 
 
@@ -247,15 +275,19 @@ PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]
 class Search(Model):
     """Strategy and its parameters (Algorithm 1 of the paper). ``n_c`` and ``d_c_m`` may be ``.inf``."""
 
-    strategy: str = "scan-check"
+    strategy: str = Field(
+        "scan-check", description="Name of a strategy: scan-check, scan-only, low-only or an installed one"
+    )
     n_c: PositiveOrInf = Field(5.0, description="Check after this many candidates")
     d_c_m: PositiveOrInf = Field(math.inf, description="Check when this far from where the last one was seen")
     c_t: float = Field(0.6, gt=0, lt=1, description="Confidence at h_C that confirms")
     scan_altitude_agl_m: float = Field(30.0, gt=0, le=500, description="h_S")
     check_altitude_agl_m: float = Field(4.0, gt=0, le=200, description="h_C")
-    scan_speed_mps: float = Field(5.0, gt=0, le=20)
-    check_speed_mps: float = Field(1.0, gt=0, le=20)
-    sidelap: float = Field(0.2, ge=0, lt=0.95)
+    scan_speed_mps: float = Field(5.0, gt=0, le=20, description="In SCAN")
+    check_speed_mps: float = Field(1.0, gt=0, le=20, description="In CHECK")
+    sidelap: float = Field(
+        0.2, ge=0, lt=0.95, description="Share of a picture's width that the next transect sees again"
+    )
     transect_heading_deg: float | None = Field(None, ge=0, lt=360, description="Default: the best angle")
     plan: str | None = Field(None, description="A QGroundControl .plan whose survey becomes F")
 
@@ -280,17 +312,23 @@ class Scenario(Model):
     """One mission, whole."""
 
     name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")
-    description: str = ""
+    description: str = Field("", description="One line for lists and reports")
     area: Area
     home: Home = Home()
-    geofence_enu_m: list[PointXY] | None = None
+    geofence_enu_m: list[PointXY] | None = Field(
+        None, description="Corners of where the vehicle may be; holds home and area"
+    )
     terrain: Terrain = Terrain()
-    trees: list[Tree] = Field(default_factory=list)
-    forests: list[Forest] = Field(default_factory=list)
-    buildings: list[Building] = Field(default_factory=list)
-    targets: list[Target] = Field(default_factory=list)
-    distractors: list[Distractor] = Field(default_factory=list)
-    generators: list[Generator] = Field(default_factory=list)
+    trees: list[Tree] = Field(default_factory=list, description="Single trees")
+    forests: list[Forest] = Field(default_factory=list, description="Trees at random")
+    buildings: list[Building] = Field(default_factory=list, description="They occlude")
+    targets: list[Target] = Field(default_factory=list, description="What to find, placed by hand")
+    distractors: list[Distractor] = Field(
+        default_factory=list, description="What looks like a target from high up, placed by hand"
+    )
+    generators: list[Generator] = Field(
+        default_factory=list, description="Targets and distractors placed at random"
+    )
     wind: Wind = Wind()
     light: Light = Light()
     vehicle: VehicleLimits = VehicleLimits()
@@ -362,6 +400,26 @@ class Scenario(Model):
                 )
             if not fence.covers(self.area_enu_m):
                 raise ValueError("geofence_enu_m: the search area reaches outside the fence; widen the fence")
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_placed(self) -> Scenario:
+        area = self.area_enu_m
+        for index, generator in enumerate(self.generators):
+            for x, y in generator.centres_enu_m or []:
+                if area.distance(shapely.Point(x, y)) > generator.spread_m:
+                    raise ValueError(
+                        f"generators[{index}].centres_enu_m: [{x:g}, {y:g}] lies outside the area; "
+                        "write centres inside it"
+                    )
+        for index, forest in enumerate(self.forests):
+            ground = shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.envelope
+            trees = forest.trees_per_hectare * ground.area / 1e4
+            if trees > MAX_TREES:
+                raise ValueError(
+                    f"forests[{index}].trees_per_hectare: makes {trees:.0f} trees, more than can be drawn "
+                    f"({MAX_TREES}); write fewer, or a smaller polygon_enu_m"
+                )
         return self
 
     @property
