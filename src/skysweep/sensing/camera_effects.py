@@ -1,0 +1,95 @@
+"""What a real camera does to a picture: motion blur, exposure, noise, JPEG. Milliseconds a frame.
+
+The random choices of a frame depend on (seed, frame index) alone, so frames can be made in any order.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose, Lens
+
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+EXPOSURE_STD = 0.05  # of the automatic exposure's error, relative
+EXPOSURE_PERIOD = 20  # frames over which that error changes
+MAX_BLUR_PX = 31
+_NOISE_PX = 128  # the noise tile is larger than the picture by this
+
+
+class CameraEffects:
+    """Turns clean renders into photographs for one picture size."""
+
+    def __init__(self, lens: Lens, exposure_s: float, noise_std: float, jpeg_quality: int, seed: int) -> None:
+        self._lens = lens
+        self._exposure_s = exposure_s
+        self._quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
+        self._seed = seed
+        rng = np.random.default_rng([seed, 41])
+        shape = (lens.height_px + _NOISE_PX, lens.width_px + _NOISE_PX, 3)
+        unit = rng.normal(size=shape)
+        unit[..., 1] *= 0.85  # green has twice the photosites
+        self._tile = np.clip(np.round(unit * noise_std * 16), -2000, 2000).astype(np.int16)
+
+    def apply(
+        self, image: U8, frame_index: int, pose: CameraPose, velocity_enu_mps: F64, rate_enu_radps: F64, distance_m: float
+    ) -> U8:
+        """The photograph (H, W, 3) of a render, taken while the camera moves and turns.
+
+        ``distance_m`` to the ground along the optical axis scales the blur that translation causes.
+        """
+        rng = np.random.default_rng([self._seed, frame_index, 43])
+        blurred = self._blur(image, pose, velocity_enu_mps, rate_enu_radps, distance_m)
+        exposed = cv2.LUT(blurred, self._exposure_curve(frame_index, rng))
+        noisy = self._add_noise(exposed, rng)
+        _, packed = cv2.imencode(".jpg", cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR), self._quality)
+        return np.asarray(cv2.cvtColor(cv2.imdecode(packed, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+    def _blur(self, image: U8, pose: CameraPose, velocity: F64, rate: F64, distance_m: float) -> U8:
+        """One directional kernel for the whole frame: the motion of what is at the picture's centre.
+
+        A point at (0, 0, Z) in the camera moves by f * (-v / Z - omega x z) on the sensor.
+        """
+        v, w = pose.R_camera_to_enu.T @ velocity, pose.R_camera_to_enu.T @ rate
+        f = self._lens.focal_px * self._exposure_s
+        dx, dy = f * (-v[0] / distance_m - w[1]), f * (-v[1] / distance_m + w[0])
+        length = float(np.hypot(dx, dy))
+        if length < 0.3:
+            return image
+        scale = min(1.0, MAX_BLUR_PX / length)
+        return np.asarray(cv2.filter2D(image, -1, blur_kernel(dx * scale, dy * scale)))
+
+    def _exposure_curve(self, frame_index: int, rng: np.random.Generator) -> U8:
+        """A slow wander of the automatic exposure plus a little jitter, as a table (256,)."""
+        k, t = divmod(frame_index, EXPOSURE_PERIOD)
+        a, b = (np.random.default_rng([self._seed, n, 47]).normal() for n in (k, k + 1))
+        w = t / EXPOSURE_PERIOD
+        gain = np.exp(EXPOSURE_STD * ((1 - w) * a + w * b) + 0.2 * EXPOSURE_STD * rng.normal())
+        return np.clip(np.arange(256) * gain + 0.5, 0, 255).astype(np.uint8)
+
+    def _add_noise(self, image: U8, rng: np.random.Generator) -> U8:
+        y, x = rng.integers(0, _NOISE_PX, 2)
+        tile = self._tile[y : y + image.shape[0], x : x + image.shape[1]]
+        level = cv2.LUT(image, _SHOT)  # read noise plus photon noise, which grows with the root of the light
+        noise = cv2.multiply(tile, level, scale=1 / 256, dtype=cv2.CV_16S)
+        return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U))
+
+
+_SHOT = np.round(16 * (0.6 + 0.4 * np.sqrt(np.arange(256) / 64.0))).astype(np.uint8)
+
+
+def blur_kernel(dx_px: float, dy_px: float) -> NDArray[np.float32]:
+    """A line kernel of the motion (dx, dy), drawn with subpixel weights; sums to 1."""
+    half = int(np.ceil(max(abs(dx_px), abs(dy_px)) / 2)) + 1
+    size = 2 * half + 1
+    t = np.linspace(-0.5, 0.5, 8 * size)
+    x, y = half + t * dx_px, half + t * dy_px
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    kernel = np.zeros((size, size))
+    for ox, wx in ((0, 1 - (x - x0)), (1, x - x0)):
+        for oy, wy in ((0, 1 - (y - y0)), (1, y - y0)):
+            np.add.at(kernel, (np.minimum(y0 + oy, size - 1), np.minimum(x0 + ox, size - 1)), wx * wy)
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)

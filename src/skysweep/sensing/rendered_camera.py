@@ -1,0 +1,71 @@
+"""The embedded camera: renders the world from the true pose and hands on the pose that the mission believes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose
+from skysweep.scenarios.model import CameraModel
+from skysweep.scenarios.world import World
+from skysweep.sensing.believed import DelayedPose
+from skysweep.sensing.camera_effects import CameraEffects
+from skysweep.sensing.render import Backend, make_renderer
+from skysweep.types import Frame, VehicleState
+
+F64 = NDArray[np.float64]
+
+MIN_DISTANCE_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class TruePose:
+    """Where the camera really is and how it moves."""
+
+    camera: CameraPose
+    velocity_enu_mps: F64  # (3,)
+    rate_enu_radps: F64  # (3,) angular velocity
+
+
+class RenderedCamera:
+    """A :class:`skysweep.types.Camera` in a simulated world.
+
+    ``truth`` gives the true pose at the time of the state passed to ``capture``; the frame carries the
+    camera pose of the vehicle's own estimate, ``pose_delay_s`` old. Call ``observe`` with the states between
+    two frames where they are closer than that delay. One seed gives the same frame bytes.
+    """
+
+    def __init__(
+        self, world: World, camera: CameraModel, truth: Callable[[], TruePose], seed: int, backend: Backend = "auto"
+    ) -> None:
+        self._terrain = world.terrain
+        self._lens = camera.lens
+        self._truth = truth
+        self._renderer = make_renderer(world, backend)
+        self._effects = CameraEffects(camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, seed)
+        self._believed = DelayedPose(camera.pose_delay_s)
+        self._frame_index = 0
+
+    def observe(self, state: VehicleState) -> None:
+        """Remember what the vehicle believes, without taking a picture."""
+        self._believed.push(state.time_s, state.camera)
+
+    def capture(self, state: VehicleState) -> Frame:
+        """The picture of this moment."""
+        self.observe(state)
+        true = self._truth()
+        clean = self._renderer.render(self._lens, true.camera, state.time_s)
+        image = self._effects.apply(
+            clean, self._frame_index, true.camera, true.velocity_enu_mps, true.rate_enu_radps, self._distance_m(true.camera)
+        )
+        self._frame_index += 1
+        return Frame(state.time_s, image, self._believed.at(state.time_s), self._lens)
+
+    def _distance_m(self, pose: CameraPose) -> float:
+        """About how far the ground is along the optical axis."""
+        height = pose.position_enu_m[2] - float(self._terrain.height_m(pose.position_enu_m[:2])[0])
+        down = max(-float(pose.R_camera_to_enu[2, 2]), 0.2)
+        return max(height / down, MIN_DISTANCE_M)
