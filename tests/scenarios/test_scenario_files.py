@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
@@ -17,6 +17,7 @@ from skysweep.scenarios.files import (
     list_scenarios,
     load_scenario,
     parse_scenario,
+    with_search,
     write_scenario,
 )
 from skysweep.scenarios.model import Scenario
@@ -101,6 +102,13 @@ def test_plan_and_model_paths_count_from_the_scenario_file(tmp_path):
     scenario = load_scenario(path)
     assert scenario.search.plan == str(tmp_path / "area.plan")
     assert scenario.detector.model == str(tmp_path / "best.onnx")
+
+
+def test_search_can_be_changed_with_the_same_care():
+    scenario = load_scenario("sparse")
+    assert with_search(scenario, n_c=math.inf).search.n_c == math.inf
+    with pytest.raises(UserError, match=r"sparse: search\.check_altitude_agl_m: is 50; write less than"):
+        with_search(scenario, check_altitude_agl_m=50)
 
 
 def test_json_schema_is_strict_json_and_names_every_field():
@@ -375,6 +383,9 @@ def assert_scenario_or_sentence(text: str) -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(scenario_data)
+@example(
+    {"name": "a", "area": {"polygon_enu_m": [(0, 0), (9, 0), (9, 9)]}, "description": "a\x85 \u2028\n #: ä"}
+)
 def test_any_scenario_round_trips(data):
     scenario = Scenario.model_validate(data)
     assert parse_scenario(dump_scenario(scenario), "dump") == scenario

@@ -52,6 +52,14 @@ class _PlainDumper(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        """Text that holds Unicode's own line ends is escaped: PyYAML would read them as blanks."""
+        style = '"' if re.search("[\x85\u2028\u2029]", text) else None
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_PlainDumper.add_representer(str, _PlainDumper.represent_text)
+
 
 def list_scenarios() -> list[str]:
     """Names of the shipped scenarios, sorted."""
@@ -85,6 +93,18 @@ def parse_scenario(text: str, source: str) -> Scenario:
         return Scenario.model_validate(data)
     except ValidationError as error:
         raise explain(error, source) from None
+
+
+def with_search(scenario: Scenario, **changes: Any) -> Scenario:
+    """A copy with other search parameters, such as ``n_c=3``.
+
+    Raises:
+        UserError: the change makes no valid scenario.
+    """
+    try:
+        return scenario.with_search(**changes)
+    except ValidationError as error:
+        raise explain(error, scenario.name) from None
 
 
 def dump_scenario(scenario: Scenario) -> str:
