@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
@@ -30,14 +32,16 @@ def edge_headings(area: shapely.Polygon) -> F64:
     return headings_of(legs)[np.argsort(-lengths, kind="stable")] % 180.0
 
 
-def strips(legs_xy: ArrayLike, width_m: float, extension_m: float) -> NDArray[np.object_]:
-    """Rectangles (N,) around legs (N, 2, 2): ``width_m`` wide, ``extension_m`` longer at both ends."""
+def swept_rectangles(legs_xy: ArrayLike, heading_deg: float, width_m: float, height_m: float) -> NDArray[Any]:
+    """What a rectangle sweeps (N,) that is carried along legs (N, 2, 2) without turning.
+
+    ``height_m`` is its extent along ``heading_deg``, ``width_m`` across it.
+    """
     legs = np.asarray(legs_xy, dtype=float).reshape(-1, 2, 2)
-    start, end = legs[:, 0], legs[:, 1]
-    along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
-    left = np.column_stack([-along[:, 1], along[:, 0]]) * width_m / 2
-    start, end = start - along * extension_m, end + along * extension_m
-    return shapely.polygons(np.stack([start + left, start - left, end - left, end + left], axis=1))
+    along, left = heading_axes(heading_deg)
+    signs = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
+    corners = signs[:, :1] * along * height_m / 2 + signs[:, 1:] * left * width_m / 2
+    return shapely.convex_hull(shapely.multipoints((legs[:, :, None] + corners).reshape(-1, 8, 2)))
 
 
 def intervals_in_bands(area: shapely.Polygon, bands: ArrayLike, min_gap: float) -> list[F64]:

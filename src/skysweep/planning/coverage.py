@@ -6,7 +6,9 @@ form a cell, flown back and forth, and the cells are put in the shortest order. 
 cellular decomposition (Choset, "Coverage of known spaces: the boustrophedon cellular decomposition",
 Autonomous Robots 9, 2000) with the bands as its slices. Holes need no search but may be flown over.
 
-The vehicle yaws along the transect, so a picture's width lies across the track and its height along it.
+The vehicle keeps its nose along the transects, so a picture's width lies across the track, its height along
+it. Transects stop short of the area's edge by a quarter of that height: a vehicle that turns a little before
+it is there still sees all.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from skysweep.errors import UserError
-from skysweep.geometry.areas import edge_headings, heading_axes, intervals_in_bands, strips
+from skysweep.geometry.areas import edge_headings, heading_axes, intervals_in_bands, swept_rectangles
 from skysweep.geometry.camera import Lens
 from skysweep.planning.routing import visit_order
 
@@ -80,7 +82,7 @@ def plan_coverage(
 def footprints(plan: CoveragePlan, lens: Lens, altitude_agl_m: float) -> shapely.Geometry:
     """The ground (ENU metres) that the camera sees along the plan's transects over flat ground."""
     width, height = lens.footprint_m(altitude_agl_m)
-    return shapely.union_all(strips(np.array(plan.transects), width, height / 2))
+    return shapely.union_all(swept_rectangles(np.array(plan.transects), plan.heading_deg, width, height))
 
 
 def rows_needed(extent_m: float, swath_m: float, sidelap: float) -> int:

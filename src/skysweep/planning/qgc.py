@@ -1,0 +1,409 @@
+"""QGroundControl ``.plan`` files, read and written.
+
+The models below are the file: one class for each JSON object, with QGroundControl's own key names, as in its
+developer guide ("Plan File Format") and as its versions since 4.2 save them: plan 1, mission 2, survey 5,
+TransectStyleComplexItem 2, CameraCalc 2, geofence 2, rally points 2. Keys that are not ours to understand
+are kept. Coordinates are WGS 84 latitude and longitude in degrees; altitudes say above what by the item's
+MAV_FRAME or the survey's DistanceMode.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
+
+from skysweep.errors import UserError
+from skysweep.geometry.areas import headings_of
+from skysweep.geometry.camera import Lens
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.coverage import CoveragePlan
+from skysweep.planning.json_files import parse_json, read_limited
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import TerrainSurface, build_terrain
+
+F64 = NDArray[np.float64]
+
+MAX_PLAN_BYTES = 20_000_000
+SENSOR_WIDTH_MM = (
+    6.3  # of a 1/2.3 inch sensor; QGroundControl wants one, only its ratio to the focal length counts
+)
+
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=180)]
+LatLon = tuple[Latitude, Longitude]
+LatLonAlt = tuple[Latitude, Longitude, float]
+Above = Literal["home", "sea level", "terrain"]
+
+WAYPOINT, RETURN, TAKEOFF, CHANGE_SPEED, MOUNT_CONTROL = 16, 20, 22, 178, 205  # MAV_CMD
+_FLY_THROUGH = {16, 17, 18, 19, 31, 82}  # waypoint, loiters, spline: commands with a place on the path
+_FRAME_ABOVE: dict[int, Above] = {
+    0: "sea level",
+    5: "sea level",
+    3: "home",
+    6: "home",
+    10: "terrain",
+    11: "terrain",
+}
+_GLOBAL, _MISSION, _RELATIVE = 0, 2, 3  # MAV_FRAME
+_MODE_ABOVE: dict[int, Above] = {1: "home", 2: "sea level", 3: "terrain", 4: "terrain"}
+_ABOVE_HOME, _CALCULATED_ABOVE_TERRAIN = 1, 3  # QGroundControl's altitude modes
+
+
+class _Object(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
+
+    @model_serializer(mode="wrap")
+    def _without_absent_fields(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields = type(self).model_fields
+        return {k: v for k, v in write(self).items() if v is not None or k not in fields}
+
+
+class SimpleItem(_Object):
+    """One MAVLink command. ``params`` are its seven, null where the vehicle's own value stays."""
+
+    type: Literal["SimpleItem"] = "SimpleItem"
+    command: int
+    frame: int
+    params: Annotated[list[float | None], Field(min_length=7, max_length=7)]
+    autoContinue: bool = True
+    doJumpId: int | None = None
+
+
+class CameraSettings(_Object):
+    """The camera, and how far from the ground it is carried."""
+
+    version: Literal[1, 2] = 2
+    CameraName: str = "Manual (no camera specs)"
+    AdjustedFootprintSide: float
+    AdjustedFootprintFrontal: float
+    DistanceToSurface: Annotated[float, Field(gt=0)]
+    DistanceMode: int | None = None
+    DistanceToSurfaceRelative: bool | None = None  # version 1's DistanceMode
+
+    @property
+    def above(self) -> Above:
+        """What DistanceToSurface is measured from."""
+        if self.DistanceMode is None:
+            return "sea level" if self.DistanceToSurfaceRelative is False else "home"
+        return _MODE_ABOVE.get(self.DistanceMode, "home")
+
+
+class Transects(_Object):
+    """TransectStyleComplexItem: the path of a survey or a corridor scan."""
+
+    version: Literal[1, 2] = 2
+    CameraCalc: CameraSettings
+    CameraShots: int = 0
+    CameraTriggerInTurnAround: bool = False
+    HoverAndCapture: bool = False
+    Refly90Degrees: bool = False
+    TurnAroundDistance: float = 0.0
+    VisualTransectPoints: list[LatLon]
+    Items: list[SimpleItem]
+
+
+class Survey(_Object):
+    """A complex item that covers ground along transects."""
+
+    type: Literal["ComplexItem"] = "ComplexItem"
+    complexItemType: Literal["survey", "CorridorScan"] = "survey"
+    version: int = 5
+    angle: float = 0.0
+    entryLocation: int = 0
+    flyAlternateTransects: bool = False
+    splitConcavePolygons: bool = False
+    polygon: list[LatLon] = Field(default_factory=list)
+    TransectStyleComplexItem: Transects
+
+
+class MissionItems(_Object):
+    """The mission: where home is and what is flown."""
+
+    version: Literal[2] = 2
+    firmwareType: int = 12  # MAV_AUTOPILOT_PX4
+    vehicleType: int = 2  # MAV_TYPE_QUADROTOR
+    cruiseSpeed: float = 15.0
+    hoverSpeed: float = 5.0
+    globalPlanAltitudeMode: int = 0
+    plannedHomePosition: LatLonAlt
+    items: list[Annotated[SimpleItem | Survey, Field(discriminator="type")]]
+
+
+class FencePolygon(_Object):
+    """Stay inside (inclusion) or outside of these corners."""
+
+    version: Literal[1] = 1
+    inclusion: bool = True
+    polygon: Annotated[list[LatLon], Field(min_length=3)]
+
+
+class Circle(_Object):
+    center: LatLon
+    radius: Annotated[float, Field(gt=0)]
+
+
+class FenceCircle(_Object):
+    """Stay inside (inclusion) or outside of this circle; its radius is in metres."""
+
+    version: Literal[1] = 1
+    inclusion: bool = True
+    circle: Circle
+
+
+class GeoFence(_Object):
+    version: Literal[2] = 2
+    circles: list[FenceCircle] = Field(default_factory=list)
+    polygons: list[FencePolygon] = Field(default_factory=list)
+
+
+class RallyPoints(_Object):
+    """Where to land in need; altitudes are above home."""
+
+    version: Literal[2] = 2
+    points: list[LatLonAlt] = Field(default_factory=list)
+
+
+class QgcPlan(_Object):
+    """A whole ``.plan`` file."""
+
+    fileType: Literal["Plan"] = "Plan"
+    groundStation: str = "QGroundControl"
+    version: Literal[1] = 1
+    mission: MissionItems
+    geoFence: GeoFence = GeoFence()
+    rallyPoints: RallyPoints = RallyPoints()
+
+    @property
+    def surveys(self) -> tuple[Survey, ...]:
+        """The surveys and corridor scans in flight order."""
+        return tuple(item for item in self.mission.items if isinstance(item, Survey))
+
+    @property
+    def waypoints(self) -> tuple[PlanPoint, ...]:
+        """Everything that is flown through, in order, without take-off, return and landing."""
+        return tuple(_points(self.mission.items))
+
+
+@dataclass(frozen=True, slots=True)
+class PlanPoint:
+    """A place on the drawn path and above what its altitude is measured."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    above: Above
+
+
+def read_plan(path: str | Path) -> QgcPlan:
+    """Read a ``.plan`` file. Raises UserError naming the file, the field and the way out."""
+    data = parse_json(read_limited(path, MAX_PLAN_BYTES), path, "save the plan again in QGroundControl")
+    if not isinstance(data, dict) or data.get("fileType") != "Plan":
+        raise UserError(f'{path}: fileType is not "Plan"; give a plan file saved by QGroundControl')
+    items = data.get("mission", {}).get("items") if isinstance(data.get("mission"), dict) else None
+    for i, item in enumerate(items if isinstance(items, list) else []):
+        kind = item.get("complexItemType") if isinstance(item, dict) else None
+        if kind is not None and kind not in ("survey", "CorridorScan"):
+            raise UserError(
+                f"{path}: mission.items[{i}] is a {kind!r}, which shows the camera no ground from above; "
+                "draw a Survey or a Corridor Scan instead"
+            )
+    try:
+        return QgcPlan.model_validate(data)
+    except ValidationError as error:
+        detail = error.errors()[0]
+        tags = ("SimpleItem", "ComplexItem")
+        field = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in detail["loc"] if p not in tags)
+        raise UserError(
+            f"{path}: {field.removeprefix('.')}: {detail['msg'][0].lower()}{detail['msg'][1:]}; "
+            "save the plan again with QGroundControl 4.2 or newer"
+        ) from None
+
+
+def write_plan(path: str | Path, plan: QgcPlan) -> Path:
+    """Write a ``.plan`` file whole or not at all. Raises UserError when the place cannot be written."""
+    path = Path(path)
+    text = json.dumps(plan.model_dump(mode="json"), indent=4)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
+            file.write(text + "\n")
+        os.chmod(file.name, 0o644)
+        os.replace(file.name, path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    return path
+
+
+def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float | None = None) -> QgcPlan:
+    """A plan file's content: take-off, scan speed, gimbal, the survey, return; with the scenario's fence.
+
+    Over flat ground altitudes are above home. Over hills every waypoint is as high as its two legs need to
+    stay ``altitude_agl_m`` (default: the scan altitude) above the ground, given above sea level.
+    """
+    height = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    frame, terrain = scenario.frame, build_terrain(scenario)
+    home_xy = np.array([scenario.home.position_enu_m], dtype=float)
+    home = _geodetic(frame, home_xy)[0]
+    home_ground = float(terrain.height_m(home_xy)[0])
+    take_off_amsl = scenario.home.altitude_amsl_m + home_ground
+    points = _geodetic(frame, plan.waypoints_xy_enu_m)
+    if terrain.is_flat:
+        frame_id, mode, heights = _RELATIVE, _ABOVE_HOME, np.full(len(points), height)
+    else:
+        frame_id, mode = _GLOBAL, _CALCULATED_ABOVE_TERRAIN
+        ground = _ground_along_legs(terrain, plan.waypoints_xy_enu_m)
+        heights = scenario.home.altitude_amsl_m + ground + height
+
+    def command(number: int, *params: float | None, frame: int = _MISSION) -> dict[str, Any]:
+        return {"command": number, "frame": frame, "params": [*params, *[0.0] * (7 - len(params))]}
+
+    first = [
+        command(TAKEOFF, 0.0, 0.0, 0.0, None, *home, height, frame=_RELATIVE),
+        command(CHANGE_SPEED, 1.0, scenario.search.scan_speed_mps, -1.0),
+        command(MOUNT_CONTROL, scenario.camera.gimbal.pitch_deg, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0),
+    ]
+    survey_items = [
+        command(WAYPOINT, 0.0, 0.0, 0.0, None, *point, float(z), frame=frame_id)
+        for point, z in zip(points, heights, strict=True)
+    ]
+    for i, item in enumerate([*first, *survey_items], 1):
+        item["doJumpId"] = i
+    last = {**command(RETURN), "doJumpId": 1 + len(first) + len(survey_items)}
+    style = Transects(
+        CameraCalc=_camera_calc(scenario, plan, height, mode),
+        VisualTransectPoints=points,
+        Items=[SimpleItem.model_validate(item) for item in survey_items],
+        **(_terrain_keys(scenario) if mode == _CALCULATED_ABOVE_TERRAIN else {}),
+    )
+    corners = shapely.get_coordinates(scenario.area_enu_m.exterior.normalize())[:-1]
+    survey = Survey(angle=plan.heading_deg, polygon=_geodetic(frame, corners), TransectStyleComplexItem=style)
+    fences = []
+    if scenario.geofence_enu_m is not None:
+        fences = [FencePolygon(polygon=_geodetic(frame, np.array(scenario.geofence_enu_m)))]
+    return QgcPlan(
+        mission=MissionItems(
+            cruiseSpeed=scenario.vehicle.cruise_speed_mps,
+            hoverSpeed=scenario.search.scan_speed_mps,
+            plannedHomePosition=(*home, take_off_amsl),
+            items=[*[SimpleItem.model_validate(i) for i in first], survey, SimpleItem.model_validate(last)],
+        ),
+        geoFence=GeoFence(polygons=fences),
+    )
+
+
+def coverage_from_qgc(plan: QgcPlan, frame: LocalFrame, lens: Lens, altitude_agl_m: float) -> CoveragePlan:
+    """The drawn path as a coverage plan in the ENU metres of ``frame``, seen from ``altitude_agl_m``.
+
+    Transects are the legs that run along a survey's angle, or every leg of a path of plain waypoints.
+    Raises UserError when the plan has no path.
+    """
+    points = np.array([(p.latitude_deg, p.longitude_deg, frame.altitude_m) for p in plan.waypoints])
+    if len(points) < 2:
+        raise UserError("mission.items: there is no path to fly; draw a Survey or at least 2 waypoints")
+    xy = frame.enu_from_geodetic(points)[:, :2]
+    xy = xy[np.concatenate([[True], np.linalg.norm(np.diff(xy, axis=0), axis=1) > 0.01])]
+    legs = np.stack([xy[:-1], xy[1:]], axis=1)
+    lengths = np.linalg.norm(legs[:, 1] - legs[:, 0], axis=1)
+    headings = headings_of(legs)
+    angles = [a for s in plan.surveys if s.complexItemType == "survey" for a in _transect_angles(s)]
+    along = np.array([[abs((h - a + 90) % 180 - 90) < 5 for a in angles] for h in headings]).any(axis=1)
+    if not angles or not along.any():
+        along = np.ones(len(legs), dtype=bool)
+    swath = lens.footprint_m(altitude_agl_m)[0]
+    spacings = [s.TransectStyleComplexItem.CameraCalc.AdjustedFootprintSide for s in plan.surveys]
+    heading = float(headings[along][np.argmax(lengths[along])])
+    return CoveragePlan(
+        xy, tuple(legs[along]), max(spacings, default=swath), swath, heading, float(lengths.sum())
+    )
+
+
+def survey_polygons(plan: QgcPlan) -> list[shapely.Polygon]:
+    """The surveys' areas, with longitude as x and latitude as y in degrees."""
+    return [
+        shapely.Polygon([(lon, lat) for lat, lon in s.polygon]) for s in plan.surveys if len(s.polygon) >= 3
+    ]
+
+
+def _points(items: list[SimpleItem | Survey]) -> Iterator[PlanPoint]:
+    for item in items:
+        if isinstance(item, SimpleItem):
+            latitude, longitude, altitude = item.params[4:]
+            if item.command in _FLY_THROUGH and latitude is not None and longitude is not None:
+                yield PlanPoint(latitude, longitude, altitude or 0.0, _FRAME_ABOVE.get(item.frame, "home"))
+            continue
+        style = item.TransectStyleComplexItem
+        if not style.VisualTransectPoints:
+            yield from _points(list(style.Items))
+        for latitude, longitude in style.VisualTransectPoints:
+            yield PlanPoint(latitude, longitude, style.CameraCalc.DistanceToSurface, style.CameraCalc.above)
+
+
+def _transect_angles(survey: Survey) -> list[float]:
+    refly = survey.TransectStyleComplexItem.Refly90Degrees
+    return [survey.angle, survey.angle + 90.0] if refly else [survey.angle]
+
+
+def _geodetic(frame: LocalFrame, xy_enu_m: F64) -> list[LatLon]:
+    xyz = np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))])
+    return [(float(lat), float(lon)) for lat, lon, _ in frame.geodetic_from_enu(xyz)]
+
+
+def _ground_along_legs(terrain: TerrainSurface, xy: F64) -> F64:
+    """The highest ground (N,) along the legs before and after each waypoint."""
+    share = np.linspace(0.0, 1.0, 100)[None, :, None]
+    along = xy[:-1, None] + share * (xy[1:] - xy[:-1])[:, None]
+    highest = terrain.height_m(along.reshape(-1, 2)).reshape(len(xy) - 1, -1).max(axis=1)
+    return np.maximum(np.append(highest, highest[-1]), np.insert(highest, 0, highest[0]))
+
+
+def _camera_calc(scenario: Scenario, plan: CoveragePlan, height_m: float, mode: int) -> CameraSettings:
+    lens = scenario.camera.lens
+    focal_mm = SENSOR_WIDTH_MM * lens.focal_px / lens.width_px
+    picture_height = lens.footprint_m(height_m)[1]
+    return CameraSettings(
+        CameraName="Custom Camera",
+        AdjustedFootprintSide=plan.spacing_m,
+        AdjustedFootprintFrontal=picture_height,
+        DistanceToSurface=height_m,
+        DistanceMode=mode,
+        **{
+            "FixedOrientation": False,
+            "FocalLength": focal_mm,
+            "FrontalOverlap": 0.0,
+            "ImageDensity": 100.0 * lens.gsd_m(height_m),
+            "ImageHeight": lens.height_px,
+            "ImageWidth": lens.width_px,
+            "Landscape": True,
+            "MinTriggerInterval": 0.0,
+            "SensorHeight": SENSOR_WIDTH_MM * lens.height_px / lens.width_px,
+            "SensorWidth": SENSOR_WIDTH_MM,
+            "SideOverlap": 100.0 * max(0.0, 1.0 - plan.spacing_m / plan.swath_m),
+            "ValueSetIsDistance": True,
+        },
+    )
+
+
+def _terrain_keys(scenario: Scenario) -> dict[str, float]:
+    return {
+        "TerrainAdjustTolerance": 10.0,
+        "TerrainAdjustMaxClimbRate": 0.0,
+        "TerrainAdjustMaxDescentRate": 0.0,
+        "TerrainFlightSpeed": scenario.search.scan_speed_mps,
+    }
