@@ -77,9 +77,12 @@ MPC_VELD_LP_S = 1.0 / (2.0 * math.pi * 5.0)
 MPC_TILTMAX = math.radians(45.0)
 MPC_TKO_SPEED, MPC_TKO_RAMP_T, SPOOLUP_S = 1.5, 3.0, 1.0
 MPC_LAND_SPEED, MPC_LAND_ALT1, MPC_LAND_ALT2 = 0.7, 10.0, 5.0
-AUTO_Z_P = 0.5  # MPC_XY_TRAJ_P: PX4 arrives at its take-off altitude this gently
+TAKEOFF_Z_P = 0.4  # identified: PX4's automatic take-off arrives more gently than an offboard climb
 THRUST_MIN, THRUST_MAX, THRUST_XY_MARGIN = 0.12 * 20.0, 20.0, 0.3 * 20.0  # m/s2 (SIH: 20 N, 1 kg)
-MC_TILT_P, MC_YAW_P, MC_YAW_WEIGHT = 6.5, 2.8, 0.4
+TILT_P = (
+    4.5  # identified from the logged steps together with the rate loop below (rms 0.7 deg over the first s)
+)
+MC_YAW_P, MC_YAW_WEIGHT = 2.8, 0.4
 MC_TILT_RATE_MAX, MC_YAW_RATE_MAX = math.radians(220.0), math.radians(200.0)
 
 # Rate loop: gain x motor torque / inertia of the SIH airframe, 1/s; what the motors can give, rad/s2.
@@ -102,7 +105,7 @@ FOOT_M = 0.3048
 
 
 @njit(cache=True, inline="always")
-def _uniform(rng):  # type: ignore[no-untyped-def]
+def _uniform(rng):
     """SplitMix64 (Steele, Lea & Flood 2014) in (0, 1]."""
     rng[0] += np.uint64(0x9E3779B97F4A7C15)
     z = rng[0]
@@ -113,13 +116,13 @@ def _uniform(rng):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _normal(rng):  # type: ignore[no-untyped-def]
+def _normal(rng):
     """Standard normal (Box-Muller)."""
     return math.sqrt(-2.0 * math.log(_uniform(rng))) * math.cos(2.0 * math.pi * _uniform(rng))
 
 
 @njit(cache=True)
-def _multiply(a, b):  # type: ignore[no-untyped-def]
+def _multiply(a, b):
     """Hamilton product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -130,7 +133,7 @@ def _multiply(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _turn(vx, vy, vz):  # type: ignore[no-untyped-def]
+def _turn(vx, vy, vz):
     """Quaternion of a rotation vector."""
     angle = math.sqrt(vx * vx + vy * vy + vz * vz)
     k = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
@@ -138,14 +141,14 @@ def _turn(vx, vy, vz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _set_unit(x, at, quaternion):  # type: ignore[no-untyped-def]
+def _set_unit(x, at, quaternion):
     a, b, c, d = quaternion
     n = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
     x[at], x[at + 1], x[at + 2], x[at + 3] = a * n, b * n, c * n, d * n
 
 
 @njit(cache=True)
-def _rotation(a):  # type: ignore[no-untyped-def]
+def _rotation(a):
     """The nine entries, row by row, of a quaternion's rotation matrix."""
     w, i, j, k = a[0], a[1], a[2], a[3]
     return (
@@ -162,17 +165,17 @@ def _rotation(a):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _wrap(angle):  # type: ignore[no-untyped-def]
+def _wrap(angle):
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @njit(cache=True)
-def _clip(value, low, high):  # type: ignore[no-untyped-def]
+def _clip(value, low, high):
     return min(max(value, low), high)
 
 
 @njit(cache=True)
-def camera_quaternion(yaw_rad, pitch_rad):  # type: ignore[no-untyped-def]
+def camera_quaternion(yaw_rad, pitch_rad):
     """Camera optical -> ENU for a level picture (geometry.frames.rotation_camera_to_enu)."""
     body = _multiply(
         (math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)),
@@ -182,7 +185,7 @@ def camera_quaternion(yaw_rad, pitch_rad):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def start(x, rng, q):  # type: ignore[no-untyped-def]
+def start(x, rng, q):
     """Draws the slow errors from their stationary distributions and points the camera."""
     std = q[POSITION_STD]
     for i in range(3):
@@ -194,7 +197,7 @@ def start(x, rng, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _move_air_and_errors(x, rng, q):  # type: ignore[no-untyped-def]
+def _move_air_and_errors(x, rng, q):
     """Gauss-Markov steps of the gusts (first order), GNSS (second order) and attitude errors (first)."""
     dt = STEP_S * NOISE_STEPS
 
@@ -214,7 +217,9 @@ def _move_air_and_errors(x, rng, q):  # type: ignore[no-untyped-def]
     for i in range(3):
         std = q[POSITION_STD] * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
         push = 2.0 * w * std * math.sqrt(w * dt) * _normal(rng)
-        x[VELOCITY_ERROR + i] += -dt * (w * w * x[POSITION_ERROR + i] + 2.0 * w * x[VELOCITY_ERROR + i]) + push
+        x[VELOCITY_ERROR + i] += (
+            -dt * (w * w * x[POSITION_ERROR + i] + 2.0 * w * x[VELOCITY_ERROR + i]) + push
+        )
         x[POSITION_ERROR + i] += dt * x[VELOCITY_ERROR + i]
 
     keep = math.exp(-dt / ATTITUDE_ERROR_TIME_S)
@@ -224,7 +229,7 @@ def _move_air_and_errors(x, rng, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _vertical_limits(x, q):  # type: ignore[no-untyped-def]
+def _vertical_limits(x, q):
     """Fastest climb and descent now, m/s, both positive; a negative climb keeps it on the ground."""
     agl = x[POSITION + 2] - x[GROUND_HEIGHT]
     up, down = q[CLIMB_SPEED], q[DESCENT_SPEED]
@@ -242,7 +247,7 @@ def _vertical_limits(x, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _limited_xy(px, py, fx, fy, limit):  # type: ignore[no-untyped-def]
+def _limited_xy(px, py, fx, fy, limit):
     """p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
     if math.hypot(px + fx, py + fy) <= limit:
         return px + fx, py + fy
@@ -256,7 +261,7 @@ def _limited_xy(px, py, fx, fy, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _velocity_setpoint(x, q):  # type: ignore[no-untyped-def]
+def _velocity_setpoint(x, q):
     ex, ey, ez = (
         x[TARGET_POSITION] - x[POSITION] - x[POSITION_ERROR],
         x[TARGET_POSITION + 1] - x[POSITION + 1] - x[POSITION_ERROR + 1],
@@ -269,12 +274,12 @@ def _velocity_setpoint(x, q):  # type: ignore[no-untyped-def]
     if x[MODE] == LAND:
         vz = -down
     else:
-        vz = (AUTO_Z_P if x[MODE] == TAKEOFF else MPC_Z_P) * ez + x[TARGET_VELOCITY + 2]
+        vz = (TAKEOFF_Z_P if x[MODE] == TAKEOFF else MPC_Z_P) * ez + x[TARGET_VELOCITY + 2]
     return vx, vy, min(max(vz, -down), up)
 
 
 @njit(cache=True)
-def _thrust_setpoint(x, q):  # type: ignore[no-untyped-def]
+def _thrust_setpoint(x, q):
     """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2."""
     vx, vy, vz = _velocity_setpoint(x, q)
     bx = x[VELOCITY] + x[VELOCITY_ERROR]
@@ -310,13 +315,13 @@ def _thrust_setpoint(x, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _turn_towards(x, R, tx, ty, tz):  # type: ignore[no-untyped-def]
+def _turn_towards(x, R, tx, ty, tz):
     """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves RATES and ATTITUDE."""
     T = math.sqrt(tx * tx + ty * ty + tz * tz)
     dx = (R[0] * tx + R[3] * ty + R[6] * tz) / T
     dy = (R[1] * tx + R[4] * ty + R[7] * tz) / T
     dz = (R[2] * tx + R[5] * ty + R[8] * tz) / T
-    k = MC_TILT_P / math.sqrt(max(0.5 * (1.0 + dz), 1e-6))
+    k = TILT_P / math.sqrt(max(0.5 * (1.0 + dz), 1e-6))
     yaw_error = _wrap(x[TARGET_YAW] - math.atan2(R[3], R[0]))
     yaw_rate = MC_YAW_P * 2.0 * math.sin(0.5 * MC_YAW_WEIGHT * yaw_error) / MC_YAW_WEIGHT
     wanted = (
@@ -342,7 +347,7 @@ def _turn_towards(x, R, tx, ty, tz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _move_body(x, q, R):  # type: ignore[no-untyped-def]
+def _move_body(x, q, R):
     """Thrust, linear drag against the air, gravity, and the ground."""
     along = (R[2], R[5], R[8])
     for i in range(3):
@@ -361,7 +366,7 @@ def _move_body(x, q, R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _stand(x, R):  # type: ignore[no-untyped-def]
+def _stand(x, R):
     """Level and still, facing where it faced."""
     yaw = math.atan2(R[3], R[0])
     _set_unit(x, ATTITUDE, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
@@ -370,7 +375,7 @@ def _stand(x, R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _believe_yaw(x):  # type: ignore[no-untyped-def]
+def _believe_yaw(x):
     R = _rotation(x[ATTITUDE : ATTITUDE + 4])
     east = R[0] + x[ATTITUDE_ERROR + 1] * R[6] - x[ATTITUDE_ERROR + 2] * R[3]
     north = R[3] + x[ATTITUDE_ERROR + 2] * R[0] - x[ATTITUDE_ERROR] * R[6]
@@ -378,7 +383,7 @@ def _believe_yaw(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _move_gimbal(x, q, R):  # type: ignore[no-untyped-def]
+def _move_gimbal(x, q, R):
     """The body carries the camera along; the joints turn it back with a first-order lag and a rate limit."""
     _believe_yaw(x)
     e = _turn(-x[ATTITUDE_ERROR], -x[ATTITUDE_ERROR + 1], -x[ATTITUDE_ERROR + 2])
@@ -393,14 +398,12 @@ def _move_gimbal(x, q, R):  # type: ignore[no-untyped-def]
     for i in range(3):
         carried = R[3 * i] * x[RATES] + R[3 * i + 1] * x[RATES + 1] + R[3 * i + 2] * x[RATES + 2]
         x[CAMERA_RATES + i] = carried + k * error[1 + i]
-    step = _turn(
-        x[CAMERA_RATES] * STEP_S, x[CAMERA_RATES + 1] * STEP_S, x[CAMERA_RATES + 2] * STEP_S
-    )
+    step = _turn(x[CAMERA_RATES] * STEP_S, x[CAMERA_RATES + 1] * STEP_S, x[CAMERA_RATES + 2] * STEP_S)
     _set_unit(x, CAMERA, _multiply(step, camera))
 
 
 @njit(cache=True)
-def fly(x, rng, q, steps):  # type: ignore[no-untyped-def]
+def fly(x, rng, q, steps):
     """Moves the simulation by ``steps`` of STEP_S."""
     for _ in range(steps):
         if int(x[STEPS]) % NOISE_STEPS == 0:
@@ -424,7 +427,7 @@ def fly(x, rng, q, steps):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def poses(x, q, out):  # type: ignore[no-untyped-def]
+def poses(x, q, out):
     """What the vehicle believes and what is so, as rows of 3 in ``out`` (18, 3).
 
     Believed: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.

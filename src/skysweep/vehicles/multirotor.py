@@ -101,10 +101,15 @@ class Multirotor:
         )
 
     def command(self, setpoint: Setpoint) -> None:
-        """Flies to the setpoint from the next step on, whatever it was doing. Raises RuntimeError when landed."""
+        """Flies to the setpoint from the next step on, whatever it was doing.
+
+        Raises RuntimeError on the ground and ValueError when a coordinate is not finite.
+        """
         x = self._x
         if x[d.MODE] == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
+        if not np.isfinite(setpoint.position_enu_m).all():
+            raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         feed_forward = setpoint.velocity_enu_mps
         self._set_mode(d.OFFBOARD)
         x[d.TARGET_POSITION : d.TARGET_POSITION + 3] = setpoint.position_enu_m
@@ -159,13 +164,15 @@ class Multirotor:
 
     def place(self, position_enu_m: ArrayLike, velocity_enu_mps: ArrayLike, yaw_rad: float) -> None:
         """Puts the vehicle into level flight anywhere, as if it had hovered there (calibration, tests)."""
-        self._place(np.asarray(position_enu_m, dtype=float), np.asarray(velocity_enu_mps, dtype=float), yaw_rad)
+        self._place(
+            np.asarray(position_enu_m, dtype=float), np.asarray(velocity_enu_mps, dtype=float), yaw_rad
+        )
         x = self._x
         x[d.THRUST], x[d.AIRBORNE] = d.G, 1.0
         self._look_at_ground()
+        d.start(x, self._rng, self._q)
         self._hold_here()
         self._set_mode(d.OFFBOARD)
-        d.start(x, self._rng, self._q)
         x[d.LAST_VELOCITY : d.LAST_VELOCITY + 3] = (
             x[d.VELOCITY : d.VELOCITY + 3] + x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3]
         )

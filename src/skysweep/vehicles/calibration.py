@@ -1,0 +1,200 @@
+"""Flies logged PX4 manoeuvres again with the embedded vehicle and compares: is the model still true?
+
+``python -m skysweep.vehicles.calibration LOG.csv.gz ...`` prints the table of docs/vehicle.md. A log has
+columns ``t, phase, sp_x..sp_vz`` (setpoints sent), ``x..vz`` (estimates; all NED) and
+``roll_deg, pitch_deg, yaw_deg``; phases: ``pre`` (hover), the legs, ``post``. The number before ``ms`` or
+after ``vmax`` in its name is the speed limit, ``kdv03`` means drag 0.3 N/(m/s).
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.frames import enu_from_ned
+from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
+from skysweep.types import Setpoint
+from skysweep.vehicles.multirotor import Airframe, Multirotor
+
+F64 = NDArray[np.float64]
+
+_ENTERED_M = 0.5
+_STEP_ACCEPTANCE_M = 1.0  # at which the logged step lawn-mowers went on
+_CARROT_ACCEPTANCE_M = {"lawnmower": 1.0, "square": 0.5}
+_PATIENCE = 2.0  # a leg that takes this many times as long as the logged one has failed
+_TICK_S = 0.04
+_STILL_AIR = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
+_EXACT = VehicleLimits(position_noise_m=0.0, attitude_noise_deg=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """One manoeuvre in ENU. Rows are 25 Hz; setpoints are NaN where none was sent."""
+
+    name: str
+    time_s: F64  # (N,)
+    phase: tuple[str, ...]  # (N,)
+    setpoint_enu_m: F64  # (N, 3)
+    feed_forward_enu_mps: F64  # (N, 3)
+    position_enu_m: F64  # (N, 3)
+    velocity_enu_mps: F64  # (N, 3)
+    tilt_deg: F64  # (N,)
+    yaw_rad: F64  # (N,) ENU
+
+    @property
+    def speed_limit_mps(self) -> float:
+        """Horizontal speed limit in force; carrots are limited by the vehicle only."""
+        found = re.search(r"vmax(\d+)|step_(\d+)ms", self.name)
+        return float(next(filter(None, found.groups()))) if found else 12.0
+
+    @property
+    def drag_n_per_mps(self) -> float:
+        return 0.3 if "kdv03" in self.name else 1.0
+
+    @property
+    def legs(self) -> list[slice]:
+        """Rows of each leg and turn, in order."""
+        starts = [0, *(i for i in range(1, len(self.phase)) if self.phase[i] != self.phase[i - 1])]
+        ends = [*starts[1:], len(self.phase)]
+        wanted = ("leg", "turn")
+        return [slice(a, b) for a, b in zip(starts, ends, strict=True) if self.phase[a].startswith(wanted)]
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """What one flight of a manoeuvre came to."""
+
+    time_s: float  # until 0.5 m before the target (single leg), or until the last leg ended
+    peak_speed_mps: float
+    peak_tilt_deg: float
+
+
+def read_log(path: Path) -> Log:
+    """Reads a log; its name is the file's."""
+    with gzip.open(path, "rt", newline="") as file:
+        rows = list(csv.DictReader(file))
+
+    def columns(*names: str) -> F64:
+        return np.array([[float(row[n] or "nan") for n in names] for row in rows])
+
+    roll, pitch, yaw = np.radians(columns("roll_deg", "pitch_deg", "yaw_deg")).T
+    return Log(
+        path.name.removesuffix(".csv.gz"),
+        columns("t")[:, 0],
+        tuple(row["phase"] for row in rows),
+        enu_from_ned(columns("sp_x", "sp_y", "sp_z")),
+        enu_from_ned(columns("sp_vx", "sp_vy", "sp_vz")),
+        enu_from_ned(columns("x", "y", "z")),
+        enu_from_ned(columns("vx", "vy", "vz")),
+        np.degrees(np.arccos(np.cos(roll) * np.cos(pitch))),
+        np.pi / 2 - yaw,
+    )
+
+
+def fly_again(log: Log) -> tuple[Flown, Flown]:
+    """(PX4, ours): the logged flight, and the embedded vehicle's under the same setpoints.
+
+    Ours starts where the log starts. A lawn-mower of steps goes on at 1 m from its waypoint as the logged
+    ones did; one of carrots when the carrot has arrived and the vehicle is that near.
+    """
+    legs = log.legs
+    vehicle = Multirotor(
+        _EXACT,
+        _STILL_AIR,
+        CameraModel(),
+        np.zeros(3),
+        lambda xy: np.zeros(len(xy)),
+        0,
+        Airframe(drag_n_per_mps=log.drag_n_per_mps),
+    )
+    first = int(np.argmax(np.isfinite(log.setpoint_enu_m[:, 0])))
+    vehicle.place(log.position_enu_m[first], log.velocity_enu_mps[first], log.yaw_rad[first])
+    for row in range(first, legs[0].start):
+        _command(vehicle, log, row)
+        vehicle.advance(log.time_s[row + 1] - log.time_s[row])
+    times, positions, speeds, tilts = [], [], [], []
+    time_s = 0.0
+    for leg in legs:
+        elapsed_s = 0.0
+        rows = log.time_s[leg] - log.time_s[leg.start]
+        while not _arrived(log, leg, vehicle.true_position_enu_m, elapsed_s):
+            if elapsed_s > _PATIENCE * rows[-1]:
+                raise RuntimeError(f"{log.name}: the vehicle never finished the leg at row {leg.start}")
+            _command(vehicle, log, leg.start + int(np.searchsorted(rows, elapsed_s + 1e-6)) - 1)
+            vehicle.advance(_TICK_S)
+            elapsed_s += _TICK_S
+            time_s += _TICK_S
+            times.append(time_s)
+            positions.append(vehicle.true_position_enu_m)
+            speeds.append(np.linalg.norm(vehicle.true_velocity_enu_mps))
+            tilts.append(np.degrees(vehicle.tilt_rad))
+    flown = slice(legs[0].start, legs[-1].stop)
+    logged_s = log.time_s[flown] - log.time_s[legs[0].start]
+    logged = _measure(
+        log,
+        logged_s,
+        log.position_enu_m[flown],
+        np.linalg.norm(log.velocity_enu_mps[flown], axis=1),
+        log.tilt_deg[flown],
+    )
+    ours = _measure(log, np.array(times), np.array(positions), np.array(speeds), np.array(tilts))
+    return logged, ours
+
+
+def _command(vehicle: Multirotor, log: Log, row: int) -> None:
+    feed_forward = log.feed_forward_enu_mps[row]
+    vehicle.command(
+        Setpoint(
+            log.setpoint_enu_m[row],
+            log.speed_limit_mps,
+            float(log.yaw_rad[log.legs[0].start]),
+            feed_forward if np.isfinite(feed_forward).all() else None,
+        )
+    )
+
+
+def _arrived(log: Log, leg: slice, position_enu_m: F64, elapsed_s: float) -> bool:
+    duration_s = log.time_s[leg.stop - 1] - log.time_s[leg.start]
+    if len(log.legs) == 1:
+        return bool(elapsed_s >= duration_s)
+    distance_m = np.linalg.norm(position_enu_m - log.setpoint_enu_m[leg.stop - 1])
+    if "carrot" not in log.name and "square" not in log.name:
+        return bool(distance_m <= _STEP_ACCEPTANCE_M)
+    moving = np.abs(np.diff(log.setpoint_enu_m[leg], axis=0)).max(axis=1) > 0
+    carrot_s = log.time_s[leg][1:][moving][-1] - log.time_s[leg.start]
+    return bool(elapsed_s >= carrot_s and distance_m <= _CARROT_ACCEPTANCE_M[log.name.split("_")[0]])
+
+
+def _measure(log: Log, times_s: F64, positions_enu_m: F64, speeds_mps: F64, tilts_deg: F64) -> Flown:
+    if len(log.legs) > 1:
+        time_s = times_s[-1]
+    else:
+        start, target = log.position_enu_m[log.legs[0].start], log.setpoint_enu_m[log.legs[0].stop - 1]
+        way = (target - start) / np.linalg.norm(target - start)
+        time_s = times_s[np.argmax((target - positions_enu_m) @ way < _ENTERED_M)]
+    return Flown(float(time_s), float(speeds_mps.max()), float(tilts_deg.max()))
+
+
+def main(paths: list[Path]) -> None:
+    """Prints one line a log: ours / PX4 / error."""
+    print(f"{'manoeuvre':30s} {'time s':>26s} {'peak speed m/s':>24s} {'peak tilt deg':>24s}")
+    for path in paths:
+        theirs, ours = fly_again(read_log(path))
+        pairs = (
+            (ours.time_s, theirs.time_s),
+            (ours.peak_speed_mps, theirs.peak_speed_mps),
+            (ours.peak_tilt_deg, theirs.peak_tilt_deg),
+        )
+        cells = "".join(f"{a:9.2f} {b:8.2f} {100 * (a / b - 1):+6.1f}%" for a, b in pairs)
+        print(f"{path.name.removesuffix('.csv.gz'):30s}{cells}")
+
+
+if __name__ == "__main__":
+    main([Path(argument) for argument in sys.argv[1:]])
