@@ -98,8 +98,8 @@ install_package "$@"
 if ! can_render; then
     mapfile -t missing < <(missing_packages "${PICTURE_NEEDS[@]}")
     if [ ${#missing[@]} -eq 0 ] || ! apt_install "${missing[@]}" || ! can_render; then
-        say "OpenGL (EGL) does not work here and ${PICTURE_NEEDS[*]} could not be installed:"
-        say "pictures will be rendered with Embree instead, which needs no system package but takes longer"
+        say "OpenGL does not work here (it needs ${PICTURE_NEEDS[*]}, and the right to install them):"
+        say "pictures are rendered with Embree instead, which needs no system package but takes longer"
         install_package embree "$@"
     fi
 fi
