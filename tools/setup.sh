@@ -13,19 +13,16 @@ PICTURE_NEEDS=(libegl1 libgl1 libgl1-mesa-dri)
 
 say() { printf 'setup: %s\n' "$*"; }
 
-as_root() {
-    if [ "$(id -u)" -eq 0 ]; then
-        "$@"
-    elif command -v sudo >/dev/null && { [ -t 0 ] || sudo -n true 2>/dev/null; }; then
-        sudo "$@"
-    else
-        return 1
-    fi
+# as_root COMMAND... : runs it; asks for a password where someone can answer
+as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
+
+may_be_root() {
+    [ "$(id -u)" -eq 0 ] || { command -v sudo >/dev/null && { [ -t 0 ] || sudo -n true 2>/dev/null; }; }
 }
 
 # apt_install PACKAGE... : fails, and says nothing, where that cannot be done
 apt_install() {
-    command -v apt-get >/dev/null || return 1
+    command -v apt-get >/dev/null && may_be_root || return 1
     say "installing $*"
     local apt=(env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=120)
     as_root "${apt[@]}" update >/dev/null 2>&1 || true
