@@ -83,6 +83,7 @@ def tiny_records(t0: float = 0.0) -> list[dict[str, Any]]:
         state(15, [5, 10, 2], "CHECK"),
         sighting(15, 1, [5.5, 10, 0], 0.8),
         event(16, "confirmed", 1, [5.5, 10, 0]),
+        event(16, "scan_resumed"),
         event(17, "scanned", 2, [5, 12, 0]),
         event(17, "check_started", 2, [5, 12, 0]),
         event(20, "rejected", 2, [5, 12, 0]),

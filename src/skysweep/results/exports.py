@@ -18,6 +18,7 @@ class FoundTarget:
     """One confirmed target where a ground team would look for it (WGS 84)."""
 
     name: str
+    candidate: int  # its number in the journal
     class_name: str
     latitude_deg: float
     longitude_deg: float
@@ -105,6 +106,7 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
     assert story.verdict_s is not None
     return FoundTarget(
         name=f"{class_name} {number}",
+        candidate=story.id,
         class_name=class_name,
         latitude_deg=round(float(latitude), _DECIMALS_DEG),
         longitude_deg=round(float(longitude), _DECIMALS_DEG),

@@ -105,7 +105,7 @@ def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
                     axis.axis("off")
                     continue
                 _top_view(axis, run, norm, detail=False)
-                axis.set_title(f"{scenario}, {_n_c(n_c)}: {_minutes(run)}", loc="left")
+                axis.set_title(f"{scenario}, {n_c_label(n_c)}: {_minutes(run)}", loc="left")
                 axis.label_outer(remove_inner_ticks=False)
         figure.colorbar(_mappable(norm), ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
         figure.legend(handles=_legend(runs), loc="outside lower center", ncols=4, frameon=False)
@@ -280,11 +280,12 @@ def _polygon_patch(polygon: shapely.Polygon, **style: Any) -> PathPatch:
 
 def _title(run: Run) -> str:
     search = run.scenario.search
-    how = f"{run.strategy}, {_n_c(search.n_c)}" if run.strategy == "scan-check" else run.strategy
+    how = f"{run.strategy}, {n_c_label(search.n_c)}" if run.strategy == "scan-check" else run.strategy
     return f"{run.scenario.name}: {how}, seed {run.seed}, {_minutes(run)}"
 
 
-def _n_c(value: float) -> str:
+def n_c_label(value: float) -> str:
+    """``n_c`` in math text."""
     return r"$n_c=\infty$" if math.isinf(value) else f"$n_c={finite_or_inf(value)}$"
 
 

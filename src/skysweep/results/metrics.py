@@ -15,6 +15,7 @@ from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.scenarios.world import WorldObject
 
 F64 = NDArray[np.float64]
+Summary = dict[str, Any]  # what summary.json holds
 
 MATCH_DISTANCE_M = 3.0
 _FORBIDDEN_M = 1e6
@@ -73,7 +74,7 @@ def compute_summary(
     scan_only_time_s: float | None = None,
     wall_time_s: float | None = None,
     real_time_factor: float | None = None,
-) -> dict[str, Any]:
+) -> Summary:
     """The numbers of ``summary.json``; keys are defined in docs/results.md.
 
     Infinite ``n_c`` and ``d_c_m`` are the string ``"inf"`` as JSON has no infinity; None: does not apply.

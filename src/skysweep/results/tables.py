@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-Summary = dict[str, Any]
+from skysweep.results.metrics import Summary
+
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
 
 

@@ -1,0 +1,70 @@
+"""The building blocks of a report and the self-contained HTML page that they become."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from skysweep import __version__
+
+_MIME = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg"}
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A table; ``best`` are the rows to stand out, ``words`` aligns all columns left."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    best: Sequence[int] = ()
+    words: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """An image as a data URI."""
+
+    data_uri: str
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One part of a report, in the order: paragraphs, steps, grids, pictures, verbatim text."""
+
+    title: str
+    paragraphs: Sequence[str] = ()
+    steps: Sequence[tuple[str, str]] = ()
+    grids: Sequence[Grid] = ()
+    pictures: Sequence[Picture] = ()
+    verbatim: str = ""
+    folded: bool = False
+
+
+def picture(path: Path, caption: str) -> Picture:
+    """An image file as a picture inside the report."""
+    data = base64.b64encode(path.read_bytes()).decode("ascii")
+    return Picture(f"data:{_MIME[path.suffix]};base64,{data}", caption)
+
+
+def write_page(
+    path: Path, title: str, lead: str, tiles: Sequence[tuple[str, str]], sections: Sequence[Section]
+) -> Path:
+    """Write one HTML page that needs no other file and no network."""
+    environment = Environment(
+        loader=PackageLoader("skysweep.results", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    html = environment.get_template("report.html.j2").render(
+        title=title, lead=lead, tiles=tiles, sections=sections, version=__version__
+    )
+    path.write_text(html, encoding="utf-8")
+    return path

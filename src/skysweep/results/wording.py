@@ -1,0 +1,80 @@
+"""What both kinds of report say: how a mission was flown and what the words mean."""
+
+from __future__ import annotations
+
+from skysweep.results.html import Grid
+from skysweep.results.metrics import MATCH_DISTANCE_M
+from skysweep.scenarios.model import Scenario
+
+
+def parameters(scenario: Scenario) -> Grid:
+    """How a mission is flown, but for n_c and d_c."""
+    search, camera, vehicle = scenario.search, scenario.camera, scenario.vehicle
+    rows = [
+        ("Area", f"{scenario.area_enu_m.area / 1e4:.2f} ha, {scenario.terrain.surface}"),
+        (
+            "Scan",
+            f"{search.scan_altitude_agl_m:g} m above ground at {search.scan_speed_mps:g} m/s, "
+            f"sidelap {search.sidelap:.0%}; the smallest target spans "
+            f"{scenario.pixels_on_target(search.scan_altitude_agl_m):.0f} px",
+        ),
+        (
+            "Check",
+            f"{search.check_altitude_agl_m:g} m above ground at {search.check_speed_mps:g} m/s, confirmed "
+            f"from confidence {search.c_t:g}; there it spans "
+            f"{scenario.pixels_on_target(search.check_altitude_agl_m):.0f} px",
+        ),
+        (
+            "Camera",
+            f"{camera.width_px} x {camera.height_px} px, {camera.hfov_rad:g} rad across, "
+            f"{camera.rate_hz:g} Hz, latency {camera.latency_s:g} s, gimbal lag {camera.gimbal.lag_s:g} s",
+        ),
+        (
+            "Detector",
+            f"{scenario.detector.model}, {scenario.detector.rate_hz:g} Hz, from confidence "
+            f"{scenario.detector.confidence_min:g}",
+        ),
+        (
+            "Vehicle",
+            f"climb {vehicle.climb_speed_mps:g} m/s, descent {vehicle.descent_speed_mps:g} m/s, "
+            f"battery {vehicle.battery_wh:g} Wh, position noise {vehicle.position_noise_m:g} m",
+        ),
+        (
+            "Wind",
+            f"{scenario.wind.mean_speed_mps:g} m/s from {scenario.wind.from_heading_deg:g}°, "
+            f"gusts {scenario.wind.gust_std_mps:g} m/s",
+        ),
+    ]
+    return Grid(("What", "Value"), rows, words=True)
+
+
+def definitions() -> Grid:
+    """The words of a report, in short; docs/results.md has them at length."""
+    rows = [
+        (
+            "Mission time",
+            "From the take-off command until every transect is flown and the last candidate is confirmed or "
+            "rejected. Return and landing are not in it (see total_time_s).",
+        ),
+        ("Scanned", "Seen from the scan altitude and put on the list of candidates."),
+        ("Confirmed", "Detected at the check altitude with enough confidence."),
+        (
+            "Right",
+            f"Confirmed, and a true target of the class, all its own, is within {MATCH_DISTANCE_M:g} m.",
+        ),
+        (
+            "False scan",
+            "A candidate that was checked and was no new target; a second candidate of one counts.",
+        ),
+        ("False positive", "A false scan that was even confirmed; duplicates of a confirmed target count."),
+        ("Recall", "True targets confirmed over all true targets."),
+        ("POS", "Probability of success: share of the true targets confirmed so far."),
+        ("Area seen", "Share of the area that lay in the camera's picture while scanning."),
+    ]
+    return Grid(("Word", "Meaning"), rows, words=True)
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds."""
+    whole = round(seconds)
+    return f"{whole // 60}:{whole % 60:02d}"
