@@ -10,7 +10,12 @@ from skysweep.mission.loop import Mission
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import build_world
+from skysweep.sensing.detector import YoloDetector
+from skysweep.sensing.imaging import ImagingSensor
+from skysweep.sensing.render import Backend
+from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
 from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Sensor
@@ -20,7 +25,7 @@ SENSORS = ("imaging", "statistical")
 
 
 def build_mission(
-    scenario: Scenario, seed: int, sensor_name: str = "imaging", renderer: str = "auto", threads: int = 2
+    scenario: Scenario, seed: int, sensor_name: str = "imaging", renderer: Backend = "auto", threads: int = 2
 ) -> Mission:
     """A mission with the embedded vehicle, ready to fly.
 
@@ -32,7 +37,7 @@ def build_mission(
     search = scenario.search
     spec = strategy_spec(search.strategy)
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
-    plan = plan_scenario(scenario, cover_altitude_agl_m)
+    plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
     home_xy = np.array(scenario.home.position_enu_m, dtype=float)
     home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
@@ -42,8 +47,6 @@ def build_mission(
     exposures = Exposures(detector_rate_hz, camera.pose_delay_s)
     sensor: Sensor
     if sensor_name == "statistical":
-        from skysweep.sensing.statistical import StatisticalSensor
-
         sensor = StatisticalSensor(
             world,
             camera.lens,
@@ -55,15 +58,16 @@ def build_mission(
             seed,
         )
     else:
-        from skysweep.sensing.detector import YoloDetector
-        from skysweep.sensing.imaging import ImagingSensor
-        from skysweep.sensing.rendered_camera import RenderedCamera
-
         d = scenario.detector
         detector = YoloDetector(
-            d.model, scenario.target_classes, d.confidence_min, d.iou_max, d.tiles, threads
+            d.model,
+            scenario.target_classes,
+            confidence_min=d.confidence_min,
+            iou_max=d.iou_max,
+            tiles=d.tiles,
+            threads=threads,
         )
-        pictures = RenderedCamera(world, camera, vehicle.true_camera_state, seed, renderer)
+        pictures = RenderedCamera(world, camera, lambda: _true_camera(vehicle), seed, renderer)
         sensor = ImagingSensor(pictures, detector, exposures, camera.latency_s)
     look_s = camera.latency_s + camera.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
@@ -80,3 +84,10 @@ def build_mission(
         yaw_from_heading(plan.heading_deg),
         world.terrain.height_m,
     )
+
+
+def _true_camera(vehicle: Multirotor) -> TruePose:
+    """Where the camera really is and how it moves, in ENU."""
+    pose, motion = vehicle.true_camera_pose(), vehicle.true_camera_motion()
+    R = pose.R_camera_to_enu
+    return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)

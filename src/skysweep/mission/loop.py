@@ -12,6 +12,7 @@ from skysweep.mission.journal import Journal
 from skysweep.scenarios.model import Scenario
 from skysweep.types import (
     Detections,
+    Event,
     Observation,
     Sensor,
     Setpoint,
@@ -102,22 +103,9 @@ class _Flight:
         while True:
             detections = m.sensor.sense(state)
             sightings = m.tracker.update(detections) if detections is not None else ()
-            for s in sightings:
-                self._journal.write(
-                    s.time_s,
-                    "sighting",
-                    candidate=s.candidate_id,
-                    new=s.is_new,
-                    p=s.position_enu_m,
-                    confidence=s.confidence,
-                    altitude_agl_m=s.camera_altitude_agl_m,
-                )
             observation = Observation(state, self._altitude_agl_m(state), sightings, m.tracker.candidates())
             command = m.strategy.step(observation)
-            for event in command.events:
-                self._journal.write(
-                    state.time_s, event.kind, candidate=event.candidate_id, p=event.position_enu_m
-                )
+            self._note_decisions(observation, command.events)
             self._note_state(state, command.mode)
             self._watch(state, command.mode, detections)
             if command.waypoint is None:
@@ -127,6 +115,26 @@ class _Flight:
             m.vehicle.command(self._setpoint(state, command.waypoint))
             m.vehicle.advance(self._tick_s)
             state = m.vehicle.state()
+
+    def _note_decisions(self, seen: Observation, events: tuple[Event, ...]) -> None:
+        for s in seen.sightings:
+            self._journal.write(
+                s.time_s,
+                "sighting",
+                candidate=s.candidate_id,
+                class_name=seen.candidates[s.candidate_id].class_name,
+                new=s.is_new,
+                p=s.position_enu_m,
+                confidence=s.confidence,
+                altitude_agl_m=s.camera_altitude_agl_m,
+            )
+        for event in events:
+            fields: dict[str, object] = {}
+            if event.candidate_id is not None:
+                fields["candidate"] = event.candidate_id
+                fields["p"] = event.position_enu_m
+                fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
+            self._journal.write(seen.time_s, event.kind, **fields)
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: the height above the highest of the ground here and soon."""

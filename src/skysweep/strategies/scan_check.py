@@ -12,6 +12,8 @@ Where the paper is silent, this is how we read it (each line has a test):
 - When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included: nobody
   is left behind because of the order of things. Only then does the search end.
 - C is visited in the order in which S was filled.
+- A CHECK that interrupts the scan puts the place where it did so in front of F, so that the scan goes on
+  where it was left and nothing stays unseen. A waypoint counts as reached at h_S only.
 - In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
   confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
   for ``look_s`` and it was not confirmed.
@@ -64,7 +66,8 @@ class ScanCheck:
                 self._scanned.append(sighting.candidate_id)
                 self._last_target_xy = (x, y)
                 events.append(_event("scanned", seen, sighting.candidate_id))
-        if self._to_scan and _near((x, y), self._to_scan[0], SCAN_ACCEPTANCE_M):
+        up = seen.altitude_agl_m >= self._search.scan_altitude_agl_m - ALTITUDE_TOLERANCE_M
+        if self._to_scan and up and math.dist((x, y), self._to_scan[0]) <= SCAN_ACCEPTANCE_M:
             self._to_scan.pop(0)
             events.append(Event("waypoint_reached"))
         if not self._to_scan:
@@ -72,6 +75,8 @@ class ScanCheck:
         if self._scanned and (self._check_is_due((x, y)) or not self._to_scan):
             self._mode = "CHECK"
             self._to_check, self._scanned = self._scanned, []
+            if self._to_scan:
+                self._to_scan.insert(0, (x, y))
             self._last_target_xy = None
             self._arrived_s = None
             events.append(_event("check_started", seen, self._to_check[0]))
@@ -154,10 +159,6 @@ class ScanCheck:
         xy = snapshot["last_target_xy"]
         self._last_target_xy = (xy[0], xy[1]) if xy else None
         self._arrived_s = snapshot["arrived_s"]
-
-
-def _near(a: XY, b: XY, radius_m: float) -> bool:
-    return math.dist(a, b) <= radius_m
 
 
 def _event(kind: str, seen: Observation, candidate_id: int) -> Event:

@@ -1,0 +1,100 @@
+"""The paper's Tables 1-3: eight rows, many seeds, one set of parameters."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from skysweep.experiments.single import fly_in_memory, fly_to_folder
+from skysweep.experiments.workers import run_jobs
+from skysweep.mission.journal import read_journal
+from skysweep.results.tables import PAPER
+from skysweep.scenarios.files import dump_scenario, load_scenario
+from skysweep.scenarios.model import Scenario
+
+MISSIONS_FILE = "missions.jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class PaperJob:
+    """One mission of the comparison. ``folder`` is None for a mission that leaves no files."""
+
+    scenario: str
+    n_c: float
+    seed: int
+    sensor: str
+    folder: Path | None
+
+    @property
+    def config(self) -> Scenario:
+        """The scenario with the row's n_c; d_c is infinite in all rows of the paper."""
+        return load_scenario(self.scenario).with_search(strategy="scan-check", n_c=self.n_c, d_c_m=math.inf)
+
+    @property
+    def key(self) -> str:
+        """Tells apart missions that may end differently."""
+        text = f"{dump_scenario(self.config)}|{self.seed}|{self.sensor}"
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def paper_jobs(seeds: int, sensor: str, out: Path) -> list[PaperJob]:
+    """Every row for every seed. With pictures each mission gets a folder; without, those of seed 0 do."""
+
+    def folder(scenario: str, n_c: float, seed: int) -> Path | None:
+        if sensor == "statistical" and seed > 0:
+            return None
+        return out / "runs" / f"{scenario}-nc{'inf' if math.isinf(n_c) else int(n_c)}-seed{seed}"
+
+    return [
+        PaperJob(row.scenario, row.n_c, seed, sensor, folder(row.scenario, row.n_c, seed))
+        for seed in range(seeds)
+        for row in PAPER
+    ]
+
+
+def fly_paper_job(job: PaperJob) -> dict[str, Any]:
+    """Fly one mission of the comparison; its folder appears when it is complete."""
+    if job.folder is None:
+        return fly_in_memory(job.config, job.seed, job.sensor)
+    unfinished = job.folder.with_name(f"{job.folder.name}.part")
+    for stale in (unfinished, job.folder):
+        shutil.rmtree(stale, ignore_errors=True)
+    summary = fly_to_folder(job.config, job.seed, unfinished, job.sensor, threads=1)
+    unfinished.rename(job.folder)
+    return summary
+
+
+def compare_paper(
+    seeds: int,
+    sensor: str,
+    out: Path,
+    workers: int | None = None,
+    on_done: Callable[[PaperJob, dict[str, Any]], None] = lambda _job, _summary: None,
+) -> list[dict[str, Any]]:
+    """Fly everything that ``out`` does not hold yet; return the summaries in the order of the jobs.
+
+    Finished missions are kept in ``missions.jsonl``, so that an interrupted comparison goes on. Missions
+    flown with other parameters are flown again.
+    """
+    jobs = paper_jobs(seeds, sensor, out)
+    out.mkdir(parents=True, exist_ok=True)
+    ledger = out / MISSIONS_FILE
+    known = {line["key"]: line["summary"] for line in read_journal(ledger)} if ledger.exists() else {}
+    summaries = {job: known[job.key] for job in jobs if job.key in known}
+    for job, summary in summaries.items():
+        on_done(job, summary)
+    todo = [job for job in jobs if job not in summaries]
+    if todo:
+        with ledger.open("a", encoding="utf-8") as file:
+            for job, summary in run_jobs(fly_paper_job, todo, workers):
+                summaries[job] = summary
+                file.write(json.dumps({"key": job.key, "summary": summary}) + "\n")
+                file.flush()
+                on_done(job, summary)
+    return [summaries[job] for job in jobs]
