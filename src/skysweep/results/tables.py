@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from skysweep.results.metrics import Summary
+from skysweep.results.metrics import Summary, finite_or_inf
 
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
 
@@ -22,7 +22,7 @@ class PaperRow:
     """One row of the paper's tables: each was flown once."""
 
     scenario: str
-    n_c: Limit
+    n_c: float
     mission_time_s: float
     false_positives: int
 
@@ -30,12 +30,12 @@ class PaperRow:
 PAPER = (
     PaperRow("clusters", 1, 379.66, 2),
     PaperRow("clusters", 5, 348.78, 0),
-    PaperRow("clusters", "inf", 384.23, 1),
+    PaperRow("clusters", math.inf, 384.23, 1),
     PaperRow("abundance", 1, 799.00, 2),
     PaperRow("abundance", 5, 869.61, 0),
-    PaperRow("abundance", "inf", 834.87, 1),
+    PaperRow("abundance", math.inf, 834.87, 1),
     PaperRow("sparse", 1, 379.71, 2),
-    PaperRow("sparse", "inf", 316.61, 0),
+    PaperRow("sparse", math.inf, 316.61, 0),
 )
 CAPTIONS = {
     "clusters": "Table 1: 2 clusters of targets",
@@ -102,7 +102,7 @@ def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
     groups: dict[tuple[str, Limit], list[Summary]] = {}
     for summary in summaries:
         groups.setdefault((summary["scenario"], summary["n_c"]), []).append(summary)
-    paper = {(row.scenario, row.n_c): row for row in PAPER}
+    paper = {(row.scenario, finite_or_inf(row.n_c)): row for row in PAPER}
     order = [key for key in paper if key in groups] + [key for key in groups if key not in paper]
     rows = []
     for key in order:
@@ -133,9 +133,9 @@ def paired_differences(summaries: Iterable[Summary]) -> list[PairedDifference]:
         times.setdefault((s["scenario"], s["n_c"]), {})[s["seed"]] = s["mission_time_s"]
     differences = []
     for scenario in CAPTIONS:
-        rows = [row for row in PAPER if row.scenario == scenario]
-        best = min(rows, key=lambda row: row.mission_time_s).n_c
-        for other in (row.n_c for row in rows if row.n_c != best):
+        printed = {finite_or_inf(row.n_c): row.mission_time_s for row in PAPER if row.scenario == scenario}
+        best = min(printed, key=lambda n_c: printed[n_c])
+        for other in (n_c for n_c in printed if n_c != best):
             a, b = times.get((scenario, best), {}), times.get((scenario, other), {})
             seeds = sorted(a.keys() & b.keys())
             if seeds:
