@@ -26,8 +26,7 @@ from skysweep.vehicles.multirotor import Airframe, Multirotor
 F64 = NDArray[np.float64]
 
 _ENTERED_M = 0.5
-_STEP_ACCEPTANCE_M = 1.0  # at which the logged step lawn-mowers went on
-_CARROT_ACCEPTANCE_M = {"lawnmower": 1.0, "square": 0.5}
+_LAWNMOWER_ACCEPTANCE_M, _SQUARE_ACCEPTANCE_M = 1.0, 0.5  # at which the logged ones went on
 _PATIENCE = 2.0  # a leg that takes this many times as long as the logged one has failed
 _TICK_S = 0.04
 _STILL_AIR = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
@@ -40,7 +39,7 @@ class Log:
 
     name: str
     time_s: F64  # (N,)
-    phase: tuple[str, ...]  # (N,)
+    legs: tuple[slice, ...]  # rows of each leg and turn, in order
     setpoint_enu_m: F64  # (N, 3)
     feed_forward_enu_mps: F64  # (N, 3)
     position_enu_m: F64  # (N, 3)
@@ -57,14 +56,6 @@ class Log:
     @property
     def drag_n_per_mps(self) -> float:
         return 0.3 if "kdv03" in self.name else 1.0
-
-    @property
-    def legs(self) -> list[slice]:
-        """Rows of each leg and turn, in order."""
-        starts = [0, *(i for i in range(1, len(self.phase)) if self.phase[i] != self.phase[i - 1])]
-        ends = [*starts[1:], len(self.phase)]
-        wanted = ("leg", "turn")
-        return [slice(a, b) for a, b in zip(starts, ends, strict=True) if self.phase[a].startswith(wanted)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +79,7 @@ def read_log(path: Path) -> Log:
     return Log(
         path.name.removesuffix(".csv.gz"),
         columns("t")[:, 0],
-        tuple(row["phase"] for row in rows),
+        _legs([row["phase"] for row in rows]),
         enu_from_ned(columns("sp_x", "sp_y", "sp_z")),
         enu_from_ned(columns("sp_vx", "sp_vy", "sp_vz")),
         enu_from_ned(columns("x", "y", "z")),
@@ -98,11 +89,19 @@ def read_log(path: Path) -> Log:
     )
 
 
+def _legs(phases: list[str]) -> tuple[slice, ...]:
+    starts = [0, *(i for i in range(1, len(phases)) if phases[i] != phases[i - 1])]
+    ends = [*starts[1:], len(phases)]
+    return tuple(
+        slice(a, b) for a, b in zip(starts, ends, strict=True) if phases[a].startswith(("leg", "turn"))
+    )
+
+
 def fly_again(log: Log) -> tuple[Flown, Flown]:
     """(PX4, ours): the logged flight, and the embedded vehicle's under the same setpoints.
 
-    Ours starts where the log starts. A lawn-mower of steps goes on at 1 m from its waypoint as the logged
-    ones did; one of carrots when the carrot has arrived and the vehicle is that near.
+    Ours starts where the log starts. A pattern's next leg begins as the logged one's did: near the last
+    setpoint, and not before a moving setpoint has stopped.
     """
     legs = log.legs
     vehicle = Multirotor(
@@ -124,7 +123,9 @@ def fly_again(log: Log) -> tuple[Flown, Flown]:
     for leg in legs:
         elapsed_s = 0.0
         rows = log.time_s[leg] - log.time_s[leg.start]
-        while not _arrived(log, leg, vehicle.true_position_enu_m, elapsed_s):
+        earliest_s, near_m = _arrival(log, leg)
+        target = log.setpoint_enu_m[leg.stop - 1]
+        while elapsed_s < earliest_s or np.linalg.norm(vehicle.true_position_enu_m - target) > near_m:
             if elapsed_s > _PATIENCE * rows[-1]:
                 raise RuntimeError(f"{log.name}: the vehicle never finished the leg at row {leg.start}")
             _command(vehicle, log, leg.start + int(np.searchsorted(rows, elapsed_s + 1e-6)) - 1)
@@ -160,16 +161,14 @@ def _command(vehicle: Multirotor, log: Log, row: int) -> None:
     )
 
 
-def _arrived(log: Log, leg: slice, position_enu_m: F64, elapsed_s: float) -> bool:
-    duration_s = log.time_s[leg.stop - 1] - log.time_s[leg.start]
+def _arrival(log: Log, leg: slice) -> tuple[float, float]:
+    """A leg ends no earlier than (s) and no farther from its last setpoint than (m)."""
+    rows_s = log.time_s[leg] - log.time_s[leg.start]
     if len(log.legs) == 1:
-        return bool(elapsed_s >= duration_s)
-    distance_m = np.linalg.norm(position_enu_m - log.setpoint_enu_m[leg.stop - 1])
-    if "carrot" not in log.name and "square" not in log.name:
-        return bool(distance_m <= _STEP_ACCEPTANCE_M)
-    moving = np.abs(np.diff(log.setpoint_enu_m[leg], axis=0)).max(axis=1) > 0
-    carrot_s = log.time_s[leg][1:][moving][-1] - log.time_s[leg.start]
-    return bool(elapsed_s >= carrot_s and distance_m <= _CARROT_ACCEPTANCE_M[log.name.split("_")[0]])
+        return float(rows_s[-1]), np.inf
+    moving = (np.diff(log.setpoint_enu_m[leg], axis=0) != 0.0).any(axis=1)
+    earliest_s = float(rows_s[1:][moving][-1]) if moving.any() else 0.0
+    return earliest_s, _SQUARE_ACCEPTANCE_M if log.name.startswith("square") else _LAWNMOWER_ACCEPTANCE_M
 
 
 def _measure(log: Log, times_s: F64, positions_enu_m: F64, speeds_mps: F64, tilts_deg: F64) -> Flown:

@@ -294,7 +294,7 @@ def _thrust_setpoint(x, q):
     ay = MPC_XY_VEL_P * ey + x[VELOCITY_INTEGRAL + 1] - MPC_XY_VEL_D * x[VELOCITY_SLOPE + 1]
     az = MPC_Z_VEL_P * ez + x[VELOCITY_INTEGRAL + 2]
 
-    # Horizontal and vertical are decoupled: the tilt follows from the horizontal demand against gravity alone.
+    # Decoupled: the tilt follows from the horizontal demand against gravity alone.
     a_xy = math.hypot(ax, ay)
     tilt = min(math.atan2(a_xy, G), MPC_TILTMAX)
     lift = max(az + G, THRUST_MIN * math.cos(tilt))

@@ -1,4 +1,4 @@
-"""The embedded multirotor: PX4's cascade on PX4's SIH airframe, with gimbal, battery, wind and its own errors.
+"""The embedded multirotor: PX4's cascade on PX4's SIH airframe, with gimbal, battery, wind and errors.
 
 What a mission may use is the ``Vehicle`` protocol of ``skysweep.types``; names that begin with ``true_``
 are for the simulated sensors and for the results only. Model, equations and calibration: docs/vehicle.md.

@@ -11,7 +11,7 @@ from skysweep.types import Setpoint, VehicleState
 
 
 class PointVehicle:
-    """Implements ``types.Vehicle``; looks straight down. Starts landed at ``home_enu_m`` (3,) on flat ground."""
+    """Implements ``types.Vehicle``; looks straight down. Starts landed at ``home_enu_m`` on flat ground."""
 
     def __init__(
         self, home_enu_m: ArrayLike, vertical_speed_mps: float = 1.5, power_w: float = 250.0
@@ -43,7 +43,8 @@ class PointVehicle:
 
     def takeoff(self, altitude_agl_m: float) -> None:
         self._airborne = True
-        self._target = Setpoint(self._position + [0.0, 0.0, altitude_agl_m], 0.0, self._target.yaw_rad)
+        up = self._position + np.array([0.0, 0.0, altitude_agl_m])
+        self._target = Setpoint(up, 0.0, self._target.yaw_rad)
 
     def land(self) -> None:
         ground = np.array([*self._position[:2], self._home[2]])
