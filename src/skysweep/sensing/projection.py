@@ -30,14 +30,30 @@ def view_projection(lens: Lens, pose: CameraPose) -> F64:
     return projection @ view
 
 
-def frustum_planes(matrix: F64) -> F64:
-    """Left, right, bottom, top and near planes (5, 4) of a clip matrix: n . p + d >= 0 inside, |n| = 1."""
-    m = matrix
-    planes = np.stack([m[3] + m[0], m[3] - m[0], m[3] + m[1], m[3] - m[1], m[3] + m[2]])
-    return np.asarray(planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True))
+class View:
+    """What is in sight of a clip matrix, and how large."""
 
+    def __init__(self, matrix: F64, eye: F64 | None, focal_px: float) -> None:
+        """``eye`` None means a parallel view whose ``focal_px`` is pixels a metre."""
+        self.matrix = matrix
+        self._eye = eye
+        self._focal_px = focal_px
+        m = matrix
+        planes = np.stack([m[3] + m[0], m[3] - m[0], m[3] + m[1], m[3] - m[1], m[3] + m[2]])
+        self._planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 
-def spheres_inside(planes: F64, centres: F64, radii: F64) -> NDArray[np.bool_]:
-    """Which spheres (N, 3), (N,) touch the frustum."""
-    distance = centres @ planes[:, :3].T + planes[:, 3]
-    return np.asarray((distance >= -radii[:, None]).all(axis=1))
+    @classmethod
+    def of(cls, lens: Lens, pose: CameraPose) -> View:
+        return cls(view_projection(lens, pose), pose.position_enu_m, lens.focal_px)
+
+    def sees(self, centres: F64, radii: F64) -> NDArray[np.bool_]:
+        """Which spheres (N, 3), (N,) touch the frustum (far plane aside)."""
+        distance = centres @ self._planes[:, :3].T + self._planes[:, 3]
+        return np.asarray((distance >= -radii[:, None]).all(axis=1))
+
+    def pixels(self, centres: F64, radii: F64) -> F64:
+        """Radii (N,) in pixels of spheres (N, 3), (N,)."""
+        if self._eye is None:
+            return np.asarray(radii * self._focal_px)
+        distance = np.linalg.norm(centres - self._eye, axis=1)
+        return np.asarray(self._focal_px * radii / np.maximum(distance, NEAR_M))

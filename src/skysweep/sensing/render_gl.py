@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.sensing.meshes import Mesh, merge
-from skysweep.sensing.projection import frustum_planes, spheres_inside, view_projection
+from skysweep.sensing.projection import View
 from skysweep.sensing.scene import Planting, Scene, Solid
 from skysweep.sensing.textures import DETAIL_M, LAYER_PX, MACRO_M, MIDDLE_M
 
@@ -26,10 +26,10 @@ F64 = NDArray[np.float64]
 
 SAMPLES = 4
 SHADOW_PX = 4096
-SHADOW_SPAN_M = 320.0  # width of the shadow map on the ground
-SHADOW_STEP_M = 80.0  # it moves in steps of this, so that a pose always has the same shadows
+SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground, by how much is in sight
 SOLID_TILE_M = 16.0
 GROUND_TILE_M = 64.0
+PLANT_DETAIL_PX = (12.0, 40.0)  # crown radii from which a plant is drawn finer
 
 _LIGHT = """
 uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, haze_rgb, eye;
@@ -41,6 +41,10 @@ float sunlit() {
     return texture(shadow_map, v_shadow * 0.5 + 0.5);
 }
 vec3 hazed(vec3 rgb) { return mix(haze_rgb, rgb, exp(-distance(eye, v_world) * haze_per_m)); }
+"""
+
+_FILM = """
+vec4 film(vec3 light) { return vec4(sqrt(1.6 * light / (light + 1.3)), 1.0); }
 """
 
 _GROUND_VS = """#version 330
@@ -56,19 +60,19 @@ void main() {
 _GROUND_FS = f"""#version 330
 uniform sampler2D detail, middle, macro;
 in vec3 v_normal;
-{_LIGHT}
+{_LIGHT}{_FILM}
 void main() {{
     vec3 albedo = 4.0 * texture(detail, v_world.xy / {DETAIL_M}).rgb
         * texture(middle, v_world.yx / {MIDDLE_M}).rgb * texture(macro, v_world.xy / {MACRO_M}).rgb;
     vec3 n = normalize(v_normal);
     vec3 light = sky_rgb + sun_rgb * (max(dot(n, sun_direction), 0.0) * sunlit());
-    colour = vec4(sqrt(hazed(albedo * albedo * light)), 1.0);
+    colour = film(hazed(albedo * albedo * light));
 }}"""
 
 _WATER_FS = f"""#version 330
 uniform sampler2D detail, middle, macro; uniform float time_s;
 in vec3 v_normal;
-{_LIGHT}
+{_LIGHT}{_FILM}
 void main() {{
     vec2 p = v_world.xy;
     vec3 a = texture(detail, p / 2.9 + time_s * vec2(0.11, 0.05)).xyz;
@@ -86,11 +90,11 @@ void main() {{
     vec3 body = vec3(0.012, 0.052, 0.062) * tint * tint * (0.6 + 0.7 * crest);
     body *= sky_rgb * 1.6 + sun_rgb * lit * (0.35 + 0.65 * max(dot(n, sun_direction), 0.0));
     vec3 sky = mix(haze_rgb * 1.1, sky_rgb * vec3(0.45, 0.62, 0.9), clamp(r.z, 0.0, 1.0));
-    float glint = pow(max(dot(r, sun_direction), 0.0), 220.0);
-    float foam = texture(middle, p / {MIDDLE_M} + time_s * vec2(0.006, 0.004)).r * smoothstep(0.98, 1.25, crest);
-    vec3 rgb = mix(body, sky, fresnel) + sun_rgb * glint * lit * 1.4;
+    float glint = pow(max(dot(r, sun_direction), 0.0), 90.0);
+    float foam = texture(middle, p / {MIDDLE_M} + time_s * vec2(0.006, 0.004)).r * smoothstep(1.0, 1.3, crest);
+    vec3 rgb = mix(body, sky, fresnel) + sun_rgb * glint * lit * 0.8;
     rgb = mix(rgb, 0.75 * (sky_rgb + sun_rgb * lit * 0.7), foam);
-    colour = vec4(sqrt(hazed(rgb)), 1.0);
+    colour = film(hazed(rgb));
 }}"""
 
 _SOLID_VS = """#version 330
@@ -98,34 +102,54 @@ uniform mat4 view_projection, shadow_matrix; uniform float shadow_bias_m;
 in vec3 position, normal, texel; in vec4 tint; in float id;
 out vec3 v_world, v_shadow, v_normal, v_texel, v_tint;
 flat out float v_id;
-#ifdef PLANTED
-in vec4 place; in vec3 shape;  // x, y, z, yaw; radius, height, shade
-#endif
 void main() {
-#ifdef PLANTED
-    mat2 turn = mat2(cos(place.w), sin(place.w), -sin(place.w), cos(place.w));
-    v_world = vec3(turn * position.xy * shape.x, position.z * shape.y) + place.xyz;
-    v_normal = normalize(vec3(turn * normal.xy / shape.x, normal.z / shape.y));
-    v_texel = vec3(texel.xy * vec2(shape.x, 0.5 * (shape.x + shape.y)) * 0.6, texel.z);
-    v_tint = tint.rgb * shape.z;
-#else
-    v_world = position; v_normal = normal; v_texel = texel; v_tint = tint.rgb;
-#endif
-    v_id = id;
-    v_shadow = (shadow_matrix * vec4(v_world + shadow_bias_m * v_normal, 1.0)).xyz;
-    gl_Position = view_projection * vec4(v_world, 1.0);
+    v_world = position; v_normal = normal; v_texel = texel; v_tint = tint.rgb; v_id = id;
+    v_shadow = (shadow_matrix * vec4(position + shadow_bias_m * normal, 1.0)).xyz;
+    gl_Position = view_projection * vec4(position, 1.0);
 }"""
 
 _SOLID_FS = f"""#version 330
 uniform sampler2DArray layers;
 in vec3 v_normal, v_texel, v_tint;
-{_LIGHT}
+{_LIGHT}{_FILM}
 void main() {{
     vec3 albedo = v_tint * texture(layers, v_texel).rgb;
     vec3 n = normalize(v_normal);
     vec3 ambient = mix(ground_rgb, sky_rgb, 0.5 + 0.5 * n.z);
     vec3 light = ambient + sun_rgb * (max(dot(n, sun_direction), 0.0) * sunlit());
-    colour = vec4(sqrt(hazed(albedo * albedo * light)), 1.0);
+    colour = film(hazed(albedo * albedo * light));
+}}"""
+
+# Plants have many small triangles: they are lit at their vertices, which halves their cost.
+_PLANT_VS = """#version 330
+uniform mat4 view_projection, shadow_matrix; uniform float haze_per_m;
+uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, eye;
+in vec3 position, normal, texel; in vec4 tint;
+in vec4 place; in vec3 shape;  // x, y, z, yaw; radius, height, shade
+out vec4 v_light; out vec3 v_texel;
+flat out float v_id;
+void main() {
+    mat2 turn = mat2(cos(place.w), sin(place.w), -sin(place.w), cos(place.w));
+    vec3 world = vec3(turn * position.xy * shape.x, position.z * shape.y) + place.xyz;
+    vec3 n = normalize(vec3(turn * normal.xy / shape.x, normal.z / shape.y));
+    vec3 q = (shadow_matrix * vec4(world + 0.25 * n, 1.0)).xyz;
+    float lit = any(greaterThan(abs(q), vec3(0.999))) ? 1.0 : textureLod(shadow_map, q * 0.5 + 0.5, 0.0);
+    vec3 light = mix(ground_rgb, sky_rgb, 0.5 + 0.5 * n.z) + sun_rgb * (max(dot(n, sun_direction), 0.0) * lit);
+    vec3 albedo = tint.rgb * shape.z;
+    v_light = vec4(albedo * albedo * light, exp(-distance(eye, world) * haze_per_m));
+    v_texel = vec3(texel.xy * vec2(shape.x, 0.5 * (shape.x + shape.y)) * 0.6, texel.z);
+    v_id = 0.0;
+    gl_Position = view_projection * vec4(world, 1.0);
+}"""
+
+_PLANT_FS = f"""#version 330
+uniform sampler2DArray layers; uniform vec3 haze_rgb;
+in vec4 v_light; in vec3 v_texel;
+out vec4 colour;
+{_FILM}
+void main() {{
+    vec3 t = texture(layers, v_texel).rgb;
+    colour = film(mix(haze_rgb, t * t * v_light.rgb, v_light.a));
 }}"""
 
 _ID_FS = """#version 330
@@ -148,7 +172,8 @@ class GLRenderer:
         self._low, self._high = scene.bounds_enu_m
         with gl:
             gl.gc_mode = "auto"
-            gl.enable(gl.DEPTH_TEST)
+            gl.enable(gl.DEPTH_TEST | gl.CULL_FACE)
+            gl.front_face = "cw"  # pictures are drawn top row first, which mirrors every triangle
             self._programs = _compile(gl, self._is_water)
             self._ground = _Tiles(gl, [_block(t) for t in _ground_tiles(scene.ground)])
             self._solids = _Tiles(gl, [_solid_block(t) for t in _solid_tiles(scene.solids)]) if scene.solids else None
@@ -157,7 +182,7 @@ class GLRenderer:
             self._shadow = gl.depth_texture((SHADOW_PX, SHADOW_PX))
             self._shadow.compare_func = "<="
             self._shadow_target = gl.framebuffer(depth_attachment=self._shadow)
-            self._shadow_cell: tuple[int, int] | None = None
+            self._shadow_place: tuple[float, tuple[int, int]] | None = None
             self._targets: dict[tuple[int, int], _Target] = {}
             self._set_light()
 
@@ -170,15 +195,15 @@ class GLRenderer:
         with self._context as gl:
             self._aim_shadow(lens, pose)
             target = self._target(lens)
-            matrix = view_projection(lens, pose)
+            view = View.of(lens, pose)
             target.drawing.use()
-            target.drawing.clear(*np.sqrt(self._sun.haze_rgb))
+            target.drawing.clear(*film(self._sun.haze_rgb))
             self._shadow.use(4)
             for name in ("ground", "solid", "plant"):
-                _set(self._programs[name], view_projection=matrix, eye=pose.position_enu_m)
+                _set(self._programs[name], view_projection=view.matrix, eye=pose.position_enu_m)
             if self._is_water:
                 _set(self._programs["ground"], time_s=time_s)
-            self._draw("", matrix)
+            self._draw("", view)
             if target.drawing is not target.resolved:
                 gl.copy_framebuffer(target.resolved, target.drawing)
             return target.read_rgb()
@@ -187,23 +212,22 @@ class GLRenderer:
         """Which object each pixel shows (H, W); see :class:`skysweep.sensing.render.Renderer`."""
         with self._context:
             target = self._target(lens)
-            matrix = view_projection(lens, pose)
+            view = View.of(lens, pose)
             target.resolved.use()
             target.resolved.clear(0.0, 0.0, 0.0, 0.0)
             for name in ("ground", "solid", "plant"):
-                _set(self._programs[name + "_id"], view_projection=matrix)
-            self._draw("_id", matrix, occluders)
+                _set(self._programs[name + "_id"], view_projection=view.matrix)
+            self._draw("_id", view, occluders)
             rgba = target.read_rgba().astype(np.int32)
         return np.asarray(rgba[..., 0] + 256 * rgba[..., 1])
 
-    def _draw(self, suffix: str, matrix: F64, occluders: bool = True) -> None:
-        planes = frustum_planes(matrix)
+    def _draw(self, suffix: str, view: View, occluders: bool = True) -> None:
         if self._solids is not None:
-            self._solids.draw(self._programs["solid" + suffix], planes)
+            self._solids.draw(self._programs["solid" + suffix], view)
         if occluders:
             for plants in self._plants:
-                plants.draw(self._programs["plant" + suffix], planes)
-            self._ground.draw(self._programs["ground" + suffix], planes)
+                plants.draw(self._programs["plant" + suffix], view)
+            self._ground.draw(self._programs["ground" + suffix], view)
 
     def _target(self, lens: Lens) -> _Target:
         size = (lens.width_px, lens.height_px)
@@ -223,7 +247,6 @@ class GLRenderer:
                 haze_rgb=sun.haze_rgb,
                 haze_per_m=3.912 / sun.visibility_m,  # Koschmieder: contrast of 2 % at the visibility
                 shadow_map=4,
-                shadow_bias_m=0.6 * SHADOW_SPAN_M / SHADOW_PX,
             )
         _set(self._programs["ground"], detail=0, middle=1, macro=2)
         _set(self._programs["solid"], layers=3)
@@ -232,25 +255,27 @@ class GLRenderer:
             texture.use(unit)
 
     def _aim_shadow(self, lens: Lens, pose: CameraPose) -> None:
-        """Draw the shadow map again when the place looked at left the middle of the last one."""
+        """Draw the shadow map again when the place looked at left the middle of the last one.
+
+        The map moves in steps, so that a pose has the same shadows whatever was looked at before.
+        """
         forward = pose.R_camera_to_enu[:, 2]
-        ground = self._low[2] + 1.0
-        reach = min((pose.position_enu_m[2] - ground) / max(-forward[2], 0.35), 0.4 * SHADOW_SPAN_M)
-        centre = np.clip(pose.position_enu_m + reach * forward, self._low, self._high)[:2]
-        if (self._high - self._low)[:2].max() < SHADOW_SPAN_M:
-            centre = 0.5 * (self._low + self._high)[:2]
-        cell = (round(centre[0] / SHADOW_STEP_M), round(centre[1] / SHADOW_STEP_M))
-        if cell == self._shadow_cell:
+        reach = max(pose.position_enu_m[2] - self._low[2] - 1.0, 1.0) / max(-forward[2], 0.35)
+        in_sight = 2.2 * reach * float(np.tan(lens.hfov_rad / 2))
+        span = next((s for s in SHADOW_SPANS_M if s >= 1.3 * in_sight), SHADOW_SPANS_M[-1])
+        step = span / 8
+        centre = pose.position_enu_m[:2] + min(reach, 0.4 * span) * forward[:2]
+        cell = (round(centre[0] / step), round(centre[1] / step))
+        if (span, cell) == self._shadow_place:
             return
-        self._shadow_cell = cell
-        matrix = _shadow_matrix(self._sun.direction_enu, np.array(cell) * SHADOW_STEP_M, self._low[2], self._high[2])
+        self._shadow_place = (span, cell)
+        matrix = _shadow_matrix(self._sun.direction_enu, np.array(cell) * step, span, self._low[2], self._high[2])
         for name in ("ground", "solid", "plant"):
-            _set(self._programs[name], shadow_matrix=matrix)
-        for name in ("ground", "solid", "plant"):
+            _set(self._programs[name], shadow_matrix=matrix, shadow_bias_m=0.01 + 0.7 * span / SHADOW_PX)
             _set(self._programs[name + "_depth"], view_projection=matrix)
         self._shadow_target.use()
         self._shadow_target.clear()
-        self._draw("_depth", matrix, occluders=True)
+        self._draw("_depth", View(matrix, None, SHADOW_PX / span))
 
 
 class _Target:
@@ -285,6 +310,7 @@ class _Block:
 
 
 _VERTEX = np.dtype([("p", "<f4", 3), ("n", "<f4", 3), ("c", "u1", 4), ("t", "<f4", 3), ("id", "<f4")])
+_PLACE_FORMAT = ("4f 3f /i", "place", "shape")
 _FORMAT = ("3f 3f 4f1 3f 1f", "position", "normal", "tint", "texel", "id")
 
 
@@ -348,44 +374,46 @@ class _Tiles:
         self._radii = np.array([b.radius for b in blocks])
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
-    def draw(self, program: moderngl.Program, planes: F64) -> None:
+    def draw(self, program: moderngl.Program, view: View) -> None:
         array = self._arrays.get(program.glo)
         if array is None:
             content = [_bound(program, self._vertices, _FORMAT)]
             array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
-        for k in np.flatnonzero(spheres_inside(planes, self._centres, self._radii)).tolist():
+        for k in np.flatnonzero(view.sees(self._centres, self._radii)).tolist():
             array.render(vertices=self._counts[k], first=self._firsts[k])
 
 
 class _Plants:
-    """Copies of one unit mesh; those in sight are drawn in one call."""
+    """Copies of one unit mesh; those in sight are drawn, in as much detail as they need."""
 
     def __init__(self, gl: moderngl.Context, planting: Planting) -> None:
-        block = _block(planting.mesh)
         self._gl = gl
-        self._vertices = gl.buffer(block.vertices.tobytes())
-        self._faces = gl.buffer(block.faces.tobytes())
+        self._details = [
+            (gl.buffer(b.vertices.tobytes()), gl.buffer(b.faces.tobytes()), gl.buffer(reserve=planting.places.nbytes))
+            for b in map(_block, planting.meshes)
+        ]
         self._places = planting.places
-        self._instances = gl.buffer(reserve=max(planting.places.nbytes, 28))
         height, radius = planting.places[:, 5].astype(float), planting.places[:, 4].astype(float)
         self._centres = planting.places[:, :3] + np.array([0, 0, 0.5]) * height[:, None]
         self._radii = np.hypot(0.55 * height, radius)
-        self._arrays: dict[int, moderngl.VertexArray] = {}
+        self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
 
-    def draw(self, program: moderngl.Program, planes: F64) -> None:
-        seen = spheres_inside(planes, self._centres, self._radii)
-        count = int(seen.sum())
-        if count == 0:
+    def draw(self, program: moderngl.Program, view: View) -> None:
+        seen = np.flatnonzero(view.sees(self._centres, self._radii))
+        if len(seen) == 0:
             return
-        array = self._arrays.get(program.glo)
-        if array is None:
-            content = [
-                _bound(program, self._vertices, _FORMAT),
-                _bound(program, self._instances, ("4f 3f /i", "place", "shape")),
-            ]
-            array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
-        self._instances.write(self._places[seen].tobytes())
-        array.render(instances=count)
+        level = np.searchsorted(PLANT_DETAIL_PX, view.pixels(self._centres[seen], self._places[seen, 4]))
+        for detail, (vertices, faces, instances) in enumerate(self._details):
+            places = self._places[seen[level == detail]]
+            if len(places) == 0:
+                continue
+            array = self._arrays.get((program.glo, detail))
+            if array is None:
+                content = [_bound(program, vertices, _FORMAT), _bound(program, instances, _PLACE_FORMAT)]
+                array = self._gl.vertex_array(program, content, faces)
+                self._arrays[(program.glo, detail)] = array
+            instances.write(places.tobytes())
+            array.render(instances=len(places))
 
 
 def _bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
@@ -409,12 +437,11 @@ def _open_context() -> moderngl.Context:
 
 
 def _compile(gl: moderngl.Context, is_water: bool) -> dict[str, moderngl.Program]:
-    planted = _SOLID_VS.replace("#version 330", "#version 330\n#define PLANTED")
     programs = {}
     for name, vertex, fragment in (
         ("ground", _GROUND_VS, _WATER_FS if is_water else _GROUND_FS),
         ("solid", _SOLID_VS, _SOLID_FS),
-        ("plant", planted, _SOLID_FS),
+        ("plant", _PLANT_VS, _PLANT_FS),
     ):
         programs[name] = gl.program(vertex, fragment)
         programs[name + "_id"] = gl.program(vertex, _GROUND_ID_FS if name == "ground" else _ID_FS)
@@ -439,6 +466,11 @@ def _rgba(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2RGBA))
 
 
+def film(light: F64) -> F64:
+    """Linear light to sRGB 0..1 with a soft shoulder, as the shaders do it."""
+    return np.asarray(np.sqrt(1.6 * light / (light + 1.3)))
+
+
 def _set(program: moderngl.Program, **uniforms: Any) -> None:
     """Write those uniforms that the program kept."""
     for name, value in uniforms.items():
@@ -450,14 +482,14 @@ def _set(program: moderngl.Program, **uniforms: Any) -> None:
             program[name] = value
 
 
-def _shadow_matrix(sun: F64, centre_xy: F64, low_m: float, high_m: float) -> F64:
-    """(4, 4) orthographic view from the sun of a square of SHADOW_SPAN_M around a place on the ground."""
+def _shadow_matrix(sun: F64, centre_xy: F64, span_m: float, low_m: float, high_m: float) -> F64:
+    """(4, 4) orthographic view from the sun of a square of ``span_m`` around a place on the ground."""
     right = np.cross([0.0, 0.0, 1.0], sun)
     right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
     up = np.cross(sun, right)
-    centre = np.array([*centre_xy, 0.5 * (low_m + high_m)])
-    depth = 0.75 * SHADOW_SPAN_M + (high_m - low_m)
+    centre = np.array([*centre_xy, low_m])
+    depth = 0.75 * span_m + (high_m - low_m) / max(sun[2], 0.05)
     m = np.eye(4)
     m[0, :3], m[1, :3], m[2, :3] = right, up, -sun
     m[:3, 3] = -m[:3, :3] @ centre
-    return np.diag([2 / SHADOW_SPAN_M, 2 / SHADOW_SPAN_M, 1 / depth, 1.0]) @ m
+    return np.diag([2 / span_m, 2 / span_m, 1 / depth, 1.0]) @ m

@@ -11,7 +11,7 @@ from skysweep.scenarios.model import Light
 from skysweep.scenarios.world import TerrainSurface, World, WorldObject
 from skysweep.sensing.assets import object_mesh
 from skysweep.sensing.assets.buildings import building_mesh
-from skysweep.sensing.assets.plants import SHAPES, tree_mesh
+from skysweep.sensing.assets.plants import SHAPES, tree_meshes
 from skysweep.sensing.meshes import Mesh, make_mesh, merge, tilt_rotation, yaw_rotation
 from skysweep.sensing.textures import GroundTextures, ground_textures, layer_image
 
@@ -47,9 +47,9 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Planting:
-    """One unit mesh and where it stands: rows of x, y, z, yaw, radius scale, height scale, shade."""
+    """One unit mesh, coarse to fine, and where it stands: rows of x, y, z, yaw, radius, height, shade."""
 
-    mesh: Mesh
+    meshes: tuple[Mesh, ...]
     places: F32  # (N, 7)
 
 
@@ -76,10 +76,10 @@ def build_scene(world: World) -> Scene:
     ]
     plantings = _plant(world)
     used = np.unique(
-        np.concatenate([[0.0], *(s.mesh.texture[:, 2] for s in solids), *(p.mesh.texture[:, 2] for p in plantings)])
+        np.concatenate([[0.0], *(s.mesh.texture[:, 2] for s in solids), *(p.meshes[-1].texture[:, 2] for p in plantings)])
     ).astype(int)
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
-    plantings = [Planting(_renumbered(p.mesh, used), p.places) for p in plantings]
+    plantings = [Planting(tuple(_renumbered(m, used) for m in p.meshes), p.places) for p in plantings]
     ground = ground_mesh(world.terrain)
     return Scene(
         ground,
@@ -102,11 +102,11 @@ def make_sun(light: Light) -> Sun:
     air_mass = 1.0 / (np.sin(elevation) + 0.15 * (light.sun_elevation_deg + 3.885) ** -1.253)  # Kasten (1965)
     sun = 1.6 * np.exp(-np.array([0.06, 0.11, 0.20]) * air_mass)
     clear = np.clip(light.visibility_m / 4000.0, 0.0, 1.0) ** 0.5
-    sky = np.array([0.24, 0.30, 0.40]) * (0.45 + 0.55 * np.sin(elevation)) + 0.22 * (1 - clear)
+    sky = np.array([0.34, 0.39, 0.47]) * (0.45 + 0.55 * np.sin(elevation)) + 0.22 * (1 - clear)
     sun = sun * (0.25 + 0.75 * clear)
     level = float((sun * np.sin(elevation) + sky).mean())
-    exposure = 1.10 / level**0.85
-    haze = np.array([0.60, 0.66, 0.74]) * (0.55 + 0.45 * np.sin(elevation) ** 0.5) + 0.12 * sun / sun.max()
+    exposure = 1.55 / level**0.85
+    haze = np.array([0.40, 0.45, 0.52]) * (0.5 + 0.5 * np.sin(elevation) ** 0.5) + 0.08 * sun / sun.max()
     return Sun(direction, sun * exposure, sky * exposure, 0.45 * sky * exposure, np.clip(haze, 0, 0.9), light.visibility_m)
 
 
@@ -130,7 +130,7 @@ def expand(planting: Planting) -> Mesh:
     """All copies of a planting as one mesh (for renderers without instancing)."""
     copies = []
     for x, y, z, yaw, radius, height, shade in planting.places:
-        copies.append(planting.mesh.moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade))
+        copies.append(planting.meshes[1].moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade))
     return merge(copies)
 
 
@@ -156,7 +156,7 @@ def _plant(world: World) -> list[Planting]:
         place = [*tree.position_enu_m, yaw, tree.crown_radius_m, tree.height_m, shade]
         groups.setdefault((tree.kind, int(rng.integers(SHAPES))), []).append(place)
     return [
-        Planting(tree_mesh(*key), np.array(places, dtype=np.float32)) for key, places in sorted(groups.items())
+        Planting(tree_meshes(*key), np.array(places, dtype=np.float32)) for key, places in sorted(groups.items())
     ]
 
 

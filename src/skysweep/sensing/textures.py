@@ -169,8 +169,8 @@ def _grass(rng: np.random.Generator) -> GroundTextures:
     _strokes(detail, rng, 26000, (8, 26), blades)
     _spots(detail, rng, 60, (2, 9), [(66, 96, 38), (108, 122, 56)], 1.6)
     _spots(detail, rng, 24, (1, 2.5), [(232, 226, 190), (226, 200, 70)])
-    macro = _variation(MACRO_PX, rng, [(1.16, 1.05, 0.95), (0.84, 0.92, 0.86), (1.2, 1.02, 0.9)], 0.16, 1.2, 90)
-    middle = _variation(MIDDLE_PX, rng, [(1.16, 1.08, 0.96), (0.84, 0.94, 0.86)], 0.22, 0.7, 200)
+    macro = _variation(MACRO_PX, rng, [(1.09, 1.03, 0.96), (0.9, 0.95, 0.92), (1.13, 1.04, 0.95)], 0.12, 1.2, 90)
+    middle = _variation(MIDDLE_PX, rng, [(1.08, 1.04, 0.98), (0.9, 0.96, 0.92)], 0.20, 0.6, 200)
     return GroundTextures(detail, middle, macro)
 
 
@@ -179,8 +179,8 @@ def _forest_floor(rng: np.random.Generator) -> GroundTextures:
     _strokes(detail, rng, 9000, (5, 18), [(122, 92, 58), (88, 66, 44), (140, 110, 74)])
     _spots(detail, rng, 2600, (3, 9), [(128, 88, 46), (104, 78, 46), (150, 112, 62), (78, 62, 42), (92, 98, 50)], 1.7)
     _strokes(detail, rng, 130, (40, 150), [(74, 60, 48), (110, 96, 78)], 3)
-    middle = _variation(MIDDLE_PX, rng, [(0.82, 1.12, 0.75), (0.8, 0.8, 0.82)], 0.26, 0.7, 200)
-    macro = _variation(MACRO_PX, rng, [(0.82, 1.14, 0.78), (1.18, 1.06, 0.92)], 0.18, 1.1, 80)
+    middle = _variation(MIDDLE_PX, rng, [(0.9, 1.06, 0.85), (0.86, 0.86, 0.88)], 0.22, 0.7, 200)
+    macro = _variation(MACRO_PX, rng, [(0.9, 1.07, 0.86), (1.09, 1.03, 0.96)], 0.14, 1.1, 80)
     return GroundTextures(detail, middle, macro)
 
 
@@ -232,7 +232,8 @@ def _water(rng: np.random.Generator) -> GroundTextures:
     dx = np.roll(height, -1, 1) - np.roll(height, 1, 1)
     scale = 0.16 / np.hypot(dx, dy).std()
     waves = np.stack([0.5 + dx * scale, 0.5 + dy * scale, height], axis=2) * 255
-    streaks = _step(noise(MIDDLE_PX, rng, 1.2, 4, 60), 0.72, 0.10) * noise(MIDDLE_PX, rng, 0.3, 10)
+    streaks = 1 - _step(np.abs(noise(MIDDLE_PX, rng, 1.1, 6, 90) - 0.5), 0.03, 0.05)
+    streaks *= _step(noise(MIDDLE_PX, rng, 1.4, 3, 40), 0.60, 0.2) * noise(MIDDLE_PX, rng, 0.3, 20)
     middle = np.repeat(streaks[..., None], 3, axis=2) * 255
     macro = _variation(MACRO_PX, rng, [(0.85, 1.05, 1.02), (0.92, 0.95, 1.0)], 0.14, 1.4, 40)
     return GroundTextures(_bytes(waves), _bytes(middle), macro)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.sensing.assets.looks import RGB, F64, Looks
-from skysweep.sensing.meshes import Mesh, box, ellipsoid, loft, merge, prism, tube
+from skysweep.sensing.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, tube
 from skysweep.sensing.textures import Layer
 
 _HULL: list[RGB] = [(236, 236, 232), (240, 240, 240), (28, 50, 96), (150, 30, 32), (60, 110, 80), (206, 200, 180)]
@@ -60,8 +60,7 @@ def _hull(x: F64, half: F64, sheer: F64, outside: F64, inside: F64, floor: float
     faces = []
     for s in range(stations - 1):
         a, b = s * n, (s + 1) * n
-        faces += [np.column_stack([a + i, b + j, a + j]), np.column_stack([a + i, b + i, b + j])]
-    from skysweep.sensing.meshes import make_mesh
+        faces += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
 
     skin = make_mesh(v.reshape(-1, 3), np.concatenate(faces), np.tile(colours, (stations, 1)), layer, 1.5, flat=True)
     y, z = half[0], sheer[0]
@@ -72,8 +71,6 @@ def _hull(x: F64, half: F64, sheer: F64, outside: F64, inside: F64, floor: float
 
 def _deck(x: F64, half: F64, sheer: F64, first: int, last: int, colour: F64, layer: int, drop: float = 0.03) -> Mesh:
     """A closed deck between stations ``first`` and ``last``."""
-    from skysweep.sensing.meshes import make_mesh
-
     s = slice(first, last + 1)
     v = np.concatenate([
         np.column_stack([x[s], w * half[s], sheer[s] - drop + 0.05 * half[s] * (1 - w * w)]) for w in (-1.0, 0.0, 1.0)

@@ -10,59 +10,71 @@ from functools import lru_cache
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import RGB, Looks
+from skysweep.sensing.assets.looks import F64, RGB, Looks
 from skysweep.sensing.meshes import Mesh, icosphere, lathe, loft, lumpy, make_mesh, merge
 from skysweep.sensing.textures import Layer
 
 SHAPES = 6  # unit meshes a kind
+DETAILS = 3
 
-_BROADLEAF: list[RGB] = [(110, 140, 58), (92, 126, 54), (128, 146, 70), (82, 112, 58), (140, 140, 60)]
-_CONIFER: list[RGB] = [(64, 92, 58), (54, 84, 56), (78, 100, 62), (60, 88, 70)]
+_BROADLEAF: list[RGB] = [(138, 168, 78), (118, 154, 72), (156, 172, 88), (108, 140, 76), (172, 168, 84)]
+_CONIFER: list[RGB] = [(96, 128, 84), (84, 118, 82), (110, 134, 88), (92, 122, 98)]
 _TRUNK: list[RGB] = [(92, 76, 60), (112, 98, 82), (80, 66, 52)]
 
 
-@lru_cache(maxsize=64)
-def tree_mesh(kind: str, shape: int) -> Mesh:
-    """Unit mesh ``shape`` (0 .. SHAPES - 1) of a tree kind: broadleaf, conifer or bush."""
-    return {"broadleaf": _broadleaf, "conifer": _conifer, "bush": _bush}[kind](Looks.of(kind, shape))
+@lru_cache(maxsize=128)
+def tree_meshes(kind: str, shape: int) -> tuple[Mesh, ...]:
+    """Unit mesh ``shape`` (0 .. SHAPES - 1) of a tree kind (broadleaf, conifer or bush), coarse to fine."""
+    make = {"broadleaf": _broadleaf, "conifer": _conifer, "bush": _bush}[kind]
+    return tuple(make(Looks.of(kind, shape), detail) for detail in range(DETAILS))
 
 
-def _crown(looks: Looks, colour: np.ndarray, subdivisions: int, lumps: int, texture_per_radius: float) -> Mesh:
-    """A lumpy unit sphere, darker in its hollows and below."""
-    v, f = icosphere(subdivisions)
+def _crown(looks: Looks, colour: F64, detail: int, lumps: int, texture_m: float) -> Mesh:
+    """A lumpy unit sphere, darker in its hollows and below; coarse ones are subsets of the finest."""
+    v, _ = icosphere(DETAILS)
     radius = lumpy(v, looks.rng, lumps, 0.42)
     rough = 0.42 + 0.58 * radius + 0.035 * looks.rng.normal(size=len(v))
-    shade = (0.45 + 0.55 * radius**1.5) * (0.8 + 0.2 * v[:, 2])
+    shade = (0.62 + 0.45 * radius**1.5) * (0.85 + 0.15 * v[:, 2])
+    shade *= looks.rng.uniform(0.84, 1.14, len(v))
     p = v * np.minimum(rough, 1.0)[:, None]
-    return make_mesh(p, f, np.clip(colour * shade[:, None], 0, 1), Layer.LEAVES, texture_per_radius)
+    colours = np.clip(colour * shade[:, None], 0, 1)
+    coarse, faces = icosphere(detail + 1)
+    n = len(coarse)
+    return make_mesh(p[:n], faces, colours[:n], Layer.LEAVES, texture_m)
 
 
-def _broadleaf(looks: Looks) -> Mesh:
+def _broadleaf(looks: Looks, detail: int) -> Mesh:
     colour = looks.pick(_BROADLEAF, _BROADLEAF)
-    crown = _crown(looks, colour, 3, 26, 0.9).moved((0, 0, 0.675), scale=(1.0, 1.0, 0.325))
-    trunk = lathe([(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=7, layer=Layer.BARK)
+    trunk = lathe([(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK)
+    crown = _crown(looks, colour, detail, 26, 0.9).moved((0, 0, 0.675), scale=(1.0, 1.0, 0.325))
     return merge([crown, trunk])
 
 
-def _bush(looks: Looks) -> Mesh:
+def _bush(looks: Looks, detail: int) -> Mesh:
     colour = looks.pick(_BROADLEAF, _BROADLEAF) * 0.92
-    return _crown(looks, colour, 2, 16, 1.0).moved((0, 0, 0.42), scale=(1.0, 1.0, 0.58))
+    return _crown(looks, colour, detail, 16, 1.0).moved((0, 0, 0.42), scale=(1.0, 1.0, 0.58))
 
 
-def _conifer(looks: Looks) -> Mesh:
+def _conifer(looks: Looks, detail: int) -> Mesh:
     """Tiers of drooping branches with ragged edges."""
     colour = looks.pick(_CONIFER, _CONIFER)
-    parts = [lathe([(0.10, -0.05), (0.03, 0.9)], looks.pick(_TRUNK, _TRUNK), n=6, layer=Layer.BARK)]
-    tiers, n = 7, 16
+    parts = [lathe([(0.10, -0.05), (0.03, 0.9)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK)]
+    tiers, n = ((4, 8), (6, 12), (8, 18))[detail]
     a0 = np.arange(n) * 2 * np.pi / n
     for k in range(tiers):
         t = k / tiers
-        z0, z1 = 0.18 + 0.80 * t, 0.18 + 0.80 * min(t + 0.26, 1.02)
+        z0, z1 = 0.18 + 0.80 * t, 0.18 + 0.80 * min(t + 1.9 / tiers, 1.02)
         a = a0 + looks.rng.uniform(0, 1)
         out = (1 - t) ** 0.85 * np.where(np.arange(n) % 2, 0.62, 1.0) * looks.rng.uniform(0.82, 1.0, n)
         edge = np.column_stack([np.cos(a) * out, np.sin(a) * out, z0 + 0.03 * looks.rng.normal(size=n) * (1 - t)])
-        mid = np.column_stack([np.cos(a) * out * 0.5, np.sin(a) * out * 0.5, np.full(n, z0 + 0.55 * (z1 - z0))])
         tip = np.column_stack([np.cos(a) * 0.02, np.sin(a) * 0.02, np.full(n, z1)])
-        shades = np.stack([colour * 1.12, colour * 0.86, colour * 0.6])
-        parts.append(loft(np.stack([edge, mid, tip]), np.clip(shades, 0, 1), caps=False, layer=Layer.NEEDLES, texture_size_m=0.7))
+        rings, shades = [edge, tip], [colour * 1.12, colour * 0.6]
+        if detail > 0:
+            rings.insert(1, np.column_stack([np.cos(a) * out / 2, np.sin(a) * out / 2, np.full(n, 0.45 * z0 + 0.55 * z1)]))
+            shades.insert(1, colour * 0.86)
+        parts.append(
+            loft(
+                np.stack(rings), np.clip(np.stack(shades), 0, 1), caps=False, layer=Layer.NEEDLES, texture_size_m=0.7
+            )
+        )
     return merge(parts)

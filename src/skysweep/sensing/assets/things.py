@@ -10,8 +10,8 @@ from skysweep.sensing.textures import Decal, Layer, decal_layer
 
 _BUCKET: list[RGB] = [(196, 30, 32), (210, 44, 36), (176, 22, 30)]
 _BUCKET_HELD_OUT: list[RGB] = [(200, 56, 28), (160, 30, 44), (220, 40, 56)]
-_ROCK: list[RGB] = [(140, 136, 130), (116, 110, 102), (160, 150, 136), (98, 98, 100), (150, 132, 112)]
-_ROCK_HELD_OUT: list[RGB] = [(128, 118, 112), (172, 166, 158), (104, 92, 80), (124, 132, 136)]
+_ROCK: list[RGB] = [(190, 186, 178), (158, 150, 140), (214, 202, 184), (134, 134, 138), (200, 178, 152)]
+_ROCK_HELD_OUT: list[RGB] = [(174, 162, 154), (228, 220, 210), (142, 126, 110), (168, 178, 184)]
 _BARK: list[RGB] = [(96, 78, 60), (74, 62, 52), (122, 106, 88)]
 _BARK_HELD_OUT: list[RGB] = [(84, 66, 54), (136, 124, 110), (104, 84, 60)]
 _CLOTH: list[RGB] = [
@@ -28,18 +28,18 @@ def bucket(looks: Looks, size_m: float, pose: str) -> Mesh:
     red = looks.pick(_BUCKET, _BUCKET_HELD_OUT)
     r, h = size_m / 2, size_m * looks.between(0.8, 1.15)
     foot = looks.between(0.66, 0.8) * r
-    profile = [(foot, 0), (0.97 * r, 0.92 * h), (r, 0.92 * h), (r, h), (0.94 * r, h), (foot * 0.93, 0.03 * h)]
-    colours = np.stack([red * 0.8, red, red * 1.02, red * 1.05, red * 0.75, red * 0.30])
+    profile = [(foot, 0), (0.96 * r, 0.93 * h), (r, 0.93 * h), (r, h), (0.91 * r, h), (foot * 0.93, 0.03 * h)]
+    colours = np.stack([red * 0.8, red, red * 1.05, red * 1.1, red * 1.1, red * 0.62])
     shell = lathe(profile, np.clip(colours, 0, 1), n=20, layer=Layer.WORN, texture_size_m=0.6)
-    if looks.chance(0.35):  # something in it
+    if looks.chance(0.2):  # something in it
         fill = looks.pick([(70, 84, 92), (110, 92, 64), (60, 50, 40)], [(84, 96, 80), (140, 130, 110)])
-        level = looks.between(0.35, 0.75)
+        level = looks.between(0.25, 0.55)
         inside = lathe([(0.9 * r * level + foot * 0.9 * (1 - level), level * h)] * 2, fill, n=20)
         shell = merge([shell, inside])
     a = np.linspace(0, np.pi, 9)
     fall = looks.between(1.2, 1.75)  # rad from upright
     arc = np.column_stack([1.04 * r * np.sin(a) * np.sin(fall), 1.04 * r * np.cos(a), 0.93 * h + r * np.sin(a) * np.cos(fall)])
-    handle = tube(arc, np.full(len(a), 0.012 + 0.006 * size_m), (0.75, 0.75, 0.77), n=5)
+    handle = tube(arc, np.full(len(a), 0.004 + 0.006 * size_m), (0.55, 0.55, 0.57), n=5)
     return merge([shell.grounded(0.3 * h, 0.7), handle])
 
 
@@ -58,7 +58,7 @@ def rock(looks: Looks, size_m: float, pose: str) -> Mesh:
     moss = np.clip(1.6 * v[:, 2:] - 0.7, 0, 1) * (0.6 if looks.chance(0.3) else 0.0)
     colours = colour * (1 - moss) + np.array([0.34, 0.40, 0.20]) * moss
     mesh = make_mesh(points + [0, 0, 0.30 * shape[2]], f, colours, Layer.STONE, 0.8)
-    return mesh.grounded(0.35 * size_m, 0.6)
+    return mesh.grounded(0.25 * size_m, 0.65)
 
 
 def stump(looks: Looks, size_m: float, pose: str) -> Mesh:
