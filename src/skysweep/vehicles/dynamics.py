@@ -79,9 +79,8 @@ MPC_TKO_SPEED, MPC_TKO_RAMP_T, SPOOLUP_S = 1.5, 3.0, 1.0
 MPC_LAND_SPEED, MPC_LAND_ALT1, MPC_LAND_ALT2 = 0.7, 10.0, 5.0
 TAKEOFF_Z_P = 0.4  # identified: PX4's automatic take-off arrives more gently than an offboard climb
 THRUST_MIN, THRUST_MAX, THRUST_XY_MARGIN = 0.12 * 20.0, 20.0, 0.3 * 20.0  # m/s2 (SIH: 20 N, 1 kg)
-TILT_P = (
-    4.5  # identified from the logged steps together with the rate loop below (rms 0.7 deg over the first s)
-)
+# Identified from six logged steps (docs/vehicle.md); PX4's default of 6.5 tilts 15 % too far here.
+TILT_P = 4.5
 MC_YAW_P, MC_YAW_WEIGHT = 2.8, 0.4
 MC_TILT_RATE_MAX, MC_YAW_RATE_MAX = math.radians(220.0), math.radians(200.0)
 
