@@ -12,7 +12,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from skysweep.errors import UserError
@@ -108,17 +108,19 @@ def run(
     """
     from skysweep.experiments.single import fly_to_folder
     from skysweep.scenarios.advice import warnings_for
-    from skysweep.scenarios.files import load_scenario
+    from skysweep.scenarios.files import change_scenario, load_scenario
 
-    changes = {
-        "strategy": strategy,
-        "n_c": n_c,
-        "d_c_m": d_c,
-        "c_t": c_t,
-        "scan_altitude_agl_m": h_s,
-        "check_altitude_agl_m": h_c,
-    }
-    chosen = load_scenario(scenario).with_search(**{k: v for k, v in changes.items() if v is not None})
+    chosen = change_scenario(
+        load_scenario(scenario),
+        {
+            "search.strategy": strategy,
+            "search.n_c": n_c,
+            "search.d_c_m": d_c,
+            "search.c_t": c_t,
+            "search.scan_altitude_agl_m": h_s,
+            "search.check_altitude_agl_m": h_c,
+        },
+    )
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {warning}", soft_wrap=True, highlight=False)
     folder = out or _free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
@@ -186,7 +188,7 @@ def compare_paper_command(
         skysweep compare paper --sensor statistical --seeds 100 --out paper-100
     """
     from skysweep.experiments.compare import PaperJob, compare_paper
-    from skysweep.results.report import write_compare_report
+    from skysweep.results.compare_report import write_compare_report
     from skysweep.results.tables import PAPER, print_tables
 
     with Progress(
@@ -260,6 +262,225 @@ def scenarios_validate(files: Annotated[list[str], typer.Argument(help="Scenario
         for warning in warnings:
             console.print(f"{file}: [yellow]warning:[/] {warning}", soft_wrap=True, highlight=False)
         console.print(f"{file}: {'usable' if warnings else 'good'}", soft_wrap=True)
+
+
+@app.command()
+@friendly
+def plan(
+    source: Annotated[
+        str,
+        typer.Argument(help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan)."),
+    ],
+    altitude: Annotated[float | None, typer.Option(help="Scan altitude, m above ground.")] = None,
+    sidelap: Annotated[float | None, typer.Option(help="Share of the swath that neighbours share.")] = None,
+    heading: Annotated[float | None, typer.Option(help="Compass heading of the transects.")] = None,
+    hfov: Annotated[float | None, typer.Option(help="Horizontal field of view of the camera, rad.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Scan speed, m/s.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the .plan file and the picture.")] = Path("plan"),
+) -> None:
+    """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
+
+    Examples:
+
+        skysweep plan clusters
+
+        skysweep plan my-area.kml --altitude 40 --sidelap 0.3 --out saturday
+    """
+    from skysweep.planning.area_files import scenario_from_area
+    from skysweep.planning.flight_plan import plan_scenario
+    from skysweep.planning.picture import draw_plan
+    from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.scenarios.advice import warnings_for
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    is_area = Path(source).suffix.lower() in (".geojson", ".json", ".kml", ".kmz", ".plan")
+    chosen = change_scenario(
+        scenario_from_area(source) if is_area else load_scenario(source),
+        {
+            "search.scan_altitude_agl_m": altitude,
+            "search.sidelap": sidelap,
+            "search.transect_heading_deg": heading,
+            "search.scan_speed_mps": speed,
+            "camera.hfov_rad": hfov,
+        },
+    )
+    for warning in [] if is_area else warnings_for(chosen):
+        errors.print(f"[yellow]warning:[/] {warning}", soft_wrap=True, highlight=False)
+    coverage, estimate = plan_scenario(chosen)
+    out.mkdir(parents=True, exist_ok=True)
+    picture = draw_plan(out / f"{chosen.name}.png", chosen, coverage, estimate)
+    file = write_plan(out / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
+    table = Table(show_header=False, box=None)
+    table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
+    table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
+    table.add_row("path length", f"{estimate.path_length_m:.0f} m")
+    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
+    table.add_row("batteries", f"{estimate.batteries} ({estimate.energy_wh:.0f} Wh)")
+    table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
+    table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
+    console.print(table)
+    console.print(f"plan: {file}\npicture: {picture}", soft_wrap=True, highlight=False)
+
+
+@app.command()
+@friendly
+def dataset(
+    out: Annotated[Path, typer.Argument(help="A new folder.")],
+    images: Annotated[int, typer.Option(min=1, help="How many pictures.")] = 6000,
+    seed: SeedOption = 0,
+    split: Annotated[str, typer.Option(help="train or held-out assets.")] = "train",
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+) -> None:
+    """Render labelled pictures (COCO and YOLO labels) to train or evaluate detectors.
+
+    Examples:
+
+        skysweep dataset training --images 6000
+
+        skysweep dataset held-out --split held-out --images 1000 --seed 1
+    """
+    from skysweep.training.dataset import render_dataset
+
+    if split not in ("train", "held-out"):
+        raise UserError(f"--split: '{split}' is neither; write train or held-out")
+    with _bar() as progress:
+        task = progress.add_task("rendering", total=images)
+        render_dataset(
+            out,
+            images,
+            seed=seed,
+            split=split,  # type: ignore[arg-type]
+            workers=workers,
+            progress=lambda done, _total: progress.update(task, completed=done),
+        )
+    console.print(f"data set: {out}", soft_wrap=True)
+
+
+@app.command()
+@friendly
+def train(
+    dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
+    out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("detector.onnx"),
+    minutes: Annotated[float, typer.Option(min=0.01, help="How long to train.")] = 20.0,
+    init: Annotated[
+        str | None, typer.Option(help="Fine-tune this model: 'skysweep' or an ONNX file of this command.")
+    ] = None,
+    seed: SeedOption = 0,
+    threads: Annotated[int, typer.Option(min=1)] = 2,
+) -> None:
+    """Train a detector, or fine-tune ours on your pictures (extra: train).
+
+    Examples:
+
+        skysweep train training --minutes 20 --out detector.onnx
+
+        skysweep train my-labelled-flights --init skysweep --minutes 5
+    """
+    from skysweep.training.train import train_detector
+
+    with _bar() as progress:
+        task = progress.add_task("training", total=1000)
+
+        def show(now: Any) -> None:
+            progress.update(task, completed=int(1000 * now.share), description=f"loss {now.loss:.2f}")
+
+        train_detector(dataset, out, minutes=minutes, init=init, seed=seed, threads=threads, progress=show)
+    console.print(f"model: {out}; use it with detector.model in a scenario", soft_wrap=True)
+
+
+@detect_app.command("evaluate")
+@friendly
+def detect_evaluate(
+    dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
+    model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    stock: Annotated[
+        bool, typer.Option("--stock", help="Beside it, fetch and evaluate the COCO-trained YOLOv3-tiny.")
+    ] = False,
+    confidence: Annotated[float, typer.Option(min=0.01, max=0.99, help="Drops detections below.")] = 0.25,
+    tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
+) -> None:
+    """Recall, precision and false positives by pixels on target and altitude.
+
+    Examples:
+
+        skysweep detect evaluate held-out --stock
+
+        skysweep detect evaluate my-labelled-flights --model detector.onnx
+    """
+    from skysweep.sensing.detector import YoloDetector
+    from skysweep.training.evaluate import evaluate, tables
+    from skysweep.training.labelled import read_dataset
+
+    data = read_dataset(dataset)
+    models: dict[str, Path | str] = {model: model}
+    if stock:
+        from skysweep.training.stock import stock_model_path
+
+        models["YOLOv3-tiny (COCO)"] = stock_model_path()
+    evaluations = {}
+    with _bar() as progress:
+        for name, path in models.items():
+            detector = YoloDetector(path, confidence_min=confidence, tiles=tiles, threads=2)
+            task = progress.add_task(name, total=len(data.images))
+
+            def show(done: int, _total: int, task: TaskID = task) -> None:
+                progress.update(task, completed=done)
+
+            evaluations[name] = evaluate(detector, data, confidence_min=confidence, progress=show)
+    for table in tables(evaluations):
+        console.print(table)
+
+
+@app.command()
+@friendly
+def calibrate(
+    detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    camera_of: Annotated[str, typer.Option(help="Scenario whose camera to fit.")] = "clusters",
+    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 3000,
+    seed: SeedOption = 0,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    out: Annotated[Path, typer.Option(help="YAML file to write.")] = Path("sensor.yaml"),
+) -> None:
+    """Fit the statistical sensor to renders and a real detector.
+
+    Example:
+
+        skysweep calibrate --pictures 3000 --out sensor.yaml
+    """
+    from skysweep.experiments.calibrate import calibrate as fit
+    from skysweep.scenarios.files import load_scenario
+
+    with _bar() as progress:
+        task = progress.add_task("looking", total=pictures)
+        fit(
+            detector,
+            load_scenario(camera_of).camera,
+            out,
+            pictures,
+            seed,
+            workers,
+            lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    console.print(f"sensor model: {out}", soft_wrap=True)
+
+
+@app.command()
+@friendly
+def bench() -> None:
+    """Measure this machine and print one JSON object: real-time factors, frames a second, milliseconds."""
+    from skysweep.experiments.bench import bench as measure
+
+    sys.stdout.write(json.dumps(measure(), indent=1) + "\n")
+
+
+def _bar() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=errors,
+    )
 
 
 if __name__ == "__main__":

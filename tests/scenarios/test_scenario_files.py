@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from skysweep.errors import UserError
 from skysweep.scenarios.files import (
+    change_scenario,
     MAX_FILE_BYTES,
     dump_scenario,
     json_schema,
     list_scenarios,
     load_scenario,
     parse_scenario,
-    with_search,
     write_scenario,
 )
 from skysweep.scenarios.model import Scenario
@@ -106,9 +106,9 @@ def test_plan_and_model_paths_count_from_the_scenario_file(tmp_path):
 
 def test_search_can_be_changed_with_the_same_care():
     scenario = load_scenario("sparse")
-    assert with_search(scenario, n_c=math.inf).search.n_c == math.inf
+    assert change_scenario(scenario, {"search.n_c": math.inf, "search.c_t": None}).search.n_c == math.inf
     with pytest.raises(UserError, match=r"sparse: search\.check_altitude_agl_m: is 50; write less than"):
-        with_search(scenario, check_altitude_agl_m=50)
+        change_scenario(scenario, {"search.check_altitude_agl_m": 50})
 
 
 def test_json_schema_is_strict_json_and_names_every_field():

@@ -11,7 +11,8 @@ import os
 import re
 import tempfile
 import typing
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
+from functools import reduce
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -95,14 +96,19 @@ def parse_scenario(text: str, source: str) -> Scenario:
         raise explain(error, source) from None
 
 
-def with_search(scenario: Scenario, **changes: Any) -> Scenario:
-    """A copy with other search parameters, such as ``n_c=3``.
+def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """A copy with other values at dotted fields, such as ``search.n_c``; None leaves a field as it is.
 
     Raises:
         UserError: the change makes no valid scenario.
     """
+    data = scenario.model_dump(by_alias=True)
+    for dotted, value in changes.items():
+        if value is not None:
+            *parents, field = dotted.split(".")
+            reduce(lambda node, key: node[key], parents, data)[field] = value
     try:
-        return scenario.with_search(**changes)
+        return Scenario.model_validate(data)
     except ValidationError as error:
         raise explain(error, scenario.name) from None
 
