@@ -18,7 +18,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.sensing.meshes import Mesh, merge
 from skysweep.sensing.projection import View
-from skysweep.sensing.scene import Planting, Scene, Solid
+from skysweep.sensing.scene import PLANT_TEXTURE_SCALE, Planting, Scene, Solid
 from skysweep.sensing.textures import DETAIL_M, LAYER_PX, MACRO_M, MIDDLE_M
 
 F32 = NDArray[np.float32]
@@ -121,14 +121,14 @@ void main() {{
 }}"""
 
 # Plants have many small triangles: they are lit at their vertices, which halves their cost.
-_PLANT_VS = """#version 330
+_PLANT_VS = f"""#version 330
 uniform mat4 view_projection, shadow_matrix; uniform float haze_per_m;
 uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, eye;
 in vec3 position, normal, texel; in vec4 tint;
 in vec4 place; in vec3 shape;  // x, y, z, yaw; radius, height, shade
 out vec4 v_light; out vec3 v_texel;
 flat out float v_id;
-void main() {
+void main() {{
     mat2 turn = mat2(cos(place.w), sin(place.w), -sin(place.w), cos(place.w));
     vec3 world = vec3(turn * position.xy * shape.x, position.z * shape.y) + place.xyz;
     vec3 n = normalize(vec3(turn * normal.xy / shape.x, normal.z / shape.y));
@@ -137,10 +137,10 @@ void main() {
     vec3 light = mix(ground_rgb, sky_rgb, 0.5 + 0.5 * n.z) + sun_rgb * (max(dot(n, sun_direction), 0.0) * lit);
     vec3 albedo = tint.rgb * shape.z;
     v_light = vec4(albedo * albedo * light, exp(-distance(eye, world) * haze_per_m));
-    v_texel = vec3(texel.xy * vec2(shape.x, 0.5 * (shape.x + shape.y)) * 0.6, texel.z);
+    v_texel = vec3(texel.xy * vec2(shape.x, 0.5 * (shape.x + shape.y)) * {PLANT_TEXTURE_SCALE}, texel.z);
     v_id = 0.0;
     gl_Position = view_projection * vec4(world, 1.0);
-}"""
+}}"""
 
 _PLANT_FS = f"""#version 330
 uniform sampler2DArray layers; uniform vec3 haze_rgb;

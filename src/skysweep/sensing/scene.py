@@ -12,7 +12,7 @@ from skysweep.scenarios.world import TerrainSurface, World, WorldObject
 from skysweep.sensing.assets import object_mesh
 from skysweep.sensing.assets.buildings import building_mesh
 from skysweep.sensing.assets.plants import SHAPES, tree_meshes
-from skysweep.sensing.meshes import Mesh, make_mesh, merge, tilt_rotation, yaw_rotation
+from skysweep.sensing.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
 from skysweep.sensing.textures import GroundTextures, ground_textures, layer_image
 
 F32 = NDArray[np.float32]
@@ -22,6 +22,7 @@ U8 = NDArray[np.uint8]
 
 GROUND_LOOKS = 8
 HORIZON_M = 4000.0  # the ground goes on flat this far beyond the world
+PLANT_TEXTURE_SCALE = 0.6  # repeats of a plant's texture a metre, over those of its unit mesh
 UPRIGHT_POSES = ("standing", "sitting", "floating")
 
 
@@ -124,14 +125,6 @@ def ground_mesh(terrain: TerrainSurface) -> Mesh:
     a = (i * n + j).ravel()
     faces = np.stack([np.column_stack([a, a + 1, a + n + 1]), np.column_stack([a, a + n + 1, a + n])], axis=1)
     return make_mesh(v, faces.reshape(-1, 3), (1, 1, 1))
-
-
-def expand(planting: Planting) -> Mesh:
-    """All copies of a planting as one mesh (for renderers without instancing)."""
-    copies = []
-    for x, y, z, yaw, radius, height, shade in planting.places:
-        copies.append(planting.meshes[1].moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade))
-    return merge(copies)
 
 
 def _placed(terrain: TerrainSurface, thing: WorldObject) -> Mesh:
