@@ -328,7 +328,7 @@ def coverage_from_qgc(plan: QgcPlan, frame: LocalFrame, lens: Lens, altitude_agl
         along = np.ones(len(legs), dtype=bool)
     swath = lens.footprint_m(altitude_agl_m)[0]
     spacings = [s.TransectStyleComplexItem.CameraCalc.AdjustedFootprintSide for s in plan.surveys]
-    heading = float(headings[along][np.argmax(lengths[along])])
+    heading = float(headings[along][np.argmax(lengths[along])] % 180.0)
     return CoveragePlan(
         xy, tuple(legs[along]), max(spacings, default=swath), swath, heading, float(lengths.sum())
     )

@@ -1,0 +1,208 @@
+"""Search areas drawn elsewhere: GeoJSON (RFC 7946), KML and KMZ (OGC KML 2.2), QGroundControl ``.plan``.
+
+Each file must hold exactly one polygon; holes are kept. Coordinates are WGS 84. Nothing in a file is fetched,
+expanded or unpacked beyond a fixed size.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+import shapely
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.json_files import parse_json, read_limited
+from skysweep.planning.qgc import read_plan, survey_polygons
+from skysweep.scenarios.model import MAX_AREA_KM2, Area, Home, Scenario
+
+MAX_AREA_FILE_BYTES = 20_000_000
+MAX_CORNERS = 100_000
+SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
+
+_ONE_POLYGON = "save a file with one polygon around the search area"
+_WGS84_NAMES = re.compile(r"(CRS:?84|EPSG:*(:\d*)?:?4326|WGS ?84)$", re.IGNORECASE)
+
+
+def read_area(path: str | Path, frame: LocalFrame | None = None) -> tuple[shapely.Polygon, LocalFrame]:
+    """The polygon in a file as ENU metres, and the frame they are in.
+
+    The frame is ``frame`` or, without one, that of the polygon's centroid at altitude 0. Raises UserError
+    naming the file when it is unreadable, damaged, unsafe, or holds anything but one searchable polygon.
+    """
+    path = Path(path)
+    try:
+        polygons = list(_polygons(path))
+    except RecursionError:
+        raise UserError(f"{path}: is nested too deeply; {_ONE_POLYGON}") from None
+    if len(polygons) != 1:
+        found = f"holds {len(polygons)} polygons" if polygons else "holds no polygon"
+        raise UserError(f"{path}: {found}; {_ONE_POLYGON}")
+    return _on_ground(polygons[0], path, frame)
+
+
+def scenario_from_area(path: str | Path) -> Scenario:
+    """A scenario to plan with: the file's area, home at its southernmost corner."""
+    area, frame = read_area(path)
+    corners = shapely.get_coordinates(area.exterior)[:-1]
+    south = corners[np.argmin(corners[:, 1])]
+    latitude, longitude, _ = frame.geodetic_from_enu([[*south, 0.0]])[0]
+    home = Home(latitude_deg=float(latitude), longitude_deg=float(longitude), altitude_amsl_m=0.0)
+    area, _ = read_area(path, LocalFrame(home.latitude_deg, home.longitude_deg, 0.0))
+    name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", Path(path).stem).strip(" ._-")[:80] or "area"
+
+    def ring(line: shapely.LinearRing) -> list[tuple[float, float]]:
+        return [(float(x), float(y)) for x, y in shapely.get_coordinates(line)[:-1]]
+
+    holes = [ring(hole) for hole in area.interiors]
+    return Scenario(name=name, area=Area(polygon_enu_m=ring(area.exterior), holes_enu_m=holes), home=home)
+
+
+def _polygons(path: Path) -> Iterable[shapely.Polygon]:
+    suffix = path.suffix.lower()
+    if suffix in (".geojson", ".json"):
+        return _geojson_polygons(_geojson(path), path)
+    if suffix == ".kml":
+        return _kml_polygons(read_limited(path, MAX_AREA_FILE_BYTES), path)
+    if suffix == ".kmz":
+        return _kml_polygons(_unzip(path), path)
+    if suffix == ".plan":
+        return survey_polygons(read_plan(path))
+    raise UserError(f"{path}: is no area file; give one that ends in {', '.join(SUFFIXES)}")
+
+
+def _on_ground(
+    lon_lat: shapely.Polygon, path: Path, frame: LocalFrame | None
+) -> tuple[shapely.Polygon, LocalFrame]:
+    corners = shapely.get_coordinates(lon_lat)
+    if len(corners) > MAX_CORNERS:
+        raise UserError(
+            f"{path}: the polygon has {len(corners)} corners; simplify it to {MAX_CORNERS} or fewer"
+        )
+    if not np.isfinite(corners).all() or (np.abs(corners) > [180.0, 90.0]).any():
+        raise UserError(
+            f"{path}: a corner is no longitude and latitude in degrees; export the area in WGS 84 (EPSG:4326)"
+        )
+    if not lon_lat.is_valid:
+        reason = shapely.is_valid_reason(lon_lat)
+        raise UserError(f"{path}: the polygon is not simple ({reason}); draw it without crossing lines")
+    if frame is None:
+        middle = lon_lat.centroid if lon_lat.area > 0 else lon_lat.representative_point()
+        frame = LocalFrame(middle.y, middle.x)
+    local = frame
+
+    def enu(lon_lat_deg: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        altitude = np.full(len(lon_lat_deg), local.altitude_m)
+        return local.enu_from_geodetic(np.column_stack([lon_lat_deg[:, ::-1], altitude]))[:, :2]
+
+    area = shapely.transform(lon_lat, enu)
+    if not 1.0 <= area.area <= MAX_AREA_KM2 * 1e6:
+        raise UserError(
+            f"{path}: the polygon covers {area.area / 1e6:.3g} km2; "
+            f"draw one between 1 m2 and {MAX_AREA_KM2:g} km2"
+        )
+    return area, frame
+
+
+def _geojson(path: Path) -> Any:
+    data = parse_json(read_limited(path, MAX_AREA_FILE_BYTES), path, "export the area again as GeoJSON")
+    crs = data.get("crs") if isinstance(data, dict) else None
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if crs is not None and not _WGS84_NAMES.search(str(name)):
+        raise UserError(f"{path}: crs: {str(name)[:60]!r} is not WGS 84; export the area in EPSG:4326")
+    return data
+
+
+def _geojson_polygons(node: Any, path: Path) -> Iterator[shapely.Polygon]:
+    kind = node.get("type") if isinstance(node, dict) else None
+    if kind == "FeatureCollection":
+        children = node.get("features")
+    elif kind == "Feature":
+        children = [node.get("geometry")] if node.get("geometry") is not None else []
+    elif kind == "GeometryCollection":
+        children = node.get("geometries")
+    elif kind == "Polygon":
+        yield _polygon(node.get("coordinates"), path)
+        return
+    elif kind == "MultiPolygon":
+        for rings in _list(node.get("coordinates"), path):
+            yield _polygon(rings, path)
+        return
+    elif kind in ("Point", "MultiPoint", "LineString", "MultiLineString"):
+        return
+    else:
+        raise UserError(f"{path}: type: {str(kind)[:40]!r} is not of GeoJSON; {_ONE_POLYGON}")
+    for child in _list(children, path):
+        yield from _geojson_polygons(child, path)
+
+
+def _list(node: Any, path: Path) -> list[Any]:
+    if not isinstance(node, list):
+        raise UserError(
+            f"{path}: a list of shapes or coordinates is missing; export the area again as GeoJSON"
+        )
+    return node
+
+
+def _polygon(rings: Any, path: Path) -> shapely.Polygon:
+    try:
+        shell, *holes = [[(float(p[0]), float(p[1])) for p in ring] for ring in rings]
+        return shapely.Polygon(shell, holes)
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError, shapely.errors.GEOSException):
+        raise UserError(
+            f"{path}: the polygon's coordinates are not rings of at least 4 [longitude, latitude] pairs; "
+            "export the area again"
+        ) from None
+
+
+def _unzip(path: Path) -> bytes:
+    """The KML inside a KMZ: ``doc.kml``, or the first ``.kml``, unpacked no further than the size limit."""
+    try:
+        with zipfile.ZipFile(BytesIO(read_limited(path, MAX_AREA_FILE_BYTES))) as archive:
+            names = [n for n in archive.namelist() if n.lower().endswith(".kml")]
+            if not names:
+                raise UserError(f"{path}: holds no .kml file; export the area again as KMZ")
+            with archive.open("doc.kml" if "doc.kml" in names else names[0]) as file:
+                data = file.read(MAX_AREA_FILE_BYTES + 1)
+    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError, ValueError):
+        raise UserError(f"{path}: is no readable KMZ (zip) file; export the area again as KMZ") from None
+    if len(data) > MAX_AREA_FILE_BYTES:
+        raise UserError(
+            f"{path}: unpacks to more than {MAX_AREA_FILE_BYTES / 1e6:g} MB; "
+            "save only the search area's polygon"
+        )
+    return data
+
+
+def _kml_polygons(data: bytes, path: Path) -> Iterator[shapely.Polygon]:
+    try:
+        root = fromstring(data, forbid_dtd=True)
+    except DefusedXmlException:
+        raise UserError(
+            f"{path}: declares a DTD or entities, which a KML needs not and a trap may; export the area again"
+        ) from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise UserError(f"{path}: is not KML ({error}); export the area again") from None
+    for polygon in _descendants(root, "Polygon"):
+        outer = [_kml_ring(r) for r in _descendants(polygon, "outerBoundaryIs")]
+        inner = [_kml_ring(r) for r in _descendants(polygon, "innerBoundaryIs")]
+        yield _polygon(outer[:1] + inner, path)
+
+
+def _descendants(element: Element, name: str) -> Iterator[Element]:
+    return (e for e in element.iter() if isinstance(e.tag, str) and e.tag.rpartition("}")[2] == name)
+
+
+def _kml_ring(boundary: Element) -> list[list[str]]:
+    text = " ".join(e.text or "" for e in _descendants(boundary, "coordinates"))
+    return [corner.split(",") for corner in text.split()]

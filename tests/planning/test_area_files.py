@@ -1,0 +1,208 @@
+import io
+import json
+import math
+import zipfile
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.area_files import MAX_AREA_FILE_BYTES, read_area, scenario_from_area
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.qgc import plan_for_qgc, write_plan
+from skysweep.scenarios.model import Area, Scenario
+
+FRAME = LocalFrame(60.449, 22.2966, 0.0)
+SQUARE = shapely.Polygon([(0, 0), (200, 0), (200, 100), (0, 100)], [[(50, 30), (90, 30), (90, 70), (50, 70)]])
+
+
+def lon_lat(ring):
+    xyz = np.column_stack([shapely.get_coordinates(ring), np.zeros(len(shapely.get_coordinates(ring)))])
+    return FRAME.geodetic_from_enu(xyz)[:, 1::-1].tolist()
+
+
+OUTER, HOLE = lon_lat(SQUARE.exterior), lon_lat(SQUARE.interiors[0])
+POLYGON = {"type": "Polygon", "coordinates": [OUTER, HOLE]}
+POINT = {"type": "Point", "coordinates": OUTER[0]}
+
+
+def feature(geometry):
+    return {"type": "Feature", "properties": {"name": "x"}, "geometry": geometry}
+
+
+def kml(outer=OUTER, hole=HOLE, namespace='xmlns="http://www.opengis.net/kml/2.2"', count=1):
+    def ring(corners):
+        text = "\n".join(f"{lon},{lat},0" for lon, lat in corners)
+        return f"<LinearRing><coordinates>\n{text}\n</coordinates></LinearRing>"
+
+    placemark = (
+        "<Placemark><name>Area</name><Polygon>"
+        f"<outerBoundaryIs>{ring(outer)}</outerBoundaryIs><innerBoundaryIs>{ring(hole)}</innerBoundaryIs>"
+        "</Polygon></Placemark>"
+    )
+    head = '<?xml version="1.0" encoding="UTF-8"?>'
+    return f"{head}<kml {namespace}><Document>{placemark * count}</Document></kml>"
+
+
+def kmz(files):
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return data.getvalue()
+
+
+def save(tmp_path, name, content):
+    file = tmp_path / name
+    if isinstance(content, (dict, list)):
+        content = json.dumps(content)
+    file.write_bytes(content.encode() if isinstance(content, str) else content)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.geojson", POLYGON),
+        ("a.json", feature(POLYGON)),
+        (
+            "a.geojson",
+            {"type": "FeatureCollection", "features": [feature(POINT), feature(POLYGON), feature(None)]},
+        ),
+        ("a.geojson", {"type": "MultiPolygon", "coordinates": [POLYGON["coordinates"]]}),
+        ("a.geojson", {"type": "GeometryCollection", "geometries": [POINT, POLYGON]}),
+        ("a.geojson", {**POLYGON, "crs": {"properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}}),
+        ("a.geojson", {**POLYGON, "crs": {"properties": {"name": "urn:ogc:def:crs:EPSG::4326"}}}),
+        ("a.geojson", "\ufeff" + json.dumps(POLYGON)),
+        ("a.kml", kml()),
+        ("a.KML", kml(namespace="")),
+        ("a.kmz", kmz({"files/icon.png": b"png", "doc.kml": kml()})),
+        ("a.kmz", kmz({"mine.kml": kml()})),
+    ],
+)
+def test_one_area_from_every_kind_of_file(tmp_path, name, content):
+    area, frame = read_area(save(tmp_path, name, content), FRAME)
+    assert frame is FRAME
+    assert area.symmetric_difference(SQUARE).area < 0.01
+    assert len(area.interiors) == 1
+
+
+def test_without_a_frame_the_area_lies_around_its_centroid(tmp_path):
+    area, frame = read_area(save(tmp_path, "a.kml", kml()))
+    assert math.hypot(area.centroid.x, area.centroid.y) < 0.01
+    assert area.area == pytest.approx(SQUARE.area, rel=1e-5)
+    assert frame.latitude_deg == pytest.approx(60.4494, abs=1e-3)
+
+
+def test_a_plans_survey_is_an_area(tmp_path):
+    s = Scenario(name="t", area=Area(polygon_enu_m=[(0, 0), (200, 0), (200, 100), (0, 100)]))
+    file = write_plan(tmp_path / "a.plan", plan_for_qgc(s, plan_scenario(s)[0]))
+    area, _ = read_area(file, s.frame)
+    assert area.symmetric_difference(shapely.box(0, 0, 200, 100)).area < 0.1
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    latitude=st.floats(-75, 75),
+    longitude=st.floats(-170, 170),
+    radii=st.lists(st.floats(20, 500), min_size=3, max_size=12),
+)
+def test_areas_survive_the_way_through_a_file(tmp_path_factory, latitude, longitude, radii):
+    frame = LocalFrame(latitude, longitude, 0.0)
+    angles = np.arange(len(radii)) * 2 * np.pi / len(radii)
+    ring = np.column_stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(len(radii))])
+    corners = frame.geodetic_from_enu(ring)[:, 1::-1].tolist()
+    content = {"type": "Polygon", "coordinates": [[*corners, corners[0]]]}
+    area, _ = read_area(save(tmp_path_factory.mktemp("g"), "a.geojson", content), frame)
+    assert shapely.get_coordinates(area)[:-1] == pytest.approx(ring[:, :2], abs=0.05)
+
+
+def test_an_area_becomes_a_scenario_that_can_be_planned(tmp_path):
+    s = scenario_from_area(save(tmp_path, "Größe & co.kml", kml()))
+    assert s.area_enu_m.area == pytest.approx(SQUARE.area, rel=1e-4)
+    assert s.home.latitude_deg == pytest.approx(60.449, abs=1e-4)
+    plan, estimate = plan_scenario(s)
+    assert estimate.time_s > 0
+    assert s.name == "Gr-e - co"
+    assert np.linalg.norm(plan.waypoints_xy_enu_m[0]) < 150
+
+
+BILLION_LAUGHS = '<!DOCTYPE l [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><kml><name>&b;</name></kml>'
+FOREIGN_ENTITY = '<!DOCTYPE l SYSTEM "file:///etc/hostname"><kml></kml>'
+BOW_TIE = [[22.0, 60.0], [22.01, 60.01], [22.01, 60.0], [22.0, 60.01], [22.0, 60.0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.shp", b"", "no area file; give one that ends in .geojson"),
+        ("a.geojson", {"type": "FeatureCollection", "features": []}, "no polygon"),
+        ("a.geojson", {"type": "FeatureCollection", "features": [feature(POLYGON)] * 2}, "2 polygons"),
+        ("a.geojson", {"type": "MultiPolygon", "coordinates": [[OUTER], [HOLE]]}, "2 polygons"),
+        ("a.geojson", {"type": "FeatureCollection"}, "list of shapes"),
+        ("a.geojson", {"type": "Topology"}, "Topology"),
+        ("a.geojson", [1, 2], "not of GeoJSON"),
+        ("a.geojson", {"type": "Polygon", "coordinates": [OUTER[:2]]}, "at least 4"),
+        ("a.geojson", {"type": "Polygon", "coordinates": [["a", "b"]]}, "at least 4"),
+        ("a.geojson", {"type": "Polygon", "coordinates": None}, "at least 4"),
+        (
+            "a.geojson",
+            {"type": "Polygon", "coordinates": [[[p[0] * 1e4, p[1] * 1e5] for p in OUTER]]},
+            "WGS 84",
+        ),
+        (
+            "a.geojson",
+            {"type": "Polygon", "coordinates": [[[1e999, 0], [0, 1], [1, 1], [1e999, 0]]]},
+            "JSON number",
+        ),
+        ("a.geojson", {"type": "Polygon", "coordinates": [BOW_TIE]}, "not simple"),
+        ("a.geojson", {"type": "Polygon", "coordinates": [[[0, 0], [9, 0], [9, 9], [0, 0]]]}, "km2"),
+        ("a.geojson", {"type": "Polygon", "coordinates": [[OUTER[0]] * 4]}, "not simple|km2"),
+        ("a.geojson", {**POLYGON, "crs": {"properties": {"name": "EPSG:3067"}}}, "EPSG:3067"),
+        ("a.geojson", {**POLYGON, "crs": "x"}, "crs"),
+        ("a.geojson", json.dumps(POLYGON)[:100], "truncated"),
+        (
+            "a.geojson",
+            '{"type": "GeometryCollection", "geometries": [' * 300 + "]}" * 300,
+            "deeply|no polygon",
+        ),
+        ("a.geojson", "[" * 500_000, "deeply"),
+        ("a.geojson", b"\xff\xfe", "UTF-8"),
+        ("a.kml", kml(count=3), "3 polygons"),
+        ("a.kml", kml()[:300], "is not KML"),
+        ("a.kml", kml(outer=OUTER[:2]), "at least 4"),
+        ("a.kml", kml(outer=[["x", "y"]] * 4), "at least 4"),
+        ("a.kml", kml(outer=[["nan", "nan"]] * 4), "WGS 84|at least 4"),
+        ("a.kml", BILLION_LAUGHS, "DTD or entities"),
+        ("a.kml", FOREIGN_ENTITY, "DTD or entities"),
+        ("a.kml", "<a>" * 100_000, "is not KML"),
+        ("a.kml", "", "is not KML"),
+        ("a.kmz", b"PK\x03\x04 broken", "no readable KMZ"),
+        ("a.kmz", kmz({"a.txt": "x"}), "no .kml file"),
+        ("a.kmz", kmz({"doc.kml": BILLION_LAUGHS}), "DTD or entities"),
+        ("a.kmz", kmz({"doc.kml": b" " * (MAX_AREA_FILE_BYTES + 1)}), "unpacks to more than 20 MB"),
+    ],
+)
+def test_what_is_no_area_is_told_in_one_sentence(tmp_path, name, content, words):
+    with pytest.raises(UserError, match=words) as refusal:
+        read_area(save(tmp_path, name, content))
+    assert name in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(UserError, match="no such file"):
+        read_area(tmp_path / "none.kml")
+
+
+@given(st.binary(max_size=300), st.sampled_from([".geojson", ".kml", ".kmz", ".plan"]))
+@settings(max_examples=100, deadline=None)
+def test_no_bytes_break_the_reader(tmp_path_factory, data, suffix):
+    file = tmp_path_factory.mktemp("bytes") / f"x{suffix}"
+    file.write_bytes(data)
+    with pytest.raises(UserError):
+        read_area(file)
