@@ -1,4 +1,4 @@
-"""The embedded camera: renders the world from the true pose and hands on the pose that the mission believes."""
+"""The embedded camera: renders the world from the true pose."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.scenarios.world import World
-from skysweep.sensing.believed import DelayedPose
 from skysweep.sensing.camera_effects import CameraEffects
 from skysweep.sensing.render import Backend, make_renderer
 from skysweep.types import Frame, VehicleState
@@ -34,35 +33,41 @@ class RenderedCamera:
     """A :class:`skysweep.types.Camera` in a simulated world.
 
     ``truth`` gives the true pose at the time of the state passed to ``capture``; the frame carries the
-    camera pose of the vehicle's own estimate, ``pose_delay_s`` old. Call ``observe`` with the states between
-    two frames where they are closer than that delay. One seed gives the same frame bytes.
+    camera pose of that state (see :class:`skysweep.sensing.schedule.Exposures` for its delay). One seed gives
+    the same frame bytes.
     """
 
     def __init__(
-        self, world: World, camera: CameraModel, truth: Callable[[], TruePose], seed: int, backend: Backend = "auto"
+        self,
+        world: World,
+        camera: CameraModel,
+        truth: Callable[[], TruePose],
+        seed: int,
+        backend: Backend = "auto",
     ) -> None:
         self._terrain = world.terrain
         self._lens = camera.lens
         self._truth = truth
         self._renderer = make_renderer(world, backend)
-        self._effects = CameraEffects(camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, seed)
-        self._believed = DelayedPose(camera.pose_delay_s)
+        self._effects = CameraEffects(
+            camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, seed
+        )
         self._frame_index = 0
-
-    def observe(self, state: VehicleState) -> None:
-        """Remember what the vehicle believes, without taking a picture."""
-        self._believed.push(state.time_s, state.camera)
 
     def capture(self, state: VehicleState) -> Frame:
         """The picture of this moment."""
-        self.observe(state)
         true = self._truth()
         clean = self._renderer.render(self._lens, true.camera, state.time_s)
         image = self._effects.apply(
-            clean, self._frame_index, true.camera, true.velocity_enu_mps, true.rate_enu_radps, self._distance_m(true.camera)
+            clean,
+            self._frame_index,
+            true.camera,
+            true.velocity_enu_mps,
+            true.rate_enu_radps,
+            self._distance_m(true.camera),
         )
         self._frame_index += 1
-        return Frame(state.time_s, image, self._believed.at(state.time_s), self._lens)
+        return Frame(state.time_s, image, state.camera, self._lens)
 
     def _distance_m(self, pose: CameraPose) -> float:
         """About how far the ground is along the optical axis."""
