@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.camera import CameraPose
 
+_SAME = 1e-6  # share of the way from one pose to the next that makes no difference
+
 
 class DelayedPose:
     """Keeps the camera poses of the last ``delay_s`` seconds and a little more."""
@@ -37,6 +39,8 @@ class DelayedPose:
             return self._poses[-1][1]
         (t0, a), (t1, b) = self._poses[k - 1], self._poses[k]
         w = min(max((t - t0) / (t1 - t0), 0.0), 1.0)
+        if w < _SAME:
+            return a
         turn = Rotation.from_matrix(b.R_camera_to_enu @ a.R_camera_to_enu.T).as_rotvec()
         return CameraPose(
             (1 - w) * a.position_enu_m + w * b.position_enu_m,

@@ -19,12 +19,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, project
-from skysweep.scenarios.world import World
-from skysweep.sensing.occlusion import apparent_size_m, visible_fraction
+from skysweep.scenarios.world import World, WorldObject
+from skysweep.sensing.occlusion import Occluders, pixels_on_target
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import Detections, VehicleState
 
 F64 = NDArray[np.float64]
+_Box = tuple[F64, float, str]  # corners (4,) px, confidence, class
 
 _EPS_S = 1e-6
 _MIN_VISIBLE = 0.25
@@ -36,6 +37,7 @@ class KindModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     kind: str = Field(description="What is out there")
+    pose: str = Field(description="How it lies or stands there")
     reported_as: str = Field(description="What the detector calls it")
     probability: list[float] = Field(description="Of a detection in one look")
     confidence_logit_mean: list[float]
@@ -88,8 +90,9 @@ class StatisticalModel(BaseModel):
         try:
             return cls.model_validate(yaml.safe_load(source.read_text()))
         except (OSError, yaml.YAMLError, ValidationError) as error:
+            reason = str(error).splitlines()[0]
             raise UserError(
-                f"{source}: not a sensor model ({str(error).splitlines()[0]}); write one with 'skysweep calibrate'"
+                f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'"
             ) from None
 
 
@@ -113,7 +116,9 @@ class StatisticalSensor:
     ) -> None:
         self._model = model or StatisticalModel.load()
         self._world, self._lens, self._truth = world, lens, truth
+        self._occluders = Occluders(world)
         self._exposures, self._latency_s = exposures, latency_s
+        self._size_px = np.array([lens.width_px, lens.height_px], dtype=float)
         self._confidence_min = confidence_min
         self._rng = np.random.default_rng([seed, 23])
         self._pending: deque[Detections] = deque()
@@ -123,12 +128,8 @@ class StatisticalSensor:
 
     def _tabulate(self, classes: Sequence[str]) -> None:
         """One row for every object and every class that it can be reported as."""
-        rows = [
-            (i, kind)
-            for i, thing in enumerate(self._world.objects)
-            for kind in self._model.kinds
-            if kind.kind == thing.kind and kind.reported_as in classes
-        ]
+        wanted = [kind for kind in self._model.kinds if kind.reported_as in classes]
+        rows = [(i, kind) for i, thing in enumerate(self._world.objects) for kind in _kinds_of(thing, wanted)]
         offsets = self._rng.normal(size=len(self._world.objects))
         self._objects = np.array([i for i, _ in rows], dtype=int)
         self._positions = np.array([self._world.objects[i].position_enu_m for i, _ in rows]).reshape(-1, 3)
@@ -157,35 +158,60 @@ class StatisticalSensor:
         corner = self._rng.random((len(self._background), 2))
 
         centres, depths = project(self._lens, true_pose, self._positions)
-        size_px = np.array([self._lens.width_px, self._lens.height_px])
-        seen = np.flatnonzero((depths > 0.1) & (centres >= 0).all(axis=1) & (centres <= size_px).all(axis=1))
-        pixels = np.empty(len(seen))
-        for k, row in enumerate(seen):
-            thing = self._world.objects[self._objects[row]]
-            share = visible_fraction(self._world, true_pose.position_enu_m, thing)
-            extent = apparent_size_m(thing, true_pose.position_enu_m)
-            pixels[k] = self._lens.focal_px * extent / depths[row] * np.sqrt(share) * (share >= _MIN_VISIBLE)
-
-        probability, mean, std = self._interpolate(seen, pixels)
-        logits = mean + std * noise[seen, 2] + self._offsets[seen]
-        confidences = _sigmoid(logits)
-        found = (chance[seen] < _shift(probability, self._offsets[seen])) & (
-            confidences >= self._confidence_min
-        )
-        spread = np.hypot(self._model.centre_std_px, self._model.centre_std_fraction * pixels)
-        middles = centres[seen] + noise[seen, :2] * spread[:, None]
-        half = np.maximum(pixels, 1.0)[:, None] / 2
-        boxes = np.hstack([middles - half, middles + half])[found]
-        names = [self._names[row] for row in seen[found]]
-        extra = self._background_boxes(true_pose, background, corner)
+        in_view = (depths > 0.1) & (centres >= 0).all(axis=1) & (centres <= self._size_px).all(axis=1)
+        seen = np.flatnonzero(in_view)
+        found = self._background_boxes(true_pose, background, corner)
+        if len(seen):
+            found = self._object_boxes(true_pose, seen, centres, depths, chance, noise) + found
         return Detections(
             state.time_s,
-            np.vstack([boxes, *(e[0] for e in extra)]),
-            np.concatenate([confidences[found], np.array([e[1] for e in extra])]),
-            (*names, *(e[2] for e in extra)),
+            np.array([box for box, _, _ in found]).reshape(-1, 4),
+            np.array([confidence for _, confidence, _ in found]),
+            tuple(name for _, _, name in found),
             state.camera,
             self._lens,
         )
+
+    def _object_boxes(
+        self,
+        true_pose: CameraPose,
+        seen: NDArray[np.int64],
+        centres: F64,
+        depths: F64,
+        chance: F64,
+        noise: F64,
+    ) -> list[_Box]:
+        pixels = np.array([self._pixels(true_pose, row, centres[row], depths[row]) for row in seen])
+        probability, mean, std = self._interpolate(seen, pixels)
+        offsets = self._offsets[seen]
+        confidences = _sigmoid(mean + std * noise[seen, 2] + offsets)
+        found = (chance[seen] < _shift(probability, offsets)) & (confidences >= self._confidence_min)
+        spread = np.hypot(self._model.centre_std_px, self._model.centre_std_fraction * pixels)
+        middles = centres[seen] + noise[seen, :2] * spread[:, None]
+        return [
+            (self._box(middles[k], pixels[k]), float(confidences[k]), self._names[seen[k]])
+            for k in np.flatnonzero(found)
+        ]
+
+    def _pixels(self, true_pose: CameraPose, row: int, centre_px: F64, depth_m: float) -> float:
+        """Pixels on target, fewer for what is partly hidden or cut off by the picture's edge."""
+        thing = self._world.objects[self._objects[row]]
+        camera = true_pose.position_enu_m
+        whole = pixels_on_target(self._lens, thing, camera, depth_m)
+        share = self._occluders.visible_fraction(camera, thing) * self._share_inside(centre_px, whole)
+        return whole * float(np.sqrt(share)) if share >= _MIN_VISIBLE else 0.0
+
+    def _share_inside(self, centre_px: F64, extent_px: float) -> float:
+        """Share of a square around ``centre_px`` that lies in the picture."""
+        half = extent_px / 2
+        inside = np.minimum(centre_px + half, self._size_px) - np.maximum(centre_px - half, 0.0)
+        return float(inside[0] * inside[1]) / extent_px**2
+
+    def _box(self, middle_px: F64, extent_px: float) -> F64:
+        """A square box (4,), cut off at the picture's edge."""
+        half = max(extent_px, 1.0) / 2
+        low, high = np.maximum(middle_px - half, 0.0), np.minimum(middle_px + half, self._size_px)
+        return np.concatenate([np.minimum(low, self._size_px), np.maximum(high, 0.0)])
 
     def _interpolate(self, rows: NDArray[np.int64], pixels: F64) -> tuple[F64, F64, F64]:
         """Probability, mean and standard deviation of the confidence logit at these pixels on target."""
@@ -199,24 +225,28 @@ class StatisticalSensor:
         too_small = pixels < self._model.pixels[0] * 0.8
         return np.where(too_small, 0.0, values[:, 0]), values[:, 1], values[:, 2]
 
-    def _background_boxes(
-        self, true_pose: CameraPose, draws: tuple[F64, F64], corner: F64
-    ) -> list[tuple[F64, float, str]]:
+    def _background_boxes(self, true_pose: CameraPose, draws: tuple[F64, F64], corner: F64) -> list[_Box]:
+        if not self._background:
+            return []
         ground = self._world.terrain.height_m(true_pose.position_enu_m[None, :2])[0]
         altitude = float(true_pose.position_enu_m[2] - ground)
-        size_px = np.array([self._lens.width_px, self._lens.height_px])
         found = []
         for k, model in enumerate(self._background):
             rate = float(np.interp(altitude, model.altitude_agl_m, model.rate_per_picture))
-            confidence = float(
-                _sigmoid(model.confidence_logit_mean + model.confidence_logit_std * draws[1][k])
-            )
+            logit = model.confidence_logit_mean + model.confidence_logit_std * draws[1][k]
+            confidence = float(_sigmoid(logit))
             if draws[0][k] < rate and confidence >= self._confidence_min:
-                middle = corner[k] * size_px
-                half = model.pixels / 2
-                box = np.concatenate([middle - half, middle + half])[None]
-                found.append((box, confidence, model.reported_as))
+                found.append(
+                    (self._box(corner[k] * self._size_px, model.pixels), confidence, model.reported_as)
+                )
         return found
+
+
+def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:
+    """The models of this kind in this pose, or in any where the pose was not measured."""
+    of_kind = [k for k in kinds if k.kind == thing.kind]
+    same_pose = [k for k in of_kind if k.pose == thing.pose]
+    return same_pose or [k for k in of_kind if k.pose == of_kind[0].pose]
 
 
 def _sigmoid(x: F64 | float) -> F64:
