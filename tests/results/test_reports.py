@@ -134,6 +134,12 @@ def test_comparison_writes_tables_and_figures(comparison):
     assert "the same in all rows" in page.text
 
 
+def test_comparison_tells_of_searches_that_were_not_finished(comparison):
+    folder, summaries = comparison
+    write_compare_report(folder, [summaries[0] | {"completed": False}, *summaries[1:]])
+    assert "1 of them ended before the search was finished" in read_page(folder / "report.html").text
+
+
 def test_comparison_without_run_folders_has_no_trajectories(comparison, tmp_path_factory):
     _, summaries = comparison
     folder = tmp_path_factory.mktemp("bare")

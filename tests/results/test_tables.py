@@ -96,7 +96,7 @@ def test_json_has_the_agreed_keys_and_no_infinity():
 
 def test_terminal_and_markdown_show_the_same_numbers():
     rows = compare_rows(SUMMARIES)
-    console = Console(file=io.StringIO(), width=160)
+    console = Console(file=io.StringIO(), width=80)
     print_tables(console, rows, SUMMARIES)
     for text in (console.file.getvalue(), markdown_tables(rows, paired_differences(SUMMARIES))):
         for shown in ("Table 1", "379.66", "390.0", "+2.7%", "one seed", "-40.0", "n_c = ∞"):

@@ -24,6 +24,7 @@ from skysweep.results.tables import (
     grouped,
     infinity_sign,
     markdown_tables,
+    one_line,
     paired_cells,
     paired_differences,
 )
@@ -84,6 +85,12 @@ def write_compare_report(folder: str | Path, summaries: Sequence[Summary]) -> li
         f"{len(summaries)} missions: the rows of the paper's tables, each flown with {seeds_flown} "
         f"{'seed' if seeds_flown == 1 else 'seeds'}, sensor: {sensors}."
     )
+    unfinished = sum(not s["completed"] for s in summaries)
+    if unfinished:
+        lead += (
+            f" {unfinished} of them ended before the search was finished (battery): their mission times, and "
+            "the means with them, are too short."
+        )
     write_page(folder / "report.html", "Search strategies: ours beside the paper's", lead, [], sections)
     return rows
 
@@ -133,7 +140,7 @@ def _claims(rows: Sequence[CompareRow], differences: Sequence[PairedDifference])
 
 def _table(caption: str, group: Sequence[CompareRow]) -> Grid:
     fastest = min(range(len(group)), key=lambda k: group[k].mission_time_mean_s)
-    return Grid(HEADER, [cells(row) for row in group], caption, best=[fastest])
+    return Grid([one_line(name) for name in HEADER], [cells(row) for row in group], caption, best=[fastest])
 
 
 def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> list[Picture]:

@@ -67,12 +67,12 @@ _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
 def run_map(run: Run, path: str | Path) -> Path:
     """Top view of one mission with its altitude profile below, as PNG, SVG or PDF (by suffix)."""
     with _style():
-        width, south_north = PAGE_IN, _extent(run)
-        height = width * 0.78 * (south_north[3] - south_north[2]) / (south_north[1] - south_north[0])
-        figure = Figure(figsize=(width, min(max(height, 3.0), 8.0) + 2.6), layout="constrained")
-        above, below = figure.subplots(2, 1, height_ratios=[min(max(height, 3.0), 8.0), 1.6])
+        west, east, south, north = extent = _extent([run])
+        height = min(max(0.78 * PAGE_IN * (north - south) / (east - west), 3.0), 8.0)
+        figure = Figure(figsize=(PAGE_IN, height + 2.6), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=[height, 1.6])
         norm = _altitude_norm([run])
-        _top_view(above, run, norm)
+        _top_view(above, run, norm, extent)
         above.set_title(_title(run), loc="left")
         figure.colorbar(_mappable(norm), ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
         _profile(below, run, norm)
@@ -104,8 +104,8 @@ def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
                 if run is None:
                     axis.axis("off")
                     continue
-                _top_view(axis, run, norm, detail=False)
-                axis.set_title(f"{scenario}, {n_c_label(n_c)}: {_minutes(run)}", loc="left")
+                _top_view(axis, run, norm, _extent(runs), detail=False)
+                axis.set_title(f"{scenario}, {n_c_label(n_c)}: {_mission_time(run)}", loc="left")
                 axis.label_outer(remove_inner_ticks=False)
         figure.colorbar(_mappable(norm), ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
         figure.legend(handles=_legend(runs), loc="outside lower center", ncols=4, frameon=False)
@@ -148,7 +148,9 @@ def step_values(steps: F64, time_s: F64) -> F64:
     return np.where(index < 0, 0.0, steps[np.maximum(index, 0), 1])
 
 
-def _top_view(axis: Axes, run: Run, norm: Normalize, detail: bool = True) -> None:
+def _top_view(
+    axis: Axes, run: Run, norm: Normalize, extent: tuple[float, float, float, float], detail: bool = True
+) -> None:
     area = run.scenario.area_enu_m
     axis.add_patch(_polygon_patch(area, facecolor="#f3f3f0", edgecolor="0.35", lw=0.8, zorder=0))
     plan = run.plan_enu_m
@@ -158,7 +160,7 @@ def _top_view(axis: Axes, run: Run, norm: Normalize, detail: bool = True) -> Non
     scale = 1.0 if detail else 0.72
     for name, points in _points(run).items():
         axis.plot(points[:, 0], points[:, 1], **_mark(name, scale), zorder=4)
-    west, east, south, north = _extent(run)
+    west, east, south, north = extent
     axis.set(xlim=(west, east), ylim=(south, north), xlabel="East (m)", ylabel="North (m)", aspect="equal")
     if detail:
         _scale_bar(axis, east - west, west, south)
@@ -251,10 +253,12 @@ def _mappable(norm: Normalize) -> ScalarMappable:
     return ScalarMappable(norm, ALTITUDE_COLOURS)
 
 
-def _extent(run: Run) -> tuple[float, float, float, float]:
-    """West, east, south, north of all that a map shows."""
-    points = [np.array(run.scenario.area_enu_m.exterior.coords), np.array([run.scenario.home.position_enu_m])]
-    points += [run.states.position_enu_m[:, :2], run.plan_enu_m[:, :2]]
+def _extent(runs: Sequence[Run]) -> tuple[float, float, float, float]:
+    """West, east, south, north of all that the maps of these runs show."""
+    points: list[Any] = []
+    for run in runs:
+        points += [np.array(run.scenario.area_enu_m.exterior.coords), [run.scenario.home.position_enu_m]]
+        points += [run.states.position_enu_m[:, :2], run.plan_enu_m[:, :2]]
     west, south = np.concatenate(points).min(axis=0)
     east, north = np.concatenate(points).max(axis=0)
     margin = 0.03 * max(east - west, north - south)
@@ -281,7 +285,7 @@ def _polygon_patch(polygon: shapely.Polygon, **style: Any) -> PathPatch:
 def _title(run: Run) -> str:
     search = run.scenario.search
     how = f"{run.strategy}, {n_c_label(search.n_c)}" if run.strategy == "scan-check" else run.strategy
-    return f"{run.scenario.name}: {how}, seed {run.seed}, {_minutes(run)}"
+    return f"{run.scenario.name}: {how}, seed {run.seed}, {_mission_time(run)}"
 
 
 def n_c_label(value: float) -> str:
@@ -289,10 +293,9 @@ def n_c_label(value: float) -> str:
     return r"$n_c=\infty$" if math.isinf(value) else f"$n_c={finite_or_inf(value)}$"
 
 
-def _minutes(run: Run) -> str:
-    if run.finished_s is None:
-        return f"broken off at {run.last_s:.0f} s"
-    return f"{run.finished_s:.0f} s"
+def _mission_time(run: Run) -> str:
+    """Mission time; of a search that was not finished a lower bound."""
+    return f"{'' if run.finished_s is not None else '> '}{run.search_end_s:.0f} s"
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from scipy import stats
@@ -155,17 +156,25 @@ def compare_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
 
 HEADER = (
     "n_c",
-    "Mission time (s)",
+    "Mission\ntime (s)",
     "95 % CI",
-    "Paper (s)",
-    "Difference",
-    "False scans",
-    "False positives",
-    "Paper (FP)",
+    "Paper\n(s)",
+    "Differ-\nence",
+    "False\nscans",
+    "False\npos.",
+    "Paper\n(f. p.)",
     "Recall",
     "Seeds",
 )
-PAIRED_HEADER = ("Scenario", "Best in the paper", "Against", "Difference (s)", "95 % CI", "Pairs", "Faster?")
+PAIRED_HEADER = (
+    "Scenario",
+    "Paper's best",
+    "Against",
+    "Difference (s)",
+    "95 % CI",
+    "Pairs",
+    "Faster?",
+)
 
 
 def cells(row: CompareRow) -> tuple[str, ...]:
@@ -230,19 +239,25 @@ def infinity_sign(n_c: Limit) -> str:
     return "∞" if n_c == "inf" else f"{n_c:g}"
 
 
+def one_line(name: str) -> str:
+    """A column's name without the line break that narrow terminals need."""
+    return name.replace("-\n", "").replace("\n", " ")
+
+
 def _interval(bounds: tuple[float, float]) -> str:
     return f"{bounds[0]:.1f} to {bounds[1]:.1f}" if math.isfinite(bounds[0]) else "one seed"
 
 
 def _table(caption: str, header: Sequence[str], texts: Iterable[Sequence[str]]) -> Table:
-    table = Table(title=caption, title_justify="left")
+    table = Table(title=caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 0), pad_edge=False)
     for column in header:
-        table.add_column(column, justify="right")
+        table.add_column(column, justify="right", no_wrap=True)
     for text in texts:
         table.add_row(*text)
     return table
 
 
 def _markdown(caption: str, header: Sequence[str], texts: Iterable[Sequence[str]]) -> str:
-    lines = [f"**{caption}**", "", "| " + " | ".join(header) + " |", "|" + " ---: |" * len(header)]
+    names = " | ".join(one_line(name) for name in header)
+    lines = [f"**{caption}**", "", f"| {names} |", "|" + " ---: |" * len(header)]
     return "\n".join(lines + ["| " + " | ".join(text) + " |" for text in texts]) + "\n"
