@@ -1,0 +1,1 @@
+"""Data sets from renders, training, and the evaluation of detectors on labelled pictures."""

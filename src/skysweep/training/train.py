@@ -1,0 +1,317 @@
+"""Training of the small detector: YOLOX (arXiv:2107.08430) with depth 0.33 and width 0.25, on a CPU.
+
+The exported ONNX file keeps batch normalisation apart and every weight under its own name, so that it is at
+once what missions run and what fine-tuning starts from. ONNX Runtime folds the normalisation when it loads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sys
+import time
+import types
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import MissingExtraError, UserError
+from skysweep.sensing.detector import OWN_MODEL, PAD_GREY, own_model_path
+from skysweep.training.evaluate import read_picture
+from skysweep.training.labelled import LabelledDataset, LabelledImage, read_dataset
+
+F32 = NDArray[np.float32]
+U8 = NDArray[np.uint8]
+
+DEPTH, WIDTH = 0.33, 0.25
+SIDE_PX = 320
+BATCH = 16
+PEAK_LEARNING_RATE = 2e-3
+WEIGHT_DECAY = 1e-2
+EMA_DECAY = 0.998
+WARM_UP_STEPS = 50
+VISIBLE_MIN = 0.35  # boxes cut down further than this by a crop are no longer labels
+MIN_BOX_PX = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far training is: share of its budget, steps taken, smoothed loss."""
+
+    share: float
+    steps: int
+    loss: float
+
+
+def train_detector(
+    dataset: Path,
+    out: Path,
+    *,
+    minutes: float = 15.0,
+    init: Path | str | None = None,
+    seed: int = 0,
+    threads: int = 2,
+    progress: Callable[[Progress], None] = lambda progress: None,
+) -> Path:
+    """Train on a labelled data set and write an ONNX model.
+
+    Args:
+        dataset: COCO or YOLO folder (see :func:`skysweep.training.labelled.read_dataset`).
+        out: the ONNX file to write.
+        minutes: how long to train; the learning rate falls to nothing at the end of it.
+        init: a model that this function wrote before, or "skysweep" for the shipped one, to fine-tune;
+            its class head is kept for classes that it has by name. None starts from nothing.
+        seed: of initial weights, sampling and augmentation. How many steps fit into the time depends on the
+            machine, so two runs differ all the same.
+        threads: CPU threads.
+        progress: called after every step.
+
+    Returns:
+        ``out``.
+
+    Raises:
+        UserError: the data set is malformed or has no labels, or ``init`` is no model of ours.
+        MissingExtraError: PyTorch or YOLOX is not installed.
+    """
+    torch = _torch()
+    data = read_dataset(dataset)
+    if not any(len(image.boxes_xyxy) for image in data.images):
+        raise UserError(f"{dataset}: no picture has a label; a detector needs something to learn")
+    torch.manual_seed(seed)
+    torch.set_num_threads(threads)
+    rng = np.random.default_rng([seed, 23])
+    network = _network(len(data.class_names))
+    network.head.initialize_biases(1e-2)
+    if init is not None:
+        _load_weights(network, own_model_path() if str(init) == OWN_MODEL else Path(init), data.class_names)
+    average, steps = _optimise(network, data, rng, minutes * 60, progress)
+    network.load_state_dict(average)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    command = f"skysweep train DATASET --minutes {minutes:g} --seed {seed}" + (
+        f" --init {init}" if init else ""
+    )
+    metadata = {
+        "names": json.dumps(dict(enumerate(data.class_names))),
+        "layout": "YOLOX",
+        "command": command,
+        "dataset": json.dumps(_describe(data)),
+        "steps": str(steps),
+        "license": "Apache-2.0",
+    }
+    _export(network, out, metadata)
+    return out
+
+
+def _describe(data: LabelledDataset) -> dict[str, Any]:
+    described: dict[str, Any] = {"images": len(data.images)}
+    if data.path.suffix == ".json":
+        described.update(json.loads(data.path.read_text()).get("info", {}))
+    return described
+
+
+@lru_cache(maxsize=1)
+def _torch() -> Any:
+    """PyTorch, and YOLOX made importable without torchvision, of which it needs NMS in evaluation alone."""
+    try:
+        import torch
+
+        with contextlib.suppress(ImportError):
+            import torchvision  # noqa: F401
+        if "torchvision" not in sys.modules:
+            absent = types.ModuleType("torchvision")
+            absent.ops = types.ModuleType("torchvision.ops")  # type: ignore[attr-defined]
+            sys.modules.update({"torchvision": absent, "torchvision.ops": absent.ops})
+        import yolox.models  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("training", "train") from error
+    return torch
+
+
+def _network(n_classes: int) -> Any:
+    from yolox.models import YoloPafpn, YoloxHead, YoloxModule
+
+    torch = _torch()
+    network = YoloxModule(YoloPafpn(DEPTH, WIDTH), YoloxHead(n_classes, WIDTH))
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm2d):
+            module.eps, module.momentum = 1e-3, 0.03
+    return network
+
+
+def _optimise(
+    network: Any,
+    data: LabelledDataset,
+    rng: np.random.Generator,
+    seconds: float,
+    progress: Callable[[Progress], None],
+) -> tuple[dict[str, Any], int]:
+    """Train for a time; the exponential moving average of the weights, and the number of steps."""
+    torch = _torch()
+    network.train().to(memory_format=torch.channels_last)
+    optimiser = torch.optim.AdamW(network.parameters(), PEAK_LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    average = {k: v.clone() for k, v in network.state_dict().items()}
+    started, steps, loss_mean = time.monotonic(), 0, float("nan")
+    for pictures, labels in _batches(data, rng):
+        share = (time.monotonic() - started) / seconds
+        if share >= 1.0 and steps > 0:
+            break
+        for group in optimiser.param_groups:
+            warm_up = min(1.0, (steps + 1) / WARM_UP_STEPS)
+            group["lr"] = PEAK_LEARNING_RATE * warm_up * (0.01 + 0.99 * 0.5 * (1 + math.cos(math.pi * share)))
+        x = torch.from_numpy(pictures).to(memory_format=torch.channels_last)
+        with torch.autocast("cpu", torch.bfloat16):
+            features = network.backbone(x)
+        loss = network.head([f.float() for f in features], torch.from_numpy(labels), x)[0]
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
+        optimiser.step()
+        steps += 1
+        decay = min(EMA_DECAY, (1 + steps) / (10 + steps))
+        with torch.no_grad():
+            for key, value in network.state_dict().items():
+                if value.is_floating_point():
+                    average[key].mul_(decay).add_(value, alpha=1 - decay)
+                else:
+                    average[key].copy_(value)
+        loss_mean = float(loss) if steps == 1 else 0.95 * loss_mean + 0.05 * float(loss)
+        progress(Progress(min(share, 1.0), steps, loss_mean))
+    return average, steps
+
+
+def _batches(data: LabelledDataset, rng: np.random.Generator) -> Iterator[tuple[F32, F32]]:
+    """Endless batches: pictures (B, 3, S, S) BGR 0..255, labels (B, M, 5) class, centre, size in px."""
+    ids = {name: i for i, name in enumerate(data.class_names)}
+    order = np.zeros(0, dtype=np.int64)
+    while True:
+        while len(order) < BATCH:
+            order = np.concatenate([order, rng.permutation(len(data.images))])
+        chosen, order = order[:BATCH], order[BATCH:]
+        samples = [sample(data.images[i], ids, rng) for i in chosen]
+        labels = np.zeros((BATCH, max(1, *(len(rows) for _, rows in samples)), 5), dtype=np.float32)
+        for row, (_, rows) in zip(labels, samples, strict=True):
+            row[: len(rows)] = rows
+        pictures = np.stack([p[..., ::-1].transpose(2, 0, 1) for p, _ in samples])
+        yield np.ascontiguousarray(pictures, dtype=np.float32), labels
+
+
+def sample(image: LabelledImage, ids: dict[str, int], rng: np.random.Generator) -> tuple[F32, F32]:
+    """One augmented training sample: picture (S, S, 3) RGB and labels (N, 5) class, centre, size in pixels.
+
+    A larger picture is scaled to between whole and native resolution, then cropped, so that small things
+    stay small. Turned by quarters and mirrored: seen from above, every heading is as likely.
+    """
+    picture = read_picture(image)
+    boxes = image.boxes_xyxy * np.array([picture.shape[1], picture.shape[0]] * 2)
+    classes = np.array([ids[name] for name in image.class_names], dtype=float)
+    picture, boxes, classes = _scale_and_crop(picture, boxes, classes, rng)
+    picture, boxes = _turn(picture, boxes, int(rng.integers(4)), bool(rng.integers(2)))
+    labels = np.column_stack([classes, (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]])
+    return _recolour(picture, rng), labels.astype(np.float32)
+
+
+def _scale_and_crop(
+    picture: U8, boxes: NDArray[np.float64], classes: NDArray[np.float64], rng: np.random.Generator
+) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+    longer = max(picture.shape[:2])
+    scale = (
+        SIDE_PX / longer if longer <= SIDE_PX else float(np.exp(rng.uniform(np.log(SIDE_PX / longer), 0.0)))
+    )
+    if scale != 1.0:
+        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        picture = np.asarray(
+            cv2.resize(picture, None, fx=scale, fy=scale, interpolation=interpolation), np.uint8
+        )
+    height, width = picture.shape[:2]
+    left, top = (int(rng.integers(max(side - SIDE_PX, 0) + 1)) for side in (width, height))
+    canvas = np.full((SIDE_PX, SIDE_PX, 3), PAD_GREY, dtype=np.uint8)
+    part = picture[top : top + SIDE_PX, left : left + SIDE_PX]
+    canvas[: part.shape[0], : part.shape[1]] = part
+    moved = boxes * scale - np.array([left, top] * 2)
+    cut = np.clip(moved, 0, SIDE_PX)
+    areas = [np.maximum((b[:, 2:] - b[:, :2]).prod(axis=1), 1e-9) for b in (cut, moved)]
+    keep = (areas[0] / areas[1] >= VISIBLE_MIN) & (
+        (cut[:, 2:] - cut[:, :2]).max(axis=1, initial=0) >= MIN_BOX_PX
+    )
+    return canvas, cut[keep], classes[keep]
+
+
+def _turn(
+    picture: U8, boxes: NDArray[np.float64], quarters: int, mirror: bool
+) -> tuple[U8, NDArray[np.float64]]:
+    """Picture and boxes turned counter-clockwise by quarters, then mirrored left to right."""
+    x0, y0, x1, y1 = boxes.T
+    for _ in range(quarters):
+        x0, y0, x1, y1 = y0, SIDE_PX - x1, y1, SIDE_PX - x0
+    picture = np.rot90(picture, quarters)
+    if mirror:
+        picture, x0, x1 = picture[:, ::-1], SIDE_PX - x1, SIDE_PX - x0
+    return picture, np.column_stack([x0, y0, x1, y1])
+
+
+def _recolour(picture: U8, rng: np.random.Generator) -> F32:
+    """Contrast, brightness, colour balance and noise."""
+    p = picture.astype(np.float32)
+    p = (p - 128) * np.float32(rng.uniform(0.75, 1.25)) + 128 + np.float32(rng.uniform(-30, 30))
+    p *= rng.uniform(0.9, 1.1, 3).astype(np.float32)
+    p += rng.standard_normal(p.shape, dtype=np.float32) * np.float32(rng.uniform(0, 5))
+    return np.clip(p, 0, 255)
+
+
+def _load_weights(network: Any, path: Path, class_names: Sequence[str]) -> None:
+    """Take over the weights of a model that :func:`train_detector` wrote, the class head by class name."""
+    try:
+        import onnx
+    except ImportError as error:
+        raise MissingExtraError("fine-tuning", "train") from error
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such model to fine-tune; write the path of an ONNX file")
+    torch = _torch()
+    try:
+        model = onnx.load(str(path))
+        names = json.loads({p.key: p.value for p in model.metadata_props}["names"])
+    except Exception as error:  # protobuf's errors have no common base
+        raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those") from error
+    old = {i.name: torch.from_numpy(onnx.numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
+    new = network.state_dict()
+    if not {k for k in new if k.endswith("weight")} <= set(old):
+        raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those")
+    rows = [(i, int(k)) for i, name in enumerate(class_names) for k, known in names.items() if known == name]
+    for key, value in new.items():
+        if key.startswith("head.cls_preds"):
+            for to, origin in rows:
+                value[to] = old[key][origin]
+        elif key in old:
+            value.copy_(old[key])
+    network.load_state_dict(new)
+
+
+def _export(network: Any, path: Path, metadata: dict[str, str]) -> None:
+    """Write the network with decoded boxes (1, N, 5 + C) and free height and width (multiples of 32)."""
+    import onnx
+
+    torch = _torch()
+    network.eval().to(memory_format=torch.contiguous_format)
+    network.head.decode_in_inference = True
+    torch.onnx.export(
+        network,
+        (torch.zeros(1, 3, 384, 640),),
+        str(path),
+        input_names=["images"],
+        output_names=["output"],
+        dynamic_axes={"images": {2: "height", 3: "width"}, "output": {1: "cells"}},
+        opset_version=17,
+        dynamo=False,
+        training=torch.onnx.TrainingMode.PRESERVE,
+        do_constant_folding=False,
+    )
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, metadata)
+    onnx.save(model, str(path))

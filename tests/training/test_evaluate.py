@@ -1,0 +1,141 @@
+import io
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+
+from skysweep.errors import UserError
+from skysweep.training.evaluate import bin_of, evaluate, iou, match, tables
+from skysweep.training.labelled import LabelledDataset, LabelledImage
+from skysweep.types import Detections
+
+SIDE = 100
+NONE = np.zeros((0, 4))
+
+
+@dataclass
+class Oracle:
+    """Answers picture k with the boxes listed for k; the picture's grey level is k."""
+
+    answers: list[list[tuple[tuple[float, float, float, float], float, str]]]
+    class_names: tuple[str, ...] = ("person", "boat")
+
+    def detect(self, frame):
+        answer = self.answers[int(frame.image[0, 0, 0])]
+        return Detections(
+            frame.time_s,
+            np.array([b for b, _, _ in answer], float).reshape(-1, 4),
+            np.array([c for _, c, _ in answer], float),
+            tuple(n for _, _, n in answer),
+            frame.camera,
+            frame.lens,
+        )
+
+
+def dataset(folder, *pictures):
+    """Pictures of (boxes in pixels with names, crowds, decoys with names, altitude)."""
+    images = []
+    for k, (labels, crowds, decoys, altitude) in enumerate(pictures):
+        path = folder / f"{k}.png"
+        cv2.imwrite(str(path), np.full((SIDE, SIDE, 3), k, np.uint8))
+        images.append(
+            LabelledImage(
+                path,
+                np.array([b for b, _ in labels], float).reshape(-1, 4) / SIDE,
+                tuple(n for _, n in labels),
+                np.array(crowds, float).reshape(-1, 4) / SIDE,
+                np.array([b for b, _ in decoys], float).reshape(-1, 4) / SIDE,
+                tuple(n for _, n in decoys),
+                altitude,
+            )
+        )
+    return LabelledDataset(folder, ("person", "boat", "sheep"), tuple(images))
+
+
+def test_counts_by_hand(tmp_path):
+    data = dataset(
+        tmp_path,
+        # a person of 10 px found twice, a boat of 50 px found weakly, a sheep that the detector does not know
+        ([((10, 10, 20, 20), "person"), ((40, 40, 90, 60), "boat"), ((0, 90, 9, 99), "sheep")], [], [], 30.0),
+        # a person missed, a false boat, a detection in a crowd, a buoy taken for a person
+        ([((10, 10, 20, 20), "person")], [(50, 50, 100, 100)], [((80, 10, 90, 20), "buoy")], 4.0),
+    )
+    oracle = Oracle(
+        [
+            [
+                ((10, 10, 20, 21), 0.9, "person"),
+                ((11, 10, 20, 20), 0.5, "person"),
+                ((40, 40, 90, 62), 0.3, "boat"),
+            ],
+            [
+                ((30, 5, 45, 20), 0.7, "boat"),
+                ((60, 60, 70, 70), 0.8, "person"),
+                ((80, 10, 90, 20), 0.65, "person"),
+                ((10, 10, 20, 20), 0.1, "person"),  # below the threshold
+            ],
+        ]
+    )
+    result = evaluate(oracle, data, confidence_min=0.25)
+    assert result.classes == ("person", "boat")
+    person = result.by_pixels["person", 8.0]
+    assert (person.n_targets, person.n_found, person.n_confirming, person.n_false) == (2, 1, 1, 2)
+    assert (person.recall, person.precision) == (0.5, pytest.approx(1 / 3))
+    boat = result.total("boat")
+    assert (boat.n_targets, boat.n_found, boat.n_confirming, boat.n_false) == (1, 1, 0, 1)
+    assert result.by_altitude["person", 25.0].recall == 1.0
+    assert result.by_altitude["person", 3.0].recall == 0.0
+    decoy = result.decoys["buoy", 8.0]
+    assert (decoy.n, decoy.n_taken, decoy.n_confirmed) == (1, 1, 1)
+    assert result.false_positives_per_image == 1.5
+
+
+def test_tables_show_every_detector(tmp_path):
+    data = dataset(tmp_path, ([((10, 10, 20, 20), "person")], [], [((50, 50, 60, 60), "buoy")], 30.0))
+    found = evaluate(Oracle([[((10, 10, 20, 20), 0.9, "person")]]), data)
+    missed = evaluate(Oracle([[]]), data)
+    console = Console(width=160, record=True, file=io.StringIO())
+    for table in tables({"ours": found, "stock": missed}):
+        console.print(table)
+    text = console.export_text()
+    for part in ("ours", "stock", "person", "8 to 12", "25 to 50", "buoy", "1.00", "0.00"):
+        assert part in text
+
+
+def test_confident_detections_choose_first():
+    labels = np.array([[0, 0, 10, 10], [4, 0, 14, 10]], float)
+    boxes = np.array([[1, 0, 11, 10], [0, 0, 10, 10]], float)
+    assert match(boxes, np.array([0.9, 0.8]), labels, 0.5).tolist() == [
+        0,
+        -1,
+    ]  # the second finds its label taken
+    assert match(boxes, np.array([0.8, 0.9]), labels, 0.5).tolist() == [1, 0]
+
+
+def test_iou():
+    a = np.array([[0, 0, 10, 10]], float)
+    b = np.array([[0, 0, 10, 10], [5, 0, 15, 10], [20, 20, 30, 30]], float)
+    np.testing.assert_allclose(iou(a, b), [[1, 1 / 3, 0]])
+
+
+def test_bins_exclude_their_upper_edge():
+    assert [bin_of(v, (0, 8, 12)) for v in (0.0, 7.9, 8.0, 11.9)] == [0, 0, 8, 8]
+
+
+def test_no_class_in_common(tmp_path):
+    data = dataset(tmp_path, ([], [], [], None))
+    with pytest.raises(UserError, match=r"person, boat, sheep\) are none of the detector's \(wolf\)"):
+        evaluate(Oracle([[]], ("wolf",)), data)
+
+
+def test_no_pictures(tmp_path):
+    with pytest.raises(UserError, match="no pictures"):
+        evaluate(Oracle([]), LabelledDataset(tmp_path, ("person",), ()))
+
+
+def test_unreadable_picture(tmp_path):
+    (tmp_path / "bad.jpg").write_bytes(b"no picture")
+    image = LabelledImage(tmp_path / "bad.jpg", NONE, (), NONE, NONE, ())
+    with pytest.raises(UserError, match=r"bad\.jpg: not a readable picture"):
+        evaluate(Oracle([[]]), LabelledDataset(tmp_path, ("person",), (image,)))

@@ -1,0 +1,169 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from skysweep.errors import UserError
+from skysweep.training.labelled import LabelledImage, read_dataset, write_labels
+
+
+def picture(path, width=200, height=100):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((height, width, 3), 90, np.uint8))
+    return path
+
+
+def coco(**changes):
+    data = {
+        "images": [{"id": 7, "file_name": "a.png", "width": 200, "height": 100}],
+        "categories": [{"id": 3, "name": "person"}, {"id": 5, "name": "boat"}],
+        "annotations": [
+            {"id": 1, "image_id": 7, "category_id": 5, "bbox": [20, 10, 40, 20]},
+            {"id": 2, "image_id": 7, "category_id": 3, "bbox": [0, 0, 100, 100], "iscrowd": 1},
+        ],
+    }
+    return {**data, **changes}
+
+
+def yolo(folder, label="1 0.2 0.2 0.2 0.2\n", names=("person", "boat")):
+    picture(folder / "images" / "a.png")
+    (folder / "labels").mkdir()
+    (folder / "labels" / "a.txt").write_text(label)
+    (folder / "data.yaml").write_text(yaml.safe_dump({"names": dict(enumerate(names))}))
+    return folder
+
+
+@pytest.mark.parametrize("place", ["annotations.json", "annotations/instances_val.json", "labels.json"])
+@pytest.mark.parametrize("pictures", [".", "images"])
+def test_coco_in_its_usual_places(place, pictures, tmp_path):
+    picture(tmp_path / pictures / "a.png")
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).write_text(json.dumps(coco()))
+    data = read_dataset(tmp_path)
+    assert data.class_names == ("person", "boat")
+    (image,) = data.images
+    assert image.class_names == ("boat",)
+    np.testing.assert_allclose(image.boxes_xyxy, [[0.1, 0.1, 0.3, 0.3]])
+    np.testing.assert_allclose(image.crowds_xyxy, [[0, 0, 0.5, 1]])
+
+
+@pytest.mark.parametrize("named_in", ["data.yaml dict", "data.yaml list", "classes.txt"])
+def test_yolo(named_in, tmp_path):
+    yolo(tmp_path)
+    picture(tmp_path / "images" / "sub" / "empty.jpg")
+    if named_in == "data.yaml list":
+        (tmp_path / "data.yaml").write_text("names: [person, boat]\n")
+    if named_in == "classes.txt":
+        (tmp_path / "data.yaml").unlink()
+        (tmp_path / "classes.txt").write_text("person\nboat\n")
+    data = read_dataset(tmp_path)
+    assert data.class_names == ("person", "boat")
+    found = {i.path.name: i for i in data.images}
+    np.testing.assert_allclose(found["a.png"].boxes_xyxy, [[0.1, 0.1, 0.3, 0.3]])
+    assert found["a.png"].class_names == ("boat",)
+    assert found["empty.jpg"].class_names == ()
+
+
+def test_what_is_written_reads_the_same_in_both_formats(tmp_path):
+    written = LabelledImage(
+        picture(tmp_path / "images" / "000000.png"),
+        np.array([[0.1, 0.2, 0.3, 0.6], [0.5, 0.5, 1.0, 1.0]]),
+        ("boat", "person"),
+        np.zeros((0, 4)),
+        np.array([[0.0, 0.0, 0.05, 0.1]]),
+        ("buoy",),
+        31.5,
+    )
+    empty = LabelledImage(
+        picture(tmp_path / "images" / "000001.png"),
+        np.zeros((0, 4)),
+        (),
+        np.zeros((0, 4)),
+        np.zeros((0, 4)),
+        (),
+    )
+    write_labels(tmp_path, ["person", "boat"], [written, empty], (200, 100), {"seed": 4})
+    as_coco = read_dataset(tmp_path)
+    assert as_coco.images[0].decoy_names == ("buoy",)
+    assert as_coco.images[0].altitude_agl_m == 31.5
+    (tmp_path / "annotations.json").unlink()
+    as_yolo = read_dataset(tmp_path)
+    for data in (as_coco, as_yolo):
+        assert data.class_names == ("person", "boat")
+        assert [i.class_names for i in data.images] == [("boat", "person"), ()]
+        np.testing.assert_allclose(data.images[0].boxes_xyxy, written.boxes_xyxy, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"annotations": [{"image_id": 8, "category_id": 5, "bbox": [0, 0, 1, 1]}]},
+            "image_id 8 is no image's id",
+        ),
+        (
+            {"annotations": [{"image_id": 7, "category_id": 9, "bbox": [0, 0, 1, 1]}]},
+            "category_id 9 is no category",
+        ),
+        (
+            {"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, 1]}]},
+            "write x, y, width, height",
+        ),
+        (
+            {"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, -1, 5]}]},
+            "write x, y, width, height",
+        ),
+        ({"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, float("nan"), 5]}]}, "write x, y"),
+        ({"annotations": [{"image_id": 7}]}, "not COCO detection annotations"),
+        ({"categories": None}, "not COCO detection annotations"),
+        (
+            {"images": [{"id": 7, "file_name": "b.png", "width": 200, "height": 100}]},
+            "b.png is neither beside",
+        ),
+    ],
+)
+def test_malformed_coco(changes, message, tmp_path):
+    picture(tmp_path / "a.png")
+    (tmp_path / "annotations.json").write_text(json.dumps(coco(**changes)))
+    with pytest.raises(UserError, match=message):
+        read_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("label", "message"),
+    [
+        ("1 20 20 40 40", "line 1: boxes are shares"),
+        ("0 0.5 0.5 0.1 0.1\n2 0.5 0.5 0.1 0.1", "line 2: class 2 is none of the 2"),
+        ("1 0.5 0.5 0.1", "line 1: write  class"),
+        ("person 0.5 0.5 0.1 0.1", "line 1: write  class"),
+        ("1 nan 0.5 0.1 0.1", "line 1: boxes are shares"),
+    ],
+)
+def test_malformed_yolo(label, message, tmp_path):
+    with pytest.raises(UserError, match=message):
+        read_dataset(yolo(tmp_path, label))
+
+
+def test_nothing_there(tmp_path):
+    with pytest.raises(UserError, match="no such data set"):
+        read_dataset(tmp_path / "gone")
+    with pytest.raises(UserError, match="neither annotations nor labels"):
+        read_dataset(tmp_path)
+    (tmp_path / "annotations.json").write_text("{broken")
+    with pytest.raises(UserError, match="not JSON"):
+        read_dataset(tmp_path)
+
+
+def test_two_annotation_files_need_a_choice(tmp_path):
+    for name in ("a.json", "b.json"):
+        (tmp_path / name).write_text(json.dumps(coco()))
+    with pytest.raises(UserError, match=r"more than one annotation file \(a.json, b.json\)"):
+        read_dataset(tmp_path)
+
+
+def test_unnamed_classes(tmp_path):
+    (yolo(tmp_path) / "data.yaml").unlink()
+    with pytest.raises(UserError, match="class names are unknown; write data.yaml"):
+        read_dataset(tmp_path)
