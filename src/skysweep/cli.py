@@ -12,6 +12,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -45,7 +46,7 @@ def friendly(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except UserError as error:
-            errors.print(f"[bold red]error:[/] {error}", soft_wrap=True, highlight=False)
+            errors.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:
             errors.print("stopped; what was finished is kept, the same command goes on from there")
@@ -122,7 +123,7 @@ def run(
         },
     )
     for warning in warnings_for(chosen):
-        errors.print(f"[yellow]warning:[/] {warning}", soft_wrap=True, highlight=False)
+        errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or _free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
     with Progress(
         TextColumn("{task.description}"),
@@ -260,8 +261,10 @@ def scenarios_validate(files: Annotated[list[str], typer.Argument(help="Scenario
     for file in files:
         warnings = warnings_for(load_scenario(file))
         for warning in warnings:
-            console.print(f"{file}: [yellow]warning:[/] {warning}", soft_wrap=True, highlight=False)
-        console.print(f"{file}: {'usable' if warnings else 'good'}", soft_wrap=True)
+            console.print(
+                f"{escape(file)}: [yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False
+            )
+        console.print(f"{escape(file)}: {'usable' if warnings else 'good'}", soft_wrap=True)
 
 
 @app.command()
@@ -305,7 +308,7 @@ def plan(
         },
     )
     for warning in [] if is_area else warnings_for(chosen):
-        errors.print(f"[yellow]warning:[/] {warning}", soft_wrap=True, highlight=False)
+        errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     coverage, estimate = plan_scenario(chosen)
     out.mkdir(parents=True, exist_ok=True)
     picture = draw_plan(out / f"{chosen.name}.png", chosen, coverage, estimate)

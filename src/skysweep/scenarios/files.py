@@ -138,6 +138,7 @@ def write_scenario(scenario: Scenario, path: str | Path) -> Path:
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
                 file.write(text)
+            os.chmod(temporary, 0o644)
             os.replace(temporary, path)
         except BaseException:
             os.unlink(temporary)
@@ -154,9 +155,12 @@ def json_schema() -> dict[str, Any]:
 
 
 def explain(error: ValidationError, source: str) -> UserError:
-    """What pydantic found, as one sentence: the first wrong field and what to write instead."""
+    """What pydantic found, as one sentence: the first wrong field and what to write instead.
+
+    Unknown fields come first: a misspelt one is also reported as missing.
+    """
     by_path: dict[tuple[str | int, ...], list[ErrorDetails]] = {}
-    for detail in error.errors():
+    for detail in sorted(error.errors(), key=lambda d: d["type"] != "extra_forbidden"):
         by_path.setdefault(_location(detail), []).append(detail)
     location, details = next(iter(by_path.items()))
     sentence = _sentence(location, details)

@@ -1,0 +1,149 @@
+"""The command line as a user meets it: real processes, exit codes, one clear sentence for bad input."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+SKYSWEEP = [sys.executable, "-m", "skysweep.cli"]
+
+GOOD = """\
+name: test
+area:
+  polygon_enu_m: [[0, 0], [60, 0], [60, 40], [0, 40]]
+home:
+  position_enu_m: [-5, -5]
+camera: {hfov_rad: 1.2}
+targets:
+  - {class: stop sign, position_enu_m: [20, 20], size_m: 0.9}
+"""
+
+
+def skysweep(*arguments, cwd):
+    return subprocess.run(
+        [*SKYSWEEP, *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=300
+    )
+
+
+def refused(result, *words):
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in result.stderr, result.stderr
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(GOOD)
+    return path
+
+
+def test_run_writes_the_whole_run_folder(tmp_path, scenario):
+    out = tmp_path / "run"
+    result = skysweep("run", scenario, "--sensor", "statistical", "--seed", 3, "--out", out, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert {p.name for p in out.iterdir()} >= {
+        "config.yaml",
+        "journal.jsonl",
+        "mission.mcap",
+        "summary.json",
+        "targets.geojson",
+        "targets.kml",
+        "targets.gpx",
+        "targets.csv",
+        "map.png",
+        "report.html",
+    }
+    summary = json.loads((out / "summary.json").read_text())
+    wanted = (
+        "scenario strategy seed mission_time_s scan_only_time_s n_targets n_confirmed recall false_scans "
+        "false_positives path_length_m vertical_m energy_wh area_covered wall_time_s real_time_factor"
+    )
+    assert set(wanted.split()) <= set(summary)
+    assert (summary["scenario"], summary["seed"], summary["recall"]) == ("test", 3, 1.0)
+    again = skysweep("run", scenario, "--sensor", "statistical", "--out", out, cwd=tmp_path)
+    refused(again, "holds a mission already", "--out")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("[60, 0], [60, 40]", "[60, 40], [60, 0]", ["area", "not simple"]),
+        ("[[0, 0], [60, 0], [60, 40], [0, 40]]", "[]", ["area", "3 corners"]),
+        ("[60, 40]", "[9000000, 9000000]", ["area", "km2"]),
+        ("[60, 40]", "[60, .nan]", ["mine.yaml", "area.polygon_enu_m"]),
+        ("class: stop sign", "class: unicorn", ["mine.yaml", "class", "stop sign"]),
+        ("name: test", "name: test\nsearch: {check_altitude_agl_m: 40}", ["check_altitude_agl_m", "less than"]),
+        ("name: test", "name: !!python/object:os.system test", ["mine.yaml"]),
+        ("name: test", "nmae: test", ["mine.yaml", "nmae", "name"]),
+        (
+            "name: test",
+            "name: test\ngeofence_enu_m: [[0, 0], [60, 0], [60, 40], [0, 40]]",
+            ["home", "geofence_enu_m"],
+        ),
+    ],
+)
+def test_bad_scenarios_are_refused_before_anything_is_written(tmp_path, scenario, old, new, words):
+    scenario.write_text(GOOD.replace(old, new))
+    result = skysweep("run", "mine.yaml", "--sensor", "statistical", cwd=tmp_path)
+    refused(result, *words)
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.yaml"]
+
+
+def test_too_high_to_see_is_a_warning_with_the_pixels(tmp_path, scenario):
+    scenario.write_text(GOOD + "search: {scan_altitude_agl_m: 90}\n")
+    result = skysweep("scenarios", "validate", "mine.yaml", cwd=tmp_path)
+    assert result.returncode == 0
+    assert "warning" in result.stdout
+    assert "pixels" in result.stdout
+
+
+@pytest.mark.parametrize("content", [None, b"not a network"])
+def test_a_missing_or_broken_model_is_one_sentence(tmp_path, scenario, content):
+    if content is not None:
+        (tmp_path / "mine.onnx").write_bytes(content)
+    scenario.write_text(GOOD + "detector: {model: mine.onnx}\n")
+    result = skysweep("run", "mine.yaml", cwd=tmp_path)
+    refused(result, "mine.onnx")
+    assert not (tmp_path / "runs").exists()
+
+
+def test_unknown_scenario_names_those_there_are(tmp_path):
+    refused(skysweep("run", "clutsers", cwd=tmp_path), "clusters")
+
+
+def test_numbers_may_be_infinite_but_not_nonsense(tmp_path):
+    result = skysweep("run", "clusters", "--n-c", "many", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "inf" in result.stderr
+
+
+def test_plan_writes_a_plan_and_a_picture(tmp_path):
+    result = skysweep("plan", "clusters", "--out", "p", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert {p.name for p in (tmp_path / "p").iterdir()} == {"clusters.plan", "clusters.png"}
+    assert "batteries" in result.stdout
+
+
+def test_a_truncated_plan_and_an_entity_bomb_are_refused(tmp_path):
+    (tmp_path / "cut.plan").write_text('{"fileType": "Plan", "mission": {"items": [')
+    refused(skysweep("plan", "cut.plan", cwd=tmp_path), "cut.plan")
+    bomb = '<?xml version="1.0"?><!DOCTYPE k [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><kml>&b;</kml>'
+    (tmp_path / "bomb.kml").write_text(bomb)
+    refused(skysweep("plan", "bomb.kml", cwd=tmp_path), "bomb.kml")
+    assert not (tmp_path / "plan").exists()
+
+
+def test_shown_scenarios_can_be_read_again(tmp_path):
+    shown = skysweep("scenarios", "show", "sparse", cwd=tmp_path)
+    (tmp_path / "copy.yaml").write_text(shown.stdout)
+    again = skysweep("scenarios", "show", "copy.yaml", cwd=tmp_path)
+    assert again.stdout == shown.stdout
+
+
+def test_help_has_examples(tmp_path):
+    for command in (["run"], ["plan"], ["compare", "paper"], ["dataset"], ["detect", "evaluate"]):
+        text = skysweep(*command, "--help", cwd=tmp_path).stdout
+        assert "skysweep " + " ".join(command) in text
