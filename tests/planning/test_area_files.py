@@ -103,6 +103,9 @@ def test_a_plans_survey_is_an_area(tmp_path):
     file = write_plan(tmp_path / "a.plan", plan_for_qgc(s, plan_scenario(s)[0]))
     area, _ = read_area(file, s.frame)
     assert area.symmetric_difference(shapely.box(0, 0, 200, 100)).area < 0.1
+    again = scenario_from_area(file)
+    assert again.home.altitude_amsl_m == s.home.altitude_amsl_m
+    assert again.area_enu_m.symmetric_difference(area).area < 0.1
 
 
 @settings(max_examples=40, deadline=None)

@@ -51,13 +51,16 @@ def read_area(path: str | Path, frame: LocalFrame | None = None) -> tuple[shapel
 
 
 def scenario_from_area(path: str | Path) -> Scenario:
-    """A scenario to plan with: the file's area, home at its southernmost corner."""
-    area, frame = read_area(path)
-    corners = shapely.get_coordinates(area.exterior)[:-1]
-    south = corners[np.argmin(corners[:, 1])]
-    latitude, longitude, _ = frame.geodetic_from_enu([[*south, 0.0]])[0]
-    home = Home(latitude_deg=float(latitude), longitude_deg=float(longitude), altitude_amsl_m=0.0)
-    area, _ = read_area(path, LocalFrame(home.latitude_deg, home.longitude_deg, 0.0))
+    """A scenario to plan with: the file's area, and home at its southernmost corner or where a plan has it."""
+    if Path(path).suffix.lower() == ".plan":
+        latitude, longitude, altitude = read_plan(path).mission.plannedHomePosition
+    else:
+        area, frame = read_area(path)
+        corners = shapely.get_coordinates(area.exterior)
+        south = corners[np.argmin(corners[:, 1])]
+        latitude, longitude, altitude = (float(v) for v in frame.geodetic_from_enu([[*south, 0.0]])[0])
+    home = Home(latitude_deg=latitude, longitude_deg=longitude, altitude_amsl_m=altitude)
+    area, _ = read_area(path, LocalFrame(latitude, longitude, altitude))
     name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", Path(path).stem).strip(" ._-")[:80] or "area"
 
     def ring(line: shapely.LinearRing) -> list[tuple[float, float]]:

@@ -61,6 +61,7 @@ _FRAME_ABOVE: dict[int, Above] = {
     10: "terrain",
     11: "terrain",
 }
+_STRAIGHT_M = 0.02
 _GLOBAL, _MISSION, _RELATIVE = 0, 2, 3  # MAV_FRAME
 _MODE_ABOVE: dict[int, Above] = {1: "home", 2: "sea level", 3: "terrain", 4: "terrain"}
 _ABOVE_HOME, _CALCULATED_ABOVE_TERRAIN = 1, 3  # QGroundControl's altitude modes
@@ -110,7 +111,7 @@ class Transects(_Object):
 
     version: Literal[1, 2] = 2
     CameraCalc: CameraSettings
-    CameraShots: int = 0
+    CameraShots: int | None = 0
     CameraTriggerInTurnAround: bool = False
     HoverAndCapture: bool = False
     Refly90Degrees: bool = False
@@ -124,7 +125,7 @@ class Survey(_Object):
 
     type: Literal["ComplexItem"] = "ComplexItem"
     complexItemType: Literal["survey", "CorridorScan"] = "survey"
-    version: int = 5
+    version: Annotated[int, Field(ge=1, le=5)] = 5
     angle: float = 0.0
     entryLocation: int = 0
     flyAlternateTransects: bool = False
@@ -311,14 +312,15 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
 def coverage_from_qgc(plan: QgcPlan, frame: LocalFrame, lens: Lens, altitude_agl_m: float) -> CoveragePlan:
     """The drawn path as a coverage plan in the ENU metres of ``frame``, seen from ``altitude_agl_m``.
 
-    Transects are the legs that run along a survey's angle, or every leg of a path of plain waypoints.
+    Waypoints on a straight line between their neighbours are dropped. Transects are the legs that run along
+    a survey's angle, or every leg of a path of plain waypoints.
     Raises UserError when the plan has no path.
     """
     points = np.array([(p.latitude_deg, p.longitude_deg, frame.altitude_m) for p in plan.waypoints])
     if len(points) < 2:
         raise UserError("mission.items: there is no path to fly; draw a Survey or at least 2 waypoints")
     xy = frame.enu_from_geodetic(points)[:, :2]
-    xy = xy[np.concatenate([[True], np.linalg.norm(np.diff(xy, axis=0), axis=1) > 0.01])]
+    xy = shapely.get_coordinates(shapely.LineString(xy).simplify(_STRAIGHT_M))
     legs = np.stack([xy[:-1], xy[1:]], axis=1)
     lengths = np.linalg.norm(legs[:, 1] - legs[:, 0], axis=1)
     headings = headings_of(legs)
