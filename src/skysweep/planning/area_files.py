@@ -51,7 +51,7 @@ def read_area(path: str | Path, frame: LocalFrame | None = None) -> tuple[shapel
 
 
 def scenario_from_area(path: str | Path) -> Scenario:
-    """A scenario to plan with: the file's area, and home at its southernmost corner or where a plan has it."""
+    """A scenario to plan with: the file's area; home is its southernmost corner or where a plan has it."""
     if Path(path).suffix.lower() == ".plan":
         latitude, longitude, altitude = read_plan(path).mission.plannedHomePosition
     else:

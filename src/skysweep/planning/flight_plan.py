@@ -4,7 +4,7 @@ The time of a leg is that of PX4 stepping from waypoint to waypoint under positi
 the position controller's proportional gain slows the vehicle down, then an exponential approach until the
 waypoint counts as reached. The lags are fitted to logs of PX4 v1.17 SIH: in a lawn-mower at 5 m/s the 60 m
 legs take 14.4 s and the 15 m legs 4.5 s until within 2 m (model: 14.0 and 5.0); an automatic take-off is at
-19.2 m after 18.2 s (model: 16.7). Power grows with the thrust that drag asks for (momentum theory: thrust to
+19.2 m after 18.2 s (model: 16.4). Power grows with the thrust that drag asks for (momentum theory: thrust to
 the power of 1.5).
 """
 
