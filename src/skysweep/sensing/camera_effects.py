@@ -35,7 +35,13 @@ class CameraEffects:
         self._tile = np.clip(np.round(unit * noise_std * 16), -2000, 2000).astype(np.int16)
 
     def apply(
-        self, image: U8, frame_index: int, pose: CameraPose, velocity_enu_mps: F64, rate_enu_radps: F64, distance_m: float
+        self,
+        image: U8,
+        frame_index: int,
+        pose: CameraPose,
+        velocity_enu_mps: F64,
+        rate_enu_radps: F64,
+        distance_m: float,
     ) -> U8:
         """The photograph (H, W, 3) of a render, taken while the camera moves and turns.
 
@@ -43,10 +49,12 @@ class CameraEffects:
         """
         rng = np.random.default_rng([self._seed, frame_index, 43])
         blurred = self._blur(image, pose, velocity_enu_mps, rate_enu_radps, distance_m)
-        exposed = cv2.LUT(blurred, self._exposure_curve(frame_index, rng))
+        exposed = np.asarray(cv2.LUT(blurred, self._exposure_curve(frame_index, rng)), dtype=np.uint8)
         noisy = self._add_noise(exposed, rng)
         _, packed = cv2.imencode(".jpg", cv2.cvtColor(noisy, cv2.COLOR_RGB2BGR), self._quality)
-        return np.asarray(cv2.cvtColor(cv2.imdecode(packed, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        unpacked = cv2.imdecode(packed, cv2.IMREAD_COLOR)
+        assert unpacked is not None
+        return np.asarray(cv2.cvtColor(unpacked, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
     def _blur(self, image: U8, pose: CameraPose, velocity: F64, rate: F64, distance_m: float) -> U8:
         """One directional kernel for the whole frame: the motion of what is at the picture's centre.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,7 +76,9 @@ def make_mesh(
     length = np.linalg.norm(n, axis=1, keepdims=True)
     n = np.where(length > 1e-12, n / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
     texture = np.column_stack([t, np.full(len(v), layer)])
-    return Mesh(*(a.astype(np.float32) for a in (v, n, c, texture)), f)
+    return Mesh(
+        v.astype(np.float32), n.astype(np.float32), c.astype(np.float32), texture.astype(np.float32), f
+    )
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:
@@ -104,7 +107,7 @@ def tilt_rotation(normal: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.eye(3) + K + K @ K / (1.0 + n[2]))
 
 
-def loft(rings: ArrayLike, colour: ArrayLike, caps: bool = True, **kwargs: object) -> Mesh:
+def loft(rings: ArrayLike, colour: ArrayLike, caps: bool = True, **kwargs: Any) -> Mesh:
     """Skin over closed rings (S, N, 3), each counter-clockwise seen from the last ring's side.
 
     ``colour`` is (3,) or per ring (S, 3). Caps close both ends with a fan.
@@ -126,7 +129,7 @@ def loft(rings: ArrayLike, colour: ArrayLike, caps: bool = True, **kwargs: objec
         faces += [np.column_stack([np.full(n, top), (stations - 1) * n + i, (stations - 1) * n + j])]
         v = np.concatenate([v, [r[0].mean(0), r[-1].mean(0)]])
         c = np.concatenate([c, c[:1], c[-1:]])
-    return make_mesh(v, np.concatenate(faces), c, **kwargs)  # type: ignore[arg-type]
+    return make_mesh(v, np.concatenate(faces), c, **kwargs)
 
 
 def circle(n: int) -> NDArray[np.float64]:
@@ -135,7 +138,7 @@ def circle(n: int) -> NDArray[np.float64]:
     return np.column_stack([np.cos(a), np.sin(a)])
 
 
-def lathe(profile: ArrayLike, colour: ArrayLike, n: int = 16, **kwargs: object) -> Mesh:
+def lathe(profile: ArrayLike, colour: ArrayLike, n: int = 16, **kwargs: Any) -> Mesh:
     """Surface of revolution about z of a profile (S, 2) of (radius, z), bottom to top."""
     p = np.asarray(profile, dtype=float)
     ring = circle(n)
@@ -145,7 +148,7 @@ def lathe(profile: ArrayLike, colour: ArrayLike, n: int = 16, **kwargs: object) 
     return loft(rings, colour, **kwargs)
 
 
-def tube(points: ArrayLike, radii: ArrayLike, colour: ArrayLike, n: int = 7, **kwargs: object) -> Mesh:
+def tube(points: ArrayLike, radii: ArrayLike, colour: ArrayLike, n: int = 7, **kwargs: Any) -> Mesh:
     """A round limb along points (S, 3) with radii (S,), its ends rounded."""
     p, r = np.asarray(points, dtype=float), np.asarray(radii, dtype=float)
     d = np.gradient(p, axis=0)
@@ -168,14 +171,14 @@ def tube(points: ArrayLike, radii: ArrayLike, colour: ArrayLike, n: int = 7, **k
     return loft(rings, c, **kwargs)
 
 
-def ellipsoid(radii: ArrayLike, colour: ArrayLike, n: int = 10, **kwargs: object) -> Mesh:
+def ellipsoid(radii: ArrayLike, colour: ArrayLike, n: int = 10, **kwargs: Any) -> Mesh:
     """An ellipsoid about the origin with semi-axes (3,)."""
     t = np.linspace(-np.pi / 2, np.pi / 2, max(n // 2, 4) + 1)[1:-1]
     unit = lathe(np.column_stack([np.cos(t), np.sin(t)]), colour, n=n, **kwargs)
     return unit.moved(scale=radii)
 
 
-def box(size: ArrayLike, colour: ArrayLike, **kwargs: object) -> Mesh:
+def box(size: ArrayLike, colour: ArrayLike, **kwargs: Any) -> Mesh:
     """A box (sx, sy, sz) standing on z = 0, flat shaded."""
     x, y = np.asarray(size, dtype=float)[:2] / 2
     z = float(np.asarray(size, dtype=float)[2])
@@ -183,7 +186,7 @@ def box(size: ArrayLike, colour: ArrayLike, **kwargs: object) -> Mesh:
     return prism(base, 0.0, z, colour, **kwargs)
 
 
-def prism(outline: ArrayLike, z0: float, z1: float, colour: ArrayLike, **kwargs: object) -> Mesh:
+def prism(outline: ArrayLike, z0: float, z1: float, colour: ArrayLike, **kwargs: Any) -> Mesh:
     """A convex outline (N, 2), counter-clockwise, extruded from z0 to z1, flat shaded."""
     p = np.asarray(outline, dtype=float)
     rings = np.stack([np.column_stack([p, np.full(len(p), z)]) for z in (z0, z1)])
@@ -204,7 +207,14 @@ def plate(outline: ArrayLike, z: float, colour: ArrayLike, layer: int, uv_radius
 def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
     """Unit sphere: vertices (V, 3) and faces (F, 3); 20 * 4**subdivisions faces."""
     g = (1 + 5**0.5) / 2
-    v = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
+    v: list[tuple[float, float, float]] = [
+        (-1, g, 0),
+        (1, g, 0),
+        (-1, -g, 0),
+        (1, -g, 0),
+        (0, -1, g),
+        (0, 1, g),
+    ]
     v += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
     f = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2)]
     f += [(10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5)]
@@ -223,7 +233,9 @@ def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces.astype(np.int32)
 
 
-def lumpy(directions: NDArray[np.float64], rng: np.random.Generator, lumps: int, size: float) -> NDArray[np.float64]:
+def lumpy(
+    directions: NDArray[np.float64], rng: np.random.Generator, lumps: int, size: float
+) -> NDArray[np.float64]:
     """Radii (V,) of a sphere with ``lumps`` bulges of angular ``size`` rad, the largest radius 1."""
     centres = rng.normal(size=(lumps, 3))
     centres /= np.linalg.norm(centres, axis=1, keepdims=True)

@@ -38,11 +38,16 @@ class EmbreeRenderer:
         self._ids = np.repeat(np.array([k for _, k in parts], dtype=np.int32), face_counts)
         self._part = np.repeat(np.arange(len(parts), dtype=np.int32), face_counts)
         self._material = np.full(len(mesh.faces), _SOLID, np.int32)
-        self._material[: face_counts[0]] = _WATER if scene.surface == "water" else _GROUND
+        self._material[: face_counts[0]] = _WATER if scene.terrain.surface == "water" else _GROUND
         self._density = _texel_density(mesh, scene.layers.shape[1])
         self._sun = scene.sun
         g = scene.ground_textures
-        self._textures = (*_mips(g.detail[None]), *_mips(g.middle[None]), *_mips(g.macro[None]), *_mips(scene.layers))
+        self._textures = (
+            *_mips(g.detail[None]),
+            *_mips(g.middle[None]),
+            *_mips(g.macro[None]),
+            *_mips(scene.layers),
+        )
         self._everything = _embree_scene(mesh.vertices, mesh.faces)
         self._object_faces = np.flatnonzero(self._ids > 0)
         self._objects: Any = None
@@ -80,7 +85,9 @@ class EmbreeRenderer:
         ids = self._ids if occluders else self._ids[self._object_faces]
         return np.where(faces >= 0, ids[faces], 0).astype(np.int32).reshape(shape)
 
-    def _shoot(self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float) -> tuple[F32, NDArray[np.int32]]:
+    def _shoot(
+        self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float
+    ) -> tuple[F32, NDArray[np.int32]]:
         """Colours (N, 3) 0..1 and faces (N,) seen through picture points."""
         origins, directions = _rays(lens, pose, x, y)
         hit = self._everything.run(origins, directions, output=1)
@@ -93,9 +100,9 @@ class EmbreeRenderer:
         lit = self._everything.run(starts, np.tile(sun, (len(starts), 1)), query="OCCLUDED") < 0
         mesh, s = self._mesh, self._sun
         colours = _shade(
-            faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, self._material, self._density,
-            mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._textures, pose.position_enu_m, lens.focal_px,
-            s.direction_enu, s.sun_rgb, s.sky_rgb, s.ground_rgb, s.haze_rgb, 3.912 / s.visibility_m, time_s,
+            faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, self._material,
+            self._density, mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._textures,
+            pose.position_enu_m, lens.focal_px, s.direction_enu, s.sun_rgb, s.sky_rgb, s.ground_rgb, s.haze_rgb, 3.912 / s.visibility_m, time_s,
         )  # fmt: skip
         return colours, faces
 
@@ -119,7 +126,11 @@ def _expanded(planting: Planting) -> Mesh:
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         copy = unit.moved((x, y, z), R, (radius, radius, height)).tinted(shade)
-        texture = copy.texture * np.array([radius, 0.5 * (radius + height), 1 / PLANT_TEXTURE_SCALE]) * PLANT_TEXTURE_SCALE
+        texture = (
+            copy.texture
+            * np.array([radius, 0.5 * (radius + height), 1 / PLANT_TEXTURE_SCALE])
+            * PLANT_TEXTURE_SCALE
+        )
         copies.append(Mesh(copy.vertices, copy.normals, copy.colours, texture.astype(np.float32), copy.faces))
     return merge(copies)
 
@@ -147,16 +158,16 @@ def _texel_density(mesh: Mesh, layer_px: int) -> F32:
 
 
 def _mips(images: NDArray[np.uint8]) -> tuple[F32, NDArray[np.int64]]:
-    """Mip maps of square layers (L, n, n, 3): all texels (T, 3) 0..1 in a row, and where each level starts."""
+    """Mip maps of square layers (L, n, n, 3): texels (T, 3) 0..1 in a row, and where levels start."""
     levels, level = [], images.astype(np.float32) / 255
     while True:
         levels.append(level.reshape(-1, 3))
         n = level.shape[1]
         if n == 1:
             break
-        level = np.stack([cv2.resize(i, (n // 2, n // 2), interpolation=cv2.INTER_AREA) for i in level]).reshape(
-            -1, n // 2, n // 2, 3
-        )
+        level = np.stack(
+            [cv2.resize(i, (n // 2, n // 2), interpolation=cv2.INTER_AREA) for i in level]
+        ).reshape(-1, n // 2, n // 2, 3)
     starts = np.cumsum([0] + [len(t) for t in levels])
     return np.concatenate(levels), starts.astype(np.int64)
 
@@ -188,8 +199,8 @@ def _sample(texels: Any, starts: Any, layer: int, u: float, v: float, level: flo
 @njit(cache=True)
 def _shade(
     faces: Any, bary_u: Any, bary_v: Any, points: Any, directions: Any, lit: Any, material: Any, density: Any,
-    triangles: Any, normals: Any, tints: Any, texture: Any, textures: Any, eye: Any, focal_px: float, sun: Any,
-    sun_rgb: Any, sky_rgb: Any, ground_rgb: Any, haze_rgb: Any, haze_per_m: float, time_s: float,
+    triangles: Any, normals: Any, tints: Any, texture: Any, textures: Any, eye: Any, focal_px: float,
+    sun: Any, sun_rgb: Any, sky_rgb: Any, ground_rgb: Any, haze_rgb: Any, haze_per_m: float, time_s: float,
 ) -> Any:  # fmt: skip
     """The shaders of render_gl, ray by ray."""
     detail, detail_at, middle, middle_at, macro, macro_at, layers, layers_at = textures
@@ -214,9 +225,33 @@ def _shade(
         lean = max(abs(directions[i, 2]), 0.2)
         pixel_m = distance / focal_px / np.sqrt(lean)
         if material[face] == _WATER:
-            _sample(detail, detail_at, 0, p[0] / 2.9 + 0.11 * time_s, p[1] / 2.9 + 0.05 * time_s, np.log2(pixel_m * 1024 / 2.9), a)
-            _sample(detail, detail_at, 0, p[1] / 11.7 - 0.031 * time_s, p[0] / 11.7 + 0.043 * time_s, np.log2(pixel_m * 1024 / 11.7), b)
-            _sample(detail, detail_at, 0, p[0] / 47.0 + 0.017 * time_s, p[1] / 47.0 - 0.008 * time_s, np.log2(pixel_m * 1024 / 47.0), c)
+            _sample(
+                detail,
+                detail_at,
+                0,
+                p[0] / 2.9 + 0.11 * time_s,
+                p[1] / 2.9 + 0.05 * time_s,
+                np.log2(pixel_m * 1024 / 2.9),
+                a,
+            )
+            _sample(
+                detail,
+                detail_at,
+                0,
+                p[1] / 11.7 - 0.031 * time_s,
+                p[0] / 11.7 + 0.043 * time_s,
+                np.log2(pixel_m * 1024 / 11.7),
+                b,
+            )
+            _sample(
+                detail,
+                detail_at,
+                0,
+                p[0] / 47.0 + 0.017 * time_s,
+                p[1] / 47.0 - 0.008 * time_s,
+                np.log2(pixel_m * 1024 / 47.0),
+                c,
+            )
             crest = b[2] + c[2]
             for k in range(2):
                 n[k] = -((a[k] - 0.5) * 0.32 + (b[k] - 0.5) * 0.42 + (c[k] - 0.5) * 0.40)
@@ -234,7 +269,15 @@ def _shade(
             glint = max(towards_sun, 0.0) ** 90.0
             slope_light = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0)
             _sample(macro, macro_at, 0, p[0] / MACRO_M, p[1] / MACRO_M, np.log2(pixel_m * 512 / MACRO_M), a)
-            _sample(middle, middle_at, 0, p[0] / MIDDLE_M + 0.006 * time_s, p[1] / MIDDLE_M + 0.004 * time_s, np.log2(pixel_m * 512 / MIDDLE_M), b)
+            _sample(
+                middle,
+                middle_at,
+                0,
+                p[0] / MIDDLE_M + 0.006 * time_s,
+                p[1] / MIDDLE_M + 0.004 * time_s,
+                np.log2(pixel_m * 512 / MIDDLE_M),
+                b,
+            )
             t = min(max((crest - 1.0) / 0.3, 0.0), 1.0)
             foam = b[0] * t * t * (3.0 - 2.0 * t)
             for k in range(3):
@@ -246,9 +289,27 @@ def _shade(
         else:
             beam = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0) * shine
             if material[face] == _GROUND:
-                _sample(detail, detail_at, 0, p[0] / DETAIL_M, p[1] / DETAIL_M, np.log2(pixel_m * 1024 / DETAIL_M), a)
-                _sample(middle, middle_at, 0, p[1] / MIDDLE_M, p[0] / MIDDLE_M, np.log2(pixel_m * 512 / MIDDLE_M), b)
-                _sample(macro, macro_at, 0, p[0] / MACRO_M, p[1] / MACRO_M, np.log2(pixel_m * 512 / MACRO_M), c)
+                _sample(
+                    detail,
+                    detail_at,
+                    0,
+                    p[0] / DETAIL_M,
+                    p[1] / DETAIL_M,
+                    np.log2(pixel_m * 1024 / DETAIL_M),
+                    a,
+                )
+                _sample(
+                    middle,
+                    middle_at,
+                    0,
+                    p[1] / MIDDLE_M,
+                    p[0] / MIDDLE_M,
+                    np.log2(pixel_m * 512 / MIDDLE_M),
+                    b,
+                )
+                _sample(
+                    macro, macro_at, 0, p[0] / MACRO_M, p[1] / MACRO_M, np.log2(pixel_m * 512 / MACRO_M), c
+                )
                 for k in range(3):
                     light[k] = (4.0 * a[k] * b[k] * c[k]) ** 2 * (sky_rgb[k] + sun_rgb[k] * beam)
             else:

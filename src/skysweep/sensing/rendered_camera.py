@@ -69,6 +69,10 @@ class RenderedCamera:
         self._frame_index += 1
         return Frame(state.time_s, image, state.camera, self._lens)
 
+    def close(self) -> None:
+        """Let go of the renderer."""
+        self._renderer.close()
+
     def _distance_m(self, pose: CameraPose) -> float:
         """About how far the ground is along the optical axis."""
         height = pose.position_enu_m[2] - float(self._terrain.height_m(pose.position_enu_m[:2])[0])

@@ -59,7 +59,7 @@ class Scene:
     """Everything to draw. ``layers`` are the texture layers that vertices name, renumbered from 0."""
 
     ground: Mesh
-    surface: str
+    terrain: TerrainSurface
     ground_textures: GroundTextures
     solids: tuple[Solid, ...]
     plantings: tuple[Planting, ...]
@@ -72,19 +72,23 @@ def build_scene(world: World) -> Scene:
     """Meshes, textures and light of a world. Deterministic."""
     solids = [Solid(_placed(world.terrain, o), k) for k, o in enumerate(world.objects, start=1)]
     solids += [
-        Solid(building_mesh(b.size_m, b.height_m, b.variant).moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0)
+        Solid(
+            building_mesh(b.size_m, b.height_m, b.variant).moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0
+        )
         for b in world.buildings
     ]
     plantings = _plant(world)
     used = np.unique(
-        np.concatenate([[0.0], *(s.mesh.texture[:, 2] for s in solids), *(p.meshes[-1].texture[:, 2] for p in plantings)])
+        np.concatenate(
+            [[0.0], *(s.mesh.texture[:, 2] for s in solids), *(p.meshes[-1].texture[:, 2] for p in plantings)]
+        )
     ).astype(int)
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
     plantings = [Planting(tuple(_renumbered(m, used) for m in p.meshes), p.places) for p in plantings]
     ground = ground_mesh(world.terrain)
     return Scene(
         ground,
-        world.terrain.surface,
+        world.terrain,
         ground_textures(world.terrain.surface, world.seed % GROUND_LOOKS),
         tuple(solids),
         tuple(plantings),
@@ -95,7 +99,7 @@ def build_scene(world: World) -> Scene:
 
 
 def make_sun(light: Light) -> Sun:
-    """Sun and sky by elevation: warm and weak near the horizon; exposed so that level ground keeps its tone."""
+    """Sun and sky: warm and weak near the horizon, and exposed so that level ground keeps its tone."""
     elevation, heading = np.radians(light.sun_elevation_deg), np.radians(light.sun_heading_deg)
     direction = np.array(
         [np.cos(elevation) * np.sin(heading), np.cos(elevation) * np.cos(heading), np.sin(elevation)]
@@ -108,7 +112,14 @@ def make_sun(light: Light) -> Sun:
     level = float((sun * np.sin(elevation) + sky).mean())
     exposure = 1.55 / level**0.85
     haze = np.array([0.40, 0.45, 0.52]) * (0.5 + 0.5 * np.sin(elevation) ** 0.5) + 0.08 * sun / sun.max()
-    return Sun(direction, sun * exposure, sky * exposure, 0.45 * sky * exposure, np.clip(haze, 0, 0.9), light.visibility_m)
+    return Sun(
+        direction,
+        sun * exposure,
+        sky * exposure,
+        0.45 * sky * exposure,
+        np.clip(haze, 0, 0.9),
+        light.visibility_m,
+    )
 
 
 def ground_mesh(terrain: TerrainSurface) -> Mesh:
@@ -149,7 +160,8 @@ def _plant(world: World) -> list[Planting]:
         place = [*tree.position_enu_m, yaw, tree.crown_radius_m, tree.height_m, shade]
         groups.setdefault((tree.kind, int(rng.integers(SHAPES))), []).append(place)
     return [
-        Planting(tree_meshes(*key), np.array(places, dtype=np.float32)) for key, places in sorted(groups.items())
+        Planting(tree_meshes(*key), np.array(places, dtype=np.float32))
+        for key, places in sorted(groups.items())
     ]
 
 

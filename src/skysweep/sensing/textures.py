@@ -93,7 +93,12 @@ def _step(values: F64, edge: float, width: float) -> F64:
 
 
 def _strokes(
-    image: U8, rng: np.random.Generator, count: int, length: tuple[float, float], colours: ArrayLike, thickness: int = 1
+    image: U8,
+    rng: np.random.Generator,
+    count: int,
+    length: tuple[float, float],
+    colours: ArrayLike,
+    thickness: int = 1,
 ) -> None:
     """Draw short straight strokes that wrap around the edges, in place."""
     n = len(image)
@@ -103,14 +108,19 @@ def _strokes(
     d = rng.uniform(*length, count)[:, None] * np.column_stack([np.cos(a), np.sin(a)])
     c = palette[rng.integers(len(palette), size=count)] * rng.uniform(0.8, 1.15, (count, 1))
     for start, end, colour in zip(p, p + d, np.clip(c, 0, 255).tolist(), strict=True):
-        for shift in ({(0, 0)} | {(int(np.floor(end[0] / n)), int(np.floor(end[1] / n)))}):
+        for shift in {(0, 0)} | {(int(np.floor(end[0] / n)), int(np.floor(end[1] / n)))}:
             s = np.array(shift) * n
             q0, q1 = (start - s).astype(int), (end - s).astype(int)
             cv2.line(image, tuple(map(int, q0)), tuple(map(int, q1)), colour, thickness, cv2.LINE_AA)
 
 
 def _spots(
-    image: U8, rng: np.random.Generator, count: int, radius: tuple[float, float], colours: ArrayLike, stretch: float = 1.0
+    image: U8,
+    rng: np.random.Generator,
+    count: int,
+    radius: tuple[float, float],
+    colours: ArrayLike,
+    stretch: float = 1.0,
 ) -> None:
     """Draw filled ellipses that wrap around the edges, in place."""
     n = len(image)
@@ -118,7 +128,11 @@ def _spots(
     c = palette[rng.integers(len(palette), size=count)] * rng.uniform(0.75, 1.2, (count, 1))
     radii = rng.uniform(radius[0] ** 0.5, radius[1] ** 0.5, count) ** 2
     for (x, y), r, colour, angle in zip(
-        rng.uniform(0, n, (count, 2)), radii, np.clip(c, 0, 255).tolist(), rng.uniform(0, 360, count), strict=True
+        rng.uniform(0, n, (count, 2)),
+        radii,
+        np.clip(c, 0, 255).tolist(),
+        rng.uniform(0, 360, count),
+        strict=True,
     ):
         for dx in (-n, 0, n) if min(x, n - x) < r * 2 else (0,):
             for dy in (-n, 0, n) if min(y, n - y) < r * 2 else (0,):
@@ -152,7 +166,9 @@ def ground_textures(surface: str, look: int) -> GroundTextures:
     return _GROUND[surface](rng)
 
 
-def _variation(n: int, rng: np.random.Generator, tints: ArrayLike, contrast: float, slope: float, high: float) -> U8:
+def _variation(
+    n: int, rng: np.random.Generator, tints: ArrayLike, contrast: float, slope: float, high: float
+) -> U8:
     """A neutral (0.5) multiplier with brightness contrast and patches of tints."""
     base = 1 + contrast * (noise(n, rng, slope, 1, high) - 0.5) * 2
     image = np.repeat(base[..., None], 3, axis=2)
@@ -169,7 +185,9 @@ def _grass(rng: np.random.Generator) -> GroundTextures:
     _strokes(detail, rng, 26000, (8, 26), blades)
     _spots(detail, rng, 60, (2, 9), [(66, 96, 38), (108, 122, 56)], 1.6)
     _spots(detail, rng, 24, (1, 2.5), [(232, 226, 190), (226, 200, 70)])
-    macro = _variation(MACRO_PX, rng, [(1.09, 1.03, 0.96), (0.9, 0.95, 0.92), (1.13, 1.04, 0.95)], 0.12, 1.2, 90)
+    macro = _variation(
+        MACRO_PX, rng, [(1.09, 1.03, 0.96), (0.9, 0.95, 0.92), (1.13, 1.04, 0.95)], 0.12, 1.2, 90
+    )
     middle = _variation(MIDDLE_PX, rng, [(1.08, 1.04, 0.98), (0.9, 0.96, 0.92)], 0.20, 0.6, 200)
     return GroundTextures(detail, middle, macro)
 
@@ -177,7 +195,14 @@ def _grass(rng: np.random.Generator) -> GroundTextures:
 def _forest_floor(rng: np.random.Generator) -> GroundTextures:
     detail = _bytes(blend((58, 46, 34), (92, 74, 52), noise(DETAIL_PX, rng, 0.8, 3)))
     _strokes(detail, rng, 9000, (5, 18), [(122, 92, 58), (88, 66, 44), (140, 110, 74)])
-    _spots(detail, rng, 2600, (3, 9), [(128, 88, 46), (104, 78, 46), (150, 112, 62), (78, 62, 42), (92, 98, 50)], 1.7)
+    _spots(
+        detail,
+        rng,
+        2600,
+        (3, 9),
+        [(128, 88, 46), (104, 78, 46), (150, 112, 62), (78, 62, 42), (92, 98, 50)],
+        1.7,
+    )
     _strokes(detail, rng, 130, (40, 150), [(74, 60, 48), (110, 96, 78)], 3)
     middle = _variation(MIDDLE_PX, rng, [(0.9, 1.06, 0.85), (0.86, 0.86, 0.88)], 0.22, 0.7, 200)
     macro = _variation(MACRO_PX, rng, [(0.9, 1.07, 0.86), (1.09, 1.03, 0.96)], 0.14, 1.1, 80)
@@ -353,7 +378,7 @@ def _weather(image: F64, rng: np.random.Generator, held_out: bool) -> U8:
     dirt = _step(noise(n, rng, 1.3, 2), rng.uniform(0.62, 0.85), 0.25) * rng.uniform(0.2, 0.85)
     image = blend(image, np.array([94, 80, 58]) * rng.uniform(0.7, 1.3), dirt)
     image = image * (0.92 + 0.16 * noise(n, rng, 0.9, 2))[..., None]
-    small = cv2.resize(_bytes(image), (LAYER_PX, LAYER_PX), interpolation=cv2.INTER_AREA)
+    small = _bytes(cv2.resize(image, (LAYER_PX, LAYER_PX), interpolation=cv2.INTER_AREA))
     _strokes(small, rng, int(rng.integers(0, 14)), (5, 50), [(200, 190, 180), (110, 92, 80)])
     _spots(small, rng, int(rng.integers(0, 12)), (1, 7), [(120, 104, 80), (96, 110, 60), (90, 70, 50)], 1.5)
     return small
@@ -371,7 +396,7 @@ def _stop_sign(rng: np.random.Generator, held_out: bool) -> U8:
     red = tuple(_sign_red(rng, held_out).tolist())
     corners = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 8 + np.arange(8) * np.pi / 4])
     border = rng.uniform(0.90, 0.945)
-    cv2.fillPoly(image, [np.int32(n / 2 * (1 + border * corners))], red)
+    cv2.fillPoly(image, [(n / 2 * (1 + border * corners)).astype(np.int32)], red)
     white = (242.0, 242.0, 238.0)
     h = n * rng.uniform(0.27, 0.31)  # letter height
     w, gap = h * rng.uniform(0.46, 0.53), h * 0.16
@@ -380,12 +405,14 @@ def _stop_sign(rng: np.random.Generator, held_out: bool) -> U8:
     for letter in "STOP":
         for line in _LETTERS[letter]:
             q = np.array(line) * [w - t, h - t] + [x + t / 2, top + t / 2]
-            cv2.polylines(image, [np.int32(q.round())], False, white, t, cv2.LINE_8)
+            cv2.polylines(image, [q.round().astype(np.int32)], False, white, t, cv2.LINE_8)
         x += w + gap
     return _weather(image, rng, held_out)
 
 
-def _arc(cx: float, cy: float, rx: float, ry: float, start_deg: float, end_deg: float) -> list[tuple[float, float]]:
+def _arc(
+    cx: float, cy: float, rx: float, ry: float, start_deg: float, end_deg: float
+) -> list[tuple[float, float]]:
     a = np.radians(np.linspace(start_deg, end_deg, 13))
     return [(float(x), float(y)) for x, y in zip(cx + rx * np.cos(a), cy + ry * np.sin(a), strict=True)]
 

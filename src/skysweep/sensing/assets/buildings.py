@@ -8,7 +8,14 @@ from skysweep.sensing.assets.looks import RGB, Looks
 from skysweep.sensing.meshes import Mesh, box, make_mesh, merge
 from skysweep.sensing.textures import Layer
 
-_WALL: list[RGB] = [(214, 204, 184), (176, 116, 92), (222, 222, 216), (150, 60, 48), (200, 178, 120), (140, 150, 150)]
+_WALL: list[RGB] = [
+    (214, 204, 184),
+    (176, 116, 92),
+    (222, 222, 216),
+    (150, 60, 48),
+    (200, 178, 120),
+    (140, 150, 150),
+]
 _ROOF: list[RGB] = [(150, 78, 58), (96, 96, 100), (120, 84, 66), (70, 74, 82), (130, 60, 50)]
 STOREY_M = 3.0
 EAVES_M = 0.4
@@ -32,22 +39,33 @@ def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) ->
     low = height_m - EAVES_M * rise / y
     ex, ey = x + EAVES_M, y + EAVES_M
     for side in (1, -1):
-        v = [(-side * ex, -side * ey, low), (side * ex, -side * ey, low), (side * ex, 0, height_m + rise), (-side * ex, 0, height_m + rise)]
+        v = [
+            (-side * ex, -side * ey, low),
+            (side * ex, -side * ey, low),
+            (side * ex, 0, height_m + rise),
+            (-side * ex, 0, height_m + rise),
+        ]
         length = ey * slope
         uv = np.array([(0, length), (2 * ex, length), (2 * ex, 0), (0, 0)]) / 3.2
-        parts.append(make_mesh(np.array(v) + [0, 0, 0.08], [[0, 1, 2], [0, 2, 3]], roof, Layer.ROOF, uv=uv))
+        parts.append(
+            make_mesh(np.array(v) + np.array([0, 0, 0.08]), [[0, 1, 2], [0, 2, 3]], roof, Layer.ROOF, uv=uv)
+        )
         parts.append(make_mesh(v, [[0, 2, 1], [0, 3, 2]], roof * 0.5, Layer.PLAIN, uv=uv))
     chimney = box((0.6, 0.6, 0.9 + 0.5 * rise), (0.50, 0.33, 0.28), layer=Layer.WALL)
     parts.append(chimney.moved((looks.between(-0.6, 0.6) * x, 0.4 * y, height_m + 0.45 * rise)))
     return merge(parts)
 
 
-def _wall(a: tuple[float, float], b: tuple[float, float], height_m: float, colour: np.ndarray, low: np.ndarray) -> Mesh:
+def _wall(
+    a: tuple[float, float], b: tuple[float, float], height_m: float, colour: np.ndarray, low: np.ndarray
+) -> Mesh:
     """A wall from a to b, outside on the right, one window per 3 m and storey."""
     length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
     bays, storeys = max(1, round(length / STOREY_M)), max(1, round(height_m / STOREY_M))
     v = [(*a, 0), (*b, 0), (*b, height_m), (*a, height_m), (*a, -1.5), (*b, -1.5)]
     uv = [(0, storeys), (bays, storeys), (bays, 0), (0, 0), (0, storeys + 0.1), (bays, storeys + 0.1)]
     main = make_mesh(v[:4], [[0, 1, 2], [0, 2, 3]], colour, Layer.WINDOWS, uv=uv[:4])
-    base = make_mesh([v[4], v[5], v[1], v[0]], [[0, 1, 2], [0, 2, 3]], (0.45, 0.44, 0.42), Layer.PLAIN, uv=[(0, 0)] * 4)
+    base = make_mesh(
+        [v[4], v[5], v[1], v[0]], [[0, 1, 2], [0, 2, 3]], (0.45, 0.44, 0.42), Layer.PLAIN, uv=[(0, 0)] * 4
+    )
     return merge([main, base])

@@ -3,27 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import RGB, F64, Looks
-from skysweep.sensing.meshes import Mesh, box, ellipsoid, loft, circle, merge, tube
+from skysweep.sensing.assets.looks import F64, RGB, Looks
+from skysweep.sensing.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
 from skysweep.sensing.textures import Layer
 
 _SKIN: list[RGB] = [(236, 188, 158), (214, 160, 124), (176, 122, 86), (120, 78, 54), (84, 56, 42)]
 _SKIN_HELD_OUT: list[RGB] = [(226, 176, 146), (196, 142, 104), (146, 100, 70), (98, 66, 48)]
-_HAIR: list[RGB] = [(40, 30, 24), (82, 56, 34), (150, 112, 62), (200, 172, 120), (120, 116, 112), (96, 42, 22)]
+_HAIR: list[RGB] = [
+    (40, 30, 24),
+    (82, 56, 34),
+    (150, 112, 62),
+    (200, 172, 120),
+    (120, 116, 112),
+    (96, 42, 22),
+]
 _HAIR_HELD_OUT: list[RGB] = [(26, 22, 20), (112, 76, 46), (178, 146, 96), (210, 206, 200)]
 _UPPER: list[RGB] = [
-    (190, 34, 36), (30, 62, 140), (232, 232, 228), (34, 34, 38), (240, 150, 24), (224, 224, 40), (46, 104, 62),
-    (118, 120, 124), (86, 148, 200), (128, 50, 110), (214, 120, 130), (90, 76, 54),
+    (190, 34, 36), (30, 62, 140), (232, 232, 228), (34, 34, 38), (240, 150, 24), (224, 224, 40),
+    (46, 104, 62), (118, 120, 124), (86, 148, 200), (128, 50, 110), (214, 120, 130), (90, 76, 54),
 ]  # fmt: skip
 _UPPER_HELD_OUT: list[RGB] = [
     (206, 70, 30), (20, 110, 120), (246, 246, 240), (60, 60, 90), (196, 222, 40), (160, 30, 60), (70, 90, 50),
     (150, 140, 120), (60, 130, 220), (170, 130, 60),
 ]  # fmt: skip
-_LOWER: list[RGB] = [(36, 48, 84), (30, 30, 34), (92, 86, 70), (70, 92, 130), (130, 116, 88), (58, 62, 52), (120, 122, 126)]
-_LOWER_HELD_OUT: list[RGB] = [(52, 70, 110), (44, 40, 40), (112, 100, 76), (84, 60, 46), (160, 154, 140), (40, 80, 70)]
+_LOWER: list[RGB] = [
+    (36, 48, 84),
+    (30, 30, 34),
+    (92, 86, 70),
+    (70, 92, 130),
+    (130, 116, 88),
+    (58, 62, 52),
+    (120, 122, 126),
+]
+_LOWER_HELD_OUT: list[RGB] = [
+    (52, 70, 110),
+    (44, 40, 40),
+    (112, 100, 76),
+    (84, 60, 46),
+    (160, 154, 140),
+    (40, 80, 70),
+]
 _BAG: list[RGB] = [(180, 40, 30), (36, 70, 120), (50, 56, 40), (220, 130, 30), (40, 40, 44)]
 
 
@@ -55,9 +78,13 @@ def _floating(looks: Looks, size_m: float) -> Mesh:
     """Upright in the water to the chest, arms out, or on the back with the face up."""
     if looks.chance(0.3):
         skeleton = _stretched(looks, knees=0.05)
-        return _on_the_back(_dress(looks, skeleton, swimmer=True), face_up=True).moved((0, 0, -0.045), scale=size_m)
+        return _on_the_back(_dress(looks, skeleton, swimmer=True), face_up=True).moved(
+            (0, 0, -0.045), scale=size_m
+        )
     spread = looks.rng.uniform(np.radians(60), np.radians(100), 2)
-    skeleton = _upright(looks, spread, forward=looks.rng.uniform(-0.3, 0.8, 2), elbow=looks.rng.uniform(0.1, 0.9, 2))
+    skeleton = _upright(
+        looks, spread, forward=looks.rng.uniform(-0.3, 0.8, 2), elbow=looks.rng.uniform(0.1, 0.9, 2)
+    )
     lean = looks.rng.normal(0, 0.12)
     c, s = np.cos(lean), np.sin(lean)
     R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
@@ -65,26 +92,20 @@ def _floating(looks: Looks, size_m: float) -> Mesh:
 
 
 def _lying(looks: Looks, size_m: float) -> Mesh:
-    if looks.chance(0.25):  # curled up on the side
-        body = _dress(looks, _sitting(looks, curled=True))
-        R = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # left side up
+    """Stretched out on the back or the belly, or curled up on the side."""
+    if looks.chance(0.25):
+        right_side_down = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+        body = _dress(looks, _sitting(looks, curled=True)).moved(rotation=right_side_down)
+        body = body.moved([*-body.vertices[:, :2].mean(axis=0), 0.11])
     else:
-        body = _dress(looks, _stretched(looks, knees=0.35))
-        return _on_the_back(body, face_up=looks.chance(0.65)).moved(scale=size_m).grounded(0.15, 0.75)
-    body = body.moved((-0.1, 0, 0), R)
-    body = body.moved((-float(np.mean(body.vertices[:, 0])), -float(np.mean(body.vertices[:, 1])), 0.11))
+        body = _on_the_back(_dress(looks, _stretched(looks, knees=0.35)), face_up=looks.chance(0.65))
     return body.moved(scale=size_m).grounded(0.15, 0.75)
 
 
 def _on_the_back(body: Mesh, face_up: bool) -> Mesh:
-    side = 1.0 if face_up else -1.0
-    R = np.array([[0, 0, 1.0], [0, side, 0], [-side, 0, 0]])
-    if face_up:
-        R = np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]])
-    else:
-        R = np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]])
-    lying = body.moved((0, 0, -0.5)).moved((0, 0, 0.075), R)
-    return lying
+    up = 1.0 if face_up else -1.0
+    R = np.array([[0, 0, -up], [0, 1, 0], [up, 0, 0]])
+    return body.moved((0, 0, -0.5)).moved((0, 0, 0.075), R)
 
 
 def _limb(start: F64, direction: F64, bend: F64, first: float, second: float) -> F64:
@@ -102,9 +123,21 @@ def _upright(looks: Looks, spread: F64, forward: F64, elbow: F64) -> Skeleton:
         arms.append(_limb(np.array([0, side * shoulders, 0.81]), down, bend, 0.165, 0.15))
         stance = looks.between(0.02, 0.10)
         step = looks.between(-0.12, 0.12)
-        leg = _limb(np.array([0, side * hips, 0.51]), np.array([step, side * stance, -1]), np.array([step - 0.06, side * stance, -1]), 0.245, 0.225)
+        leg = _limb(
+            np.array([0, side * hips, 0.51]),
+            np.array([step, side * stance, -1]),
+            np.array([step - 0.06, side * stance, -1]),
+            0.245,
+            0.225,
+        )
         legs.append(np.vstack([leg, leg[2] + [0.105, side * 0.02, -0.02]]))
-    return Skeleton(np.array([0, 0, 0.53]), np.array([0, 0, 0.83]), np.array([0.012, 0, 0.925]), (arms[0], arms[1]), (legs[0], legs[1]))
+    return Skeleton(
+        np.array([0, 0, 0.53]),
+        np.array([0, 0, 0.83]),
+        np.array([0.012, 0, 0.925]),
+        (arms[0], arms[1]),
+        (legs[0], legs[1]),
+    )
 
 
 def _standing(looks: Looks) -> Skeleton:
@@ -121,15 +154,35 @@ def _stretched(looks: Looks, knees: float) -> Skeleton:
     hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
     arms, legs = [], []
     for side in (1, -1):
-        a = float(looks.rng.choice([looks.rng.uniform(0.1, 0.6), looks.rng.uniform(0.8, 2.8)], p=[0.55, 0.45]))
+        a = float(
+            looks.rng.choice([looks.rng.uniform(0.1, 0.6), looks.rng.uniform(0.8, 2.8)], p=[0.55, 0.45])
+        )
         b = a + looks.rng.uniform(-0.5, 0.7)
-        arm = _limb(np.array([0, side * shoulders, 0.81]), np.array([0, side * np.sin(a), -np.cos(a)]), np.array([0, side * np.sin(b), -np.cos(b)]), 0.165, 0.15)
+        arm = _limb(
+            np.array([0, side * shoulders, 0.81]),
+            np.array([0, side * np.sin(a), -np.cos(a)]),
+            np.array([0, side * np.sin(b), -np.cos(b)]),
+            0.165,
+            0.15,
+        )
         arms.append(arm)
         t = looks.rng.uniform(0.02, 0.35)
         k = t + looks.rng.uniform(-1.2, 0.3) * knees
-        leg = _limb(np.array([0, side * hips, 0.51]), np.array([0.02, side * np.sin(t), -np.cos(t)]), np.array([0, side * np.sin(k), -np.cos(k)]), 0.245, 0.225)
+        leg = _limb(
+            np.array([0, side * hips, 0.51]),
+            np.array([0.02, side * np.sin(t), -np.cos(t)]),
+            np.array([0, side * np.sin(k), -np.cos(k)]),
+            0.245,
+            0.225,
+        )
         legs.append(np.vstack([leg, leg[2] + [0.03, side * 0.06, -0.07]]))
-    return Skeleton(np.array([0, 0, 0.53]), np.array([0, 0, 0.83]), np.array([0.0, 0, 0.925]), (arms[0], arms[1]), (legs[0], legs[1]))
+    return Skeleton(
+        np.array([0, 0, 0.53]),
+        np.array([0, 0, 0.83]),
+        np.array([0.0, 0, 0.925]),
+        (arms[0], arms[1]),
+        (legs[0], legs[1]),
+    )
 
 
 def _sitting(looks: Looks, curled: bool = False) -> Skeleton:
@@ -147,7 +200,13 @@ def _sitting(looks: Looks, curled: bool = False) -> Skeleton:
         drop = -rise * 245 / 225
         out = looks.rng.uniform(0.05, 0.35)
         ahead = -0.3 if curled else np.sqrt(max(0.04, 1 - drop**2))
-        leg = _limb(np.array([0.02, side * hips, 0.06]), np.array([np.sqrt(1 - min(rise, 0.95) ** 2), side * out, rise]), np.array([ahead, -side * 0.3 * out, drop]), 0.245, 0.225)
+        leg = _limb(
+            np.array([0.02, side * hips, 0.06]),
+            np.array([np.sqrt(1 - min(rise, 0.95) ** 2), side * out, rise]),
+            np.array([ahead, -side * 0.3 * out, drop]),
+            0.245,
+            0.225,
+        )
         leg[2, 2] = max(leg[2, 2], 0.03)
         legs.append(np.vstack([leg, leg[2] + [0.09, side * 0.02, 0.0]]))
     return Skeleton(pelvis, neck, neck + 0.095 * up + [0.012, 0, 0], (arms[0], arms[1]), (legs[0], legs[1]))
@@ -159,22 +218,40 @@ def _dress(looks: Looks, bones: Skeleton, swimmer: bool = False) -> Mesh:
     hair = looks.pick(_HAIR, _HAIR_HELD_OUT)
     upper = looks.pick(_UPPER, _UPPER_HELD_OUT)
     lower = looks.pick(_LOWER, _LOWER_HELD_OUT)
-    shoes = looks.pick([(40, 36, 34), (150, 150, 150), (96, 66, 44)], [(30, 30, 40), (190, 186, 176), (120, 60, 40)])
+    shoes = looks.pick(
+        [(40, 36, 34), (150, 150, 150), (96, 66, 44)], [(30, 30, 40), (190, 186, 176), (120, 60, 40)]
+    )
     long_sleeves, shorts, bare = looks.chance(0.6), looks.chance(0.25), swimmer and looks.chance(0.4)
     stout = looks.between(0.88, 1.22)
-    cloth = {"layer": Layer.FABRIC, "texture_size_m": 0.45}
+    cloth: dict[str, Any] = {"layer": Layer.FABRIC, "texture_size_m": 0.45}
     if bare:
         upper, long_sleeves = skin, False
     parts = [_torso(bones, stout, upper, lower, cloth)]
     for arm in bones.arms:
         sleeve = np.stack([upper, upper, upper if long_sleeves else skin, upper if long_sleeves else skin])
         mid = 0.5 * (arm[0] + arm[1])
-        parts.append(tube([arm[0], mid, arm[1], arm[2]], np.array([0.033, 0.030, 0.025, 0.019]) * stout**0.5, sleeve, n=6, **cloth))
+        parts.append(
+            tube(
+                [arm[0], mid, arm[1], arm[2]],
+                np.array([0.033, 0.030, 0.025, 0.019]) * stout**0.5,
+                sleeve,
+                n=6,
+                **cloth,
+            )
+        )
         hand = arm[2] + 0.03 * (arm[2] - arm[1]) / np.linalg.norm(arm[2] - arm[1])
         parts.append(ellipsoid((0.022, 0.022, 0.026), skin, n=6).moved(hand))
     for leg in bones.legs:
         trouser = np.stack([lower, lower, skin if shorts else lower, skin if shorts else lower])
-        parts.append(tube([leg[0], 0.5 * (leg[0] + leg[1]), leg[1], leg[2]], np.array([0.050, 0.045, 0.034, 0.026]) * stout**0.5, trouser, n=7, **cloth))
+        parts.append(
+            tube(
+                [leg[0], 0.5 * (leg[0] + leg[1]), leg[1], leg[2]],
+                np.array([0.050, 0.045, 0.034, 0.026]) * stout**0.5,
+                trouser,
+                n=7,
+                **cloth,
+            )
+        )
         parts.append(tube(leg[2:] - [0, 0, 0.008], [0.027, 0.024], shoes, n=6))
     up = bones.head - bones.neck
     up = up / np.linalg.norm(up)
@@ -182,13 +259,19 @@ def _dress(looks: Looks, bones: Skeleton, swimmer: bool = False) -> Mesh:
     parts.append(ellipsoid((0.052, 0.044, 0.066), skin, n=10).moved(bones.head))
     cap = looks.chance(0.3)
     colour = looks.pick(_UPPER, _UPPER_HELD_OUT) if cap else hair
-    parts.append(ellipsoid((0.055, 0.049, 0.058), colour, n=10).moved(bones.head + 0.018 * up - [0.012, 0, 0]))
+    parts.append(
+        ellipsoid((0.055, 0.049, 0.058), colour, n=10).moved(bones.head + 0.018 * up - [0.012, 0, 0])
+    )
     if cap:
-        parts.append(ellipsoid((0.05, 0.042, 0.006), colour, n=8).moved(bones.head + 0.022 * up + [0.05, 0, 0]))
+        parts.append(
+            ellipsoid((0.05, 0.042, 0.006), colour, n=8).moved(bones.head + 0.022 * up + [0.05, 0, 0])
+        )
     chest = 0.5 * (bones.pelvis + bones.neck) + 0.05 * up
     if looks.chance(0.3 if not swimmer else 0.45):
         if swimmer or looks.chance(0.4):  # life jacket or hi-vis vest
-            vest = looks.pick([(244, 110, 20), (232, 226, 30), (220, 40, 30)], [(250, 90, 40), (200, 240, 40)])
+            vest = looks.pick(
+                [(244, 110, 20), (232, 226, 30), (220, 40, 30)], [(250, 90, 40), (200, 240, 40)]
+            )
             parts.append(ellipsoid((0.085, 0.115, 0.115), vest, n=10, **cloth).moved(chest))
         else:
             bag = looks.pick(_BAG, _BAG)
@@ -196,11 +279,13 @@ def _dress(looks: Looks, bones: Skeleton, swimmer: bool = False) -> Mesh:
     return merge(parts)
 
 
-def _torso(bones: Skeleton, stout: float, upper: F64, lower: F64, cloth: dict[str, float]) -> Mesh:
+def _torso(bones: Skeleton, stout: float, upper: F64, lower: F64, cloth: dict[str, Any]) -> Mesh:
     """Elliptical sections from the crotch to the shoulders."""
     along = bones.neck - bones.pelvis
     t = np.array([-0.14, -0.04, 0.12, 0.35, 0.65, 0.88, 0.98])
-    half_width = np.array([0.050, 0.088, 0.090, 0.082, 0.098, 0.105, 0.045]) * np.array([1, stout, stout, stout, stout**0.7, 1, 1])
+    half_width = np.array([0.050, 0.088, 0.090, 0.082, 0.098, 0.105, 0.045]) * np.array(
+        [1, stout, stout, stout, stout**0.7, 1, 1]
+    )
     half_depth = np.array([0.040, 0.062, 0.064, 0.058, 0.068, 0.058, 0.035]) * stout
     ring = circle(10)
     forward = np.cross([0.0, 1.0, 0.0], along)

@@ -45,7 +45,9 @@ def _crown(looks: Looks, colour: F64, detail: int, lumps: int, texture_m: float)
 
 def _broadleaf(looks: Looks, detail: int) -> Mesh:
     colour = looks.pick(_BROADLEAF, _BROADLEAF)
-    trunk = lathe([(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK)
+    trunk = lathe(
+        [(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK
+    )
     crown = _crown(looks, colour, detail, 26, 0.9).moved((0, 0, 0.675), scale=(1.0, 1.0, 0.325))
     return merge([crown, trunk])
 
@@ -66,15 +68,26 @@ def _conifer(looks: Looks, detail: int) -> Mesh:
         z0, z1 = 0.18 + 0.80 * t, 0.18 + 0.80 * min(t + 1.9 / tiers, 1.02)
         a = a0 + looks.rng.uniform(0, 1)
         out = (1 - t) ** 0.85 * np.where(np.arange(n) % 2, 0.62, 1.0) * looks.rng.uniform(0.82, 1.0, n)
-        edge = np.column_stack([np.cos(a) * out, np.sin(a) * out, z0 + 0.03 * looks.rng.normal(size=n) * (1 - t)])
+        edge = np.column_stack(
+            [np.cos(a) * out, np.sin(a) * out, z0 + 0.03 * looks.rng.normal(size=n) * (1 - t)]
+        )
         tip = np.column_stack([np.cos(a) * 0.02, np.sin(a) * 0.02, np.full(n, z1)])
         rings, shades = [edge, tip], [colour * 1.12, colour * 0.6]
         if detail > 0:
-            rings.insert(1, np.column_stack([np.cos(a) * out / 2, np.sin(a) * out / 2, np.full(n, 0.45 * z0 + 0.55 * z1)]))
+            rings.insert(
+                1,
+                np.column_stack(
+                    [np.cos(a) * out / 2, np.sin(a) * out / 2, np.full(n, 0.45 * z0 + 0.55 * z1)]
+                ),
+            )
             shades.insert(1, colour * 0.86)
         parts.append(
             loft(
-                np.stack(rings), np.clip(np.stack(shades), 0, 1), caps=False, layer=Layer.NEEDLES, texture_size_m=0.7
+                np.stack(rings),
+                np.clip(np.stack(shades), 0, 1),
+                caps=False,
+                layer=Layer.NEEDLES,
+                texture_size_m=0.7,
             )
         )
     return merge(parts)

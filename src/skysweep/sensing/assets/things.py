@@ -5,7 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.sensing.assets.looks import RGB, Looks
-from skysweep.sensing.meshes import Mesh, circle, ellipsoid, icosphere, lathe, loft, lumpy, make_mesh, merge, plate, tube
+from skysweep.sensing.meshes import (
+    Mesh,
+    circle,
+    ellipsoid,
+    icosphere,
+    lathe,
+    loft,
+    lumpy,
+    make_mesh,
+    merge,
+    plate,
+    tilt_rotation,
+    tube,
+)
 from skysweep.sensing.textures import Decal, Layer, decal_layer
 
 _BUCKET: list[RGB] = [(196, 30, 32), (210, 44, 36), (176, 22, 30)]
@@ -15,10 +28,17 @@ _ROCK_HELD_OUT: list[RGB] = [(174, 162, 154), (228, 220, 210), (142, 126, 110), 
 _BARK: list[RGB] = [(96, 78, 60), (74, 62, 52), (122, 106, 88)]
 _BARK_HELD_OUT: list[RGB] = [(84, 66, 54), (136, 124, 110), (104, 84, 60)]
 _CLOTH: list[RGB] = [
-    (190, 34, 36), (30, 62, 140), (228, 228, 224), (36, 36, 40), (240, 150, 24), (224, 224, 40), (46, 104, 62),
-    (118, 120, 124), (36, 48, 84), (90, 76, 54),
+    (190, 34, 36), (30, 62, 140), (228, 228, 224), (36, 36, 40), (240, 150, 24), (224, 224, 40),
+    (46, 104, 62), (118, 120, 124), (36, 48, 84), (90, 76, 54),
 ]  # fmt: skip
-_CLOTH_HELD_OUT: list[RGB] = [(206, 70, 30), (20, 110, 120), (246, 246, 240), (60, 60, 90), (160, 30, 60), (112, 100, 76)]
+_CLOTH_HELD_OUT: list[RGB] = [
+    (206, 70, 30),
+    (20, 110, 120),
+    (246, 246, 240),
+    (60, 60, 90),
+    (160, 30, 60),
+    (112, 100, 76),
+]
 _BUOY: list[RGB] = [(230, 90, 20), (214, 40, 30), (240, 120, 30)]
 _BUOY_HELD_OUT: list[RGB] = [(236, 70, 50), (224, 130, 20), (190, 30, 40)]
 
@@ -38,7 +58,9 @@ def bucket(looks: Looks, size_m: float, pose: str) -> Mesh:
         shell = merge([shell, inside])
     a = np.linspace(0, np.pi, 9)
     fall = looks.between(1.2, 1.75)  # rad from upright
-    arc = np.column_stack([1.04 * r * np.sin(a) * np.sin(fall), 1.04 * r * np.cos(a), 0.93 * h + r * np.sin(a) * np.cos(fall)])
+    arc = np.column_stack(
+        [1.04 * r * np.sin(a) * np.sin(fall), 1.04 * r * np.cos(a), 0.93 * h + r * np.sin(a) * np.cos(fall)]
+    )
     handle = tube(arc, np.full(len(a), 0.004 + 0.006 * size_m), (0.55, 0.55, 0.57), n=5)
     return merge([shell.grounded(0.3 * h, 0.7), handle])
 
@@ -57,17 +79,19 @@ def rock(looks: Looks, size_m: float, pose: str) -> Mesh:
     points = v * radius[:, None] * shape
     moss = np.clip(1.6 * v[:, 2:] - 0.7, 0, 1) * (0.6 if looks.chance(0.3) else 0.0)
     colours = colour * (1 - moss) + np.array([0.34, 0.40, 0.20]) * moss
-    mesh = make_mesh(points + [0, 0, 0.30 * shape[2]], f, colours, Layer.STONE, 0.8)
+    mesh = make_mesh(points + np.array([0, 0, 0.30 * shape[2]]), f, colours, Layer.STONE, 0.8)
     return mesh.grounded(0.25 * size_m, 0.65)
 
 
 def stump(looks: Looks, size_m: float, pose: str) -> Mesh:
     """A cut tree ``size_m`` in diameter: bark, root flare, growth rings on top."""
     bark = looks.pick(_BARK, _BARK_HELD_OUT)
-    n, h = 22, looks.between(0.2, 0.5)
+    n, h = 22, size_m * looks.between(0.35, 0.8)
     ring = circle(n)
     wobble = 1 + 0.05 * looks.rng.normal(size=n)
-    roots = 1 + 0.28 * np.maximum(0, np.cos(np.arange(n) * 2 * np.pi / n * looks.rng.integers(3, 6) + looks.rng.uniform(0, 6)))
+    roots = 1 + 0.28 * np.maximum(
+        0, np.cos(np.arange(n) * 2 * np.pi / n * looks.rng.integers(3, 6) + looks.rng.uniform(0, 6))
+    )
     rings = []
     for z, flare in ((-0.1, 1.0), (0.05, 0.7), (0.4 * h, 0.2), (0.96 * h, 0.0), (h, 0.0)):
         radius = size_m / 2 * wobble * (1 + (roots - 1 + 0.12) * flare) * (0.97 if z == h else 1.0)
@@ -91,10 +115,16 @@ def clothing(looks: Looks, size_m: float, pose: str) -> Mesh:
     strips: list[tuple[np.ndarray, float]] = []
     if jacket:
         strips.append((bend(0.0, 0.72, (-0.36, 0.0)), looks.between(0.24, 0.30)))
-        strips += [(bend(np.pi - side * looks.between(0.7, 1.9), 0.55, (0.28, side * 0.22)), 0.085) for side in (1, -1)]
+        strips += [
+            (bend(np.pi - side * looks.between(0.7, 1.9), 0.55, (0.28, side * 0.22)), 0.085)
+            for side in (1, -1)
+        ]
     else:
         strips.append((np.array([(0.5, 0.0), (0.36, 0.0), (0.26, 0.0)]), 0.19))
-        strips += [(bend(np.pi - side * looks.between(0.0, 0.5), 0.8, (0.34, side * 0.10)), 0.095) for side in (1, -1)]
+        strips += [
+            (bend(np.pi - side * looks.between(0.0, 0.5), 0.8, (0.34, side * 0.10)), 0.095)
+            for side in (1, -1)
+        ]
     parts = []
     for k, (line, half) in enumerate(strips):
         parts.append(_heap(looks, line * size_m, half * size_m, colour * (1.0 - 0.06 * k), 0.07 * size_m))
@@ -126,13 +156,16 @@ def _heap(looks: Looks, line: np.ndarray, half_m: float, colour: np.ndarray, hei
 
 
 def buoy(looks: Looks, size_m: float, pose: str) -> Mesh:
-    """A mooring buoy ``size_m`` in diameter, half afloat, with an eye on top."""
+    """A mooring buoy ``size_m`` in diameter, half afloat and leaning a little, with an eye on top."""
     colour = looks.pick(_BUOY, _BUOY_HELD_OUT)
-    r = size_m / 2
+    r, squash = size_m / 2, looks.between(0.85, 1.15)
     t = np.linspace(-np.pi / 2, np.pi / 2, 12)[1:-1]
     band = (np.abs(t - 0.25) < 0.2) if looks.chance(0.4) else np.zeros(len(t), bool)
     colours = np.where(band[:, None], (0.93, 0.93, 0.9), colour)
-    ball = lathe(np.column_stack([np.cos(t), np.sin(t)]) * r, colours, n=16, layer=Layer.WORN)
-    eye = tube([(0.0, -0.12 * r, r), (0.0, 0.0, 1.18 * r), (0.0, 0.12 * r, r)], [0.05 * r] * 3, (0.3, 0.3, 0.32), n=5)
-    foot = ellipsoid((0.3 * r, 0.3 * r, 0.12 * r), (0.16, 0.16, 0.17), n=8).moved((0, 0, 0.96 * r))
-    return merge([ball, eye, foot]).moved((0, 0, 0.25 * r))
+    ball = lathe(np.column_stack([np.cos(t), squash * np.sin(t)]) * r, colours, n=16, layer=Layer.WORN)
+    top = squash * r
+    arc = [(0.0, -0.12 * r, top), (0.0, 0.0, top + 0.18 * r), (0.0, 0.12 * r, top)]
+    eye = tube(arc, [0.05 * r] * 3, (0.3, 0.3, 0.32), n=5)
+    foot = ellipsoid((0.3 * r, 0.3 * r, 0.12 * r), (0.16, 0.16, 0.17), n=8).moved((0, 0, 0.96 * top))
+    lean = np.array([*looks.rng.normal(0, 0.12, 2), 1.0])
+    return merge([ball, eye, foot]).moved((0, 0, 0.25 * r), tilt_rotation(lean / np.linalg.norm(lean)))

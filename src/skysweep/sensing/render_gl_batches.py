@@ -1,0 +1,155 @@
+"""Vertex buffers of the OpenGL renderer: what is culled together and drawn in one call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.sensing.meshes import Mesh, merge
+from skysweep.sensing.projection import View
+from skysweep.sensing.scene import Planting, Solid
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+SOLID_TILE_M = 16.0
+GROUND_TILE_M = 64.0
+PLANT_DETAIL_PX = (12.0, 40.0)  # crown radii from which a plant is drawn finer
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Packed vertices, faces and a bounding sphere of what is culled together."""
+
+    vertices: NDArray[Any]
+    faces: NDArray[np.int32]
+    centre: F64
+    radius: float
+
+
+_VERTEX = np.dtype([("p", "<f4", 3), ("n", "<f4", 3), ("c", "u1", 4), ("t", "<f4", 3), ("id", "<f4")])
+_PLACE_LAYOUT = ("4f 3f /i", "place", "shape")
+_LAYOUT = ("3f 3f 4f1 3f 1f", "position", "normal", "tint", "texel", "id")
+
+
+def _block(mesh: Mesh, ids: F32 | None = None) -> Block:
+    packed = np.zeros(len(mesh.vertices), _VERTEX)
+    packed["p"], packed["n"], packed["t"] = mesh.vertices, mesh.normals, mesh.texture
+    packed["c"][:, :3] = np.round(mesh.colours * 255)
+    packed["id"] = 0.0 if ids is None else ids
+    low, high = mesh.vertices.min(0).astype(float), mesh.vertices.max(0).astype(float)
+    return Block(packed, mesh.faces, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)))
+
+
+def _packed_solids(solids: list[Solid]) -> Block:
+    ids = np.concatenate([np.full(len(s.mesh.vertices), s.id, np.float32) for s in solids])
+    return _block(merge([s.mesh for s in solids]), ids)
+
+
+def solid_blocks(solids: list[Solid]) -> list[Block]:
+    """Things packed with their neighbours, so that only those in sight are drawn."""
+    tiles: dict[tuple[int, int], list[Solid]] = {}
+    for solid in solids:
+        x, y = solid.mesh.vertices[:, :2].mean(axis=0) // SOLID_TILE_M
+        tiles.setdefault((int(x), int(y)), []).append(solid)
+    return [_packed_solids(tile) for tile in tiles.values()]
+
+
+def ground_blocks(ground: Mesh) -> list[Block]:
+    """The ground cut into squares, so that only those in sight are drawn."""
+    centres = ground.vertices[ground.faces].mean(axis=1)[:, :2]
+    cells = np.floor(centres / GROUND_TILE_M).astype(np.int64)
+    _, group = np.unique(cells, axis=0, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    edges = np.flatnonzero(np.diff(group.ravel()[order])) + 1
+    blocks = []
+    for faces in np.split(ground.faces[order], edges):
+        used, index = np.unique(faces, return_inverse=True)
+        tile = Mesh(
+            ground.vertices[used],
+            ground.normals[used],
+            ground.colours[used],
+            ground.texture[used],
+            index.reshape(-1, 3).astype(np.int32),
+        )
+        blocks.append(_block(tile))
+    return blocks
+
+
+class Tiles:
+    """Blocks in one buffer, drawn when in sight."""
+
+    def __init__(self, gl: moderngl.Context, blocks: list[Block]) -> None:
+        self._gl = gl
+        self._counts = [b.faces.size for b in blocks]
+        if not blocks:
+            return
+        starts = np.cumsum([0] + [len(b.vertices) for b in blocks[:-1]])
+        self._vertices = gl.buffer(np.concatenate([b.vertices for b in blocks]).tobytes())
+        faces = [b.faces + s for b, s in zip(blocks, starts, strict=True)]
+        self._faces = gl.buffer(np.concatenate(faces).astype(np.int32).tobytes())
+        self._firsts = np.cumsum([0, *self._counts[:-1]]).tolist()
+        self._centres = np.stack([b.centre for b in blocks])
+        self._radii = np.array([b.radius for b in blocks])
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+
+    def draw(self, program: moderngl.Program, view: View) -> None:
+        if not self._counts:
+            return
+        array = self._arrays.get(program.glo)
+        if array is None:
+            content = [_bound(program, self._vertices, _LAYOUT)]
+            array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
+        for k in np.flatnonzero(view.sees(self._centres, self._radii)).tolist():
+            array.render(vertices=self._counts[k], first=self._firsts[k])
+
+
+class Plants:
+    """Copies of one unit mesh; those in sight are drawn, in as much detail as they need."""
+
+    def __init__(self, gl: moderngl.Context, planting: Planting) -> None:
+        self._gl = gl
+        self._details = [
+            (
+                gl.buffer(b.vertices.tobytes()),
+                gl.buffer(b.faces.tobytes()),
+                gl.buffer(reserve=planting.places.nbytes),
+            )
+            for b in map(_block, planting.meshes)
+        ]
+        self._places = planting.places
+        height, radius = planting.places[:, 5].astype(float), planting.places[:, 4].astype(float)
+        self._centres = planting.places[:, :3] + np.array([0, 0, 0.5]) * height[:, None]
+        self._radii = np.hypot(0.55 * height, radius)
+        self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
+
+    def draw(self, program: moderngl.Program, view: View) -> None:
+        seen = np.flatnonzero(view.sees(self._centres, self._radii))
+        if len(seen) == 0:
+            return
+        level = np.searchsorted(PLANT_DETAIL_PX, view.pixels(self._centres[seen], self._places[seen, 4]))
+        for detail, (vertices, faces, instances) in enumerate(self._details):
+            places = self._places[seen[level == detail]]
+            if len(places) == 0:
+                continue
+            array = self._arrays.get((program.glo, detail))
+            if array is None:
+                content = [_bound(program, vertices, _LAYOUT), _bound(program, instances, _PLACE_LAYOUT)]
+                array = self._gl.vertex_array(program, content, faces)
+                self._arrays[(program.glo, detail)] = array
+            instances.write(places.tobytes())
+            array.render(instances=len(places))
+
+
+def _bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
+    """A buffer with those attributes that the program kept; the rest becomes padding."""
+    sizes = {"3f": "12x", "4f": "16x", "4f1": "4x", "1f": "4x"}
+    rate = [f for f in layout[0].split() if f.startswith("/")]
+    formats = [f for f in layout[0].split() if not f.startswith("/")]
+    kept = [n in program for n in layout[1:]]
+    text = " ".join([f if k else sizes[f] for f, k in zip(formats, kept, strict=True)])
+    return (buffer, text + "".join(rate), *[n for n, k in zip(layout[1:], kept, strict=True) if k])

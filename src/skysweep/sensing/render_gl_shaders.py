@@ -1,0 +1,141 @@
+"""The shaders of the OpenGL renderer (GLSL 3.30). The Embree renderer computes the same in NumPy's terms."""
+
+from __future__ import annotations
+
+from skysweep.sensing.scene import PLANT_TEXTURE_SCALE
+from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
+
+_LIGHT = """
+uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, haze_rgb, eye;
+uniform float haze_per_m;
+in vec3 v_world, v_shadow;
+out vec4 colour;
+float sunlit() {
+    if (any(greaterThan(abs(v_shadow), vec3(0.999)))) return 1.0;
+    return texture(shadow_map, v_shadow * 0.5 + 0.5);
+}
+vec3 hazed(vec3 rgb) { return mix(haze_rgb, rgb, exp(-distance(eye, v_world) * haze_per_m)); }
+"""
+
+_FILM = """
+vec4 film(vec3 light) { return vec4(sqrt(1.6 * light / (light + 1.3)), 1.0); }
+"""
+
+GROUND_VS = """#version 330
+uniform mat4 view_projection, shadow_matrix; uniform float shadow_bias_m;
+in vec3 position, normal;
+out vec3 v_world, v_shadow, v_normal;
+void main() {
+    v_world = position; v_normal = normal;
+    v_shadow = (shadow_matrix * vec4(position + shadow_bias_m * normal, 1.0)).xyz;
+    gl_Position = view_projection * vec4(position, 1.0);
+}"""
+
+GROUND_FS = f"""#version 330
+uniform sampler2D detail, middle, macro;
+in vec3 v_normal;
+{_LIGHT}{_FILM}
+void main() {{
+    vec3 albedo = 4.0 * texture(detail, v_world.xy / {DETAIL_M}).rgb
+        * texture(middle, v_world.yx / {MIDDLE_M}).rgb * texture(macro, v_world.xy / {MACRO_M}).rgb;
+    vec3 n = normalize(v_normal);
+    vec3 light = sky_rgb + sun_rgb * (max(dot(n, sun_direction), 0.0) * sunlit());
+    colour = film(hazed(albedo * albedo * light));
+}}"""
+
+WATER_FS = f"""#version 330
+uniform sampler2D detail, middle, macro; uniform float time_s;
+in vec3 v_normal;
+{_LIGHT}{_FILM}
+void main() {{
+    vec2 p = v_world.xy;
+    vec3 a = texture(detail, p / 2.9 + time_s * vec2(0.11, 0.05)).xyz;
+    vec3 b = texture(detail, p.yx / 11.7 + time_s * vec2(-0.031, 0.043)).xyz;
+    vec3 c = texture(detail, p / 47.0 + time_s * vec2(0.017, -0.008)).xyz;
+    vec2 slope = (a.xy - 0.5) * 0.32 + (b.xy - 0.5) * 0.42 + (c.xy - 0.5) * 0.40;
+    float crest = b.z + c.z;
+    vec3 n = normalize(vec3(-slope, 1.0));
+    vec3 view = normalize(eye - v_world);
+    float facing = clamp(dot(n, view), 0.0, 1.0);
+    float fresnel = 0.02 + 0.98 * pow(1.0 - facing, 5.0);
+    vec3 r = reflect(-view, n);
+    float lit = sunlit();
+    vec3 tint = 2.0 * texture(macro, p / {MACRO_M}).rgb;
+    vec3 body = vec3(0.012, 0.052, 0.062) * tint * tint * (0.6 + 0.7 * crest);
+    body *= sky_rgb * 1.6 + sun_rgb * lit * (0.35 + 0.65 * max(dot(n, sun_direction), 0.0));
+    vec3 sky = mix(haze_rgb * 1.1, sky_rgb * vec3(0.45, 0.62, 0.9), clamp(r.z, 0.0, 1.0));
+    float glint = pow(max(dot(r, sun_direction), 0.0), 90.0);
+    float foam = texture(middle, p / {MIDDLE_M} + time_s * vec2(0.006, 0.004)).r
+        * smoothstep(1.0, 1.3, crest);
+    vec3 rgb = mix(body, sky, fresnel) + sun_rgb * glint * lit * 0.8;
+    rgb = mix(rgb, 0.75 * (sky_rgb + sun_rgb * lit * 0.7), foam);
+    colour = film(hazed(rgb));
+}}"""
+
+SOLID_VS = """#version 330
+uniform mat4 view_projection, shadow_matrix; uniform float shadow_bias_m;
+in vec3 position, normal, texel; in vec4 tint; in float id;
+out vec3 v_world, v_shadow, v_normal, v_texel, v_tint;
+flat out float v_id;
+void main() {
+    v_world = position; v_normal = normal; v_texel = texel; v_tint = tint.rgb; v_id = id;
+    v_shadow = (shadow_matrix * vec4(position + shadow_bias_m * normal, 1.0)).xyz;
+    gl_Position = view_projection * vec4(position, 1.0);
+}"""
+
+SOLID_FS = f"""#version 330
+uniform sampler2DArray layers;
+in vec3 v_normal, v_texel, v_tint;
+{_LIGHT}{_FILM}
+void main() {{
+    vec3 albedo = v_tint * texture(layers, v_texel).rgb;
+    vec3 n = normalize(v_normal);
+    vec3 ambient = mix(ground_rgb, sky_rgb, 0.5 + 0.5 * n.z);
+    vec3 light = ambient + sun_rgb * (max(dot(n, sun_direction), 0.0) * sunlit());
+    colour = film(hazed(albedo * albedo * light));
+}}"""
+
+# Plants have many small triangles: they are lit at their vertices, which halves their cost.
+PLANT_VS = f"""#version 330
+uniform mat4 view_projection, shadow_matrix; uniform float haze_per_m;
+uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, eye;
+in vec3 position, normal, texel; in vec4 tint;
+in vec4 place; in vec3 shape;  // x, y, z, yaw; radius, height, shade
+out vec4 v_light; out vec3 v_texel;
+flat out float v_id;
+void main() {{
+    mat2 turn = mat2(cos(place.w), sin(place.w), -sin(place.w), cos(place.w));
+    vec3 world = vec3(turn * position.xy * shape.x, position.z * shape.y) + place.xyz;
+    vec3 n = normalize(vec3(turn * normal.xy / shape.x, normal.z / shape.y));
+    vec3 q = (shadow_matrix * vec4(world + 0.25 * n, 1.0)).xyz;
+    float lit = any(greaterThan(abs(q), vec3(0.999))) ? 1.0 : textureLod(shadow_map, q * 0.5 + 0.5, 0.0);
+    vec3 light = mix(ground_rgb, sky_rgb, 0.5 + 0.5 * n.z);
+    light += sun_rgb * (max(dot(n, sun_direction), 0.0) * lit);
+    vec3 albedo = tint.rgb * shape.z;
+    v_light = vec4(albedo * albedo * light, exp(-distance(eye, world) * haze_per_m));
+    v_texel = vec3(texel.xy * vec2(shape.x, 0.5 * (shape.x + shape.y)) * {PLANT_TEXTURE_SCALE}, texel.z);
+    v_id = 0.0;
+    gl_Position = view_projection * vec4(world, 1.0);
+}}"""
+
+PLANT_FS = f"""#version 330
+uniform sampler2DArray layers; uniform vec3 haze_rgb;
+in vec4 v_light; in vec3 v_texel;
+out vec4 colour;
+{_FILM}
+void main() {{
+    vec3 t = texture(layers, v_texel).rgb;
+    colour = film(mix(haze_rgb, t * t * v_light.rgb, v_light.a));
+}}"""
+
+ID_FS = """#version 330
+flat in float v_id;
+out vec4 colour;
+void main() {
+    float k = floor(v_id + 0.5);
+    colour = vec4(mod(k, 256.0), floor(k / 256.0), 0.0, 255.0) / 255.0;
+}"""
+
+GROUND_ID_FS = "#version 330\nout vec4 colour;\nvoid main() { colour = vec4(0.0); }"
+
+DEPTH_FS = "#version 330\nvoid main() {}"
