@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -85,7 +86,7 @@ def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str
         x = np.exp(np.log(pixels[bins == g]).mean())
         low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
         high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
-        style = {"fmt": "o", "color": _COLOURS[name], "markersize": 3, "linewidth": 0.9}
+        style: Any = {"fmt": "o", "color": _COLOURS[name], "markersize": 3, "linewidth": 0.9}
         above.errorbar([x], [k / n], [[k / n - low], [high - k / n]], **style)
         if k >= _MIN_LOOKS:
             middle = np.median(reports)

@@ -40,7 +40,8 @@ class Occluders:
         self._crown_radii_m = np.array([t.crown_radius_m for t in trees])
         self._half_crowns_m = 0.325 * np.array([t.height_m for t in trees])
         self._houses = houses
-        self._centres_xy = np.array([o.position_enu_m[:2] for o in (*trees, *houses)]).reshape(-1, 2)
+        centres = [t.position_enu_m[:2] for t in trees] + [b.position_enu_m[:2] for b in houses]
+        self._centres_xy = np.array(centres).reshape(-1, 2)
         self._reach_m = np.array([t.crown_radius_m for t in trees] + [max(b.size_m) for b in houses])
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:

@@ -89,11 +89,12 @@ class StatisticalModel(BaseModel):
         source = path or resources.files("skysweep.sensing") / "statistical_default.yaml"
         try:
             return cls.model_validate(yaml.safe_load(source.read_text()))
-        except (OSError, yaml.YAMLError, ValidationError) as error:
+        except ValidationError as error:
+            first = error.errors()[0]
+            reason = ": ".join([*(str(part) for part in first["loc"]), first["msg"]])
+        except (OSError, yaml.YAMLError) as error:
             reason = str(error).splitlines()[0]
-            raise UserError(
-                f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'"
-            ) from None
+        raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
 
 
 class StatisticalSensor:
@@ -147,6 +148,9 @@ class StatisticalSensor:
         if self._pending and state.time_s >= self._pending[0].time_s + self._latency_s - _EPS_S:
             return self._pending.popleft()
         return None
+
+    def close(self) -> None:
+        """Nothing is held open."""
 
     def _look(self, state: VehicleState) -> Detections:
         """One picture's worth of draws. The number of draws does not depend on what is in view."""

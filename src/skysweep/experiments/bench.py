@@ -1,0 +1,127 @@
+"""How fast things are on this machine. Rates are medians; everything is warmed up before it is timed."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.mission.build import build_mission
+from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import fly
+from skysweep.scenarios.files import load_scenario
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import World, build_world
+from skysweep.sensing.detector import YoloDetector
+from skysweep.sensing.render import make_renderer
+from skysweep.types import Frame, Setpoint
+from skysweep.vehicles.multirotor import Multirotor
+
+SCENARIO = "clusters"
+THREADS = 2
+_VEHICLE_S = 600.0
+_TICK_S = 0.1
+_PICTURES = 60
+_BENCH_LENS = Lens(640, 360, 1.2)
+
+
+def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
+    """Measure and return one flat mapping of names to numbers.
+
+    Real-time factors (``_rtf``) are simulated seconds over wall seconds, for whole missions from take-off to
+    landing without set-up. ``rendered_mission_rtf`` uses the scenario's detector rate, ``..._every_frame``
+    has the detector look at every frame of the 10 Hz camera. ``detector_ms`` is one picture with the
+    scenario's model on ``THREADS`` threads, ``render_fps`` clean pictures along the flight at scan altitude.
+    ``report`` is told what is being measured. Raises UserError when the detector or renderer cannot run.
+    """
+    scenario = load_scenario(SCENARIO)
+    every_frame = _at_rate(scenario, 10.0)
+    report("vehicle")
+    result: dict[str, Any] = {
+        "scenario": SCENARIO,
+        "cpu_cores": os.cpu_count(),
+        "vehicle_rtf": _vehicle_rtf(scenario),
+    }
+    report("missions with the statistical sensor")
+    result["statistical_mission_rtf"] = statistics.median(
+        _mission_rtf(scenario, seed, "statistical") for seed in (0, 0, 1, 2)
+    )
+    report("renderer and detector")
+    result |= _pictures(scenario)
+    report("mission with pictures")
+    result["rendered_mission_rtf"] = _mission_rtf(scenario, 0, "imaging")
+    report("mission with pictures, detector on every frame")
+    result["rendered_mission_rtf_every_frame"] = _mission_rtf(every_frame, 0, "imaging")
+    return {key: round(value, 2) if isinstance(value, float) else value for key, value in result.items()}
+
+
+def _at_rate(scenario: Scenario, rate_hz: float) -> Scenario:
+    camera = scenario.camera.model_copy(update={"rate_hz": rate_hz})
+    detector = scenario.detector.model_copy(update={"rate_hz": rate_hz})
+    return scenario.model_copy(update={"camera": camera, "detector": detector})
+
+
+def _vehicle_rtf(scenario: Scenario) -> float:
+    """The vehicle alone, flying squares, advanced in the mission's ticks."""
+
+    def ground(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.zeros(len(xy))
+
+    vehicle = Multirotor(scenario.vehicle, scenario.wind, scenario.camera, (0, 0, 0), ground, 0)
+    vehicle.takeoff(30.0)
+    vehicle.advance(20.0)
+    corners = np.array([[0, 0, 30], [40, 0, 30], [40, 40, 30], [0, 40, 30]], dtype=float)
+    ticks = round(_VEHICLE_S / _TICK_S)
+    started = time.perf_counter()
+    for k in range(ticks):
+        vehicle.command(Setpoint(corners[k // 100 % 4], 5.0, 0.0))
+        vehicle.advance(_TICK_S)
+    return _VEHICLE_S / (time.perf_counter() - started)
+
+
+def _mission_rtf(scenario: Scenario, seed: int, sensor_name: str) -> float:
+    mission = build_mission(scenario, seed, sensor_name, threads=THREADS)
+    started = time.perf_counter()
+    fly(mission, MemoryJournal())
+    return float(mission.vehicle.state().time_s) / (time.perf_counter() - started)
+
+
+def _pictures(scenario: Scenario) -> dict[str, Any]:
+    world = build_world(scenario, 0)
+    renderer = make_renderer(world)
+    detector = YoloDetector(scenario.detector.model, scenario.target_classes, threads=THREADS)
+    poses = _flight(world, scenario.search.scan_altitude_agl_m)
+    images = [renderer.render(_BENCH_LENS, pose) for pose in poses[:5]]
+    render_s, detect_s = [], []
+    for pose in poses:
+        started = time.perf_counter()
+        image = renderer.render(_BENCH_LENS, pose)
+        render_s.append(time.perf_counter() - started)
+    for k in range(_PICTURES):
+        frame = Frame(0.0, images[k % len(images)], poses[0], _BENCH_LENS)
+        started = time.perf_counter()
+        detector.detect(frame)
+        detect_s.append(time.perf_counter() - started)
+    assert image.shape == (_BENCH_LENS.height_px, _BENCH_LENS.width_px, 3)
+    return {
+        "renderer": type(renderer).__name__,
+        "render_fps_640x360": 1.0 / statistics.median(render_s),
+        "detector_ms_640x360": 1000.0 * statistics.median(detect_s),
+    }
+
+
+def _flight(world: World, altitude_m: float) -> list[CameraPose]:
+    """Nadir views along a diagonal of the world."""
+    west, south, east, north = world.terrain.bounds_enu_m
+    R = rotation_camera_to_enu(0.3, -np.pi / 2)
+    return [
+        CameraPose(np.array([west + s * (east - west), south + s * (north - south), altitude_m]), R)
+        for s in np.linspace(0.3, 0.7, _PICTURES)
+    ]

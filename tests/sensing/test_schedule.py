@@ -1,0 +1,59 @@
+"""When a sensor exposes and which pose it is given."""
+
+import numpy as np
+import pytest
+
+from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.frames import rotation_camera_to_enu, wrap_angle
+from skysweep.sensing.schedule import Exposures
+from skysweep.types import VehicleState
+
+YAW_RATE = 0.5
+
+
+def state(t):
+    """Eastwards at 5 m/s, turning."""
+    pose = CameraPose(np.array([5.0 * t, 0.0, 30.0]), rotation_camera_to_enu(YAW_RATE * t, -np.pi / 2))
+    return VehicleState(t, pose.position_enu_m, np.array([5.0, 0, 0]), np.eye(3), pose, 1.0, 0.0, True)
+
+
+def exposures(rate_hz, pose_delay_s=0.0, tick_s=0.1, duration_s=4.0):
+    schedule = Exposures(rate_hz, pose_delay_s)
+    states = [state(k * tick_s) for k in range(round(duration_s / tick_s))]
+    return [e for e in map(schedule.due, states) if e is not None]
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 5.0, 2.5, 1.0])
+def test_rates_that_divide_the_ticks_are_kept_exactly(rate_hz):
+    times = [e.time_s for e in exposures(rate_hz)]
+    np.testing.assert_allclose(np.diff(times), 1 / rate_hz, atol=1e-6)
+
+
+def test_a_rate_between_ticks_is_kept_on_average():
+    times = [e.time_s for e in exposures(3.0, duration_s=30.0)]
+    assert abs(len(times) / 30.0 - 3.0) < 0.1
+    assert np.diff(times).max() < 0.45
+
+
+def test_a_sensor_that_was_not_asked_for_long_does_not_catch_up():
+    schedule = Exposures(10.0, 0.0)
+    assert schedule.due(state(0.0)) is not None
+    assert schedule.due(state(5.0)) is not None
+    assert schedule.due(state(5.05)) is None
+    assert schedule.due(state(5.1)) is not None
+
+
+@pytest.mark.parametrize("delay_s", [0.1, 0.13, 0.2])
+def test_the_pose_is_older_than_the_exposure(delay_s):
+    for e in exposures(2.5, delay_s, duration_s=6.0)[1:]:
+        was = e.time_s - delay_s
+        assert abs(e.camera.position_enu_m[0] - 5.0 * was) < 1e-3
+        up = -e.camera.R_camera_to_enu[:, 1]
+        assert abs(wrap_angle(np.arctan2(up[1], up[0]) - YAW_RATE * was)) < 1e-3
+        assert e.position_enu_m[0] == pytest.approx(5.0 * e.time_s)
+
+
+def test_before_there_is_an_older_pose_the_oldest_is_taken():
+    first = exposures(2.5, 0.3)[0]
+    assert first.time_s == 0.0
+    np.testing.assert_array_equal(first.camera.position_enu_m, [0.0, 0.0, 30.0])
