@@ -160,11 +160,15 @@ class Sensor(Protocol):
 
     def sense(self, state: VehicleState) -> Detections | None: ...
 
+    def close(self) -> None: ...
+
 
 class Camera(Protocol):
     """Takes the picture of this moment; the frame carries the pose that the mission believes."""
 
     def capture(self, state: VehicleState) -> Frame: ...
+
+    def close(self) -> None: ...
 
 
 class Detector(Protocol):

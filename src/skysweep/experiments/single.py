@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
+from skysweep.experiments.pictures import PictureBook
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, MemoryJournal
 from skysweep.mission.loop import fly
@@ -18,6 +19,8 @@ from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, Run, load_run
 from skysweep.results.writing import write_results
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.imaging import ImagingSensor
+from skysweep.sensing.render import Backend
 from skysweep.types import Detections, VehicleState
 
 Watch = Callable[[VehicleState, str, Detections | None], None]
@@ -28,7 +31,7 @@ def fly_to_folder(
     seed: int,
     out: Path,
     sensor_name: str = "imaging",
-    renderer: str = "auto",
+    renderer: Backend = "auto",
     threads: int = 2,
     watch: Watch | None = None,
 ) -> dict[str, Any]:
@@ -42,9 +45,12 @@ def fly_to_folder(
     mission = build_mission(scenario, seed, sensor_name, renderer, threads)
     out.mkdir(parents=True, exist_ok=True)
     write_scenario(scenario, out / CONFIG_FILE)
+    watchers = [watch] if watch else []
+    if isinstance(mission.sensor, ImagingSensor):
+        watchers.append(PictureBook(out / "pictures", mission.sensor).watch)
     started = time.perf_counter()
-    with closing(FileJournal(journal_path)) as journal:
-        fly(mission, journal, watch or (lambda _state, _mode, _new: None))
+    with closing(FileJournal(journal_path)) as journal, closing(mission.sensor):
+        fly(mission, journal, lambda *step: [w(*step) for w in watchers])
     return write_results(load_run(out), time.perf_counter() - started)
 
 
@@ -53,7 +59,8 @@ def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical
     started = time.perf_counter()
     mission = build_mission(scenario, seed, sensor_name, threads=1)
     journal = MemoryJournal()
-    fly(mission, journal)
+    with closing(mission.sensor):
+        fly(mission, journal)
     run = Run(scenario, tuple(journal.lines))
     return compute_summary(
         run,
