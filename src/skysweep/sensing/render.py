@@ -33,6 +33,10 @@ class Renderer(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """Free what it holds; it is of no use afterwards."""
+        ...
+
 
 def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
     """A renderer of ``world``: OpenGL through EGL (CPU or GPU), or ray casting with Embree.

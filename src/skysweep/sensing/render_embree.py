@@ -102,7 +102,8 @@ class EmbreeRenderer:
         colours = _shade(
             faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, self._material,
             self._density, mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._textures,
-            pose.position_enu_m, lens.focal_px, s.direction_enu, s.sun_rgb, s.sky_rgb, s.ground_rgb, s.haze_rgb, 3.912 / s.visibility_m, time_s,
+            pose.position_enu_m, lens.focal_px, s.direction_enu, s.sun_rgb, s.sky_rgb,
+            s.ground_rgb, s.haze_rgb, 3.912 / s.visibility_m, time_s,
         )  # fmt: skip
         return colours, faces
 

@@ -18,7 +18,7 @@ F64 = NDArray[np.float64]
 
 SOLID_TILE_M = 16.0
 GROUND_TILE_M = 64.0
-PLANT_DETAIL_PX = (12.0, 40.0)  # crown radii from which a plant is drawn finer
+PLANT_DETAIL_PX = (8.0, 40.0)  # crown radii from which a plant is drawn finer
 
 
 @dataclass(frozen=True, slots=True)
