@@ -165,5 +165,5 @@ def test_two_annotation_files_need_a_choice(tmp_path):
 
 def test_unnamed_classes(tmp_path):
     (yolo(tmp_path) / "data.yaml").unlink()
-    with pytest.raises(UserError, match="class names are unknown; write data.yaml"):
+    with pytest.raises(UserError, match=r"class names are unknown; write data\.yaml"):
         read_dataset(tmp_path)

@@ -285,10 +285,12 @@ def _load_weights(network: Any, path: Path, class_names: Sequence[str]) -> None:
         raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those")
     rows = [(i, int(k)) for i, name in enumerate(class_names) for k, known in names.items() if known == name]
     for key, value in new.items():
+        if key not in old:  # the exporter keeps one of equal arrays, which only hardly trained networks have
+            continue
         if key.startswith("head.cls_preds"):
             for to, origin in rows:
                 value[to] = old[key][origin]
-        elif key in old:
+        else:
             value.copy_(old[key])
     network.load_state_dict(new)
 
