@@ -48,9 +48,14 @@ def fly_to_folder(
     watchers = [watch] if watch else []
     if isinstance(mission.sensor, ImagingSensor):
         watchers.append(PictureBook(out / "pictures", mission.sensor).watch)
+
+    def watch_all(state: VehicleState, mode: str, new: Detections | None) -> None:
+        for watcher in watchers:
+            watcher(state, mode, new)
+
     started = time.perf_counter()
     with closing(FileJournal(journal_path)) as journal, closing(mission.sensor):
-        fly(mission, journal, lambda *step: [w(*step) for w in watchers])
+        fly(mission, journal, watch_all)
     return write_results(load_run(out), time.perf_counter() - started)
 
 
