@@ -201,6 +201,17 @@ def test_first_seen_in_check_is_scanned_only_when_a_scan_sees_it():
     assert kinds(command) == ["scanned", "check_started"], "the climb is a scan"
 
 
+def test_the_scan_goes_on_where_it_was_left_and_at_scan_altitude():
+    p = Player(n_c=1)
+    p.put(1, 48, 12)
+    p.at(0, 0)
+    p.at(40, 1, sees=[1])
+    command = p.at(48, 12, H_C, sees=[1], confidence=0.9)
+    assert command.waypoint.xy_enu_m == (40.0, 1.0)
+    assert p.at(40, 1, 20.0).waypoint.xy_enu_m == (40.0, 1.0), "still too low"
+    assert p.at(40, 1, H_S - 0.5).waypoint.xy_enu_m == F[1]
+
+
 def test_last_check_when_f_is_empty_then_the_end():
     p = Player()
     p.put(1, 50, 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
+
 import numpy as np
 
 from skysweep.errors import UserError
@@ -18,7 +20,7 @@ from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
-from skysweep.types import Sensor
+from skysweep.types import Detector, Sensor
 from skysweep.vehicles.multirotor import Multirotor
 
 SENSORS = ("imaging", "statistical")
@@ -58,15 +60,7 @@ def build_mission(
             seed,
         )
     else:
-        d = scenario.detector
-        detector = YoloDetector(
-            d.model,
-            scenario.target_classes,
-            confidence_min=d.confidence_min,
-            iou_max=d.iou_max,
-            tiles=d.tiles,
-            threads=threads,
-        )
+        detector = _detector(scenario, threads)
         pictures = RenderedCamera(world, camera, lambda: _true_camera(vehicle), seed, renderer)
         sensor = ImagingSensor(pictures, detector, exposures, camera.latency_s)
     look_s = camera.latency_s + camera.pose_delay_s + 2.0 / detector_rate_hz
@@ -83,6 +77,26 @@ def build_mission(
         cover_altitude_agl_m,
         yaw_from_heading(plan.heading_deg),
         world.terrain.height_m,
+    )
+
+
+def _detector(scenario: Scenario, threads: int) -> Detector:
+    """Ours, an ONNX file, or what a third party registered as ``skysweep.detectors`` under this name.
+
+    A registered detector is a callable that takes the scenario and returns a ``types.Detector``.
+    """
+    d = scenario.detector
+    for entry in entry_points(group="skysweep.detectors"):
+        if entry.name == d.model:
+            made: Detector = entry.load()(scenario)
+            return made
+    return YoloDetector(
+        d.model,
+        scenario.target_classes,
+        confidence_min=d.confidence_min,
+        iou_max=d.iou_max,
+        tiles=d.tiles,
+        threads=threads,
     )
 
 
