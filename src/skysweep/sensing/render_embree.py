@@ -16,7 +16,7 @@ from skysweep.errors import MissingExtraError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.sensing.meshes import Mesh, merge
 from skysweep.sensing.projection import NEAR_M
-from skysweep.sensing.scene import PLANT_TEXTURE_SCALE, Planting, Scene
+from skysweep.sensing.scene import PLANT_TEXTURE_M, Planting, Scene
 from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
 
 F32 = NDArray[np.float32]
@@ -120,18 +120,16 @@ def _embree_scene(vertices: F32, faces: NDArray[np.int32]) -> Any:
 
 
 def _expanded(planting: Planting) -> Mesh:
-    """All copies of a planting, each with its texture scaled to its size."""
+    """All copies of a planting as one mesh."""
     unit = planting.meshes[1]
     copies = []
     for x, y, z, yaw, radius, height, shade in planting.places.tolist():
         c, s = np.cos(yaw), np.sin(yaw)
         R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         copy = unit.moved((x, y, z), R, (radius, radius, height)).tinted(shade)
-        texture = (
-            copy.texture
-            * np.array([radius, 0.5 * (radius + height), 1 / PLANT_TEXTURE_SCALE])
-            * PLANT_TEXTURE_SCALE
-        )
+        sized = unit.vertices * (radius, radius, height)
+        uv = (sized[:, :2] + sized[:, 2:] * (0.61, 0.73)) / PLANT_TEXTURE_M
+        texture = np.column_stack([uv, unit.texture[:, 2]])
         copies.append(Mesh(copy.vertices, copy.normals, copy.colours, texture.astype(np.float32), copy.faces))
     return merge(copies)
 

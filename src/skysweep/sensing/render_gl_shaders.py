@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skysweep.sensing.scene import PLANT_TEXTURE_SCALE
+from skysweep.sensing.scene import PLANT_TEXTURE_M
 from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
 
 _LIGHT = """
@@ -105,7 +105,8 @@ out vec4 v_light; out vec3 v_texel;
 flat out float v_id;
 void main() {{
     mat2 turn = mat2(cos(place.w), sin(place.w), -sin(place.w), cos(place.w));
-    vec3 world = vec3(turn * position.xy * shape.x, position.z * shape.y) + place.xyz;
+    vec3 sized = position * shape.xxy;
+    vec3 world = vec3(turn * sized.xy, sized.z) + place.xyz;
     vec3 n = normalize(vec3(turn * normal.xy / shape.x, normal.z / shape.y));
     vec3 q = (shadow_matrix * vec4(world + 0.25 * n, 1.0)).xyz;
     float lit = any(greaterThan(abs(q), vec3(0.999))) ? 1.0 : textureLod(shadow_map, q * 0.5 + 0.5, 0.0);
@@ -113,7 +114,7 @@ void main() {{
     light += sun_rgb * (max(dot(n, sun_direction), 0.0) * lit);
     vec3 albedo = tint.rgb * shape.z;
     v_light = vec4(albedo * albedo * light, exp(-distance(eye, world) * haze_per_m));
-    v_texel = vec3(texel.xy * vec2(shape.x, 0.5 * (shape.x + shape.y)) * {PLANT_TEXTURE_SCALE}, texel.z);
+    v_texel = vec3((sized.xy + sized.z * vec2(0.61, 0.73)) / {PLANT_TEXTURE_M}, texel.z);
     v_id = 0.0;
     gl_Position = view_projection * vec4(world, 1.0);
 }}"""

@@ -22,7 +22,7 @@ U8 = NDArray[np.uint8]
 
 GROUND_LOOKS = 8
 HORIZON_M = 4000.0  # the ground goes on flat this far beyond the world
-PLANT_TEXTURE_SCALE = 0.6  # repeats of a plant's texture a metre, over those of its unit mesh
+PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
 UPRIGHT_POSES = ("standing", "sitting", "floating")
 
 

@@ -29,7 +29,7 @@ def tree_meshes(kind: str, shape: int) -> tuple[Mesh, ...]:
     return tuple(make(Looks.of(kind, shape), detail) for detail in range(DETAILS))
 
 
-def _crown(looks: Looks, colour: F64, detail: int, lumps: int, texture_m: float) -> Mesh:
+def _crown(looks: Looks, colour: F64, detail: int, lumps: int) -> Mesh:
     """A lumpy unit sphere, darker in its hollows and below; coarse ones are subsets of the finest."""
     v, _ = icosphere(DETAILS)
     radius = lumpy(v, looks.rng, lumps, 0.42)
@@ -40,7 +40,7 @@ def _crown(looks: Looks, colour: F64, detail: int, lumps: int, texture_m: float)
     colours = np.clip(colour * shade[:, None], 0, 1)
     coarse, faces = icosphere(detail + 1)
     n = len(coarse)
-    return make_mesh(p[:n], faces, colours[:n], Layer.LEAVES, texture_m)
+    return make_mesh(p[:n], faces, colours[:n], Layer.LEAVES)
 
 
 def _broadleaf(looks: Looks, detail: int) -> Mesh:
@@ -48,13 +48,13 @@ def _broadleaf(looks: Looks, detail: int) -> Mesh:
     trunk = lathe(
         [(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK
     )
-    crown = _crown(looks, colour, detail, 26, 0.9).moved((0, 0, 0.675), scale=(1.0, 1.0, 0.325))
+    crown = _crown(looks, colour, detail, 26).moved((0, 0, 0.675), scale=(1.0, 1.0, 0.325))
     return merge([crown, trunk])
 
 
 def _bush(looks: Looks, detail: int) -> Mesh:
     colour = looks.pick(_BROADLEAF, _BROADLEAF) * 0.92
-    return _crown(looks, colour, detail, 16, 1.0).moved((0, 0, 0.42), scale=(1.0, 1.0, 0.58))
+    return _crown(looks, colour, detail, 16).moved((0, 0, 0.42), scale=(1.0, 1.0, 0.58))
 
 
 def _conifer(looks: Looks, detail: int) -> Mesh:
@@ -81,13 +81,5 @@ def _conifer(looks: Looks, detail: int) -> Mesh:
                 ),
             )
             shades.insert(1, colour * 0.86)
-        parts.append(
-            loft(
-                np.stack(rings),
-                np.clip(np.stack(shades), 0, 1),
-                caps=False,
-                layer=Layer.NEEDLES,
-                texture_size_m=0.7,
-            )
-        )
+        parts.append(loft(np.stack(rings), np.clip(np.stack(shades), 0, 1), caps=False, layer=Layer.NEEDLES))
     return merge(parts)
