@@ -75,7 +75,11 @@ def test_run_writes_the_whole_run_folder(tmp_path, scenario):
         ("[60, 40]", "[9000000, 9000000]", ["area", "km2"]),
         ("[60, 40]", "[60, .nan]", ["mine.yaml", "area.polygon_enu_m"]),
         ("class: stop sign", "class: unicorn", ["mine.yaml", "class", "stop sign"]),
-        ("name: test", "name: test\nsearch: {check_altitude_agl_m: 40}", ["check_altitude_agl_m", "less than"]),
+        (
+            "name: test",
+            "name: test\nsearch: {check_altitude_agl_m: 40}",
+            ["check_altitude_agl_m", "less than"],
+        ),
         ("name: test", "name: !!python/object:os.system test", ["mine.yaml"]),
         ("name: test", "nmae: test", ["mine.yaml", "nmae", "name"]),
         (
