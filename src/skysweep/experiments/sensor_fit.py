@@ -37,7 +37,7 @@ _FLOOR_LOGIT = float(logit(CONFIDENCE_FLOOR))
 _STD_LIMITS = (0.15, 2.5)
 _PRIOR_LOOKS = 3.0  # how many looks the prior is worth
 _STD_PRIOR = (0.8, 0.5)  # median, and standard deviation of the logarithm
-_MEAN_PRIOR = (0.5, 2.0)
+_MEAN_PRIOR_STD = 1.5
 _OFFSET_STD_MAX = 2.0
 _N_OFFSETS = 200
 
@@ -90,27 +90,40 @@ def node_weights(pixels: F64) -> F64:
 
 
 def fit_curve(pixels: F64, confidences: F64) -> Curve:
-    """Probability and confidence logits over the grid from looks (N,); confidence 0 is no report."""
+    """Probability and confidence logits over the grid from looks (N,); confidence 0 is no report.
+
+    Sizes that no look had take the values of the nearest size that one had; confidences where nothing was
+    reported, those of the nearest size where something was.
+    """
     weights = node_weights(pixels)
+    seen = confidences > 0
     values = np.full((len(GRID_PX), 3), np.nan)
+    prior = float(logit(confidences[seen]).mean()) if seen.any() else 0.0
     for g, w in enumerate(weights):
         used = w > 0
-        if w.sum() >= 1.0:
-            values[g] = _fit_node(w[used], confidences[used])
-    known = np.flatnonzero(np.isfinite(values[:, 0]))
-    nearest = known[np.abs(np.arange(len(GRID_PX))[:, None] - known).argmin(axis=1)]
-    probability, mean, std = values[nearest].T
-    return Curve(probability, mean, std)
+        if w[seen].sum() > 0:
+            values[g] = _fit_node(w[used], confidences[used], prior)
+        elif w.sum() >= 1.0:
+            values[g, 0] = 0.0
+    return Curve(
+        _nearest_known(values[:, 0], 0.0),
+        _nearest_known(values[:, 1], prior),
+        _nearest_known(values[:, 2], 1.0),
+    )
 
 
-def _fit_node(weights: F64, confidences: F64) -> tuple[float, float, float]:
+def _nearest_known(values: F64, otherwise: float) -> F64:
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.full(len(values), otherwise)
+    return values[known[np.abs(np.arange(len(values))[:, None] - known).argmin(axis=1)]]
+
+
+def _fit_node(weights: F64, confidences: F64, prior_mean: float) -> tuple[float, float, float]:
     """Probability, mean and std that make weighted looks most likely, with a weak prior on the latter two."""
     seen = confidences > 0
-    if not weights[seen].sum() > 0:
-        return 0.0, _MEAN_PRIOR[0], _STD_PRIOR[0]
     x, w = logit(confidences[seen]), weights[seen]
     missed = weights[~seen].sum()
-    pull = _PRIOR_LOOKS / 2
 
     def cost(theta: F64) -> float:
         p, mean, std = expit(theta[0]), theta[1], np.exp(theta[2])
@@ -118,13 +131,11 @@ def _fit_node(weights: F64, confidences: F64) -> tuple[float, float, float]:
         fit = -(w * (np.log(p) + norm.logpdf(x, mean, std))).sum() - missed * np.log1p(
             -min(report, 1 - 1e-12)
         )
-        prior = ((mean - _MEAN_PRIOR[0]) / _MEAN_PRIOR[1]) ** 2 + (
-            (theta[2] - np.log(_STD_PRIOR[0])) / _STD_PRIOR[1]
-        ) ** 2
-        return float(fit + pull * prior)
+        off = (mean - prior_mean) / _MEAN_PRIOR_STD, (theta[2] - np.log(_STD_PRIOR[0])) / _STD_PRIOR[1]
+        return float(fit + _PRIOR_LOOKS / 2 * (off[0] ** 2 + off[1] ** 2))
 
     rate = np.clip(w.sum() / (w.sum() + missed), 0.02, 0.98)
-    start = np.array([logit(rate), np.average(x, weights=w), np.log(0.8)])
+    start = np.array([logit(rate), np.average(x, weights=w), np.log(_STD_PRIOR[0])])
     limits = [(-9.0, 9.0), (_FLOOR_LOGIT - 0.5, 6.0), tuple(np.log(_STD_LIMITS))]
     best = minimize(cost, start, method="L-BFGS-B", bounds=limits).x
     return float(expit(best[0])), float(best[1]), float(np.exp(best[2]))

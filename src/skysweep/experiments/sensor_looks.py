@@ -110,7 +110,9 @@ class Empties:
 
 
 @dataclass(frozen=True, slots=True)
-class _Job:
+class WorldJob:
+    """Pictures of one world."""
+
     model_path: str
     camera: CameraModel
     layout: Layout
@@ -132,7 +134,7 @@ def observe(
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
     YoloDetector(model_path)  # an error here is told once and before anything is rendered
-    jobs = _jobs(model_path, camera, pictures, seed)
+    jobs = plan_jobs(model_path, camera, pictures, seed)
     results: dict[int, tuple[Looks, Empties]] = {}
     done = 0
     for job, result in run_jobs(look_around, jobs, workers):
@@ -143,9 +145,9 @@ def observe(
     return _join_looks([r[0] for r in ordered]), _join_empties([r[1] for r in ordered])
 
 
-def _jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> list[_Job]:
+def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> list[WorldJob]:
     """Worlds in a fixed order, layouts by share, the last world with the rest of the pictures."""
-    jobs: list[_Job] = []
+    jobs: list[WorldJob] = []
     counts = [0] * len(LAYOUTS)
     left = pictures
     while left > 0:
@@ -153,7 +155,7 @@ def _jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> lis
         chosen = int(np.argmax(owed))
         counts[chosen] += 1
         n = min(left, PICTURES_PER_WORLD)
-        jobs.append(_Job(model_path, camera, LAYOUTS[chosen], len(jobs), n, seed))
+        jobs.append(WorldJob(model_path, camera, LAYOUTS[chosen], len(jobs), n, seed))
         left -= n
     return jobs
 
@@ -167,7 +169,7 @@ class _Notes:
     strays: list[tuple[int, int, float, float]] = field(default_factory=list)
 
 
-def look_around(job: _Job) -> tuple[Looks, Empties]:
+def look_around(job: WorldJob) -> tuple[Looks, Empties]:
     """All pictures of one world."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([job.seed, job.index, 53])

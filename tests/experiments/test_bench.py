@@ -1,0 +1,26 @@
+"""The benchmark measures what it says; how fast a machine is, is no test."""
+
+import json
+
+import pytest
+
+from skysweep.experiments.bench import bench
+
+
+@pytest.mark.slow
+def test_bench_gives_one_flat_json_object_of_plausible_numbers():
+    told = []
+    result = bench(told.append)
+    assert json.loads(json.dumps(result)) == result
+    rates = {k: v for k, v in result.items() if isinstance(v, float)}
+    assert set(rates) == {
+        "vehicle_rtf",
+        "rendered_mission_rtf",
+        "rendered_mission_rtf_every_frame",
+        "statistical_mission_rtf",
+        "render_fps_640x360",
+        "detector_ms_640x360",
+    }
+    assert min(rates.values()) > 0
+    assert rates["vehicle_rtf"] > rates["statistical_mission_rtf"] > rates["rendered_mission_rtf"]
+    assert len(told) == 5

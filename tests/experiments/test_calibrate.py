@@ -1,0 +1,75 @@
+"""The experiment behind the statistical sensor, with the real renderer and the shipped detector."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skysweep.errors import UserError
+from skysweep.experiments.calibrate import calibrate
+from skysweep.experiments.sensor_looks import (
+    CLASSES,
+    CONFIDENCE_FLOOR,
+    LAYOUTS,
+    PIXELS,
+    SUBJECTS,
+    look_around,
+    observe,
+    plan_jobs,
+)
+from skysweep.scenarios.model import CameraModel
+from skysweep.sensing.assets import KINDS
+from skysweep.sensing.statistical import StatisticalModel
+
+CAMERA = CameraModel(hfov_rad=1.2)
+
+
+def test_every_kind_is_looked_at():
+    assert {kind for kind, _ in SUBJECTS} == set(KINDS)
+
+
+def test_worlds_are_shared_out_as_planned():
+    jobs = plan_jobs("skysweep", CAMERA, 6000, 0)
+    assert sum(job.n_pictures for job in jobs) == 6000
+    for layout in LAYOUTS:
+        share = sum(job.layout == layout for job in jobs) / len(jobs)
+        assert abs(share - layout.share) < 0.02
+    assert [j.n_pictures for j in plan_jobs("skysweep", CAMERA, 70, 0)] == [60, 10]
+
+
+@pytest.mark.parametrize("layout", range(len(LAYOUTS)))
+def test_a_world_gives_the_same_looks_again(layout):
+    job = next(j for j in plan_jobs("skysweep", CAMERA, 1200, 0) if j.layout == LAYOUTS[layout])
+    few = replace(job, n_pictures=6)
+    (looks, empties), (again, empties_again) = look_around(few), look_around(few)
+    for name in type(looks).__slots__:
+        np.testing.assert_array_equal(getattr(looks, name), getattr(again, name))
+    np.testing.assert_array_equal(empties.confidences, empties_again.confidences)
+    assert len(looks.pixels) >= 2
+    assert looks.pixels.min() >= PIXELS[0]
+    assert looks.pixels.max() <= PIXELS[1]
+    found = looks.confidences > 0
+    assert (looks.confidences[found] >= CONFIDENCE_FLOOR).all()
+    np.testing.assert_array_equal(np.isfinite(looks.offsets_px).all(axis=2), found)
+    assert {SUBJECTS[s] for s in looks.subject} <= set(LAYOUTS[layout].subjects)
+    assert looks.confidences.shape[1] == len(CLASSES)
+
+
+@pytest.mark.slow
+def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
+    seen = []
+    for workers in (1, 2):
+        out = tmp_path / str(workers) / "sensor.yaml"
+        model = calibrate(
+            "skysweep", CAMERA, out, 90, 3, workers, lambda done, total: seen.append((done, total))
+        )
+        assert StatisticalModel.load(out) == model
+        assert out.with_suffix(".png").stat().st_size > 20_000
+    one, two = (tmp_path / str(w) / "sensor.yaml" for w in (1, 2))
+    assert one.read_bytes() == two.read_bytes()
+    assert seen[-1] == (90, 90)
+
+
+def test_a_missing_detector_is_told_before_anything_is_rendered(tmp_path):
+    with pytest.raises(UserError, match=r"gone\.onnx"):
+        observe(str(tmp_path / "gone.onnx"), CAMERA, 60, 0)
