@@ -212,6 +212,18 @@ def test_the_scan_goes_on_where_it_was_left_and_at_scan_altitude():
     assert p.at(40, 1, H_S - 0.5).waypoint.xy_enu_m == F[1]
 
 
+def test_a_check_on_the_way_back_does_not_move_the_place_to_go_on_from():
+    p = Player(n_c=1)
+    p.put(1, 48, 12)
+    p.put(2, 44, 8)
+    p.at(0, 0)
+    p.at(40, 1, sees=[1])
+    p.at(48, 12, H_C, sees=[1], confidence=0.9)
+    assert p.at(45, 9, 12.0, sees=[2]).mode == "CHECK"
+    command = p.at(44, 8, H_C, sees=[2], confidence=0.9)
+    assert command.waypoint.xy_enu_m == (40.0, 1.0)
+
+
 def test_last_check_when_f_is_empty_then_the_end():
     p = Player()
     p.put(1, 50, 0)

@@ -12,8 +12,9 @@ Where the paper is silent, this is how we read it (each line has a test):
 - When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included: nobody
   is left behind because of the order of things. Only then does the search end.
 - C is visited in the order in which S was filled.
-- A CHECK that interrupts the scan puts the place where it did so in front of F, so that the scan goes on
-  where it was left and nothing stays unseen. A waypoint counts as reached at h_S only.
+- After a CHECK the vehicle climbs back to where the scan was left before it flies on to F[0], so that nothing
+  stays unseen behind the detour. A CHECK on that way back does not change the place. It and the waypoints of F
+  count as reached at h_S only.
 - In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
   confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
   for ``look_s`` and it was not confirmed.
@@ -43,6 +44,7 @@ class ScanCheck:
         self._look_s = look_s
         self._mode = "SCAN"
         self._to_scan: list[XY] = [(float(x), float(y)) for x, y in waypoints_xy_enu_m]  # F
+        self._left_xy: XY | None = None  # where the scan was left and has to go on
         self._scanned: list[int] = []  # S
         self._to_check: list[int] = []  # C
         self._confirmed: list[int] = []  # R
@@ -67,7 +69,10 @@ class ScanCheck:
                 self._last_target_xy = (x, y)
                 events.append(_event("scanned", seen, sighting.candidate_id))
         up = seen.altitude_agl_m >= self._search.scan_altitude_agl_m - ALTITUDE_TOLERANCE_M
-        if self._to_scan and up and math.dist((x, y), self._to_scan[0]) <= SCAN_ACCEPTANCE_M:
+        if up and self._left_xy and math.dist((x, y), self._left_xy) <= SCAN_ACCEPTANCE_M:
+            self._left_xy = None
+        on_course = up and not self._left_xy and bool(self._to_scan)
+        if on_course and math.dist((x, y), self._to_scan[0]) <= SCAN_ACCEPTANCE_M:
             self._to_scan.pop(0)
             events.append(Event("waypoint_reached"))
         if not self._to_scan:
@@ -75,8 +80,7 @@ class ScanCheck:
         if self._scanned and (self._check_is_due((x, y)) or not self._to_scan):
             self._mode = "CHECK"
             self._to_check, self._scanned = self._scanned, []
-            if self._to_scan:
-                self._to_scan.insert(0, (x, y))
+            self._left_xy = self._left_xy or (x, y)
             self._last_target_xy = None
             self._arrived_s = None
             events.append(_event("check_started", seen, self._to_check[0]))
@@ -132,7 +136,7 @@ class ScanCheck:
             x, y, _ = seen.candidates[self._to_check[0]].position_enu_m
             return Waypoint((float(x), float(y)), s.check_altitude_agl_m, s.check_speed_mps)
         if self._to_scan:
-            return Waypoint(self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps)
+            return Waypoint(self._left_xy or self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps)
         return None
 
     def snapshot(self) -> dict[str, Any]:
@@ -140,6 +144,7 @@ class ScanCheck:
         return {
             "mode": self._mode,
             "to_scan": [list(p) for p in self._to_scan],
+            "left_xy": list(self._left_xy) if self._left_xy else None,
             "scanned": list(self._scanned),
             "to_check": list(self._to_check),
             "confirmed": list(self._confirmed),
@@ -156,9 +161,13 @@ class ScanCheck:
         self._to_check = list(snapshot["to_check"])
         self._confirmed = list(snapshot["confirmed"])
         self._rejected = list(snapshot["rejected"])
-        xy = snapshot["last_target_xy"]
-        self._last_target_xy = (xy[0], xy[1]) if xy else None
+        self._left_xy = _pair(snapshot["left_xy"])
+        self._last_target_xy = _pair(snapshot["last_target_xy"])
         self._arrived_s = snapshot["arrived_s"]
+
+
+def _pair(xy: Sequence[float] | None) -> XY | None:
+    return (xy[0], xy[1]) if xy else None
 
 
 def _event(kind: str, seen: Observation, candidate_id: int) -> Event:
