@@ -31,7 +31,7 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skysweep"
 
 
-def stock_model() -> Path:
+def stock_model_path() -> Path:
     """The stock COCO YOLOv3-tiny as an ONNX file, fetched and converted at the first call.
 
     Raises:
