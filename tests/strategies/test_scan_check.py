@@ -25,9 +25,9 @@ class Player:
         self.candidates = {}
         self.time_s = 0.0
 
-    def put(self, candidate_id, x, y):
+    def put(self, candidate_id, x, y, sightings=2):
         self.candidates[candidate_id] = Candidate(
-            candidate_id, "stop sign", np.array([x, y, 0.0]), np.eye(2), 0.0, 0.0, (0.5,)
+            candidate_id, "stop sign", np.array([x, y, 0.0]), np.eye(2), 0.0, 0.0, (0.5,) * sightings
         )
 
     def at(self, x, y, z=H_S, sees=(), confidence=0.5, dt=0.1):
@@ -252,6 +252,18 @@ def test_last_check_takes_along_what_only_checks_have_seen():
     assert command.waypoint.xy_enu_m == (45.0, 0.0)
     command = p.at(45, 0, H_C, sees=[2], confidence=0.9)
     assert command.waypoint is None
+
+
+def test_what_only_a_check_saw_and_only_once_is_left_alone():
+    p = Player()
+    p.put(1, 50, 0)
+    p.at(0, 0)
+    p.at(50, 0, sees=[1])
+    p.at(100, 0)
+    p.at(100, 30)
+    p.put(2, 45, 0, sightings=1)
+    p.at(60, 10, 15.0, sees=[2])
+    assert p.at(50, 0, H_C, sees=[1], confidence=0.9).waypoint is None
 
 
 def test_moving_estimates_are_followed():

@@ -9,8 +9,9 @@ Where the paper is silent, this is how we read it (each line has a test):
 - A candidate that was confirmed or rejected is never scanned again.
 - In CHECK nothing joins S: a candidate first seen then joins when a SCAN sees it again. The step that ends
   a CHECK is already a SCAN step.
-- When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included: nobody
-  is left behind because of the order of things. Only then does the search end.
+- When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included if they were
+  seen at least twice: nobody is left behind because of the order of things, and a single sighting in a hard
+  manoeuvre that the scan never confirmed is no candidate. Only then does the search end.
 - C is visited in the order in which S was filled.
 - After a CHECK the vehicle climbs back to where the scan was left before it flies on to F[0], so that nothing
   stays unseen behind the detour. A CHECK on that way back does not change the place. It and the waypoints of F
@@ -76,7 +77,9 @@ class ScanCheck:
             self._to_scan.pop(0)
             events.append(Event("waypoint_reached"))
         if not self._to_scan:
-            self._scanned += [k for k in seen.candidates if self._is_unknown(k)]
+            self._scanned += [
+                k for k, c in seen.candidates.items() if self._is_unknown(k) and len(c.confidences) > 1
+            ]
         if self._scanned and (self._check_is_due((x, y)) or not self._to_scan):
             self._mode = "CHECK"
             self._to_check, self._scanned = self._scanned, []
