@@ -9,13 +9,13 @@ Where the paper is silent, this is how we read it (each line has a test):
 - A candidate that was confirmed or rejected is never scanned again.
 - In CHECK nothing joins S: a candidate first seen then joins when a SCAN sees it again. The step that ends
   a CHECK is already a SCAN step.
-- When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included if they were
-  seen at least twice: nobody is left behind because of the order of things, and a single sighting in a hard
-  manoeuvre that the scan never confirmed is no candidate. Only then does the search end.
+- When F is empty the vehicle checks all that is left, candidates first seen during a CHECK included if they
+  were seen at least twice: nobody is left behind because of the order of things, and a single sighting in a
+  hard manoeuvre that the scan never confirmed is no candidate. Only then does the search end.
 - C is visited in the order in which S was filled.
-- After a CHECK the vehicle climbs back to where the scan was left before it flies on to F[0], so that nothing
-  stays unseen behind the detour. A CHECK on that way back does not change the place. It and the waypoints of F
-  count as reached at h_S only.
+- After a CHECK the vehicle climbs back to where the scan was left before it flies on to F[0], so that
+  nothing stays unseen behind the detour. A CHECK on that way back does not change the place. It and the
+  waypoints of F count as reached at h_S only.
 - In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
   confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
   for ``look_s`` and it was not confirmed.
