@@ -124,6 +124,15 @@ def test_numbers_may_be_infinite_but_not_nonsense(tmp_path):
     assert "inf" in result.stderr
 
 
+def test_any_field_can_be_set(tmp_path, scenario):
+    changes = ("--set", "search.n_c=.inf", "--set", "wind.mean_speed_mps=0")
+    result = skysweep("run", scenario, "--sensor", "statistical", *changes, "--out", "r", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert json.loads((tmp_path / "r" / "summary.json").read_text())["n_c"] == "inf"
+    for text, word in (("search.nc=3", "n_c"), ("serach.n_c=3", "serach"), ("search.n_c", "FIELD=VALUE")):
+        refused(skysweep("run", scenario, "--sensor", "statistical", "--set", text, cwd=tmp_path), word)
+
+
 def test_plan_writes_a_plan_and_a_picture(tmp_path):
     result = skysweep("plan", "clusters", "--out", "p", cwd=tmp_path)
     assert result.returncode == 0, result.stderr

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
@@ -67,7 +67,12 @@ def _number_or_inf(text: str) -> float:
 
 ScenarioArg = Annotated[str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")]
 SensorOption = Annotated[
-    str, typer.Option(help="imaging (rendered pictures, real detector) or statistical (fast, no pictures).")
+    Literal["imaging", "statistical"],
+    typer.Option(help="Rendered pictures and a real detector, or fast and without pictures."),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="FIELD=VALUE", help="Change any field of the scenario; may be repeated."),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 
@@ -92,9 +97,12 @@ def run(
     c_t: Annotated[float | None, typer.Option("--c-t", help="Confidence that confirms.")] = None,
     h_s: Annotated[float | None, typer.Option("--h-s", help="Scan altitude, m above ground.")] = None,
     h_c: Annotated[float | None, typer.Option("--h-c", help="Check altitude, m above ground.")] = None,
+    change: SetOption = None,
     seed: SeedOption = 0,
     sensor: SensorOption = "imaging",
-    renderer: Annotated[str, typer.Option(help="auto, gl (OpenGL) or embree (ray casting).")] = "auto",
+    renderer: Annotated[
+        Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
+    ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
 ) -> None:
     """Fly one mission and write its run folder with report.html.
@@ -111,17 +119,16 @@ def run(
     from skysweep.scenarios.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
 
-    chosen = change_scenario(
-        load_scenario(scenario),
-        {
-            "search.strategy": strategy,
-            "search.n_c": n_c,
-            "search.d_c_m": d_c,
-            "search.c_t": c_t,
-            "search.scan_altitude_agl_m": h_s,
-            "search.check_altitude_agl_m": h_c,
-        },
-    )
+    named = {
+        "search.strategy": strategy,
+        "search.n_c": n_c,
+        "search.d_c_m": d_c,
+        "search.c_t": c_t,
+        "search.scan_altitude_agl_m": h_s,
+        "search.check_altitude_agl_m": h_c,
+    }
+    given = {field: value for field, value in named.items() if value is not None}
+    chosen = change_scenario(load_scenario(scenario), _changes(change) | given)
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or _free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
@@ -143,6 +150,22 @@ def run(
         summary = fly_to_folder(chosen, seed, folder, sensor, renderer, watch=watch)
     _print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+
+
+def _changes(assignments: list[str] | None) -> dict[str, Any]:
+    """FIELD=VALUE texts as a mapping; values are YAML."""
+    import yaml
+
+    changes = {}
+    for text in assignments or []:
+        field, equals, value = text.partition("=")
+        try:
+            changes[field.strip()] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            equals = ""
+        if not equals or changes[field.strip()] is None:
+            raise UserError(f"--set {text}: write FIELD=VALUE, such as search.n_c=3")
+    return changes
 
 
 def _free_folder(parent: Path, name: str) -> Path:
@@ -177,6 +200,7 @@ def compare_paper_command(
         "paper-run"
     ),
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    change: SetOption = None,
 ) -> None:
     """Fly the 8 rows of the paper's Tables 1-3 and print them beside the paper's numbers.
 
@@ -187,6 +211,8 @@ def compare_paper_command(
         skysweep compare paper --seeds 1
 
         skysweep compare paper --sensor statistical --seeds 100 --out paper-100
+
+        skysweep compare paper --sensor statistical --seeds 30 --set camera.gimbal.lag_s=0.06 --out lag-60
     """
     from skysweep.experiments.compare import PaperJob, compare_paper
     from skysweep.results.compare_report import write_compare_report
@@ -211,7 +237,7 @@ def compare_paper_command(
                     highlight=False,
                 )
 
-        summaries = compare_paper(seeds, sensor, out, workers, on_done)
+        summaries = compare_paper(seeds, sensor, out, workers, _changes(change), on_done)
     rows = write_compare_report(out, summaries)
     print_tables(console, rows, summaries)
     console.print(f"report: {out / 'report.html'}", soft_wrap=True)
@@ -331,7 +357,7 @@ def dataset(
     out: Annotated[Path, typer.Argument(help="A new folder.")],
     images: Annotated[int, typer.Option(min=1, help="How many pictures.")] = 6000,
     seed: SeedOption = 0,
-    split: Annotated[str, typer.Option(help="train or held-out assets.")] = "train",
+    split: Annotated[Literal["train", "held-out"], typer.Option(help="Which assets to show.")] = "train",
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
 ) -> None:
     """Render labelled pictures (COCO and YOLO labels) to train or evaluate detectors.
@@ -344,15 +370,13 @@ def dataset(
     """
     from skysweep.training.dataset import render_dataset
 
-    if split not in ("train", "held-out"):
-        raise UserError(f"--split: '{split}' is neither; write train or held-out")
     with _bar() as progress:
         task = progress.add_task("rendering", total=images)
         render_dataset(
             out,
             images,
             seed=seed,
-            split=split,  # type: ignore[arg-type]
+            split=split,
             workers=workers,
             progress=lambda done, _total: progress.update(task, completed=done),
         )

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from skysweep.errors import UserError
 from skysweep.scenarios.files import (
-    change_scenario,
     MAX_FILE_BYTES,
+    change_scenario,
     dump_scenario,
     json_schema,
     list_scenarios,

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from skysweep.experiments.single import fly_in_memory, fly_to_folder
 from skysweep.experiments.workers import run_jobs
 from skysweep.mission.journal import read_journal
 from skysweep.results.tables import PAPER
-from skysweep.scenarios.files import dump_scenario, load_scenario
+from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 
 MISSIONS_FILE = "missions.jsonl"
@@ -30,11 +30,13 @@ class PaperJob:
     seed: int
     sensor: str
     folder: Path | None
+    changes: tuple[tuple[str, Any], ...] = ()  # dotted field of the scenario, value
 
     @property
     def config(self) -> Scenario:
         """The scenario with the row's n_c; d_c is infinite in all rows of the paper."""
-        return load_scenario(self.scenario).with_search(strategy="scan-check", n_c=self.n_c, d_c_m=math.inf)
+        row = {"search.strategy": "scan-check", "search.n_c": self.n_c, "search.d_c_m": math.inf}
+        return change_scenario(load_scenario(self.scenario), dict(self.changes) | row)
 
     @property
     def key(self) -> str:
@@ -43,7 +45,9 @@ class PaperJob:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def paper_jobs(seeds: int, sensor: str, out: Path) -> list[PaperJob]:
+def paper_jobs(
+    seeds: int, sensor: str, out: Path, changes: Mapping[str, Any] | None = None
+) -> list[PaperJob]:
     """Every row for every seed. With pictures each mission gets a folder; without, those of seed 0 do."""
 
     def folder(scenario: str, n_c: float, seed: int) -> Path | None:
@@ -52,7 +56,14 @@ def paper_jobs(seeds: int, sensor: str, out: Path) -> list[PaperJob]:
         return out / "runs" / f"{scenario}-nc{'inf' if math.isinf(n_c) else int(n_c)}-seed{seed}"
 
     return [
-        PaperJob(row.scenario, row.n_c, seed, sensor, folder(row.scenario, row.n_c, seed))
+        PaperJob(
+            row.scenario,
+            row.n_c,
+            seed,
+            sensor,
+            folder(row.scenario, row.n_c, seed),
+            tuple((changes or {}).items()),
+        )
         for seed in range(seeds)
         for row in PAPER
     ]
@@ -75,14 +86,17 @@ def compare_paper(
     sensor: str,
     out: Path,
     workers: int | None = None,
+    changes: Mapping[str, Any] | None = None,
     on_done: Callable[[PaperJob, dict[str, Any]], None] = lambda _job, _summary: None,
 ) -> list[dict[str, Any]]:
     """Fly everything that ``out`` does not hold yet; return the summaries in the order of the jobs.
 
+    ``changes`` (dotted field -> value) apply to all eight rows alike.
+
     Finished missions are kept in ``missions.jsonl``, so that an interrupted comparison goes on. Missions
     flown with other parameters are flown again.
     """
-    jobs = paper_jobs(seeds, sensor, out)
+    jobs = paper_jobs(seeds, sensor, out, changes)
     out.mkdir(parents=True, exist_ok=True)
     ledger = out / MISSIONS_FILE
     known = {line["key"]: line["summary"] for line in read_journal(ledger)} if ledger.exists() else {}

@@ -54,7 +54,7 @@ def drawn(frame: Frame, detections: Detections) -> np.ndarray:
         detections.boxes_xyxy_px, detections.class_names, detections.confidences, strict=True
     ):
         colour = _COLOURS.get(name, (255, 255, 255))
-        x0, y0, x1, y1 = (int(round(v)) for v in box * _ENLARGE)
+        x0, y0, x1, y1 = (round(float(v)) for v in box * _ENLARGE)
         cv2.rectangle(image, (x0 - 2, y0 - 2), (x1 + 2, y1 + 2), colour, 2, cv2.LINE_AA)
         place = (max(x0 - 2, 2), y0 - 8 if y0 > 24 else y1 + 20)
         text = f"{name} {confidence:.2f}"

@@ -106,7 +106,12 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     for dotted, value in changes.items():
         if value is not None:
             *parents, field = dotted.split(".")
-            reduce(lambda node, key: node[key], parents, data)[field] = value
+            try:
+                reduce(lambda node, key: node[key], parents, data)[field] = value
+            except (KeyError, TypeError):
+                raise UserError(
+                    f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
+                ) from None
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:

@@ -329,6 +329,12 @@ class Scenario(Model):
     generators: list[Generator] = Field(
         default_factory=list, description="Targets and distractors placed at random"
     )
+    scatter_m: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="Standard deviation by which every target and distractor is moved, anew for each seed",
+    )
     wind: Wind = Wind()
     light: Light = Light()
     vehicle: VehicleLimits = VehicleLimits()

@@ -144,10 +144,11 @@ def build_world(scenario: Scenario, seed: int) -> World:
             pose = str(g_rng.choice(g.poses)) if g.poses else None
             yaw = float(g_rng.uniform(0, 2 * np.pi))
             items.append((g.kind, xy, yaw, g.size_m, pose, g.kind in target_kinds))
+    scatter = np.random.default_rng([seed, 19])
     objects = tuple(
         WorldObject(
             kind,
-            _on_ground(terrain, xy),
+            _on_ground(terrain, _scattered(xy, scenario.scatter_m, area, scatter)),
             yaw,
             size or DEFAULT_SIZE_M[kind],
             pose or DEFAULT_POSE.get(kind, "face-up"),
@@ -213,6 +214,20 @@ def _sparse(area: shapely.Polygon, count: int, rng: np.random.Generator) -> list
         gaps = [min(np.hypot(t[0] - p[0], t[1] - p[1]) for p in placed) for t in tries]
         placed.append(tries[int(np.argmax(gaps))])
     return placed
+
+
+def _scattered(
+    xy: tuple[float, float], scatter_m: float, area: shapely.Polygon, rng: np.random.Generator
+) -> tuple[float, float]:
+    """``xy`` moved at random; what was inside the area stays inside."""
+    moved = xy
+    if scatter_m > 0:
+        while True:
+            dx, dy = rng.normal(0.0, scatter_m, 2)
+            moved = (xy[0] + float(dx), xy[1] + float(dy))
+            if area.covers(shapely.Point(moved)) or not area.covers(shapely.Point(xy)):
+                break
+    return moved
 
 
 def _inside(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:
