@@ -2,7 +2,7 @@
 
 A detection is right when it overlaps a label of its class by an intersection over union of at least
 ``iou_min``; labels are matched to the most confident detections first, once each (the COCO and PASCAL VOC
-rule). Pixels on target are the longer side of the box.
+rule). Pixels on target are the longer side of the box; a false positive counts in the bin of its own size.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _count(result: Evaluation, detector: Detector, image: LabelledImage, iou_min
         for label, detection in zip(labels, matched, strict=True):
             for score in _scores(result, name, _pixels(label), altitude):
                 score.n_targets += 1
-                score.n_found += detection >= 0
+                score.n_found += bool(detection >= 0)
                 score.n_confirming += bool(detection >= 0 and confidences[detection] >= CONFIRMING_CONFIDENCE)
         for index in set(range(len(boxes))) - set(matched.tolist()):
             if not in_crowd[index]:
@@ -233,6 +233,7 @@ def tables(evaluations: Mapping[str, Evaluation]) -> list[Table]:
         table = Table("class", unit, "targets", title=f"{title} ({first.n_images} pictures)")
         for label in evaluations:
             table.add_column(f"{label}\nrecall", justify="right")
+            table.add_column(f"at >= {CONFIRMING_CONFIDENCE:g}", justify="right")
             table.add_column("precision", justify="right")
             table.add_column("false / picture", justify="right")
         for name in dict.fromkeys(c for e in evaluations.values() for c in e.classes):
@@ -246,6 +247,7 @@ def tables(evaluations: Mapping[str, Evaluation]) -> list[Table]:
                         for s in scores
                         for cell in (
                             _share(s.n_found, s.n_targets),
+                            _share(s.n_confirming, s.n_targets),
                             _share(s.n_found, s.n_found + s.n_false),
                             f"{s.n_false / first.n_images:.3f}",
                         )
