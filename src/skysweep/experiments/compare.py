@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import shutil
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenar
 from skysweep.scenarios.model import Scenario
 
 MISSIONS_FILE = "missions.jsonl"
+UNFINISHED = ".part"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +75,13 @@ def fly_paper_job(job: PaperJob) -> dict[str, Any]:
     """Fly one mission of the comparison; its folder appears when it is complete."""
     if job.folder is None:
         return fly_in_memory(job.config, job.seed, job.sensor)
-    unfinished = job.folder.with_name(f"{job.folder.name}.part")
-    for stale in (unfinished, job.folder):
-        shutil.rmtree(stale, ignore_errors=True)
+    job.folder.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = Path(
+        tempfile.mkdtemp(prefix=f"{job.folder.name}-", suffix=UNFINISHED, dir=job.folder.parent)
+    )
     summary = fly_to_folder(job.config, job.seed, unfinished, job.sensor, threads=1)
+    shutil.rmtree(job.folder, ignore_errors=True)
+    unfinished.chmod(0o755)
     unfinished.rename(job.folder)
     return summary
 
@@ -98,8 +103,10 @@ def compare_paper(
     """
     jobs = paper_jobs(seeds, sensor, out, changes)
     out.mkdir(parents=True, exist_ok=True)
+    for stale in (out / "runs").glob(f"*{UNFINISHED}"):
+        shutil.rmtree(stale, ignore_errors=True)
     ledger = out / MISSIONS_FILE
-    known = {line["key"]: line["summary"] for line in read_journal(ledger)} if ledger.exists() else {}
+    known = _read_ledger(ledger)
     summaries = {job: known[job.key] for job in jobs if job.key in known}
     for job, summary in summaries.items():
         on_done(job, summary)
@@ -112,3 +119,14 @@ def compare_paper(
                 file.flush()
                 on_done(job, summary)
     return [summaries[job] for job in jobs]
+
+
+def _read_ledger(path: Path) -> dict[str, dict[str, Any]]:
+    """Summaries by key. A line that a kill tore is cut off, so that the next one starts on its own."""
+    if not path.exists():
+        return {}
+    lines = list(read_journal(path))
+    whole = path.with_suffix(".tmp")
+    whole.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    whole.replace(path)
+    return {line["key"]: line["summary"] for line in lines}
