@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 
 COMMAND = [
@@ -67,9 +68,15 @@ def test_killed_and_continued_it_ends_with_the_same_rows(whole, tmp_path):
         assert process.poll() is None, "it ended before it could be killed"
         assert time.monotonic() < deadline
         time.sleep(0.05)
+    children = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGKILL)
     process.wait()
+    assert not _alive_after(children, 20.0), "workers end with the command that was killed"
     before = ledger.read_text().splitlines()[:2]
     subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
     assert ledger.read_text().splitlines()[:2] == before, "finished missions are not flown again"
     assert rows(out) == rows(whole[0])
+
+
+def _alive_after(processes, seconds):
+    return psutil.wait_procs(processes, timeout=seconds)[1]
