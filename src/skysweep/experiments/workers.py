@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -29,11 +30,14 @@ def run_jobs(
                 yield futures[future], future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
             raise
 
 
 def _start_worker() -> None:
-    """One thread for everything, and an end with the parent's, even where that one is killed."""
+    """One thread for everything; Ctrl-C is the parent's business; an end with it, even where it is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.update(OMP_NUM_THREADS="1", LP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
