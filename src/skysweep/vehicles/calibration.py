@@ -4,6 +4,10 @@
 columns ``t, phase, sp_x..sp_vz`` (setpoints sent), ``x..vz`` (estimates; all NED) and
 ``roll_deg, pitch_deg, yaw_deg``; phases: ``pre`` (hover), the legs, ``post``. The number before ``ms`` or
 after ``vmax`` in its name is the speed limit, ``kdv03`` means drag 0.3 N/(m/s).
+
+The logged vehicle was flown by an estimator whose velocity and attitude are wrong for seconds at a time.
+It shows: the velocity is not the derivative of the position, and the vehicle does not accelerate as its
+attitude says. Ours is flown again under those same errors; ``Log.exact`` is the log without them.
 """
 
 from __future__ import annotations
@@ -12,15 +16,19 @@ import csv
 import gzip
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import interp1d
+from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.frames import enu_from_ned
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
 from skysweep.types import Setpoint
+from skysweep.vehicles.dynamics import G
 from skysweep.vehicles.multirotor import Airframe, Multirotor
 
 F64 = NDArray[np.float64]
@@ -29,6 +37,7 @@ _ENTERED_M = 0.5
 _LAWNMOWER_ACCEPTANCE_M, _SQUARE_ACCEPTANCE_M = 1.0, 0.5  # at which the logged ones went on
 _PATIENCE = 2.0  # a leg that takes this many times as long as the logged one has failed
 _TICK_S = 0.04
+_ERROR_WINDOW_S = 1.0  # over which velocity and position are held against each other
 _STILL_AIR = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
 _EXACT = VehicleLimits(position_noise_m=0.0, attitude_noise_deg=0.0)
 
@@ -44,6 +53,10 @@ class Log:
     feed_forward_enu_mps: F64  # (N, 3)
     position_enu_m: F64  # (N, 3)
     velocity_enu_mps: F64  # (N, 3)
+    velocity_error_enu_mps: F64  # (N, 3) estimated minus derivative of the estimated position
+    lean_error: (
+        F64  # (N, 2) rad, estimated lean of the up axis, east and north, minus what its acceleration takes
+    )
     tilt_deg: F64  # (N,)
     yaw_rad: F64  # (N,) ENU
 
@@ -55,14 +68,23 @@ class Log:
 
     @property
     def drag_n_per_mps(self) -> float:
-        return 0.3 if "kdv03" in self.name else 1.0
+        return _drag_n_per_mps(self.name)
+
+    def exact(self) -> Log:
+        """The same, as if its estimates had been right."""
+        return replace(
+            self,
+            velocity_error_enu_mps=np.zeros_like(self.velocity_error_enu_mps),
+            lean_error=np.zeros_like(self.lean_error),
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Flown:
     """What one flight of a manoeuvre came to."""
 
-    time_s: float  # until 0.5 m before the target (single leg), or until the last leg ended
+    time_s: float  # until 0.5 m before the target along the way (single leg), or until the last leg ended
+    sphere_time_s: float  # until 0.5 m from the target in space; NaN for patterns and where it passed by
     peak_speed_mps: float
     peak_tilt_deg: float
 
@@ -75,17 +97,30 @@ def read_log(path: Path) -> Log:
     def columns(*names: str) -> F64:
         return np.array([[float(row[n] or "nan") for n in names] for row in rows])
 
-    roll, pitch, yaw = np.radians(columns("roll_deg", "pitch_deg", "yaw_deg")).T
+    angles_deg = columns("yaw_deg", "pitch_deg", "roll_deg")
+    time_s = columns("t")[:, 0]
+    position_enu_m, velocity_enu_mps = (
+        enu_from_ned(columns("x", "y", "z")),
+        enu_from_ned(columns("vx", "vy", "vz")),
+    )
+    name = path.name.removesuffix(".csv.gz")
+    velocity_error_enu_mps = _velocity_error(time_s, position_enu_m, velocity_enu_mps)
+    up_enu = enu_from_ned(Rotation.from_euler("ZYX", angles_deg, degrees=True).apply([0.0, 0.0, -1.0]))
+    lean_error = _lean_error(
+        time_s, up_enu, velocity_enu_mps - velocity_error_enu_mps, _drag_n_per_mps(name) / Airframe().mass_kg
+    )
     return Log(
-        path.name.removesuffix(".csv.gz"),
-        columns("t")[:, 0],
+        name,
+        time_s,
         _legs([row["phase"] for row in rows]),
         enu_from_ned(columns("sp_x", "sp_y", "sp_z")),
         enu_from_ned(columns("sp_vx", "sp_vy", "sp_vz")),
-        enu_from_ned(columns("x", "y", "z")),
-        enu_from_ned(columns("vx", "vy", "vz")),
-        np.degrees(np.arccos(np.cos(roll) * np.cos(pitch))),
-        np.pi / 2 - yaw,
+        position_enu_m,
+        velocity_enu_mps,
+        velocity_error_enu_mps,
+        lean_error,
+        np.degrees(np.arccos(up_enu[:, 2])),
+        np.pi / 2 - np.radians(angles_deg[:, 0]),
     )
 
 
@@ -97,8 +132,34 @@ def _legs(phases: list[str]) -> tuple[slice, ...]:
     )
 
 
+def _drag_n_per_mps(name: str) -> float:
+    return 0.3 if "kdv03" in name else Airframe().drag_n_per_mps
+
+
+def _velocity_error(time_s: F64, position_m: F64, velocity_mps: F64) -> F64:
+    """(N, 3): how much faster the velocity says it went than the position."""
+    travelled_m = cumulative_trapezoid(velocity_mps, time_s, axis=0, initial=0.0)
+    return _mean_slope(time_s, travelled_m - position_m)
+
+
+def _lean_error(time_s: F64, up_enu: F64, velocity_mps: F64, drag_per_mass: float) -> F64:
+    """(N, 2): how much more it says it leans than its horizontal acceleration takes (thrust, linear drag)."""
+    lift_mps2 = G + drag_per_mass * velocity_mps[:, 2] + np.gradient(velocity_mps[:, 2], time_s)
+    said_mps2 = up_enu[:, :2] / up_enu[:, 2:] * lift_mps2[:, None] - drag_per_mass * velocity_mps[:, :2]
+    said_mps = cumulative_trapezoid(said_mps2, time_s, axis=0, initial=0.0)
+    return _mean_slope(time_s, said_mps - velocity_mps[:, :2]) / G
+
+
+def _mean_slope(time_s: F64, values: F64) -> F64:
+    """Slope of each column of ``values``, mean over the window around each time."""
+    before_s = np.maximum(time_s - 0.5 * _ERROR_WINDOW_S, time_s[0])
+    after_s = np.minimum(time_s + 0.5 * _ERROR_WINDOW_S, time_s[-1])
+    at = interp1d(time_s, values, axis=0)
+    return np.asarray((at(after_s) - at(before_s)) / (after_s - before_s)[:, None])
+
+
 def fly_again(log: Log) -> tuple[Flown, Flown]:
-    """(PX4, ours): the logged flight, and the embedded vehicle's under the same setpoints.
+    """(PX4, ours): the logged flight, and the embedded vehicle's under its setpoints and estimation errors.
 
     Ours starts where the log starts. A pattern's next leg begins as the logged one's did: near the last
     setpoint, and not before a moving setpoint has stopped.
@@ -114,7 +175,8 @@ def fly_again(log: Log) -> tuple[Flown, Flown]:
         Airframe(drag_n_per_mps=log.drag_n_per_mps),
     )
     first = int(np.argmax(np.isfinite(log.setpoint_enu_m[:, 0])))
-    vehicle.place(log.position_enu_m[first], log.velocity_enu_mps[first], log.yaw_rad[first])
+    velocity_enu_mps = log.velocity_enu_mps[first] - log.velocity_error_enu_mps[first]
+    vehicle.place(log.position_enu_m[first], velocity_enu_mps, log.yaw_rad[first])
     for row in range(first, legs[0].start):
         _command(vehicle, log, row)
         vehicle.advance(log.time_s[row + 1] - log.time_s[row])
@@ -128,14 +190,16 @@ def fly_again(log: Log) -> tuple[Flown, Flown]:
         while elapsed_s < earliest_s or np.linalg.norm(vehicle.true_position_enu_m - target) > near_m:
             if elapsed_s > _PATIENCE * rows[-1]:
                 raise RuntimeError(f"{log.name}: the vehicle never finished the leg at row {leg.start}")
-            _command(vehicle, log, leg.start + int(np.searchsorted(rows, elapsed_s + 1e-6)) - 1)
+            row = leg.start + int(np.searchsorted(rows, elapsed_s + 1e-6)) - 1
+            _command(vehicle, log, row)
             vehicle.advance(_TICK_S)
             elapsed_s += _TICK_S
             time_s += _TICK_S
             times.append(time_s)
             positions.append(vehicle.true_position_enu_m)
-            speeds.append(np.linalg.norm(vehicle.true_velocity_enu_mps))
-            tilts.append(np.degrees(vehicle.tilt_rad))
+            speeds.append(np.linalg.norm(vehicle.state().velocity_enu_mps))
+            believed_lean = vehicle.true_R_body_to_enu[:2, 2] + log.lean_error[row]
+            tilts.append(np.degrees(np.arcsin(np.hypot(*believed_lean))))
     flown = slice(legs[0].start, legs[-1].stop)
     logged_s = log.time_s[flown] - log.time_s[legs[0].start]
     logged = _measure(
@@ -151,6 +215,7 @@ def fly_again(log: Log) -> tuple[Flown, Flown]:
 
 def _command(vehicle: Multirotor, log: Log, row: int) -> None:
     feed_forward = log.feed_forward_enu_mps[row]
+    vehicle.misjudge(log.velocity_error_enu_mps[row], log.lean_error[row])
     vehicle.command(
         Setpoint(
             log.setpoint_enu_m[row],
@@ -173,25 +238,36 @@ def _arrival(log: Log, leg: slice) -> tuple[float, float]:
 
 def _measure(log: Log, times_s: F64, positions_enu_m: F64, speeds_mps: F64, tilts_deg: F64) -> Flown:
     if len(log.legs) > 1:
-        time_s = times_s[-1]
+        time_s, sphere_time_s = float(times_s[-1]), np.nan
     else:
         start, target = log.position_enu_m[log.legs[0].start], log.setpoint_enu_m[log.legs[0].stop - 1]
         way = (target - start) / np.linalg.norm(target - start)
-        time_s = times_s[np.argmax((target - positions_enu_m) @ way < _ENTERED_M)]
-    return Flown(float(time_s), float(speeds_mps.max()), float(tilts_deg.max()))
+        left_m = target - positions_enu_m
+        time_s = _first(times_s, left_m @ way < _ENTERED_M)
+        sphere_time_s = _first(times_s, np.linalg.norm(left_m, axis=1) < _ENTERED_M)
+    return Flown(time_s, sphere_time_s, float(speeds_mps.max()), float(tilts_deg.max()))
+
+
+def _first(times_s: F64, arrived: NDArray[np.bool_]) -> float:
+    return float(times_s[np.argmax(arrived)]) if arrived.any() else np.nan
 
 
 def main(paths: list[Path]) -> None:
     """Prints one line a log: ours / PX4 / error."""
-    print(f"{'manoeuvre':30s} {'time s':>26s} {'peak speed m/s':>24s} {'peak tilt deg':>24s}")
+    titles = ("time s", "to the sphere s", "peak speed m/s", "peak tilt deg")
+    print(f"{'manoeuvre':30s}" + "".join(f"{title:>25s}" for title in titles))
     for path in paths:
         theirs, ours = fly_again(read_log(path))
         pairs = (
             (ours.time_s, theirs.time_s),
+            (ours.sphere_time_s, theirs.sphere_time_s),
             (ours.peak_speed_mps, theirs.peak_speed_mps),
             (ours.peak_tilt_deg, theirs.peak_tilt_deg),
         )
-        cells = "".join(f"{a:9.2f} {b:8.2f} {100 * (a / b - 1):+6.1f}%" for a, b in pairs)
+        cells = "".join(
+            f"{a:9.2f} {b:8.2f} {100 * (a / b - 1):+6.1f}%" if np.isfinite(a / b) else f"{'-':>25s}"
+            for a, b in pairs
+        )
         print(f"{path.name.removesuffix('.csv.gz'):30s}{cells}")
 
 

@@ -48,7 +48,8 @@ TARGET_YAW = 57
 MODE_TIME = 58  # seconds since the mode began
 CONTACT_TIME = 59  # seconds on the ground while landing
 GROUND_HEIGHT = 60  # below the vehicle
-N_STATE = 61
+LEAN_ERROR = 61  # (2,) how much farther east and north it takes its up axis to lean than it does
+N_STATE = 63
 
 # ---- places in q -------------------------------------------------------------------------------------
 DRAG_PER_MASS = 0  # 1/s
@@ -212,14 +213,15 @@ def _move_air_and_errors(x, rng, q):
         keep = math.exp(-dt * airspeed / length)
         x[GUST + i] = keep * x[GUST + i] + std * math.sqrt(1.0 - keep * keep) * _normal(rng)
 
-    w = 2.0 / POSITION_ERROR_TIME_S
-    for i in range(3):
-        std = q[POSITION_STD] * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
-        push = 2.0 * w * std * math.sqrt(w * dt) * _normal(rng)
-        x[VELOCITY_ERROR + i] += (
-            -dt * (w * w * x[POSITION_ERROR + i] + 2.0 * w * x[VELOCITY_ERROR + i]) + push
-        )
-        x[POSITION_ERROR + i] += dt * x[VELOCITY_ERROR + i]
+    if q[POSITION_STD] > 0.0:
+        w = 2.0 / POSITION_ERROR_TIME_S
+        for i in range(3):
+            std = q[POSITION_STD] * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
+            push = 2.0 * w * std * math.sqrt(w * dt) * _normal(rng)
+            x[VELOCITY_ERROR + i] += (
+                -dt * (w * w * x[POSITION_ERROR + i] + 2.0 * w * x[VELOCITY_ERROR + i]) + push
+            )
+            x[POSITION_ERROR + i] += dt * x[VELOCITY_ERROR + i]
 
     keep = math.exp(-dt / ATTITUDE_ERROR_TIME_S)
     for i in range(3):
@@ -279,7 +281,10 @@ def _velocity_setpoint(x, q):
 
 @njit(cache=True)
 def _thrust_setpoint(x, q):
-    """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2."""
+    """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2.
+
+    It comes out turned by what the vehicle errs in its own lean, as the attitude loop then turns the body.
+    """
     vx, vy, vz = _velocity_setpoint(x, q)
     bx = x[VELOCITY] + x[VELOCITY_ERROR]
     by = x[VELOCITY + 1] + x[VELOCITY_ERROR + 1]
@@ -310,7 +315,8 @@ def _thrust_setpoint(x, q):
     x[VELOCITY_INTEGRAL] += MPC_XY_VEL_I * ex * STEP_S
     x[VELOCITY_INTEGRAL + 1] += MPC_XY_VEL_I * ey * STEP_S
     x[VELOCITY_INTEGRAL + 2] = _clip(x[VELOCITY_INTEGRAL + 2] + MPC_Z_VEL_I * ez * STEP_S, -G, G)
-    return tx, ty, lift
+    lx, ly = x[LEAN_ERROR], x[LEAN_ERROR + 1]
+    return tx - lx * lift, ty - ly * lift, lift + lx * tx + ly * ty
 
 
 @njit(cache=True)

@@ -177,6 +177,15 @@ class Multirotor:
             x[d.VELOCITY : d.VELOCITY + 3] + x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3]
         )
 
+    def misjudge(self, velocity_error_enu_mps: ArrayLike, lean_error: ArrayLike) -> None:
+        """Flies by wrong estimates from now on, as an autopilot does whose estimator errs (calibration).
+
+        Its velocity by (3,) m/s, its position not; its up axis by (2,) rad farther east and north than so.
+        For a vehicle without errors of its own (``position_noise_m = 0``).
+        """
+        self._x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3] = velocity_error_enu_mps
+        self._x[d.LEAN_ERROR : d.LEAN_ERROR + 2] = lean_error
+
     @property
     def true_position_enu_m(self) -> F64:
         """(3,) of the body origin."""
