@@ -5,9 +5,12 @@ Flown with exact estimates, and again under the estimation errors that the log s
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
 from skysweep.vehicles.calibration import Flown, fly_again, read_log
+from skysweep.vehicles.multirotor import Multirotor
 
 LOGS = Path(__file__).parents[1] / "data" / "px4_sih"
 TOLERANCE = 0.10
@@ -84,7 +87,7 @@ def test_total_time_of_patterns(name: str, exact: bool) -> None:
 
 
 @pytest.mark.parametrize("name", PATTERNS)
-def test_peak_speed_of_patterns_where_px4_follows_its_estimates(name: str) -> None:
+def test_peaks_of_patterns_under_px4s_estimates(name: str) -> None:
     logged, ours = fly(name, exact=False)
     assert ours.peak_speed_mps == pytest.approx(logged.peak_speed_mps, rel=TOLERANCE)
     assert ours.peak_tilt_deg == pytest.approx(logged.peak_tilt_deg, rel=TOLERANCE)
@@ -95,3 +98,23 @@ def test_logged_estimates_err_as_px4s_filter_must(name: str) -> None:
     """Standard deviations worked out from EKF2's gains and SIH's sensor noise (docs/vehicle.md)."""
     log = read_log(LOGS / f"{name}.csv.gz")
     assert log.velocity_error_enu_mps.std(axis=0) == pytest.approx([0.26, 0.13, 0.12], rel=0.4)
+
+
+def test_lands_as_px4_does_under_its_estimates() -> None:
+    """From 20 m to 0.5 m: PX4 took 22.5 s; with exact estimates it would be 18 s."""
+    log = read_log(LOGS / "square_50m_20m_5ms.csv.gz")
+    start = log.legs[-1].stop
+    logged_s = log.time_s[start:] - log.time_s[start]
+    px4_s = logged_s[np.argmax(log.position_enu_m[start:, 2] < 0.5)]
+    still_air = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
+    exact = VehicleLimits(position_noise_m=0.0, attitude_noise_deg=0.0)
+    vehicle = Multirotor(exact, still_air, CameraModel(), np.zeros(3), lambda xy: np.zeros(len(xy)), 0)
+    vehicle.place(log.position_enu_m[start], log.velocity_enu_mps[start], log.yaw_rad[start])
+    vehicle.land()
+    landed_s = 0.0
+    while vehicle.true_position_enu_m[2] > 0.5:
+        row = start + int(np.searchsorted(logged_s, landed_s + 1e-6)) - 1
+        vehicle.misjudge(log.velocity_error_enu_mps[row], log.lean_error[row])
+        vehicle.advance(0.04)
+        landed_s += 0.04
+    assert landed_s == pytest.approx(px4_s, rel=TOLERANCE)
