@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 from scipy.special import expit, logit
+from scipy.stats import norm
 
 from skysweep.experiments.sensor_figure import draw_fit, drawn_rates
-from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN, fit_sensor, node_weights
+from skysweep.experiments.sensor_fit import (
+    GRID_PX,
+    MISSION_CONFIDENCE_MIN,
+    fit_curve,
+    fit_sensor,
+    node_weights,
+)
 from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, Empties, Looks
 
 SIGN = SUBJECTS.index(("stop sign", "face-up"))
@@ -89,3 +96,17 @@ def test_the_picture_of_the_fit_is_drawn(tmp_path):
     looks = draw_looks(0.3, n_objects=50)
     draw_fit(looks, fit_sensor(looks, no_empties(), "synthetic", 1, 0), tmp_path / "fit.png")
     assert (tmp_path / "fit.png").stat().st_size > 20_000
+
+
+def test_weak_responses_do_not_become_reports():
+    """Many responses just above the floor: the fitted tail over the missions' threshold must stay as thin."""
+    rates = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        pixels = np.exp(rng.uniform(GRID[0], GRID[-1], 400))
+        logits = rng.normal(-2.6, 0.5, 400)
+        reported = (rng.random(400) < 0.5) & (expit(logits) >= CONFIDENCE_FLOOR)
+        curve = fit_curve(pixels, np.where(reported, expit(logits), 0.0))
+        rates.append(curve.probability * norm.sf((logit(MISSION_CONFIDENCE_MIN) - curve.mean) / curve.std))
+    truth = 0.5 * norm.sf((logit(MISSION_CONFIDENCE_MIN) + 2.6) / 0.5)
+    assert np.mean(rates) < truth + 0.002

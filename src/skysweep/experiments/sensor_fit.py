@@ -36,8 +36,9 @@ RARE = 0.005  # pairs of kind and class that are seen less than this at every si
 _FLOOR_LOGIT = float(logit(CONFIDENCE_FLOOR))
 _STD_LIMITS = (0.15, 2.5)
 _PRIOR_LOOKS = 3.0  # how many looks the prior is worth
-_STD_PRIOR = (0.8, 0.5)  # median, and standard deviation of the logarithm
-_MEAN_PRIOR_STD = 1.5
+_PRIOR_MEAN_STD = 1.5
+_PRIOR_LOG_STD_STD = 0.5
+_USUAL_STD = 0.8
 _OFFSET_STD_MAX = 2.0
 _N_OFFSETS = 200
 
@@ -93,23 +94,23 @@ def fit_curve(pixels: F64, confidences: F64) -> Curve:
     """Probability and confidence logits over the grid from looks (N,); confidence 0 is no report.
 
     Sizes that no look had take the values of the nearest size that one had; confidences where nothing was
-    reported, those of the nearest size where something was.
+    reported, those of the nearest size where something was. The fit to all sizes is the prior of each.
     """
     weights = node_weights(pixels)
     seen = confidences > 0
     values = np.full((len(GRID_PX), 3), np.nan)
-    prior = float(logit(confidences[seen]).mean()) if seen.any() else 0.0
+    mean, std = 0.0, _USUAL_STD
+    if seen.any():
+        guess = float(logit(confidences[seen]).mean()), _USUAL_STD
+        _, mean, std = _fit_node(np.ones(len(pixels)), confidences, guess)
     for g, w in enumerate(weights):
         used = w > 0
         if w[seen].sum() > 0:
-            values[g] = _fit_node(w[used], confidences[used], prior)
+            values[g] = _fit_node(w[used], confidences[used], (mean, std))
         elif w.sum() >= 1.0:
             values[g, 0] = 0.0
-    return Curve(
-        _nearest_known(values[:, 0], 0.0),
-        _nearest_known(values[:, 1], prior),
-        _nearest_known(values[:, 2], 1.0),
-    )
+    otherwise = (0.0, mean, std)
+    return Curve(*(_nearest_known(column, o) for column, o in zip(values.T, otherwise, strict=True)))
 
 
 def _nearest_known(values: F64, otherwise: float) -> F64:
@@ -119,8 +120,8 @@ def _nearest_known(values: F64, otherwise: float) -> F64:
     return values[known[np.abs(np.arange(len(values))[:, None] - known).argmin(axis=1)]]
 
 
-def _fit_node(weights: F64, confidences: F64, prior_mean: float) -> tuple[float, float, float]:
-    """Probability, mean and std that make weighted looks most likely, with a weak prior on the latter two."""
+def _fit_node(weights: F64, confidences: F64, prior: tuple[float, float]) -> tuple[float, float, float]:
+    """Probability, mean and std that make weighted looks most likely; ``prior``: expected mean and std."""
     seen = confidences > 0
     x, w = logit(confidences[seen]), weights[seen]
     missed = weights[~seen].sum()
@@ -131,11 +132,11 @@ def _fit_node(weights: F64, confidences: F64, prior_mean: float) -> tuple[float,
         fit = -(w * (np.log(p) + norm.logpdf(x, mean, std))).sum() - missed * np.log1p(
             -min(report, 1 - 1e-12)
         )
-        off = (mean - prior_mean) / _MEAN_PRIOR_STD, (theta[2] - np.log(_STD_PRIOR[0])) / _STD_PRIOR[1]
+        off = (mean - prior[0]) / _PRIOR_MEAN_STD, (theta[2] - np.log(prior[1])) / _PRIOR_LOG_STD_STD
         return float(fit + _PRIOR_LOOKS / 2 * (off[0] ** 2 + off[1] ** 2))
 
     rate = np.clip(w.sum() / (w.sum() + missed), 0.02, 0.98)
-    start = np.array([logit(rate), np.average(x, weights=w), np.log(_STD_PRIOR[0])])
+    start = np.array([logit(rate), np.average(x, weights=w), np.log(prior[1])])
     limits = [(-9.0, 9.0), (_FLOOR_LOGIT - 0.5, 6.0), tuple(np.log(_STD_LIMITS))]
     best = minimize(cost, start, method="L-BFGS-B", bounds=limits).x
     return float(expit(best[0])), float(best[1]), float(np.exp(best[2]))

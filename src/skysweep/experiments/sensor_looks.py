@@ -76,7 +76,13 @@ LAYOUTS = (
         0.7,
     ),
     Layout(
-        (("person", "floating"), ("buoy", "face-up"), ("clothing", "face-up"), ("red bucket", "face-up")),
+        (
+            ("person", "floating"),
+            ("buoy", "face-up"),
+            ("clothing", "face-up"),
+            ("red bucket", "face-up"),
+            ("rock", "face-up"),
+        ),
         ("water",),
         8.0,
         10,
