@@ -72,16 +72,24 @@ def test_what_is_never_reported_is_not_in_the_model():
 
 def test_background_rates_follow_altitude():
     rng = np.random.default_rng(1)
-    altitudes = np.exp(rng.uniform(np.log(3), np.log(100), 4000))
-    picture = np.flatnonzero(rng.random(4000) < np.where(altitudes > 25, 0.1, 0.0))
+    altitudes = np.exp(rng.uniform(np.log(3), np.log(100), 6000))
+    picture = np.flatnonzero(rng.random(6000) < np.where(altitudes > 25, 0.2, 0.0))
     n = len(picture)
     empties = Empties(altitudes, picture, np.full(n, 1), expit(rng.normal(-0.5, 0.4, n)), np.full(n, 9.0))
     (background,) = fit_sensor(draw_looks(0.3, 50), empties, "synthetic", 1, 0).background
     assert background.reported_as == CLASSES[1]
     assert background.rate_per_picture[0] == 0.0
-    assert abs(background.rate_per_picture[-1] - 0.1) < 0.03
+    assert abs(background.rate_per_picture[-1] - 0.2) < 0.05
     assert abs(background.confidence_logit_mean + 0.5) < 0.1
+    assert abs(background.confidence_logit_std - 0.4) < 0.1
     assert background.pixels == 9.0
+
+
+def test_background_below_the_threshold_is_none():
+    empties = Empties(
+        np.array([9.0, 30.0]), np.array([0, 0]), np.array([1, 1]), np.array([0.12, 0.2]), np.ones(2)
+    )
+    assert fit_sensor(draw_looks(0.3, 50), empties, "synthetic", 1, 0).background == []
 
 
 def test_kinds_without_looks_at_some_sizes_keep_the_nearest_value():

@@ -120,7 +120,9 @@ def _nearest_known(values: F64, otherwise: float) -> F64:
     return values[known[np.abs(np.arange(len(values))[:, None] - known).argmin(axis=1)]]
 
 
-def _fit_node(weights: F64, confidences: F64, prior: tuple[float, float]) -> tuple[float, float, float]:
+def _fit_node(
+    weights: F64, confidences: F64, prior: tuple[float, float], floor: float = _FLOOR_LOGIT
+) -> tuple[float, float, float]:
     """Probability, mean and std that make weighted looks most likely; ``prior``: expected mean and std."""
     seen = confidences > 0
     x, w = logit(confidences[seen]), weights[seen]
@@ -128,7 +130,7 @@ def _fit_node(weights: F64, confidences: F64, prior: tuple[float, float]) -> tup
 
     def cost(theta: F64) -> float:
         p, mean, std = expit(theta[0]), theta[1], np.exp(theta[2])
-        report = p * norm.sf((_FLOOR_LOGIT - mean) / std)
+        report = p * norm.sf((floor - mean) / std)
         fit = -(w * (np.log(p) + norm.logpdf(x, mean, std))).sum() - missed * np.log1p(
             -min(report, 1 - 1e-12)
         )
@@ -137,7 +139,7 @@ def _fit_node(weights: F64, confidences: F64, prior: tuple[float, float]) -> tup
 
     rate = np.clip(w.sum() / (w.sum() + missed), 0.02, 0.98)
     start = np.array([logit(rate), np.average(x, weights=w), np.log(prior[1])])
-    limits = [(-9.0, 9.0), (_FLOOR_LOGIT - 0.5, 6.0), tuple(np.log(_STD_LIMITS))]
+    limits = [(-9.0, 9.0), (floor - 0.5, 6.0), tuple(np.log(_STD_LIMITS))]
     best = minimize(cost, start, method="L-BFGS-B", bounds=limits).x
     return float(expit(best[0])), float(best[1]), float(np.exp(best[2]))
 
@@ -239,22 +241,28 @@ def fit_centres(looks: Looks) -> tuple[float, float]:
 
 
 def fit_background(empties: Empties, class_index: int) -> BackgroundModel | None:
-    """Detections of one class where nothing is; None when there was none."""
-    mine = empties.class_index == class_index
+    """Detections of one class where nothing is, with the missions' threshold; None when there was none.
+
+    Confidences are those of one censored normal, as for objects; the rate follows the altitude.
+    """
+    mine = (empties.class_index == class_index) & (empties.confidences >= MISSION_CONFIDENCE_MIN)
     if not mine.any():
         return None
+    n, found = len(empties.altitude_agl_m), empties.confidences[mine]
+    looks = np.concatenate([found, np.zeros(max(n - len(found), 1))])
+    guess = float(logit(found).mean()), _USUAL_STD
+    response, mean, std = _fit_node(np.ones(len(looks)), looks, guess, float(logit(MISSION_CONFIDENCE_MIN)))
     grid = np.log(ALTITUDES_M)
     x = np.clip(np.log(empties.altitude_agl_m), grid[0], grid[-1])
     weights = np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))])
-    counts = np.bincount(empties.picture[mine], minlength=len(x))
-    rates = weights @ counts / np.maximum(weights.sum(axis=1), 1e-9)
-    logits = logit(np.clip(empties.confidences[mine], 1e-3, 1 - 1e-3))
+    rates = weights @ np.bincount(empties.picture[mine], minlength=n) / np.maximum(weights.sum(axis=1), 1e-9)
+    per_report = response * len(looks) / len(found)  # responses for each one that reaches the threshold
     return BackgroundModel(
         reported_as=CLASSES[class_index],
         altitude_agl_m=list(ALTITUDES_M),
-        rate_per_picture=[round(min(float(r), 1.0), 5) for r in rates],
-        confidence_logit_mean=round(float(logits.mean()), 3),
-        confidence_logit_std=round(float(np.sqrt((logits.var() * mine.sum() + 0.5) / (mine.sum() + 1))), 3),
+        rate_per_picture=[round(min(float(r) * per_report, 1.0), 5) for r in rates],
+        confidence_logit_mean=round(mean, 3),
+        confidence_logit_std=round(std, 3),
         pixels=round(float(np.median(empties.pixels[mine])), 1),
     )
 
