@@ -234,7 +234,7 @@ class Gimbal(Model):
 
     pitch_deg: float = Field(-90.0, ge=-90, le=45, description="-90 looks straight down")
     max_rate_dps: float = Field(180.0, gt=1, le=1000, description="Limit of the turning rate")
-    lag_s: float = Field(0.035, ge=0, le=2, description="Time constant of the stabilisation loop")
+    lag_s: float = Field(0.028, ge=0, le=2, description="Time constant of the stabilisation loop")
 
 
 class CameraModel(Model):
