@@ -327,7 +327,7 @@ def _load_weights(network: Any, path: Path, class_names: Sequence[str]) -> None:
         raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those") from error
     old = {i.name: torch.from_numpy(onnx.numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
     new = network.state_dict()
-    if not {k for k in new if k.endswith("weight")} <= set(old):
+    if not {k for k, value in new.items() if value.ndim == 4} <= set(old):
         raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those")
     rows = [(i, int(k)) for i, name in enumerate(class_names) for k, known in names.items() if known == name]
     for key, value in new.items():
