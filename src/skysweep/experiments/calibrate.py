@@ -11,6 +11,7 @@ from skysweep.experiments.sensor_figure import draw_fit
 from skysweep.experiments.sensor_fit import fit_sensor
 from skysweep.experiments.sensor_looks import observe
 from skysweep.scenarios.model import CameraModel
+from skysweep.sensing.detector import OWN_MODEL
 from skysweep.sensing.statistical import StatisticalModel
 
 
@@ -18,7 +19,7 @@ def calibrate(
     model_path: str,
     camera: CameraModel,
     out_yaml: Path,
-    pictures: int = 4000,
+    pictures: int = 3000,
     seed: int = 0,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -40,11 +41,11 @@ def calibrate(
         UserError: the detector's file cannot be used.
     """
     looks, empties = observe(model_path, camera, pictures, seed, workers, progress)
-    name = model_path if not model_path.endswith(".onnx") else Path(model_path).name
+    name = OWN_MODEL if model_path == OWN_MODEL else Path(model_path).name
     model = fit_sensor(looks, empties, name, pictures, seed)
     out_yaml.parent.mkdir(parents=True, exist_ok=True)
     out_yaml.write_text(
-        f"# Written by: skysweep calibrate --detector {name} --pictures {pictures} --seed {seed}\n"
+        "# Written by skysweep calibrate.\n"
         + yaml.safe_dump(model.model_dump(), sort_keys=False, default_flow_style=None, width=110)
     )
     draw_fit(looks, model, out_yaml.with_suffix(".png"))
