@@ -101,7 +101,7 @@ def test_hills_are_followed():
 
 
 def test_an_empty_battery_ends_the_search_and_brings_it_home():
-    reason, lines = flown(vehicle={"battery_wh": 8.0})
+    reason, lines = flown(vehicle={"battery_wh": 10.0}, search={"n_c": 1, "check_speed_mps": 0.05})
     assert reason == "low battery"
     assert of_kind(lines, "finished") == []
     assert len(of_kind(lines, "landed")) == 1
