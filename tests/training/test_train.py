@@ -6,7 +6,7 @@ import pytest
 from skysweep.errors import UserError
 from skysweep.sensing.detector import YoloDetector
 from skysweep.training.labelled import LabelledImage, read_dataset, write_labels
-from skysweep.training.train import SIDE_PX, _turn, sample, train_detector
+from skysweep.training.train import SIDE_PX, _turn, mosaic, sample, train_detector
 
 NONE = np.zeros((0, 4))
 
@@ -55,6 +55,20 @@ def test_labels_stay_on_their_things_through_augmentation(side, tmp_path):
             np.testing.assert_allclose(box_of_bright(picture), expected, atol=2.5)
             seen += 1
     assert seen > 8
+
+
+def test_a_mosaic_shows_a_label_of_each_picture_where_it_says(tmp_path):
+    images = read_dataset(squares(tmp_path / "d", n=8, side=320)).images
+    images = [image for image in images if len(image.boxes_xyxy)]
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        four = [images[i] for i in rng.integers(len(images), size=4)]
+        picture, labels = mosaic(four, {"square": 0}, rng)
+        assert picture.shape == (SIDE_PX, SIDE_PX, 3)
+        assert len(labels) >= 3
+        for _, cx, cy, w, h in labels:
+            x0, y0, x1, y1 = np.rint([cx - w / 2, cy - h / 2, cx + w / 2, cy + h / 2]).astype(int)
+            assert picture[y0 + 2 : y1 - 2, x0 + 2 : x1 - 2].mean() > 150
 
 
 @pytest.fixture(scope="module")

@@ -42,6 +42,7 @@ EMA_DECAY = 0.998
 WARM_UP_STEPS = 50
 VISIBLE_MIN = 0.35  # boxes cut down further than this by a crop are no longer labels
 MIN_BOX_PX = 3.0
+MOSAIC_SHARE = 0.6  # of the samples are four quarters of as many pictures, each cut out around a label
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +143,7 @@ def _network(n_classes: int) -> Any:
 
     torch = _torch()
     network = YoloxModule(YoloPafpn(DEPTH, WIDTH), YoloxHead(n_classes, WIDTH))
+    network.head.use_l1 = True
     for module in network.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
             module.eps, module.momentum = 1e-3, 0.03
@@ -219,7 +221,7 @@ class _Replicas:
             features = network.backbone(x)
         loss = network.head([f.float() for f in features], torch.from_numpy(labels), x)[0]
         loss.backward()
-        return float(loss)
+        return float(loss.detach())
 
 
 def _update_average(average: dict[str, Any], network: Any, steps: int) -> None:
@@ -235,12 +237,18 @@ def _update_average(average: dict[str, Any], network: Any, steps: int) -> None:
 def _batches(data: LabelledDataset, rng: np.random.Generator) -> Iterator[tuple[F32, F32]]:
     """Endless batches: pictures (B, 3, S, S) BGR 0..255, labels (B, M, 5) class, centre, size in px."""
     ids = {name: i for i, name in enumerate(data.class_names)}
+    labelled = [image for image in data.images if len(image.boxes_xyxy)]
     order = np.zeros(0, dtype=np.int64)
     while True:
         while len(order) < BATCH:
             order = np.concatenate([order, rng.permutation(len(data.images))])
         chosen, order = order[:BATCH], order[BATCH:]
-        samples = [sample(data.images[i], ids, rng) for i in chosen]
+        samples = [
+            mosaic([labelled[j] for j in rng.integers(len(labelled), size=4)], ids, rng)
+            if rng.random() < MOSAIC_SHARE
+            else sample(data.images[i], ids, rng)
+            for i in chosen
+        ]
         labels = np.zeros((BATCH, max(1, *(len(rows) for _, rows in samples)), 5), dtype=np.float32)
         for row, (_, rows) in zip(labels, samples, strict=True):
             row[: len(rows)] = rows
@@ -254,13 +262,40 @@ def sample(image: LabelledImage, ids: dict[str, int], rng: np.random.Generator) 
     A larger picture is scaled to between whole and native resolution, then cropped, so that small things
     stay small. Turned by quarters and mirrored: seen from above, every heading is as likely.
     """
+    picture, boxes, classes = _scale_and_crop(*_read(image, ids), rng)
+    picture, boxes = _turn(picture, boxes, int(rng.integers(4)), bool(rng.integers(2)))
+    return _recolour(picture, rng), _labels(classes, boxes)
+
+
+def mosaic(images: Sequence[LabelledImage], ids: dict[str, int], rng: np.random.Generator) -> tuple[F32, F32]:
+    """Like :func:`sample`, of four pictures with labels: a step then sees many times as many targets."""
+    half = SIDE_PX // 2
+    canvas = np.full((SIDE_PX, SIDE_PX, 3), PAD_GREY, dtype=np.float32)
+    rows = []
+    for image, (top, left) in zip(images, ((0, 0), (0, half), (half, 0), (half, half)), strict=True):
+        picture, boxes, classes = _read(image, ids)
+        centre = boxes[rng.integers(len(boxes))].reshape(2, 2).mean(axis=0) + rng.uniform(
+            -half / 2, half / 2, 2
+        )
+        room = np.maximum(np.array(picture.shape[1::-1]) - half, 0)
+        corner = np.clip(np.rint(centre - half / 2), 0, room).astype(int)
+        picture, boxes, classes = _crop(picture, boxes, classes, corner, half)
+        picture, boxes = _turn(picture, boxes, int(rng.integers(4)), bool(rng.integers(2)))
+        canvas[top : top + half, left : left + half] = _recolour(picture, rng)
+        rows.append(_labels(classes, boxes + np.array([left, top] * 2)))
+    return canvas, np.concatenate(rows)
+
+
+def _read(image: LabelledImage, ids: dict[str, int]) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+    """Picture (H, W, 3), boxes (N, 4) in pixels and class numbers (N,)."""
     picture = read_picture(image)
     boxes = image.boxes_xyxy * np.array([picture.shape[1], picture.shape[0]] * 2)
-    classes = np.array([ids[name] for name in image.class_names], dtype=float)
-    picture, boxes, classes = _scale_and_crop(picture, boxes, classes, rng)
-    picture, boxes = _turn(picture, boxes, int(rng.integers(4)), bool(rng.integers(2)))
-    labels = np.column_stack([classes, (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]])
-    return _recolour(picture, rng), labels.astype(np.float32)
+    return picture, boxes, np.array([ids[name] for name in image.class_names], dtype=float)
+
+
+def _labels(classes: NDArray[np.float64], boxes: NDArray[np.float64]) -> F32:
+    centres, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
+    return np.column_stack([classes, centres, sizes]).astype(np.float32)
 
 
 def _scale_and_crop(
@@ -275,13 +310,20 @@ def _scale_and_crop(
         picture = np.asarray(
             cv2.resize(picture, None, fx=scale, fy=scale, interpolation=interpolation), np.uint8
         )
-    height, width = picture.shape[:2]
-    left, top = (int(rng.integers(max(side - SIDE_PX, 0) + 1)) for side in (width, height))
-    canvas = np.full((SIDE_PX, SIDE_PX, 3), PAD_GREY, dtype=np.uint8)
-    part = picture[top : top + SIDE_PX, left : left + SIDE_PX]
+    room = np.maximum(np.array(picture.shape[1::-1]) - SIDE_PX, 0)
+    return _crop(picture, boxes * scale, classes, rng.integers(room + 1), SIDE_PX)
+
+
+def _crop(
+    picture: U8, boxes: NDArray[np.float64], classes: NDArray[np.float64], corner: NDArray[Any], side_px: int
+) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+    """A square of a picture from its upper left corner (x, y), padded, and the boxes that it still shows."""
+    left, top = (int(c) for c in corner)
+    canvas = np.full((side_px, side_px, 3), PAD_GREY, dtype=np.uint8)
+    part = picture[top : top + side_px, left : left + side_px]
     canvas[: part.shape[0], : part.shape[1]] = part
-    moved = boxes * scale - np.array([left, top] * 2)
-    cut = np.clip(moved, 0, SIDE_PX)
+    moved = boxes - np.array([left, top] * 2)
+    cut = np.clip(moved, 0, side_px)
     areas = [np.maximum((b[:, 2:] - b[:, :2]).prod(axis=1), 1e-9) for b in (cut, moved)]
     keep = (areas[0] / areas[1] >= VISIBLE_MIN) & (
         (cut[:, 2:] - cut[:, :2]).max(axis=1, initial=0) >= MIN_BOX_PX
@@ -292,13 +334,14 @@ def _scale_and_crop(
 def _turn(
     picture: U8, boxes: NDArray[np.float64], quarters: int, mirror: bool
 ) -> tuple[U8, NDArray[np.float64]]:
-    """Picture and boxes turned counter-clockwise by quarters, then mirrored left to right."""
+    """Square picture and boxes turned counter-clockwise by quarters, then mirrored left to right."""
+    side = picture.shape[0]
     x0, y0, x1, y1 = boxes.T
     for _ in range(quarters):
-        x0, y0, x1, y1 = y0, SIDE_PX - x1, y1, SIDE_PX - x0
+        x0, y0, x1, y1 = y0, side - x1, y1, side - x0
     picture = np.rot90(picture, quarters)
     if mirror:
-        picture, x0, x1 = picture[:, ::-1], SIDE_PX - x1, SIDE_PX - x0
+        picture, x0, x1 = picture[:, ::-1], side - x1, side - x0
     return picture, np.column_stack([x0, y0, x1, y1])
 
 
