@@ -1,0 +1,36 @@
+"""The command line: one thin command per job."""
+
+from __future__ import annotations
+
+import typer
+
+from skysweep.cli import benchmark, detectors, missions, planning, scenarios
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Plan, simulate, compare and fly UAV search-and-rescue missions.",
+)
+
+
+@app.callback()
+def main() -> None:
+    """Plan, simulate, compare and fly UAV search-and-rescue missions."""
+
+
+app.command()(missions.run)
+app.command()(planning.plan)
+app.add_typer(scenarios.app, name="scenarios")
+
+compare = typer.Typer(no_args_is_help=True, help="Compare strategies.")
+compare.command("paper")(missions.compare_paper_command)
+app.add_typer(compare, name="compare")
+
+app.command()(detectors.dataset)
+app.command()(detectors.train)
+detect = typer.Typer(no_args_is_help=True, help="Evaluate detectors.")
+detect.command("evaluate")(detectors.detect_evaluate)
+app.add_typer(detect, name="detect")
+app.command()(detectors.calibrate)
+app.command()(benchmark.bench)

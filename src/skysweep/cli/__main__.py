@@ -1,0 +1,3 @@
+from skysweep.cli import app
+
+app()

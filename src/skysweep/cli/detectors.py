@@ -1,0 +1,147 @@
+"""Render data sets, train and evaluate detectors, fit the statistical sensor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.progress import TaskID
+
+from skysweep.cli.common import SeedOption, bar, console, friendly
+
+
+@friendly
+def dataset(
+    out: Annotated[Path, typer.Argument(help="A new folder.")],
+    images: Annotated[int, typer.Option(min=1, help="How many pictures.")] = 6000,
+    seed: SeedOption = 0,
+    split: Annotated[Literal["train", "held-out"], typer.Option(help="Which assets to show.")] = "train",
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+) -> None:
+    """Render labelled pictures (COCO and YOLO labels) to train or evaluate detectors.
+
+    Examples:
+
+        skysweep dataset training --images 6000
+
+        skysweep dataset held-out --split held-out --images 1000 --seed 1
+    """
+    from skysweep.training.dataset import render_dataset
+
+    with bar() as progress:
+        task = progress.add_task("rendering", total=images)
+        render_dataset(
+            out,
+            images,
+            seed=seed,
+            split=split,
+            workers=workers,
+            progress=lambda done, _total: progress.update(task, completed=done),
+        )
+    console.print(f"data set: {out}", soft_wrap=True)
+
+
+@friendly
+def train(
+    dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
+    out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("detector.onnx"),
+    minutes: Annotated[float, typer.Option(min=0.01, help="How long to train.")] = 20.0,
+    init: Annotated[
+        str | None, typer.Option(help="Fine-tune this model: 'skysweep' or an ONNX file of this command.")
+    ] = None,
+    seed: SeedOption = 0,
+    threads: Annotated[int, typer.Option(min=1)] = 2,
+) -> None:
+    """Train a detector, or fine-tune ours on your pictures (extra: train).
+
+    Examples:
+
+        skysweep train training --minutes 20 --out detector.onnx
+
+        skysweep train my-labelled-flights --init skysweep --minutes 5
+    """
+    from skysweep.training.train import train_detector
+
+    with bar() as progress:
+        task = progress.add_task("training", total=1000)
+
+        def show(now: Any) -> None:
+            progress.update(task, completed=int(1000 * now.share), description=f"loss {now.loss:.2f}")
+
+        train_detector(dataset, out, minutes=minutes, init=init, seed=seed, threads=threads, progress=show)
+    console.print(f"model: {out}; use it with detector.model in a scenario", soft_wrap=True)
+
+
+@friendly
+def detect_evaluate(
+    dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
+    model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    stock: Annotated[
+        bool, typer.Option("--stock", help="Beside it, fetch and evaluate the COCO-trained YOLOv3-tiny.")
+    ] = False,
+    confidence: Annotated[float, typer.Option(min=0.01, max=0.99, help="Drops detections below.")] = 0.25,
+    tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
+) -> None:
+    """Recall, precision and false positives by pixels on target and altitude.
+
+    Examples:
+
+        skysweep detect evaluate held-out --stock
+
+        skysweep detect evaluate my-labelled-flights --model detector.onnx
+    """
+    from skysweep.sensing.detector import YoloDetector
+    from skysweep.training.evaluate import evaluate, tables
+    from skysweep.training.labelled import read_dataset
+
+    data = read_dataset(dataset)
+    models: dict[str, Path | str] = {model: model}
+    if stock:
+        from skysweep.training.stock import stock_model_path
+
+        models["YOLOv3-tiny (COCO)"] = stock_model_path()
+    evaluations = {}
+    with bar() as progress:
+        for name, path in models.items():
+            detector = YoloDetector(path, confidence_min=confidence, tiles=tiles, threads=2)
+            task = progress.add_task(name, total=len(data.images))
+
+            def show(done: int, _total: int, task: TaskID = task) -> None:
+                progress.update(task, completed=done)
+
+            evaluations[name] = evaluate(detector, data, confidence_min=confidence, progress=show)
+    for table in tables(evaluations):
+        console.print(table)
+
+
+@friendly
+def calibrate(
+    detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    camera_of: Annotated[str, typer.Option(help="Scenario whose camera to fit.")] = "clusters",
+    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 3000,
+    seed: SeedOption = 0,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    out: Annotated[Path, typer.Option(help="YAML file to write.")] = Path("sensor.yaml"),
+) -> None:
+    """Fit the statistical sensor to renders and a real detector.
+
+    Example:
+
+        skysweep calibrate --pictures 3000 --out sensor.yaml
+    """
+    from skysweep.experiments.calibrate import calibrate as fit
+    from skysweep.scenarios.files import load_scenario
+
+    with bar() as progress:
+        task = progress.add_task("looking", total=pictures)
+        fit(
+            detector,
+            load_scenario(camera_of).camera,
+            out,
+            pictures,
+            seed,
+            workers,
+            lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    console.print(f"sensor model: {out}", soft_wrap=True)

@@ -1,0 +1,166 @@
+"""Fly one mission, or the paper's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from skysweep.cli.common import (
+    ScenarioArg,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    changes_of,
+    console,
+    errors,
+    friendly,
+    number_or_inf,
+)
+
+
+@friendly
+def run(
+    scenario: ScenarioArg,
+    strategy: Annotated[str | None, typer.Option(help="scan-check, scan-only, low-only, ...")] = None,
+    n_c: Annotated[
+        float | None, typer.Option("--n-c", parser=number_or_inf, help="Check after this many; inf = never.")
+    ] = None,
+    d_c: Annotated[
+        float | None,
+        typer.Option("--d-c", parser=number_or_inf, help="Check this far (m) after the last one; or inf."),
+    ] = None,
+    c_t: Annotated[float | None, typer.Option("--c-t", help="Confidence that confirms.")] = None,
+    h_s: Annotated[float | None, typer.Option("--h-s", help="Scan altitude, m above ground.")] = None,
+    h_c: Annotated[float | None, typer.Option("--h-c", help="Check altitude, m above ground.")] = None,
+    change: SetOption = None,
+    seed: SeedOption = 0,
+    sensor: SensorOption = "imaging",
+    renderer: Annotated[
+        Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
+    ] = "auto",
+    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
+) -> None:
+    """Fly one mission and write its run folder with report.html.
+
+    Examples:
+
+        skysweep run clusters
+
+        skysweep run person-wilderness --n-c 3 --d-c 60 --seed 7 --out my-run
+
+        skysweep run my-scenario.yaml --strategy low-only --sensor statistical
+    """
+    from skysweep.experiments.single import fly_to_folder
+    from skysweep.scenarios.advice import warnings_for
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    named = {
+        "search.strategy": strategy,
+        "search.n_c": n_c,
+        "search.d_c_m": d_c,
+        "search.c_t": c_t,
+        "search.scan_altitude_agl_m": h_s,
+        "search.check_altitude_agl_m": h_c,
+    }
+    given = {field: value for field, value in named.items() if value is not None}
+    chosen = change_scenario(load_scenario(scenario), changes_of(change) | given)
+    for warning in warnings_for(chosen):
+        errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+    folder = out or _free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
+    with Progress(
+        TextColumn("{task.description}"),
+        TextColumn("{task.fields[doing]}"),
+        TimeElapsedColumn(),
+        console=errors,
+    ) as progress:
+        task = progress.add_task(chosen.name, doing="preparing", total=None)
+
+        def watch(state: Any, mode: str, _new: Any) -> None:
+            progress.update(
+                task,
+                doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+                f"battery {state.battery_remaining:4.0%}",
+            )
+
+        summary = fly_to_folder(chosen, seed, folder, sensor, renderer, watch=watch)
+    _print_summary(summary)
+    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+
+
+def _free_folder(parent: Path, name: str) -> Path:
+    candidates = [parent / name] + [parent / f"{name}-{k}" for k in range(2, 10_000)]
+    return next(c for c in candidates if not c.exists())
+
+
+def _print_summary(summary: dict[str, Any]) -> None:
+    table = Table(show_header=False, box=None)
+    for key in (
+        "mission_time_s",
+        "scan_only_time_s",
+        "n_targets",
+        "n_confirmed",
+        "recall",
+        "false_scans",
+        "false_positives",
+        "path_length_m",
+        "energy_wh",
+        "real_time_factor",
+    ):
+        table.add_row(key, str(summary[key]))
+    console.print(table)
+
+
+@friendly
+def compare_paper_command(
+    seeds: Annotated[int, typer.Option(min=1, help="Missions for each of the 8 rows.")] = 5,
+    sensor: SensorOption = "imaging",
+    out: Annotated[Path, typer.Option(help="Folder for compare.json, figures, report and runs.")] = Path(
+        "paper-run"
+    ),
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    change: SetOption = None,
+) -> None:
+    """Fly the 8 rows of the paper's Tables 1-3 and print them beside the paper's numbers.
+
+    An interrupted comparison goes on where it was when the same command is given again.
+
+    Examples:
+
+        skysweep compare paper --seeds 1
+
+        skysweep compare paper --sensor statistical --seeds 100 --out paper-100
+
+        skysweep compare paper --sensor statistical --seeds 30 --set camera.gimbal.lag_s=0.06 --out lag-60
+    """
+    from skysweep.experiments.compare import PaperJob, compare_paper
+    from skysweep.results.compare_report import write_compare_report
+    from skysweep.results.tables import PAPER, print_tables
+
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        console=errors,
+    ) as progress:
+        task = progress.add_task("missions", total=seeds * len(PAPER))
+
+        def on_done(job: PaperJob, summary: dict[str, Any]) -> None:
+            progress.advance(task)
+            if job.folder is not None:
+                progress.console.print(
+                    f"{job.scenario} n_c={job.n_c:g} seed {job.seed}: {summary['mission_time_s']:.0f} s, "
+                    f"recall {summary['recall']:.2f}, picture {job.folder / 'map.png'}",
+                    soft_wrap=True,
+                    highlight=False,
+                )
+
+        summaries = compare_paper(seeds, sensor, out, workers, changes_of(change), on_done)
+    rows = write_compare_report(out, summaries)
+    print_tables(console, rows, summaries)
+    console.print(f"report: {out / 'report.html'}", soft_wrap=True)

@@ -1,0 +1,69 @@
+"""Plan the coverage of an area."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from skysweep.cli.common import console, errors, friendly
+
+
+@friendly
+def plan(
+    source: Annotated[
+        str,
+        typer.Argument(help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan)."),
+    ],
+    altitude: Annotated[float | None, typer.Option(help="Scan altitude, m above ground.")] = None,
+    sidelap: Annotated[float | None, typer.Option(help="Share of the swath that neighbours share.")] = None,
+    heading: Annotated[float | None, typer.Option(help="Compass heading of the transects.")] = None,
+    hfov: Annotated[float | None, typer.Option(help="Horizontal field of view of the camera, rad.")] = None,
+    speed: Annotated[float | None, typer.Option(help="Scan speed, m/s.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for the .plan file and the picture.")] = Path("plan"),
+) -> None:
+    """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
+
+    Examples:
+
+        skysweep plan clusters
+
+        skysweep plan my-area.kml --altitude 40 --sidelap 0.3 --out saturday
+    """
+    from skysweep.planning.area_files import SUFFIXES, scenario_from_area
+    from skysweep.planning.flight_plan import plan_scenario
+    from skysweep.planning.picture import draw_plan
+    from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.scenarios.advice import warnings_for
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    is_area = Path(source).suffix.lower() in SUFFIXES
+    chosen = change_scenario(
+        scenario_from_area(source) if is_area else load_scenario(source),
+        {
+            "search.scan_altitude_agl_m": altitude,
+            "search.sidelap": sidelap,
+            "search.transect_heading_deg": heading,
+            "search.scan_speed_mps": speed,
+            "camera.hfov_rad": hfov,
+        },
+    )
+    for warning in [] if is_area else warnings_for(chosen):
+        errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+    coverage, estimate = plan_scenario(chosen)
+    out.mkdir(parents=True, exist_ok=True)
+    picture = draw_plan(out / f"{chosen.name}.png", chosen, coverage, estimate)
+    file = write_plan(out / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
+    table = Table(show_header=False, box=None)
+    table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
+    table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
+    table.add_row("path length", f"{estimate.path_length_m:.0f} m")
+    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
+    table.add_row("batteries", f"{estimate.batteries} ({estimate.energy_wh:.0f} Wh)")
+    table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
+    table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
+    console.print(table)
+    console.print(f"plan: {file}\npicture: {picture}", soft_wrap=True, highlight=False)
