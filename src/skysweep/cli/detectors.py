@@ -50,8 +50,12 @@ def train(
     init: Annotated[
         str | None, typer.Option(help="Fine-tune this model: 'skysweep' or an ONNX file of this command.")
     ] = None,
+    learning_rate: Annotated[
+        float | None,
+        typer.Option(min=1e-6, max=0.1, help="Its peak. Default: 0.002, to fine-tune 0.0005."),
+    ] = None,
     seed: SeedOption = 0,
-    threads: Annotated[int, typer.Option(min=1)] = 2,
+    threads: Annotated[int, typer.Option(min=1, help="CPU cores to train on.")] = 2,
 ) -> None:
     """Train a detector, or fine-tune ours on your pictures (extra: train).
 
@@ -69,7 +73,16 @@ def train(
         def show(now: Any) -> None:
             progress.update(task, completed=int(1000 * now.share), description=f"loss {now.loss:.2f}")
 
-        train_detector(dataset, out, minutes=minutes, init=init, seed=seed, threads=threads, progress=show)
+        train_detector(
+            dataset,
+            out,
+            minutes=minutes,
+            init=init,
+            learning_rate=learning_rate,
+            seed=seed,
+            threads=threads,
+            progress=show,
+        )
     console.print(f"model: {out}; use it with detector.model in a scenario", soft_wrap=True)
 
 

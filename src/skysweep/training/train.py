@@ -60,6 +60,7 @@ def train_detector(
     *,
     minutes: float = 15.0,
     init: Path | str | None = None,
+    learning_rate: float | None = None,
     seed: int = 0,
     threads: int = 2,
     progress: Callable[[Progress], None] = lambda progress: None,
@@ -72,6 +73,7 @@ def train_detector(
         minutes: how long to train; the learning rate falls to nothing at the end of it.
         init: a model that this function wrote before, or "skysweep" for the shipped one, to fine-tune;
             its class head is kept for classes that it has by name. None starts from nothing.
+        learning_rate: at its peak; by default ``PEAK_LEARNING_RATE``, and a quarter of it to fine-tune.
         seed: of initial weights, sampling and augmentation. How many steps fit into the time depends on the
             machine, so two runs differ all the same.
         threads: copies of the network that work side by side, one CPU core each.
@@ -94,13 +96,13 @@ def train_detector(
     network.head.initialize_biases(1e-2)
     if init is not None:
         _load_weights(network, own_model_path() if str(init) == OWN_MODEL else Path(init), data.class_names)
-    peak = PEAK_LEARNING_RATE * (FINE_TUNING_SHARE if init is not None else 1.0)
+    peak = learning_rate or PEAK_LEARNING_RATE * (FINE_TUNING_SHARE if init is not None else 1.0)
     average, steps = _optimise(network, data, rng, peak, minutes * 60, threads, progress)
     network.load_state_dict(average)
     out.parent.mkdir(parents=True, exist_ok=True)
-    command = f"skysweep train DATASET --minutes {minutes:g} --seed {seed}" + (
-        f" --init {init}" if init else ""
-    )
+    command = f"skysweep train DATASET --minutes {minutes:g} --seed {seed} --learning-rate {peak:g}"
+    if init is not None:
+        command += f" --init {Path(init).name}"
     metadata = {
         "names": json.dumps(dict(enumerate(data.class_names))),
         "layout": "YOLOX",
