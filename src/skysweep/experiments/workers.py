@@ -6,28 +6,38 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from itertools import islice
 from typing import TypeVar
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
+_WINDOW = 8  # jobs handed out for each worker: enough that none waits while a result is written down
+
 
 def run_jobs(
-    work: Callable[[Job], Result], jobs: Sequence[Job], workers: int | None = None
+    work: Callable[[Job], Result], jobs: Iterable[Job], workers: int | None = None
 ) -> Iterator[tuple[Job, Result]]:
     """Yield (job, result) as they finish, from ``workers`` fresh processes (default: one a core).
 
-    Every process computes on one thread, so that processes do not fight over cores.
+    ``jobs`` is read as they are needed and only a few are held at a time, so it may be endless. Every process
+    computes on one thread, so that processes do not fight over cores. An exception in ``work`` ends it all.
     """
-    workers = min(workers or os.cpu_count() or 1, len(jobs))
+    workers = workers or os.cpu_count() or 1
     context = multiprocessing.get_context("spawn")
+    waiting = iter(jobs)
+    running: dict[Future[Result], Job] = {}
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker) as pool:
-        futures = {pool.submit(work, job): job for job in jobs}
         try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
+            while True:
+                for job in islice(waiting, workers * _WINDOW - len(running)):
+                    running[pool.submit(work, job)] = job
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for worker in multiprocessing.active_children():
