@@ -6,9 +6,9 @@ and why in a user's words.
 
 Sources: Efron, Better bootstrap confidence intervals, JASA 82 (1987) 171-185 (BCa); Wilcoxon, Individual
 comparisons by ranking methods, Biometrics Bulletin 1 (1945) 80-83; Kerby, The simple difference formula,
-Comprehensive Psychology 3 (2014) (matched-pairs rank-biserial correlation); Cohen, Statistical power analysis,
-2nd ed. (1988), p. 48 (d_z); Holm, A simple sequentially rejective multiple test procedure, Scand. J. Statist. 6
-(1979) 65-70.
+Comprehensive Psychology 3 (2014) (matched-pairs rank-biserial correlation); Cohen, Statistical power
+analysis, 2nd ed. (1988), p. 48 (d_z); Holm, A simple sequentially rejective multiple test procedure, Scand.
+J. Statist. 6 (1979) 65-70.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class PairedTest:
     """Differences a - b over common seeds.
 
     ``p`` is Wilcoxon's, two-sided, zero differences left out (1 where all are zero). ``rank_biserial`` is
-    +1 where a is larger in every pair, -1 where b is. ``cohens_dz`` is the mean over the standard deviation of
-    the differences, NaN where they do not vary.
+    +1 where a is larger in every pair, -1 where b is. ``cohens_dz`` is the mean over the standard deviation
+    of the differences, NaN where they do not vary.
     """
 
     n_pairs: int
@@ -83,23 +83,25 @@ def bca_intervals(values: F64, resamples: int = RESAMPLES) -> tuple[F64, F64]:
     mean = values.mean(axis=0)
     deviations = values - mean
     deviations[np.abs(deviations) < 1e-12 * np.abs(values).max(axis=0, initial=0.0)] = 0.0
+    scale = np.abs(deviations).max(axis=0)
+    deviations /= np.where(scale > 0, scale, 1.0)
     counts = resample_counts(n, resamples)
     bounds = np.empty((2, columns))
     for start in range(0, columns, _BLOCK):
         block = slice(start, start + _BLOCK)
         bounds[:, block] = _bca_block(deviations[:, block], counts)
-    return mean + bounds[0], mean + bounds[1]
+    return mean + scale * bounds[0], mean + scale * bounds[1]
 
 
 def _bca_block(deviations: F64, counts: F64) -> F64:
-    """Bounds (2, K) of the mean of deviations (n, K) whose mean is zero."""
+    """Bounds (2, K) of the mean of deviations (n, K), each within -1..1 and zero on average."""
     n = len(deviations)
     squares = (deviations**2).sum(axis=0)
     varies = squares > 0
     acceleration = np.zeros_like(squares)
     acceleration[varies] = (deviations[:, varies] ** 3).sum(axis=0) / (6 * squares[varies] ** 1.5)
     means = np.sort(counts @ deviations / n, axis=0)
-    tolerance = 1e-9 * np.sqrt(squares / n)
+    tolerance = 1e-9
     below = (means < -tolerance).mean(axis=0)
     level = (np.abs(means) <= tolerance).mean(axis=0)
     half = 0.5 / len(counts)
@@ -133,7 +135,7 @@ def estimate(values: F64) -> Estimate:
 
 
 def pointwise_band(curves: F64) -> tuple[F64, F64]:
-    """Pointwise 95 % percentile bootstrap band of the mean of curves (n, T): (T,) and (T,); n < 2 gives NaN."""
+    """Pointwise 95 % percentile bootstrap band of the mean of curves (n, T): (T,) and (T,); NaN for n < 2."""
     n, length = curves.shape
     if n < 2:
         return np.full(length, np.nan), np.full(length, np.nan)
@@ -232,8 +234,8 @@ def pareto_front(costs: F64) -> NDArray[np.bool_]:
     with NaN is neither on the front nor dominates.
     """
     costs = np.asarray(costs, dtype=float)
-    known = np.isfinite(costs).all(axis=1)
-    front = known.copy()
+    known = np.flatnonzero(np.isfinite(costs).all(axis=1))
+    front = np.zeros(len(costs), dtype=bool)
     front[known] = ~_dominated(costs[known][None])[0]
     return front
 
@@ -265,4 +267,4 @@ def _dominated(costs: F64) -> NDArray[np.bool_]:
         a, b = costs[:, :, None, objective], costs[:, None, :, objective]
         no_worse &= a <= b
         better |= a < b
-    return (no_worse & better).any(axis=1)
+    return np.asarray((no_worse & better).any(axis=1))
