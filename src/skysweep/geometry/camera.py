@@ -70,9 +70,7 @@ def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64,
 def rays_enu(lens: Lens, pose: CameraPose, pixels: ArrayLike) -> F64:
     """Unit ray directions (N, 3) in ENU through pixels (N, 2)."""
     uv = np.atleast_2d(np.asarray(pixels, dtype=float))
-    f = lens.focal_px
-    d = np.column_stack(
-        [(uv[:, 0] - lens.width_px / 2) / f, (uv[:, 1] - lens.height_px / 2) / f, np.ones(len(uv))]
-    )
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    d = np.ones((len(uv), 3))
+    d[:, :2] = (uv - (lens.width_px / 2, lens.height_px / 2)) / lens.focal_px
+    d /= np.sqrt((d * d).sum(axis=1, keepdims=True))
     return d @ pose.R_camera_to_enu.T

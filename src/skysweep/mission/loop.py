@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -138,16 +139,14 @@ class _Flight:
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: the height above the highest of the ground here and soon."""
-        here = state.position_enu_m[:2]
-        target = np.array(waypoint.xy_enu_m)
-        gap = target - here
-        distance = float(np.hypot(gap[0], gap[1]))
-        soon = here + gap * min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
-        ground = float(self._m.ground_height_m(np.array([here, soon])).max())
+        x, y, _ = state.position_enu_m.tolist()
+        to_x, to_y = waypoint.xy_enu_m
+        distance = math.hypot(to_x - x, to_y - y)
+        share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
+        here_and_soon = np.array([[x, y], [x + (to_x - x) * share, y + (to_y - y) * share]])
+        ground = max(self._m.ground_height_m(here_and_soon).tolist())
         return Setpoint(
-            np.array([target[0], target[1], ground + waypoint.altitude_agl_m]),
-            waypoint.speed_mps,
-            self._m.yaw_rad,
+            np.array([to_x, to_y, ground + waypoint.altitude_agl_m]), waypoint.speed_mps, self._m.yaw_rad
         )
 
     def _return(self, altitude_agl_m: float) -> None:

@@ -6,11 +6,12 @@ This is the truth. Only simulated sensors and results may look at it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
 
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Forest, Generator, Light, Scenario
 
@@ -63,20 +64,38 @@ class TerrainSurface:
     bounds_enu_m: tuple[float, float, float, float]  # west, south, east, north
     surface: str
 
-    @property
+    @cached_property
     def is_flat(self) -> bool:
         return bool(np.ptp(self.heights_m) == 0.0)
 
     def height_m(self, xy_enu_m: ArrayLike) -> F64:
         """Ground height (N,) in metres ENU at points (N, 2)."""
-        xy = np.atleast_2d(np.asarray(xy_enu_m, dtype=float))
+        xy = np.asarray(xy_enu_m, dtype=float)
+        if xy.ndim == 1:
+            xy = xy[None]
         if self.is_flat:
             return np.full(len(xy), self.heights_m[0, 0])
-        west, south, east, north = self.bounds_enu_m
-        rows, columns = self.heights_m.shape
-        r = (xy[:, 1] - south) / (north - south) * (rows - 1)
-        c = (xy[:, 0] - west) / (east - west) * (columns - 1)
-        return map_coordinates(self.heights_m, [r, c], order=1, mode="nearest")
+        return _bilinear(self.heights_m, self.bounds_enu_m, xy)
+
+
+@njit(cache=True)
+def _bilinear(heights: F64, bounds: tuple[float, float, float, float], xy: F64) -> F64:
+    west, south, east, north = bounds
+    rows, columns = heights.shape
+    out = np.empty(len(xy))
+    for k in range(len(xy)):
+        r = min(max((xy[k, 1] - south) / (north - south) * (rows - 1), 0.0), rows - 1.0)
+        c = min(max((xy[k, 0] - west) / (east - west) * (columns - 1), 0.0), columns - 1.0)
+        i, j = min(int(r), rows - 2), min(int(c), columns - 2)
+        south_share, west_share = 1.0 - (r - i), 1.0 - (c - j)
+        north_share, east_share = 1.0 - south_share, 1.0 - west_share
+        out[k] = (
+            heights[i, j] * south_share * west_share
+            + heights[i, j + 1] * south_share * east_share
+            + heights[i + 1, j] * north_share * west_share
+            + heights[i + 1, j + 1] * north_share * east_share
+        )
+    return out
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
@@ -14,6 +15,7 @@ GroundHeight = Callable[[F64], F64]
 
 _MAX_RANGE_M = 2000.0
 _REFINEMENTS = 25
+_LEVEL_M = 1e-9  # ground that differs by less is level
 
 
 def pixels_to_ground(lens: Lens, pose: CameraPose, pixels: ArrayLike, ground_height_m: GroundHeight) -> F64:
@@ -22,17 +24,29 @@ def pixels_to_ground(lens: Lens, pose: CameraPose, pixels: ArrayLike, ground_hei
     Rows are NaN for rays that miss the ground within 2 km. March along the ray until it is below the
     terrain, then bisect; exact (one division) on flat ground.
     """
-    directions = rays_enu(lens, pose, pixels)
     origin = np.asarray(pose.position_enu_m, dtype=float)
-    ground = ground_height_m(origin[None, :2])[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = np.where(directions[:, 2] < -1e-6, (ground - origin[2]) / directions[:, 2], np.nan)
-    flat = origin + directions * distance[:, None]
-    reachable = np.isfinite(distance) & (distance > 0) & (distance < _MAX_RANGE_M)
-    flat[~reachable] = np.nan
-    if reachable.all() and np.abs(ground_height_m(flat[:, :2]) - ground).max(initial=0.0) < 1e-9:
+    ground = float(ground_height_m(origin[None, :2])[0])
+    directions = rays_enu(lens, pose, pixels)
+    flat, all_meet = _meet_level(directions, origin, ground)
+    if all_meet and all(abs(h - ground) < _LEVEL_M for h in ground_height_m(flat[:, :2]).tolist()):
         return flat
     return np.array([_march(origin, d, ground_height_m) for d in directions]).reshape(-1, 3)
+
+
+@njit(cache=True)
+def _meet_level(directions: F64, origin: F64, ground: float) -> tuple[F64, bool]:
+    """Where rays (N, 3) meet a level ground (N, 3), NaN for those that do not, and whether all do."""
+    points = np.full(directions.shape, np.nan)
+    all_meet = True
+    for k in range(len(directions)):
+        drop = directions[k, 2]
+        distance = (ground - origin[2]) / drop if drop < -1e-6 else np.inf
+        if 0.0 < distance < _MAX_RANGE_M:
+            for i in range(3):
+                points[k, i] = origin[i] + directions[k, i] * distance
+        else:
+            all_meet = False
+    return points, all_meet
 
 
 def _march(origin: F64, direction: F64, ground_height_m: GroundHeight) -> F64:

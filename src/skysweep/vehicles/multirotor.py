@@ -6,6 +6,7 @@ are for the simulated sensors and for the results only. Model, equations and cal
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -108,7 +109,7 @@ class Multirotor:
         x = self._x
         if x[d.MODE] == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
-        if not np.isfinite(setpoint.position_enu_m).all():
+        if not all(map(math.isfinite, setpoint.position_enu_m)):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         feed_forward = setpoint.velocity_enu_mps
         self._set_mode(d.OFFBOARD)
@@ -121,13 +122,15 @@ class Multirotor:
         """Lets time pass, in steps of 4 ms; the rest of a step is kept for the next call."""
         x = self._x
         self._time_s += duration_s
-        left = round(self._time_s / d.STEP_S) - int(x[d.STEPS])
+        flown = int(x[d.STEPS])
+        left = round(self._time_s / d.STEP_S) - flown
         while left > 0:
             near_ground = x[d.MODE] != d.OFFBOARD
-            if near_ground or x[d.STEPS] - self._ground_at_step >= _GROUND_EVERY_STEPS:
+            if near_ground or flown - self._ground_at_step >= _GROUND_EVERY_STEPS:
                 self._look_at_ground()
             steps = min(left, _GROUND_EVERY_STEPS)
             d.fly(x, self._rng, self._q, steps)
+            flown += steps
             left -= steps
 
     def takeoff(self, altitude_agl_m: float) -> None:
