@@ -8,24 +8,27 @@ the targets' locations whenever the vehicle changes flight direction") and what 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import chi2
 
 from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
 
 F64 = NDArray[np.float64]
 
+_FAR = 1e6  # cost of what is no match
+
 
 @dataclass(frozen=True, slots=True)
 class TrackerModel:
     """Standard deviations of the measurement and the gate."""
 
-    angle_std_rad: float = np.radians(1.5)
+    angle_std_rad: float = math.radians(1.5)
     position_std_m: float = 0.5
     common_std_m: float = 0.4  # error shared by all sightings: averaging does not remove it
     gate_probability: float = 0.99
@@ -37,7 +40,7 @@ class GroundTracker:
     def __init__(self, ground_height_m: GroundHeight, model: TrackerModel | None = None) -> None:
         self._ground_height_m = ground_height_m
         self._model = model or TrackerModel()
-        self._gate = float(chi2.ppf(self._model.gate_probability, df=2))
+        self._gate = -2.0 * math.log1p(-self._model.gate_probability)  # of chi-square, 2 degrees of freedom
         self._candidates: dict[int, Candidate] = {}
 
     def candidates(self) -> dict[int, Candidate]:
@@ -51,61 +54,43 @@ class GroundTracker:
         boxes = detections.boxes_xyxy_px
         centres = (boxes[:, :2] + boxes[:, 2:]) / 2
         points = pixels_to_ground(detections.lens, detections.camera, centres, self._ground_height_m)
-        hit = np.isfinite(points[:, 0])
-        indices = np.flatnonzero(hit)
-        covariances = {int(i): self._measurement_covariance(detections, points[i]) for i in indices}
-        assigned = self._assign(detections, points, covariances)
-        return tuple(
-            self._absorb(detections, int(i), points[i], covariances[int(i)], assigned.get(int(i)))
-            for i in indices
+        hits = [i for i, x in enumerate(points[:, 0].tolist()) if math.isfinite(x)]
+        covariances = _measurement_covariances(
+            points, detections.camera.position_enu_m, self._model.angle_std_rad, self._model.position_std_m
         )
+        assigned = self._assign(detections.class_names, hits, points, covariances)
+        return tuple(self._absorb(detections, i, points[i], covariances[i], assigned.get(i)) for i in hits)
 
-    def _measurement_covariance(self, detections: Detections, point: F64) -> F64:
-        """(2, 2): the angular error spread over the ground, stretched where the ray is oblique."""
-        ray = point - detections.camera.position_enu_m
-        distance = float(np.linalg.norm(ray))
-        sine = max(abs(ray[2]) / distance, 0.1)
-        across = (self._model.angle_std_rad * distance) ** 2
-        horizontal = float(np.hypot(ray[0], ray[1]))
-        radial = ray[:2] / horizontal if horizontal > 1e-6 else np.array([1.0, 0.0])
-        spread = across * (np.eye(2) + (1 / sine**2 - 1) * np.outer(radial, radial))
-        return np.asarray(spread + self._model.position_std_m**2 * np.eye(2))
-
-    def _assign(self, detections: Detections, points: F64, covariances: dict[int, F64]) -> dict[int, int]:
+    def _assign(
+        self, class_names: tuple[str, ...], hits: list[int], points: F64, covariances: F64
+    ) -> dict[int, int]:
         """Detection index -> candidate id: the cheapest one-to-one assignment inside the gates."""
-        ids = list(self._candidates)
-        rows = list(covariances)
-        if not ids or not rows:
+        candidates = list(self._candidates.values())
+        if not candidates or not hits:
             return {}
-        far = 1e6
-        cost = np.full((len(rows), len(ids)), far)
-        positions = np.array([self._candidates[k].position_enu_m[:2] for k in ids])
-        for r, i in enumerate(rows):
-            gaps = positions - points[i, :2]
-            reach = 4.0 * np.sqrt(covariances[i].trace()) + 10.0
-            for c in np.flatnonzero((np.abs(gaps) < reach).all(axis=1)):
-                candidate = self._candidates[ids[c]]
-                if candidate.class_name != detections.class_names[i]:
-                    continue
-                total = candidate.covariance_m2 + covariances[i]
-                squared = float(gaps[c] @ np.linalg.solve(total, gaps[c]))
-                if squared <= self._gate:
-                    cost[r, c] = squared
+        cost = _gated_distances(
+            points[hits],
+            covariances[hits],
+            np.array([c.position_enu_m for c in candidates]),
+            np.array([c.covariance_m2 for c in candidates]),
+            np.array([[c.class_name == class_names[i] for c in candidates] for i in hits]),
+            self._gate,
+        )
         pairs = zip(*linear_sum_assignment(cost), strict=True)
-        return {rows[r]: ids[c] for r, c in pairs if cost[r, c] < far}
+        return {hits[r]: candidates[c].id for r, c in pairs if cost[r, c] < _FAR}
 
     def _absorb(
         self, detections: Detections, i: int, point: F64, covariance: F64, candidate_id: int | None
     ) -> Sighting:
         confidence = float(detections.confidences[i])
-        common = self._model.common_std_m**2 * np.eye(2)
+        common_m2 = self._model.common_std_m**2
         if candidate_id is None:
             candidate_id = len(self._candidates) + 1
             self._candidates[candidate_id] = Candidate(
                 candidate_id,
                 detections.class_names[i],
                 point,
-                covariance + common,
+                covariance + common_m2 * np.eye(2),
                 detections.time_s,
                 detections.time_s,
                 (confidence,),
@@ -113,17 +98,78 @@ class GroundTracker:
             is_new = True
         else:
             old = self._candidates[candidate_id]
-            prior = old.covariance_m2 - common
-            gain = prior @ np.linalg.inv(prior + covariance)
-            xy = old.position_enu_m[:2] + gain @ (point[:2] - old.position_enu_m[:2])
-            posterior = (np.eye(2) - gain) @ prior
-            self._candidates[candidate_id] = replace(
-                old,
-                position_enu_m=np.array([xy[0], xy[1], self._ground_height_m(xy[None])[0]]),
-                covariance_m2=(posterior + posterior.T) / 2 + common,
-                last_seen_s=detections.time_s,
-                confidences=(*old.confidences, confidence),
+            position, posterior = _merged(old.position_enu_m, old.covariance_m2, point, covariance, common_m2)
+            position[2] = self._ground_height_m(position[None, :2])[0]
+            self._candidates[candidate_id] = Candidate(
+                candidate_id,
+                old.class_name,
+                position,
+                posterior,
+                old.first_seen_s,
+                detections.time_s,
+                (*old.confidences, confidence),
             )
             is_new = False
         altitude = float(detections.camera.position_enu_m[2] - point[2])
         return Sighting(candidate_id, is_new, detections.time_s, point, confidence, altitude)
+
+
+@njit(cache=True)
+def _measurement_covariances(points: F64, eye: F64, angle_std: float, position_std: float) -> F64:
+    """(N, 2, 2): the angular error spread over the ground, stretched where the ray is oblique."""
+    out = np.empty((len(points), 2, 2))
+    for k in range(len(points)):
+        x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
+        distance = math.sqrt(x * x + y * y + z * z)
+        sine = max(abs(z) / distance, 0.1)
+        across = (angle_std * distance) ** 2
+        horizontal = math.hypot(x, y)
+        if horizontal > 1e-6:
+            x, y = x / horizontal, y / horizontal
+        else:
+            x, y = 1.0, 0.0
+        stretch = across * (1.0 / sine**2 - 1.0)
+        steady = across + position_std**2
+        out[k, 0, 0], out[k, 1, 1] = steady + stretch * x * x, steady + stretch * y * y
+        out[k, 0, 1] = out[k, 1, 0] = stretch * x * y
+    return out
+
+
+@njit(cache=True)
+def _gated_distances(
+    points: F64, covariances: F64, positions: F64, spreads: F64, same_class: NDArray[np.bool_], gate: float
+) -> F64:
+    """Squared Mahalanobis distances (N, M) of sightings to candidates; ``_FAR`` outside the gate."""
+    cost = np.full(same_class.shape, _FAR)
+    for r in range(len(points)):
+        reach = 4.0 * math.sqrt(covariances[r, 0, 0] + covariances[r, 1, 1]) + 10.0
+        for c in range(len(positions)):
+            x, y = positions[c, 0] - points[r, 0], positions[c, 1] - points[r, 1]
+            if not same_class[r, c] or abs(x) >= reach or abs(y) >= reach:
+                continue
+            xx = spreads[c, 0, 0] + covariances[r, 0, 0]
+            xy = spreads[c, 0, 1] + covariances[r, 0, 1]
+            yy = spreads[c, 1, 1] + covariances[r, 1, 1]
+            squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+            if squared <= gate:
+                cost[r, c] = squared
+    return cost
+
+
+@njit(cache=True)
+def _merged(position: F64, spread: F64, point: F64, covariance: F64, common_m2: float) -> tuple[F64, F64]:
+    """Kalman update of a candidate by a sighting: position (3,) without its height, covariance (2, 2).
+
+    The error that all sightings share is left out of what they average, and put back after.
+    """
+    axx, axy, ayy = spread[0, 0] - common_m2, spread[0, 1], spread[1, 1] - common_m2
+    sxx, sxy, syy = axx + covariance[0, 0], axy + covariance[0, 1], ayy + covariance[1, 1]
+    determinant = sxx * syy - sxy * sxy
+    gxx, gxy = (axx * syy - axy * sxy) / determinant, (axy * sxx - axx * sxy) / determinant
+    gyx, gyy = (axy * syy - ayy * sxy) / determinant, (ayy * sxx - axy * sxy) / determinant
+    x, y = point[0] - position[0], point[1] - position[1]
+    posterior = np.empty((2, 2))
+    posterior[0, 0] = (1.0 - gxx) * axx - gxy * axy + common_m2
+    posterior[1, 1] = (1.0 - gyy) * ayy - gyx * axy + common_m2
+    posterior[0, 1] = posterior[1, 0] = ((1.0 - gxx) * axy - gxy * ayy + (1.0 - gyy) * axy - gyx * axx) / 2.0
+    return np.array([position[0] + gxx * x + gxy * y, position[1] + gyx * x + gyy * y, 0.0]), posterior
