@@ -36,6 +36,8 @@ ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(
     "altitude", colormaps["viridis"](np.linspace(0.0, 0.87, 256))
 )
 GREEN, ORANGE, VERMILLION, PURPLE, GREY = "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#808080"
+SERIES_COLOURS = ("#0072B2", VERMILLION, GREEN, PURPLE, ORANGE, "#56B4E9")
+SERIES_DASHES = ("-", "--", ":", "-.")
 
 _STYLE: Any = {
     "font.size": 8,
@@ -66,7 +68,7 @@ _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
 
 def run_map(run: Run, path: str | Path) -> Path:
     """Top view of one mission with its altitude profile below, as PNG, SVG or PDF (by suffix)."""
-    with _style():
+    with style():
         west, east, south, north = extent = _extent([run])
         height = min(max(0.78 * PAGE_IN * (north - south) / (east - west), 3.0), 8.0)
         figure = Figure(figsize=(PAGE_IN, height + 2.6), layout="constrained")
@@ -77,7 +79,7 @@ def run_map(run: Run, path: str | Path) -> Path:
         figure.colorbar(_mappable(norm), ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
         _profile(below, run, norm)
         figure.legend(handles=_legend([run]), loc="outside lower center", ncols=4, frameon=False)
-        return _save(figure, path)
+        return save_figure(figure, path)
 
 
 def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
@@ -92,7 +94,7 @@ def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
     scenarios = list(dict.fromkeys(run.scenario.name for run in runs))
     limits = sorted({run.scenario.search.n_c for run in runs})
     cells = {(run.scenario.name, run.scenario.search.n_c): run for run in reversed(runs)}
-    with _style():
+    with style():
         rows, columns = len(scenarios), len(limits)
         figure = Figure(figsize=(PAGE_IN, 2.2 * rows * 3 / max(columns, 2) + 0.7), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
@@ -109,7 +111,7 @@ def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
                 axis.label_outer(remove_inner_ticks=False)
         figure.colorbar(_mappable(norm), ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
         figure.legend(handles=_legend(runs), loc="outside lower center", ncols=4, frameon=False)
-        return [_save(figure, Path(path).with_suffix(suffix)) for suffix in (".png", ".svg", ".pdf")]
+        return [save_figure(figure, Path(path).with_suffix(suffix)) for suffix in (".png", ".svg", ".pdf")]
 
 
 def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
@@ -119,18 +121,17 @@ def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
         curves: label -> for each mission the steps (K, 2) of time s and fraction of targets confirmed.
         path: where to write; the suffix chooses PNG, SVG or PDF.
     """
-    colours = ["#0072B2", VERMILLION, GREEN, PURPLE, ORANGE, "#56B4E9"]
-    dashes = ["-", "--", ":", "-."]
     end = max((steps[-1][0] for missions in curves.values() for steps in missions), default=1.0)
     time_s = np.linspace(0.0, end, 400)
-    with _style():
+    with style():
         figure = Figure(figsize=(COLUMN_IN, 2.4), layout="constrained")
         axis = figure.subplots()
         for k, (label, missions) in enumerate(curves.items()):
             pos = np.array([step_values(np.asarray(steps, dtype=float), time_s) for steps in missions])
             mean = pos.mean(axis=0)
-            colour = colours[k % len(colours)]
-            axis.plot(time_s, mean, dashes[k % len(dashes)], color=colour, label=label, lw=1.4)
+            colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
+            dash = SERIES_DASHES[k % len(SERIES_DASHES)]
+            axis.plot(time_s, mean, dash, color=colour, label=label, lw=1.4)
             if len(pos) > 1:
                 half = t_quantile(len(pos)) * pos.std(axis=0, ddof=1) / math.sqrt(len(pos))
                 low, high = np.clip([mean - half, mean + half], 0, 1)
@@ -139,7 +140,7 @@ def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
         axis.set_xlim(0, end)
         axis.grid(lw=0.3, color="0.85")
         axis.legend(frameon=False)
-        return _save(figure, path)
+        return save_figure(figure, path)
 
 
 def step_values(steps: F64, time_s: F64) -> F64:
@@ -299,12 +300,14 @@ def _mission_time(run: Run) -> str:
 
 
 @contextmanager
-def _style() -> Iterator[None]:
+def style() -> Iterator[None]:
+    """The house's fonts and line widths, legible in print."""
     with rc_context(_STYLE):
         yield
 
 
-def _save(figure: Figure, path: str | Path) -> Path:
+def save_figure(figure: Figure, path: str | Path) -> Path:
+    """Write a figure, the same bytes every time, as PNG, SVG or PDF (by suffix)."""
     path = Path(path)
     stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
     figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)

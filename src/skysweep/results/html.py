@@ -27,10 +27,11 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An image as a data URI."""
+    """An image as a data URI; a wide one has a row of its own among others."""
 
     data_uri: str
     caption: str
+    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +47,10 @@ class Section:
     folded: bool = False
 
 
-def picture(path: Path, caption: str) -> Picture:
+def picture(path: Path, caption: str, wide: bool = False) -> Picture:
     """An image file as a picture inside the report."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return Picture(f"data:{_MIME[path.suffix]};base64,{data}", caption)
+    return Picture(f"data:{_MIME[path.suffix]};base64,{data}", caption, wide)
 
 
 def write_page(

@@ -14,8 +14,8 @@ J. Statist. 6 (1979) 65-70.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,11 +63,30 @@ class PairedTest:
     cohens_dz: float
 
 
-def resample_counts(n: int, resamples: int = RESAMPLES) -> NDArray[np.float64]:
+@lru_cache(maxsize=2)
+def resample_counts(n: int, resamples: int = RESAMPLES) -> NDArray[np.float32]:
     """How often each of ``n`` missions is drawn in every bootstrap sample: (resamples, n), rows sum to n."""
-    drawn = np.random.default_rng([SEED, n]).integers(0, n, (resamples, n))
-    drawn += n * np.arange(resamples)[:, None]
-    return np.bincount(drawn.ravel(), minlength=n * resamples).reshape(resamples, n).astype(float)
+    rng = np.random.default_rng([SEED, n])
+    counts = np.empty((resamples, n), dtype=np.float32)
+    for rows in _row_blocks(resamples, n):
+        size = len(counts[rows])
+        drawn = rng.integers(0, n, (size, n)) + n * np.arange(size)[:, None]
+        counts[rows] = np.bincount(drawn.ravel(), minlength=n * size).reshape(size, n)
+    counts.setflags(write=False)
+    return counts
+
+
+def resampled_means(values: F64, resamples: int = RESAMPLES) -> F64:
+    """Bootstrap means (resamples, K) of columns (n, K)."""
+    counts = resample_counts(len(values), resamples)
+    rows = _row_blocks(resamples, len(values))
+    return np.concatenate([counts[block].astype(float) @ values for block in rows]) / len(values)
+
+
+def _row_blocks(rows: int, columns: int) -> list[slice]:
+    """Slices of rows with at most two million cells each, which bounds the memory."""
+    size = max(1, 2_000_000 // columns)
+    return [slice(start, start + size) for start in range(0, rows, size)]
 
 
 def bca_intervals(values: F64, resamples: int = RESAMPLES) -> tuple[F64, F64]:
@@ -85,26 +104,24 @@ def bca_intervals(values: F64, resamples: int = RESAMPLES) -> tuple[F64, F64]:
     deviations[np.abs(deviations) < 1e-12 * np.abs(values).max(axis=0, initial=0.0)] = 0.0
     scale = np.abs(deviations).max(axis=0)
     deviations /= np.where(scale > 0, scale, 1.0)
-    counts = resample_counts(n, resamples)
     bounds = np.empty((2, columns))
     for start in range(0, columns, _BLOCK):
         block = slice(start, start + _BLOCK)
-        bounds[:, block] = _bca_block(deviations[:, block], counts)
+        bounds[:, block] = _bca_block(deviations[:, block], resamples)
     return mean + scale * bounds[0], mean + scale * bounds[1]
 
 
-def _bca_block(deviations: F64, counts: F64) -> F64:
+def _bca_block(deviations: F64, resamples: int) -> F64:
     """Bounds (2, K) of the mean of deviations (n, K), each within -1..1 and zero on average."""
-    n = len(deviations)
     squares = (deviations**2).sum(axis=0)
     varies = squares > 0
     acceleration = np.zeros_like(squares)
     acceleration[varies] = (deviations[:, varies] ** 3).sum(axis=0) / (6 * squares[varies] ** 1.5)
-    means = np.sort(counts @ deviations / n, axis=0)
+    means = np.sort(resampled_means(deviations, resamples), axis=0)
     tolerance = 1e-9
     below = (means < -tolerance).mean(axis=0)
     level = (np.abs(means) <= tolerance).mean(axis=0)
-    half = 0.5 / len(counts)
+    half = 0.5 / resamples
     bias = ndtri(np.clip(below + level / 2, half, 1 - half))
     bounds = np.empty((2, deviations.shape[1]))
     for row, tail in enumerate(((1 - LEVEL) / 2, (1 + LEVEL) / 2)):
@@ -139,7 +156,7 @@ def pointwise_band(curves: F64) -> tuple[F64, F64]:
     n, length = curves.shape
     if n < 2:
         return np.full(length, np.nan), np.full(length, np.nan)
-    means = np.sort(resample_counts(n) @ curves / n, axis=0)
+    means = np.sort(resampled_means(curves), axis=0)
     low, high = (_column_quantiles(means, np.full(length, q)) for q in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
     return low, high
 
@@ -249,14 +266,10 @@ def front_shares(costs: F64) -> F64:
     n, members, objectives = costs.shape
     if n < 2:
         return np.full(members, np.nan)
-    means = (resample_counts(n) @ costs.reshape(n, -1) / n).reshape(-1, members, objectives)
+    means = resampled_means(costs.reshape(n, -1)).reshape(-1, members, objectives)
     means = np.round(means, 9)  # equal members stay equal whatever the order of a sum
-    shares = [1.0 - _dominated(block) for block in _blocks(means, max(1, 2_000_000 // members**2))]
-    return np.concatenate(shares).mean(axis=0)
-
-
-def _blocks(array: F64, rows: int) -> Iterator[F64]:
-    return (array[start : start + rows] for start in range(0, len(array), rows))
+    dominated = [_dominated(means[block]) for block in _row_blocks(len(means), members**2)]
+    return 1.0 - np.concatenate(dominated).mean(axis=0)
 
 
 def _dominated(costs: F64) -> NDArray[np.bool_]:

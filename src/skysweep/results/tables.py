@@ -14,6 +14,7 @@ from rich.table import Table
 from scipy import stats
 
 from skysweep.results.metrics import Summary, finite_or_inf
+from skysweep.results.table_files import markdown
 
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
 
@@ -227,10 +228,11 @@ def print_tables(console: Console, rows: Sequence[CompareRow], summaries: Sequen
 
 def markdown_tables(rows: Sequence[CompareRow], differences: Sequence[PairedDifference] = ()) -> str:
     """The same tables in Markdown."""
-    parts = [_markdown(caption, HEADER, map(cells, group)) for caption, group in grouped(rows).items()]
+    header = [one_line(name) for name in HEADER]
+    parts = [markdown(caption, header, map(cells, group)) for caption, group in grouped(rows).items()]
     if differences:
         title = "Paired over seeds: best choice minus the other"
-        parts.append(_markdown(title, PAIRED_HEADER, map(paired_cells, differences)))
+        parts.append(markdown(title, PAIRED_HEADER, map(paired_cells, differences)))
     return "\n".join(parts)
 
 
@@ -255,9 +257,3 @@ def _table(caption: str, header: Sequence[str], texts: Iterable[Sequence[str]]) 
     for text in texts:
         table.add_row(*text)
     return table
-
-
-def _markdown(caption: str, header: Sequence[str], texts: Iterable[Sequence[str]]) -> str:
-    names = " | ".join(one_line(name) for name in header)
-    lines = [f"**{caption}**", "", f"| {names} |", "|" + " ---: |" * len(header)]
-    return "\n".join(lines + ["| " + " | ".join(text) + " |" for text in texts]) + "\n"

@@ -1,0 +1,353 @@
+"""What a sweep shows: intervals, paired differences, the Pareto front, what each parameter does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.results.statistics import (
+    SIGNIFICANCE,
+    Estimate,
+    PairedTest,
+    estimate,
+    front_shares,
+    holm,
+    paired_tests,
+    pairs_needed,
+    pareto_front,
+)
+from skysweep.results.sweep_missions import (
+    COMPARED,
+    FALSE_POSITIVES,
+    METRICS,
+    MISSION_TIME,
+    RECALL,
+    Configuration,
+    Flown,
+    Metric,
+    Value,
+    configuration_label,
+    in_order,
+)
+
+F64 = NDArray[np.float64]
+
+MIN_RECALL = 0.95
+MOST_LOST = 0.05  # share of failed and unfinished missions up to which a configuration can be the best
+MOST_CURVES = 6
+FEW_SEEDS = 20  # below, bootstrap intervals are clearly too narrow (see docs/statistics.md)
+_OBJECTIVES = (MISSION_TIME, RECALL, FALSE_POSITIVES)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Member:
+    """One configuration in one scenario and what its missions show."""
+
+    flown: Flown
+    estimates: dict[str, Estimate]  # metric -> over all its missions without an error
+    on_front: bool  # of mean mission time, recall and false positives
+    front_share: float  # how often it is there when the seeds are drawn anew; NaN: not known
+
+    @property
+    def label(self) -> str:
+        """What a reader knows it by."""
+        return self.flown.label
+
+    def mean(self, metric: Metric) -> float:
+        """Mean, NaN where there is none."""
+        return self.estimates[metric.key].mean if metric.key in self.estimates else math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Two configurations of one scenario, a - b over the seeds that both flew."""
+
+    scenario: str
+    metric: Metric
+    a: int
+    b: int
+    test: PairedTest
+    p_holm: float  # NaN without common seeds
+    family: int  # tests that p_holm is corrected for
+
+    @property
+    def distinguishable(self) -> bool:
+        """The corrected p is below 5 % and the interval does not hold zero."""
+        return self.p_holm < SIGNIFICANCE and (self.test.low > 0 or self.test.high < 0)
+
+    @property
+    def too_few(self) -> bool:
+        """So few pairs that no outcome whatever could have been told from chance."""
+        return self.test.n_pairs < pairs_needed(self.family)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Analysis:
+    """One scenario of a sweep.
+
+    ``ranking`` lists the members that can be the best, the best first: those with the recall that is asked
+    for, by mean mission time. Where none has it, ``reached`` is false and it lists all by their recall.
+    """
+
+    scenario: str
+    members: tuple[Member, ...]
+    comparisons: dict[tuple[str, int, int], Comparison]  # metric, a < b
+    ranking: tuple[int, ...]
+    reached: bool
+
+    def compare(self, metric: Metric, a: int, b: int) -> Comparison:
+        """a - b, whichever way around it was tested."""
+        if a < b:
+            return self.comparisons[metric.key, a, b]
+        found = self.comparisons[metric.key, b, a]
+        return replace(found, a=a, b=b, test=_turned(found.test))
+
+    @property
+    def metrics(self) -> list[Metric]:
+        """Those that at least one configuration has."""
+        return [m for m in METRICS if any(math.isfinite(member.mean(m)) for member in self.members)]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """How metrics follow one parameter."""
+
+    label: str
+    values: tuple[Value, ...]
+    estimates: dict[str, tuple[Estimate, ...]]  # metric -> one a value
+    averaged_over: int  # configurations at each value
+
+
+def analyse(groups: Mapping[str, Sequence[Flown]], min_recall: float = MIN_RECALL) -> list[Analysis]:
+    """Everything that the report says about each scenario.
+
+    Holm's correction counts all pairs of configurations of all scenarios as one family, for each metric.
+    """
+    pairs: list[Comparison] = []
+    for scenario, flown in groups.items():
+        for metric in COMPARED:
+            pairs += _compare_all(scenario, metric, flown)
+    pairs = _corrected(pairs)
+    analyses = []
+    for scenario, flown in groups.items():
+        members = _members(flown)
+        ranking, reached = _ranking(members, min_recall)
+        own = {(c.metric.key, c.a, c.b): c for c in pairs if c.scenario == scenario}
+        analyses.append(Analysis(scenario, members, own, ranking, reached))
+    return analyses
+
+
+def _members(flown: Sequence[Flown]) -> tuple[Member, ...]:
+    estimates = [{key: estimate(values) for key, values in f.values.items()} for f in flown]
+    has_targets = any(e[RECALL.key].n for e in estimates)
+    objectives = [m for m in _OBJECTIVES if m is not RECALL or has_targets]
+    means = np.array([[_cost(m, e[m.key].mean) for m in objectives] for e in estimates])
+    front = pareto_front(means)
+    shares = np.full(len(flown), math.nan)
+    known = [k for k, f in enumerate(flown) if f.n]
+    common = sorted(set.intersection(*(set(flown[k].seeds.tolist()) for k in known))) if known else []
+    if known and common:
+        costs = np.array([[_cost(m, _at(flown[k], m, common)) for m in objectives] for k in known])
+        costs = np.moveaxis(costs, 2, 0)
+        if np.isfinite(costs).all():
+            shares[known] = front_shares(costs)
+    return tuple(
+        Member(f, e, bool(on), float(share))
+        for f, e, on, share in zip(flown, estimates, front, shares, strict=True)
+    )
+
+
+def _cost(metric: Metric, value: F64 | float) -> F64 | float:
+    return -value if metric.more_is_better else value
+
+
+def _at(flown: Flown, metric: Metric, seeds: Sequence[int]) -> F64:
+    """Values of a metric at given seeds, each of which was flown."""
+    return flown.values[metric.key][np.searchsorted(flown.seeds, seeds)]
+
+
+def _ranking(members: Sequence[Member], min_recall: float) -> tuple[tuple[int, ...], bool]:
+    flying = [k for k, member in enumerate(members) if member.flown.n]
+    good = [
+        k
+        for k in flying
+        if not members[k].mean(RECALL) < min_recall and _lost_share(members[k].flown) <= MOST_LOST
+    ]
+    if good:
+        return tuple(sorted(good, key=lambda k: members[k].mean(MISSION_TIME))), True
+    order = sorted(flying, key=lambda k: (-members[k].mean(RECALL), members[k].mean(MISSION_TIME)))
+    return tuple(order), False
+
+
+def _lost_share(flown: Flown) -> float:
+    return (flown.n_failed + flown.n_unfinished) / (flown.n_failed + flown.n)
+
+
+def _compare_all(scenario: str, metric: Metric, flown: Sequence[Flown]) -> list[Comparison]:
+    """All pairs of one scenario; those over the same seeds are tested at once. p is not corrected yet."""
+    if not any(metric.key in f.values for f in flown):
+        return []
+    seeds = np.unique(np.concatenate([f.seeds for f in flown]))
+    values = np.full((len(seeds), len(flown)), math.nan)
+    for k, f in enumerate(flown):
+        values[np.searchsorted(seeds, f.seeds), k] = f.values[metric.key]
+    alike: dict[bytes, list[tuple[int, int]]] = {}
+    present = np.isfinite(values)
+    for a, b in combinations(range(len(flown)), 2):
+        alike.setdefault((present[:, a] & present[:, b]).tobytes(), []).append((a, b))
+    comparisons = []
+    for mask, pairs in alike.items():
+        rows = values[np.frombuffer(mask, dtype=bool)]
+        first, second = (rows[:, list(side)] for side in zip(*pairs, strict=True))
+        for (a, b), test in zip(pairs, paired_tests(first - second), strict=True):
+            comparisons.append(Comparison(scenario, metric, a, b, test, math.nan, 0))
+    return comparisons
+
+
+def _corrected(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    done = []
+    for metric in COMPARED:
+        family = [c for c in comparisons if c.metric is metric]
+        p = np.array([c.test.p if c.test.n_pairs else math.nan for c in family])
+        size = int(np.isfinite(p).sum())
+        done += [replace(c, p_holm=float(q), family=size) for c, q in zip(family, holm(p), strict=True)]
+    return done
+
+
+def _turned(test: PairedTest) -> PairedTest:
+    return replace(
+        test,
+        mean=-test.mean,
+        low=-test.high,
+        high=-test.low,
+        rank_biserial=-test.rank_biserial,
+        cohens_dz=-test.cohens_dz,
+    )
+
+
+def sensitivity(flown: Sequence[Flown], field: str) -> list[Curve]:
+    """How the metrics follow one swept field; empty when nothing was flown at two of its values.
+
+    A curve is what has all other choices alike. Where that would be more than ``MOST_CURVES``, there is one
+    for each strategy instead: the mean over all settings of the other fields that were flown at every value,
+    seed by seed, so that no value is helped by the company that it was flown in.
+    """
+    cells: dict[Configuration, dict[Value, Flown]] = {}
+    for f in flown:
+        value = dict(f.configuration.parameters).get(field)
+        if value is not None and f.n:
+            cells.setdefault(f.configuration.without(field), {})[value] = f
+    cells = {others: row for others, row in cells.items() if len(row) > 1}
+    if len(cells) <= MOST_CURVES:
+        varied = _varied(list(cells))
+        return [_curve(_other_label(others, varied), [row]) for others, row in cells.items()]
+    values = {value for row in cells.values() for value in row}
+    whole: dict[str, list[dict[Value, Flown]]] = {}
+    for others, row in cells.items():
+        if set(row) == values:
+            whole.setdefault(others.strategy, []).append(row)
+    return [_curve(strategy, rows) for strategy, rows in list(whole.items())[:MOST_CURVES]]
+
+
+def _varied(configurations: Sequence[Configuration]) -> tuple[bool, set[str]]:
+    """Whether strategies differ, and the fields whose values do."""
+    seen: dict[str, set[Value | None]] = {}
+    fields = {field for c in configurations for field, _ in c.parameters}
+    for c in configurations:
+        for field in fields:
+            seen.setdefault(field, set()).add(dict(c.parameters).get(field))
+    strategies = len({c.strategy for c in configurations}) > 1
+    return strategies, {field for field, values in seen.items() if len(values) > 1}
+
+
+def _other_label(others: Configuration, varied: tuple[bool, set[str]]) -> str:
+    shown = Configuration(others.strategy, tuple(p for p in others.parameters if p[0] in varied[1]))
+    return configuration_label(shown, with_strategy=varied[0])
+
+
+def _curve(label: str, rows: Sequence[dict[Value, Flown]]) -> Curve:
+    values = in_order([value for row in rows for value in row])
+    estimates: dict[str, list[Estimate]] = {metric.key: [] for metric in COMPARED}
+    for value in values:
+        cells = [row[value] for row in rows]
+        seeds = sorted(set.intersection(*(set(f.seeds.tolist()) for f in cells)))
+        for metric in COMPARED:
+            if all(metric.key in f.values for f in cells):
+                means = np.mean([_at(f, metric, seeds) for f in cells], axis=0)
+                estimates[metric.key].append(estimate(means))
+    found = {key: tuple(es) for key, es in estimates.items() if len(es) == len(values)}
+    return Curve(label, tuple(values), found, len(rows))
+
+
+def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
+    """What a person can quote: the best configuration, by how much, and whether that can be told at all."""
+    name = f"{analysis.scenario}:"
+    if not analysis.ranking:
+        return f"{name} all missions failed."
+    best = analysis.members[analysis.ranking[0]]
+    has_recall = math.isfinite(best.mean(RECALL))
+    if not analysis.reached:
+        return (
+            f"{name} no configuration reaches a mean recall of {min_recall:g} with at least "
+            f"{1 - MOST_LOST:.0%} of its missions finished; the highest recall is "
+            f"{_with_interval(best, RECALL)}, by {best.label}."
+        )
+    recall = f", recall {_with_interval(best, RECALL)}" if has_recall else ""
+    n = best.flown.n
+    flown = f"{_with_interval(best, MISSION_TIME)} over {n} {'seed' if n == 1 else 'seeds'}{recall}"
+    if len(analysis.members) == 1:
+        return f"{name} one configuration was flown ({best.label}): mean mission time {flown}."
+    condition = f" with a mean recall of at least {min_recall:g}" if has_recall else ""
+    fastest = f"{name} {best.label} has the shortest mean mission time{condition}, {flown}"
+    if len(analysis.ranking) == 1:
+        return f"{fastest}; no other configuration reaches that recall with its missions finished."
+    return f"{fastest}; {_against_runner_up(analysis)}."
+
+
+def _against_runner_up(analysis: Analysis) -> str:
+    best, second = analysis.ranking[:2]
+    label = analysis.members[second].label
+    found = analysis.compare(MISSION_TIME, second, best)
+    test = found.test
+    if not test.n_pairs:
+        return f"the runner-up {label} was flown on other seeds, so that the two cannot be compared"
+    if test.n_pairs == 1:
+        return f"not distinguishable from the runner-up {label} ({test.mean:+.1f} s on the one common seed)"
+    gap = f"{test.mean:.1f} s (95 % CI {test.low:.1f} to {test.high:.1f}, {test.n_pairs} common seeds)"
+    if found.distinguishable:
+        return f"it is {gap} faster than the runner-up {label}, corrected p {p_text(found.p_holm)}"
+    why = (
+        f"at least {pairs_needed(found.family)} common seeds are needed to show anything"
+        if found.too_few
+        else f"corrected p {p_text(found.p_holm)}"
+    )
+    rivals = sum(
+        not analysis.compare(MISSION_TIME, other, best).distinguishable for other in analysis.ranking[1:]
+    )
+    all_rivals = (
+        f"; of the {len(analysis.ranking) - 1} others with that recall it cannot be told from {rivals}"
+    )
+    return f"not distinguishable from the runner-up {label}: {gap} slower, {why}" + (
+        all_rivals if len(analysis.ranking) > 2 else ""
+    )
+
+
+def _with_interval(member: Member, metric: Metric) -> str:
+    e = member.estimates[metric.key]
+    unit = f" {metric.unit}" if metric.unit else ""
+    if e.n < 2:
+        return f"{e.mean:.{metric.decimals}f}{unit} (1 seed: no interval)"
+    return (
+        f"{e.mean:.{metric.decimals}f}{unit} "
+        f"(95 % CI {e.low:.{metric.decimals}f} to {e.high:.{metric.decimals}f})"
+    )
+
+
+def p_text(p: float) -> str:
+    """A p for a reader."""
+    return "< 0.001" if p < 0.001 else f"= {p:.3f}" if p < 0.1 else f"= {p:.2f}"

@@ -1,0 +1,284 @@
+"""The missions of a sweep, or of a comparison with the paper, by scenario and configuration."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import fsspec
+import numpy as np
+import polars as pl
+from fsspec import AbstractFileSystem
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+
+F64 = NDArray[np.float64]
+Value = float | str | bool
+
+PARAMETER = "param."
+FINAL_TABLE, PARTS, LEDGER, SPEC = "missions.parquet", "parts", "missions.jsonl", "spec.yaml"
+_NEEDED = ("scenario", "strategy", "seed", "completed", "mission_time_s", "recall", "false_positives")
+_WRITERS = "give a folder that 'skysweep sweep' or 'skysweep compare paper' wrote"
+
+_SYMBOLS = {
+    "search.n_c": ("n_c", ""),
+    "search.d_c_m": ("d_c", "m"),
+    "search.c_t": ("c_t", ""),
+    "search.scan_altitude_agl_m": ("h_S", "m"),
+    "search.check_altitude_agl_m": ("h_C", "m"),
+    "search.scan_speed_mps": ("v_S", "m/s"),
+    "search.check_speed_mps": ("v_C", "m/s"),
+}
+_UNITS = {"m": "m", "mps": "m/s", "s": "s", "px": "px", "rad": "rad", "deg": "°", "hz": "Hz", "wh": "Wh"}
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A number of summary.json that configurations are compared by."""
+
+    key: str
+    name: str
+    unit: str
+    decimals: int
+    more_is_better: bool = False
+
+    @property
+    def title(self) -> str:
+        """Name with unit."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+MISSION_TIME = Metric("mission_time_s", "Mission time", "s", 1)
+RECALL = Metric("recall", "Recall", "", 3, more_is_better=True)
+FALSE_SCANS = Metric("false_scans", "False scans", "", 2)
+FALSE_POSITIVES = Metric("false_positives", "False positives", "", 2)
+ENERGY = Metric("energy_wh", "Energy", "Wh", 1)
+COMPARED = (MISSION_TIME, RECALL, FALSE_SCANS, FALSE_POSITIVES, ENERGY)
+METRICS = (
+    *COMPARED,
+    Metric("total_time_s", "Total time", "s", 1),
+    Metric("n_checks", "Descents", "", 2),
+    Metric("path_length_m", "Path", "m", 0),
+    Metric("median_localisation_error_m", "Localisation error", "m", 2),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Missions:
+    """A table of missions, one row each, and where it comes from."""
+
+    source: str
+    table: pl.DataFrame
+    finished: bool  # no: a sweep that still runs or was stopped
+    spec: str = ""  # text of the sweep's specification
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Swept fields of the scenario, such as ``search.n_c``."""
+        return tuple(
+            name.removeprefix(PARAMETER) for name in self.table.columns if name.startswith(PARAMETER)
+        )
+
+    @property
+    def failed(self) -> pl.DataFrame:
+        """Rows of the missions that ended with an error."""
+        return self.table.filter(pl.col("error").is_not_null())
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """What was chosen: a strategy and the values of the swept fields."""
+
+    strategy: str
+    parameters: tuple[tuple[str, Value], ...]
+
+    def without(self, field: str) -> Configuration:
+        """The same with one field left open."""
+        return Configuration(self.strategy, tuple(p for p in self.parameters if p[0] != field))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flown:
+    """The missions of one configuration in one scenario; arrays over those without an error, by seed."""
+
+    configuration: Configuration
+    label: str
+    seeds: NDArray[np.int64]  # (n,)
+    values: dict[str, F64]  # metric -> (n,); NaN: does not apply
+    pos: tuple[F64, ...]  # n curves, steps (K, 2) of time s and share confirmed
+    n_failed: int
+    n_unfinished: int  # ended before the search was finished
+
+    @property
+    def n(self) -> int:
+        """Missions without an error."""
+        return len(self.seeds)
+
+
+def load_missions(folder: str) -> Missions:
+    """The missions below a folder or fsspec URL.
+
+    Reads the table of a finished sweep, what a running one has so far, or the ledger of a comparison.
+
+    Raises:
+        UserError: no such folder, no missions in it, not readable, or not one mission without an error.
+    """
+    try:
+        files, path = fsspec.core.url_to_fs(folder)
+        root = path.rstrip("/")
+        if not files.exists(root):
+            raise UserError(f"{folder}: there is no such folder; {_WRITERS}")
+        if files.exists(f"{root}/{FINAL_TABLE}"):
+            table, finished = _parquet(files, f"{root}/{FINAL_TABLE}"), True
+        elif parts := sorted(files.glob(f"{root}/{PARTS}/*.parquet")):
+            table = pl.concat([_parquet(files, part) for part in parts], how="diagonal_relaxed")
+            finished = False
+        elif files.exists(f"{root}/{LEDGER}"):
+            table, finished = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder), True
+        else:
+            raise UserError(f"{folder}: holds no missions ({FINAL_TABLE}); {_WRITERS}")
+        spec = files.cat_file(f"{root}/{SPEC}").decode("utf-8") if files.exists(f"{root}/{SPEC}") else ""
+    except (OSError, ValueError, ImportError) as error:
+        raise UserError(f"{folder}: cannot be read ({error}); {_WRITERS}") from None
+    return Missions(folder, _checked(table, folder), finished, spec)
+
+
+def _parquet(files: AbstractFileSystem, path: str) -> pl.DataFrame:
+    try:
+        return pl.read_parquet(io.BytesIO(files.cat_file(path)))
+    except pl.exceptions.PolarsError:
+        raise UserError(f"{path}: is no Parquet table; delete it and give the sweep again") from None
+
+
+def _from_ledger(text: bytes, folder: str) -> pl.DataFrame:
+    """A table of what ``skysweep compare paper`` flew: n_c is the swept field."""
+    summaries: list[dict[str, Any]] = []
+    for line in text.decode("utf-8").splitlines():
+        try:
+            summaries.append(json.loads(line)["summary"])
+        except (json.JSONDecodeError, KeyError, TypeError):
+            break  # a line that a kill tore is the last one
+    if not summaries:
+        raise UserError(f"{folder}: {LEDGER} holds no missions; {_WRITERS}")
+    rows = [
+        {key: s.get(key) for key in ("scenario", "strategy", "seed", "sensor", "completed")}
+        | {f"{PARAMETER}search.n_c": float(s["n_c"]), "error": None}
+        | {metric.key: s.get(metric.key) for metric in METRICS}
+        | {"pos_time_s": [p[0] for p in s["pos_curve"]], "pos_value": [p[1] for p in s["pos_curve"]]}
+        for s in summaries
+    ]
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    key = ["scenario", f"{PARAMETER}search.n_c", "seed"]
+    if table.select(key).is_duplicated().any():
+        raise UserError(
+            f"{folder}: holds comparisons with different parameters, which must not be mixed; "
+            "fly each into an --out of its own"
+        )
+    return table.sort(key)
+
+
+def _checked(table: pl.DataFrame, folder: str) -> pl.DataFrame:
+    """The rows in order, each once."""
+    if "error" not in table.columns:
+        table = table.with_columns(error=pl.lit(None, dtype=pl.String))
+    if "job" in table.columns:
+        table = table.unique("job", keep="first").sort("job")
+    failed = table.filter(pl.col("error").is_not_null())
+    if not len(table):
+        raise UserError(f"{folder}: the table of missions is empty; {_WRITERS}")
+    if len(failed) == len(table):
+        first = failed.row(0, named=True)
+        raise UserError(
+            f"{folder}: all {len(table)} missions failed, so there is nothing to report; the first "
+            f"({first['scenario']}, {first['strategy']}, seed {first['seed']}) says: {first['error']}"
+        )
+    missing = [name for name in _NEEDED if name not in table.columns]
+    if missing:
+        raise UserError(f"{folder}: the table of missions has no column '{missing[0]}'; {_WRITERS}")
+    key = ["scenario", "strategy", "seed", *(n for n in table.columns if n.startswith(PARAMETER))]
+    if table.select(key).is_duplicated().any():
+        row = table.filter(table.select(key).is_duplicated()).row(0, named=True)
+        raise UserError(
+            f"{folder}: {row['scenario']}, {row['strategy']}, seed {row['seed']} is in the table twice; "
+            "give each scenario of the sweep a name of its own"
+        )
+    return table
+
+
+def by_scenario(missions: Missions) -> dict[str, list[Flown]]:
+    """Scenario -> its configurations, both in the order in which they first stand in the table."""
+    table = missions.table
+    columns = [PARAMETER + field for field in missions.parameters]
+    several = table["strategy"].n_unique() > 1
+    varied = {field for field in missions.parameters if table[PARAMETER + field].n_unique() > 1}
+    groups: dict[str, list[Flown]] = {}
+    for key, rows in table.group_by("scenario", "strategy", *columns, maintain_order=True):
+        scenario, strategy, *values = key
+        chosen = tuple((f, v) for f, v in zip(missions.parameters, values, strict=True) if v is not None)
+        configuration = Configuration(str(strategy), chosen)
+        shown = Configuration(str(strategy), tuple((f, v) for f, v in chosen if f in varied))
+        label = configuration_label(shown, with_strategy=several)
+        groups.setdefault(str(scenario), []).append(_flown(configuration, label, rows))
+    return groups
+
+
+def _flown(configuration: Configuration, label: str, rows: pl.DataFrame) -> Flown:
+    good = rows.filter(pl.col("error").is_null()).sort("seed")
+    pos: list[F64] = []
+    if {"pos_time_s", "pos_value"} <= set(good.columns):
+        pos = [
+            np.column_stack([time_s, value]).astype(float)
+            for time_s, value in good.select("pos_time_s", "pos_value").iter_rows()
+            if time_s
+        ]
+    return Flown(
+        configuration=configuration,
+        label=label,
+        seeds=good["seed"].to_numpy().astype(np.int64),
+        values={
+            metric.key: good[metric.key].cast(pl.Float64).fill_null(math.nan).to_numpy()
+            for metric in METRICS
+            if metric.key in good.columns
+        },
+        pos=tuple(pos),
+        n_failed=len(rows) - len(good),
+        n_unfinished=int((~good["completed"].cast(pl.Boolean).fill_null(False)).sum()),
+    )
+
+
+def configuration_label(configuration: Configuration, with_strategy: bool) -> str:
+    """Such as ``scan-check, n_c = 5, d_c = 60 m``."""
+    parts = [f"{field_name(field)} = {value_text(field, value)}" for field, value in configuration.parameters]
+    return ", ".join([configuration.strategy, *parts] if with_strategy or not parts else parts)
+
+
+def field_name(field: str) -> str:
+    """A field of the scenario for a reader: the paper's symbol, or its words without the unit."""
+    if field in _SYMBOLS:
+        return _SYMBOLS[field][0]
+    words = field.removeprefix("search.").replace(".", "_").split("_")
+    return " ".join(words[:-1] if words[-1] in _UNITS and len(words) > 1 else words)
+
+
+def field_unit(field: str) -> str:
+    """The unit that a field's name ends with, or nothing."""
+    return _SYMBOLS[field][1] if field in _SYMBOLS else _UNITS.get(field.rpartition("_")[2], "")
+
+
+def value_text(field: str, value: Value) -> str:
+    """A value with its unit; infinity as a sign."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    if math.isinf(value):
+        return "∞"
+    return f"{value:g} {field_unit(field)}".rstrip()
+
+
+def in_order(values: Sequence[Value]) -> list[Value]:
+    """Different values by size, infinity last; words by the alphabet."""
+    return sorted(set(values), key=lambda v: (isinstance(v, str), v))

@@ -1,0 +1,90 @@
+"""A table as Markdown and as LaTeX."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from skysweep.results.html import Grid
+
+_SYMBOL = re.compile(r"\b([ndchv])_([cCSt])\b")  # the paper's: n_c, d_c, h_S, h_C, c_t, and speeds likewise
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "∞": r"$\infty$",
+    "≥": r"$\geq$",
+    "≤": r"$\leq$",
+    "<": r"$<$",
+    ">": r"$>$",
+    "°": r"$^\circ$",
+    "×": r"$\times$",
+}
+
+
+def markdown(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]], left: int = 0) -> str:
+    """A table in Markdown; all columns but the first ``left`` are aligned right."""
+    marks = " :---" + " | :---" * (left - 1) + " | " if left else " "
+    marks += " | ".join(["---:"] * (len(header) - left))
+    lines = [f"**{caption}**", "", f"| {' | '.join(header)} |", f"|{marks} |"]
+    return "\n".join(lines + ["| " + " | ".join(_cell(c) for c in row) + " |" for row in rows]) + "\n"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|").replace("\n", " ")
+
+
+def latex(grid: Grid, label: str) -> str:
+    """A table in LaTeX with booktabs' rules, as wide as the page, the best rows bold."""
+    columns = "l" * len(grid.header) if grid.words else "l" + "r" * (len(grid.header) - 1)
+    lines = [
+        r"\begin{table*}",
+        r"  \centering\footnotesize",
+        rf"  \caption{{{latex_text(grid.caption)}}}",
+        rf"  \label{{{label}}}",
+        rf"  \begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+        r"    \toprule",
+        f"    {' & '.join(map(latex_text, grid.header))} \\\\",
+        r"    \midrule",
+    ]
+    for index, row in enumerate(grid.rows):
+        first, *others = map(latex_text, row)
+        first = rf"\textbf{{{first}}}" if index in grid.best else first
+        lines.append(f"    {' & '.join([first, *others])} \\\\")
+    return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table*}"]) + "\n"
+
+
+def latex_text(text: str) -> str:
+    """Plain text for LaTeX: special characters escaped, the paper's symbols and minus signs in math."""
+    parts, end = [], 0
+    for symbol in _SYMBOL.finditer(text):
+        parts += [_escaped(text[end : symbol.start()]), f"${symbol[1]}_{symbol[2]}$"]
+        end = symbol.end()
+    return "".join([*parts, _escaped(text[end:])])
+
+
+def _escaped(text: str) -> str:
+    escaped = "".join(_LATEX.get(character, character) for character in text)
+    return re.sub(r"(?<![\w.])-(?=\d)", "$-$", escaped)
+
+
+def math_text(text: str) -> str:
+    """Plain text for matplotlib: the paper's symbols in math."""
+    return _SYMBOL.sub(r"$\1_\2$", text.replace("$", r"\$"))
+
+
+def write_tables(stem: Path, grids: Sequence[Grid]) -> None:
+    """Write grids below one another as ``stem.md`` and ``stem.tex``."""
+    text = "\n".join(markdown(g.caption, g.header, g.rows, left=1) for g in grids)
+    stem.with_suffix(".md").write_text(text, encoding="utf-8")
+    parts = [latex(grid, f"tab:{stem.name}-{index}") for index, grid in enumerate(grids, 1)]
+    preamble = "% needs \\usepackage{booktabs}\n\n"
+    stem.with_suffix(".tex").write_text(preamble + "\n".join(parts), encoding="utf-8")
