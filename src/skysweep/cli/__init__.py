@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from skysweep.cli import benchmark, detectors, missions, planning, scenarios
+from skysweep.cli import benchmark, detectors, missions, planning, scenarios, sweep
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -26,6 +26,7 @@ app.add_typer(scenarios.app, name="scenarios")
 compare = typer.Typer(no_args_is_help=True, help="Compare strategies.")
 compare.command("paper")(missions.compare_paper_command)
 app.add_typer(compare, name="compare")
+app.command()(sweep.sweep)
 
 app.command()(detectors.dataset)
 app.command()(detectors.train)

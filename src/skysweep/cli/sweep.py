@@ -1,0 +1,131 @@
+"""Many missions: scenarios x strategies x parameters x seeds."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from skysweep.cli.common import errors, friendly
+from skysweep.errors import UserError
+
+if TYPE_CHECKING:
+    from skysweep.experiments.sweep import Estimate
+
+ASK_ABOVE_S = 3600.0
+
+
+@friendly
+def sweep(
+    spec: Annotated[Path, typer.Argument(help="YAML file of the sweep; see docs/sweeps.md.")],
+    out: Annotated[
+        str | None, typer.Option(help="Folder or fsspec URL of the results. Default: sweeps/<name>.")
+    ] = None,
+    engine: Annotated[
+        Literal["local", "ray"], typer.Option(help="Processes on this machine, or a Ray cluster.")
+    ] = "local",
+    address: Annotated[
+        str | None,
+        typer.Option(help="Ray's: auto, host:port or ray://host:port. Default: a Ray started here."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Missions at a time. Default: one a core.")
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Do not ask before a sweep of more than an hour.")
+    ] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Fly the missions again that failed.")
+    ] = False,
+) -> None:
+    """Fly every scenario with every strategy, parameter and seed; write one table, missions.parquet.
+
+    The same command given again goes on where it was. `skysweep report DIR` makes statistics of the table.
+
+    Examples:
+
+        skysweep sweep my-sweep.yaml
+
+        skysweep sweep my-sweep.yaml --out s3://bucket/my-sweep --engine ray --address auto --yes
+
+        skysweep sweep my-sweep.yaml --retry-failed
+    """
+    from skysweep.experiments.engines import make_engine
+    from skysweep.experiments.sweep import Sweep
+    from skysweep.experiments.sweep_spec import load_spec
+
+    wanted = load_spec(spec)
+    folder = out or f"sweeps/{wanted.name}"
+    runner = make_engine(engine, address, workers)
+    flight = Sweep(wanted, folder, retry_failed)
+    done = flight.missions - flight.left
+    _say(
+        f"{flight.configurations:,} configurations x {flight.missions // flight.configurations:,} seeds = "
+        f"{flight.missions:,} missions" + (f", {done:,} of them flown already" if done else "")
+    )
+    failed = 0
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+        console=errors,
+    ) as progress:
+        task = progress.add_task("missions", total=flight.missions, completed=done)
+
+        def on_done(error: str | None) -> None:
+            nonlocal failed
+            failed += error is not None
+            progress.update(task, advance=1, description=f"missions ({failed} failed)" if failed else None)
+
+        def confirm(estimate: Estimate) -> None:
+            _say(
+                f"about {_duration(estimate.seconds)} for {estimate.missions:,} missions on "
+                f"{estimate.workers} workers ({estimate.mission_s:.2g} s each)"
+            )
+            if estimate.seconds <= ASK_ABOVE_S or yes:
+                return
+            if not sys.stdin.isatty():
+                raise UserError(
+                    f"the sweep would take about {_duration(estimate.seconds)}; add --yes to start it"
+                )
+            progress.stop()
+            if not typer.confirm("Start?", err=True):
+                raise UserError("not started; nothing was written")
+            progress.start()
+
+        try:
+            flight.fly(runner, confirm, on_done)
+        except KeyboardInterrupt:
+            progress.stop()
+            _say("stopped; what was flown is kept: give the same command again to go on")
+            raise typer.Exit(130) from None
+    for error, count in Counter(flight.errors()).most_common(3):
+        _say(f"[yellow]warning:[/] {count:,} of {flight.missions:,} missions failed: {escape(error)}")
+    _say(f"table: {escape(flight.address)}\nstatistics: skysweep report {escape(folder)}")
+
+
+def _say(text: str) -> None:
+    errors.print(text, soft_wrap=True, highlight=False)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} minutes"
+    return f"{seconds / 3600:,.1f} hours"

@@ -1,0 +1,96 @@
+"""A folder of small files, here or on any store that fsspec knows (``s3://``, ``memory://`` ...)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import wraps
+from typing import Concatenate, ParamSpec, TypeVar
+
+import fsspec
+
+from skysweep.errors import UserError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_UNFINISHED = ".unfinished-"
+
+
+def _told(method: Callable[Concatenate[Folder, P], R]) -> Callable[Concatenate[Folder, P], R]:
+    """What a store refuses is one sentence. Stores raise what they like: fsspec asks for no common class."""
+
+    @wraps(method)
+    def wrapped(self: Folder, *args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return method(self, *args, **kwargs)
+        except Exception as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise UserError(
+                f"{self}: cannot be read or written ({reason}); check the address and its rights"
+            ) from None
+
+    return wrapped
+
+
+class Folder:
+    """Whole files in and out: a file is written under another name first, then renamed.
+
+    ``url`` is a path or an fsspec URL. Raises UserError where its protocol is unknown or not installed.
+    """
+
+    def __init__(self, url: str | os.PathLike[str]) -> None:
+        self.url = os.fspath(url)
+        try:
+            self._files, self._root = fsspec.core.url_to_fs(self.url)
+        except (ImportError, ValueError) as error:
+            reason = " ".join(str(error).split()).rstrip(".")
+            raise UserError(
+                f"{self.url}: {reason}; write a local folder or a URL that fsspec can open"
+            ) from None
+
+    def __str__(self) -> str:
+        return self.url
+
+    def where(self, name: str) -> str:
+        """The address of a file, for messages."""
+        return f"{self.url.rstrip('/')}/{name}"
+
+    @_told
+    def read(self, name: str) -> bytes | None:
+        """What is in a file; None where there is none."""
+        try:
+            content: bytes = self._files.cat_file(self._path(name))
+        except FileNotFoundError:
+            return None
+        return content
+
+    @_told
+    def write(self, name: str, content: bytes) -> None:
+        """Make or replace a file, whole or not at all."""
+        path = self._path(name)
+        parent, _, last = path.rpartition("/")
+        self._files.makedirs(parent, exist_ok=True)
+        unfinished = f"{parent}/{_UNFINISHED}{os.getpid()}-{last}"
+        self._files.pipe_file(unfinished, content)
+        self._files.mv(unfinished, path)
+
+    @_told
+    def names(self, folder: str) -> list[str]:
+        """Names, sorted, of the whole files in a folder; none where there is no such folder."""
+        self._files.invalidate_cache()
+        try:
+            paths = self._files.ls(self._path(folder), detail=False)
+        except FileNotFoundError:
+            return []
+        names = (path.rstrip("/").rpartition("/")[2] for path in paths)
+        return sorted(f"{folder}/{name}" for name in names if not name.startswith(_UNFINISHED))
+
+    @_told
+    def remove(self, folder: str) -> None:
+        """Remove a folder and what is in it."""
+        if self._files.exists(self._path(folder)):
+            self._files.rm(self._path(folder), recursive=True)
+
+    def _path(self, name: str) -> str:
+        return f"{self._root.rstrip('/')}/{name}"

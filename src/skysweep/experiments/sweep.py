@@ -1,0 +1,175 @@
+"""Thousands of missions into one table, on any engine, in any number of goes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+import yaml
+
+from skysweep.errors import UserError
+from skysweep.experiments.engines import Engine
+from skysweep.experiments.folder import Folder
+from skysweep.experiments.single import fly_in_memory
+from skysweep.experiments.sweep_matrix import Matrix, SweepJob
+from skysweep.experiments.sweep_spec import SweepSpec, differences, dump_spec
+from skysweep.experiments.sweep_store import KEY, SweepStore, outcome
+
+_FIRST = 16  # missions that the estimate is made from, of as many configurations
+_FIRST_S = 20.0  # and not more than about this long
+_PART_S = 1.0, 30.0  # a part is written after a twentieth of the time so far, within these limits
+_PART_SHARE = 0.05
+_PART_ROWS = 2000
+_MAX_ERROR = 500  # characters
+_MAX_DIFFERENCES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """How long a sweep will take, from the missions that it flew first."""
+
+    missions: int  # that are left
+    workers: int
+    mission_s: float  # one mission on one worker
+
+    @property
+    def seconds(self) -> float:
+        """Until the sweep is complete."""
+        return self.missions * self.mission_s / self.workers
+
+
+class Sweep:
+    """A spec and the folder that holds what was flown of it; ``out`` is a path or an fsspec URL.
+
+    With ``retry_failed`` missions that failed are flown again.
+
+    Raises:
+        UserError: the spec flies nothing, or the folder holds other missions.
+    """
+
+    def __init__(self, spec: SweepSpec, out: str | os.PathLike[str], retry_failed: bool = False) -> None:
+        self._spec, self._folder = spec, Folder(out)
+        self._store = SweepStore(self._folder)
+        self._matrix = Matrix.of(spec)
+        self._table = self._matrix.table()
+        known = self._known()
+        if retry_failed:
+            known = known.filter(pl.col("error").is_null())
+        self._todo: list[int] = self._table.join(known, on=KEY, how="anti")["job"].to_list()
+
+    @property
+    def configurations(self) -> int:
+        """How many different missions fly with every seed."""
+        return len(self._matrix.configurations)
+
+    @property
+    def missions(self) -> int:
+        """How many missions the table will have."""
+        return len(self._matrix)
+
+    @property
+    def left(self) -> int:
+        """How many of them are not flown yet."""
+        return len(self._todo)
+
+    @property
+    def address(self) -> str:
+        """Where the table is, or will be."""
+        return self._folder.where("missions.parquet")
+
+    def fly(
+        self,
+        engine: Engine,
+        confirm: Callable[[Estimate], None] = lambda _estimate: None,
+        on_done: Callable[[str | None], None] = lambda _error: None,
+    ) -> None:
+        """Fly what is left and make the table.
+
+        ``confirm`` is asked once the first missions tell how long it will take; what it raises ends the
+        sweep with nothing written. ``on_done`` gets every mission's error, or None. An interruption keeps
+        what was flown: another ``Sweep`` with the same folder goes on.
+        """
+        if self._todo:
+            with engine:
+                self._fly(engine, confirm, on_done)
+        if self._todo or not self._store.is_complete():
+            self._store.finish(self._table)
+        self._todo = []
+
+    def errors(self) -> list[str]:
+        """What went wrong in each mission that failed."""
+        known = self._store.known().join(self._table, on=KEY, how="semi")
+        return known["error"].drop_nulls().to_list()
+
+    def _fly(
+        self, engine: Engine, confirm: Callable[[Estimate], None], on_done: Callable[[str | None], None]
+    ) -> None:
+        started = time.monotonic()
+        first = _spread(self._todo[: max(self.configurations, _FIRST)], _FIRST)
+        rest = sorted(set(self._todo).difference(first))
+        rows: list[dict[str, Any]] = []
+        with closing(engine.run(fly_job, self._matrix.jobs([*first, *rest]))) as results:
+            for _, row in results:
+                rows.append(row)
+                on_done(row["error"])
+                if len(rows) == len(first) or time.monotonic() - started > _FIRST_S:
+                    break
+            left = len(self._todo) - len(rows)
+            workers = max(1, min(engine.workers, left))
+            confirm(Estimate(left, workers, _mission_s(rows, workers)))
+            self._store.write_spec(dump_spec(self._spec))
+            written = started
+            try:
+                for _, row in results:
+                    rows.append(row)
+                    on_done(row["error"])
+                    now = time.monotonic()
+                    pause = min(max(_PART_SHARE * (now - started), _PART_S[0]), _PART_S[1])
+                    if now - written >= pause or len(rows) >= _PART_ROWS:
+                        self._store.append(rows)
+                        rows, written = [], now
+            finally:
+                if rows:
+                    self._store.append(rows)
+
+    def _known(self) -> pl.DataFrame:
+        """What the folder holds already. Raises UserError where that is not of this sweep."""
+        stored = self._store.spec()
+        known = self._store.known()
+        if known.join(self._table, on=KEY, how="anti").is_empty():
+            return known
+        ours = yaml.safe_load(dump_spec(self._spec))
+        what = list(differences(yaml.safe_load(stored or ""), ours))[:_MAX_DIFFERENCES] or [
+            "the detector's, the sensor's or the plan's file is another"
+        ]
+        raise UserError(
+            f"{self._folder}: holds the results of another sweep ({'; '.join(what)}); write another --out"
+        )
+
+
+def fly_job(job: SweepJob) -> dict[str, Any]:
+    """The row of one mission. What goes wrong in it is its error."""
+    try:
+        return outcome(job.label, job.config_hash, fly_in_memory(job.scenario, job.seed, job.sensor), None)
+    except Exception as error:
+        reason = " ".join(str(error).split())[:_MAX_ERROR]
+        kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+        return outcome(job.label, job.config_hash, None, kind + reason)
+
+
+def _spread(numbers: list[int], count: int) -> list[int]:
+    """About ``count`` of the numbers, evenly spread."""
+    return numbers[:: -(-len(numbers) // count)]
+
+
+def _mission_s(rows: list[dict[str, Any]], workers: int) -> float:
+    """Mean time of a mission. The first of each worker also loads the program: left out where others are."""
+    times = [row["wall_time_s"] for row in rows if row["wall_time_s"] is not None]
+    if len(times) > 2 * workers:
+        times = times[workers:]
+    return sum(times) / len(times) if times else 0.0

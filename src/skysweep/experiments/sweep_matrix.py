@@ -1,0 +1,124 @@
+"""The missions of a sweep, numbered."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from operator import attrgetter
+from pathlib import Path
+
+import polars as pl
+
+import skysweep
+from skysweep.experiments.sweep_spec import SweepSpec, scenarios_of, seeds_of, swept_fields
+from skysweep.scenarios.model import Scenario
+
+_PACKAGE = Path(skysweep.__file__).parent
+_SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical_default.yaml"}
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """One cell of the matrix, which every seed flies."""
+
+    label: str  # of its scenario
+    scenario: Scenario
+    digest: str  # of everything that decides how its missions end, but the seed
+
+
+@dataclass(frozen=True, slots=True)
+class SweepJob:
+    """One mission of a sweep."""
+
+    label: str
+    scenario: Scenario
+    seed: int
+    sensor: str
+    config_hash: str
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Every configuration with every seed. All configurations fly one seed before the next seed's turn."""
+
+    configurations: tuple[Configuration, ...]
+    seeds: Sequence[int]
+    sensor: str
+    fields: tuple[str, ...]  # dotted, that the sweep varies
+
+    @classmethod
+    def of(cls, spec: SweepSpec) -> Matrix:
+        """The missions of ``spec``; combinations that come out the same are one."""
+        cells = {
+            (label, digest): Configuration(label, scenario, digest)
+            for label, scenario in scenarios_of(spec)
+            for digest in [_digest(scenario, spec.sensor, spec.results_version)]
+        }
+        return cls(tuple(cells.values()), seeds_of(spec), spec.sensor, tuple(swept_fields(spec)))
+
+    def __len__(self) -> int:
+        return len(self.configurations) * len(self.seeds)
+
+    def job(self, number: int) -> SweepJob:
+        """The mission with this number, counted from 0."""
+        turn, cell = divmod(number, len(self.configurations))
+        c, seed = self.configurations[cell], self.seeds[turn]
+        return SweepJob(c.label, c.scenario, seed, self.sensor, _config_hash(c.digest, seed))
+
+    def jobs(self, numbers: Iterable[int]) -> Iterator[SweepJob]:
+        """These missions, made as they are asked for."""
+        return (self.job(number) for number in numbers)
+
+    def table(self) -> pl.DataFrame:
+        """One row a mission: job, scenario, strategy, seed, sensor, param.<field> ..., config_hash."""
+        cells = pl.DataFrame(
+            {
+                "scenario": [c.label for c in self.configurations],
+                "strategy": [c.scenario.search.strategy for c in self.configurations],
+                "digest": [c.digest for c in self.configurations],
+            }
+            | {f"param.{field}": self._values(field) for field in self.fields}
+        )
+        seeds = pl.DataFrame({"seed": list(self.seeds)}, schema={"seed": pl.Int64})
+        table = seeds.join(cells, how="cross", maintain_order="left_right").with_row_index("job")
+        hashes = [_config_hash(d, s) for d, s in zip(table["digest"], table["seed"], strict=True)]
+        return table.select(
+            pl.col("job").cast(pl.Int64),
+            "scenario",
+            "strategy",
+            "seed",
+            pl.lit(self.sensor).alias("sensor"),
+            *[f"param.{field}" for field in self.fields],
+            pl.Series("config_hash", hashes),
+        )
+
+    def _values(self, field: str) -> pl.Series:
+        """What each configuration has in a field: numbers are floats."""
+        values = [attrgetter(field)(c.scenario) for c in self.configurations]
+        is_number = all(v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in values)
+        return pl.Series(values, dtype=pl.Float64 if is_number else None)
+
+
+def _config_hash(digest: str, seed: int) -> str:
+    return hashlib.sha256(f"{digest}|{seed}".encode()).hexdigest()[:16]
+
+
+def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
+    """Of the resolved scenario, the sensor, the files that its missions read, and the results' version."""
+    fields = scenario.model_dump(by_alias=True)
+    named = [scenario.search.plan, *scenario.detector.model_dump().values()]
+    files = [
+        str(_PACKAGE / _SHIPPED_FILE[sensor]),
+        *(n for n in named if isinstance(n, str) and os.path.isfile(n)),
+    ]
+    text = json.dumps([fields, sensor, [_file_digest(f) for f in files], results_version], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@cache
+def _file_digest(path: str) -> str:
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -1,0 +1,371 @@
+"""What a sweep flies: a YAML file of scenarios, strategies, parameters and seeds."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+
+from skysweep.errors import UserError
+from skysweep.scenarios.files import (
+    change_scenario,
+    dump_scenario,
+    explain,
+    list_scenarios,
+    load_scenario,
+)
+from skysweep.scenarios.model import Model, Scenario
+from skysweep.strategies import strategy_spec
+
+MAX_FILE_BYTES = 50_000_000
+MAX_MISSIONS = 1_000_000
+MAX_SEED = 2**32 - 1
+
+# A change of this number says: missions of the same scenario and seed end otherwise than they did.
+RESULTS_VERSION = 1
+
+Value = bool | int | Annotated[float, Field(allow_inf_nan=True)] | str
+Parameters = dict[str, Annotated[list[Value], Field(min_length=1)]]
+Points = list[Annotated[dict[str, Value], Field(min_length=1)]]
+
+_UNION_ARMS = ("bool", "int", "float", "str", "list[int]", "dict[str,any]")  # in pydantic's error paths
+_OWN_PLACE = {"search.strategy": "strategies", "name": "a scenario's label"}
+
+
+class Variant(Model):
+    """One scenario of a sweep: a shipped one, a file's or a whole one, with fields changed."""
+
+    scenario: str | dict[str, Any] = Field(
+        description="Name of a shipped scenario, path of a YAML file (from the spec's folder), or its fields"
+    )
+    label: str | None = Field(
+        None, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$", description="Added to its name in the results"
+    )
+    changes: dict[str, Any] = Field(
+        default_factory=dict, alias="set", description="Dotted fields of the scenario and their values"
+    )
+
+
+class StrategyChoice(Model):
+    """One strategy of a sweep, with parameters of its own where the sweep's do not concern it."""
+
+    strategy: str
+    parameters: Parameters | None = Field(None, description="Instead of the sweep's parameters and points")
+    points: Points | None = Field(None, description="Instead of the sweep's parameters and points")
+
+    @field_validator("strategy")
+    @classmethod
+    def _exists(cls, name: str) -> str:
+        try:
+            strategy_spec(name)
+        except UserError as error:
+            raise ValueError(str(error).removeprefix("search.strategy: ")) from None
+        return name
+
+
+class SweepSpec(Model):
+    """Scenarios x strategies x (every combination of parameters, and single points) x seeds."""
+
+    name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")
+    description: str = ""
+    scenarios: list[Variant] = Field(min_length=1)
+    strategies: list[StrategyChoice] | None = Field(
+        None, min_length=1, description="Default: each scenario's own"
+    )
+    parameters: Parameters = Field(default_factory=dict, description="Dotted fields and their values")
+    points: Points = Field(default_factory=list, description="Further combinations, written out one by one")
+    seeds: int | list[int] = Field(description="How many, or which")
+    first_seed: int = Field(0, ge=0, le=MAX_SEED, description="Where seeds is a number")
+    sensor: Literal["statistical", "imaging"] = "statistical"
+    results_version: int = Field(RESULTS_VERSION, description="Written by the sweep")
+
+    @field_validator("scenarios", mode="before")
+    @classmethod
+    def _plain_scenarios(cls, entries: Any) -> Any:
+        return _spelt_out(entries, "scenario")
+
+    @field_validator("strategies", mode="before")
+    @classmethod
+    def _plain_strategies(cls, entries: Any) -> Any:
+        return _spelt_out(entries, "strategy")
+
+    @field_validator("seeds")
+    @classmethod
+    def _some_and_once(cls, seeds: int | list[int]) -> int | list[int]:
+        if seeds == [] or (isinstance(seeds, int) and seeds < 1):
+            raise ValueError(f"is {seeds}, so there is nothing to fly; write how many, or a list of seeds")
+        if isinstance(seeds, list):
+            if len(set(seeds)) < len(seeds):
+                raise ValueError("a seed is written twice; keep one")
+            if min(seeds) < 0 or max(seeds) > MAX_SEED:
+                raise ValueError(f"a seed is out of range; write numbers from 0 to {MAX_SEED}")
+        return seeds
+
+    @model_validator(mode="after")
+    def _fields_exist(self) -> SweepSpec:
+        for field in swept_fields(self):
+            _check_field(field)
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_flown(self) -> SweepSpec:
+        configurations = len(self.scenarios) * sum(
+            _count(parameters, points) for _, parameters, points in _per_strategy(self)
+        )
+        missions = configurations * len(seeds_of(self))
+        if missions > MAX_MISSIONS:
+            raise ValueError(
+                f"makes {missions:,} missions ({configurations:,} configurations x {len(seeds_of(self)):,} "
+                f"seeds), more than one sweep can hold ({MAX_MISSIONS:,}); write fewer values or seeds"
+            )
+        return self
+
+
+def load_spec(path: str | Path) -> SweepSpec:
+    """The sweep in a file, with every scenario written out.
+
+    Raises:
+        UserError: not found, not YAML, or not a sweep that can be flown.
+    """
+    path = Path(path).expanduser()
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise UserError(
+                f"{path}: is larger than {MAX_FILE_BYTES / 1e6:g} MB; a sweep is a small text file"
+            )
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        raise UserError(f"{path}: there is no such file; write the path of a sweep's YAML file") from None
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not a text file in UTF-8; write a sweep as YAML text") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+    return parse_spec(text, str(path), path.parent)
+
+
+def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
+    """The sweep in YAML text, with every scenario written out. ``source`` names it in errors.
+
+    Raises:
+        UserError: not YAML, or not a sweep that can be flown.
+    """
+    try:
+        data = yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise UserError(f"{source}: {line}not YAML ({error.problem or error.context})") from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise UserError(f"{source}: not YAML ({' '.join(str(error).split())})") from None
+    if not isinstance(data, dict):
+        raise UserError(f"{source}: is no sweep; write fields such as  name, scenarios, parameters, seeds")
+    try:
+        spec = SweepSpec.model_validate(data)
+        spec = spec.model_copy(update={"scenarios": _written_out(spec, folder)})
+        deque(scenarios_of(spec), maxlen=0)  # every combination can be flown
+        return spec
+    except ValidationError as error:
+        raise UserError(f"{source}: {_sentence(error)}") from None
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from None
+
+
+def dump_spec(spec: SweepSpec) -> str:
+    """The sweep as YAML: ``parse_spec`` gives the same one back."""
+    data = spec.model_dump(by_alias=True, exclude_none=True)
+    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
+
+
+def seeds_of(spec: SweepSpec) -> tuple[int, ...] | range:
+    """Every seed, in order."""
+    if isinstance(spec.seeds, int):
+        return range(spec.first_seed, spec.first_seed + spec.seeds)
+    return tuple(spec.seeds)
+
+
+def swept_fields(spec: SweepSpec) -> list[str]:
+    """Dotted fields that the sweep varies, in the order in which they are written."""
+    fields = [
+        field
+        for _, parameters, points in [("", spec.parameters, spec.points), *_per_strategy(spec)]
+        for field in [*parameters, *itertools.chain.from_iterable(points)]
+    ]
+    return list(dict.fromkeys(fields))
+
+
+def scenarios_of(spec: SweepSpec) -> Iterator[tuple[str, Scenario]]:
+    """Every label with its scenario, once for each strategy and combination of parameters.
+
+    Raises:
+        UserError: a combination makes no valid scenario.
+    """
+    for variant in spec.scenarios:
+        base = _scenario(variant, Path())
+        for strategy, parameters, points in _per_strategy(spec):
+            chosen = {"search.strategy": strategy}
+            for values in _combinations(parameters, points):
+                yield _label(variant, base), change_scenario(base, chosen | values)
+
+
+def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
+    """What differs between two plain values, such as ``seeds: 10 there, 20 here``."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for key in dict.fromkeys([*old, *new]):
+            yield from differences(old.get(key), new.get(key), f"{path}.{key}" if path else str(key))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for index, (a, b) in enumerate(zip(old, new, strict=True)):
+            yield from differences(a, b, f"{path}[{index}]")
+    elif old != new:
+        yield f"{path}: {_shown(old)} there, {_shown(new)} here"
+
+
+def _spelt_out(entries: Any, field: str) -> Any:
+    """A bare name stands for an entry with that name."""
+    if not isinstance(entries, list):
+        return entries
+    return [{field: entry} if isinstance(entry, str) else entry for entry in entries]
+
+
+def _per_strategy(spec: SweepSpec) -> list[tuple[str | None, Parameters, Points]]:
+    """Strategy (None: the scenario's own), parameters and points of each part of the sweep."""
+    if spec.strategies is None:
+        return [(None, spec.parameters, spec.points)]
+    return [
+        (s.strategy, spec.parameters, spec.points)
+        if s.parameters is None and s.points is None
+        else (s.strategy, s.parameters or {}, s.points or [])
+        for s in spec.strategies
+    ]
+
+
+def _combinations(parameters: Parameters, points: Points) -> Iterator[dict[str, Any]]:
+    if parameters or not points:
+        for values in itertools.product(*parameters.values()):
+            yield dict(zip(parameters, values, strict=True))
+    yield from points
+
+
+def _count(parameters: Parameters, points: Points) -> int:
+    product = 1
+    for values in parameters.values():
+        product *= len(values)
+    return len(points) + (product if parameters or not points else 0)
+
+
+def _scenario(variant: Variant, folder: Path) -> Scenario:
+    """The variant's scenario with its changes; relative paths count from ``folder``."""
+    if isinstance(variant.scenario, dict):
+        try:
+            base = Scenario.model_validate(variant.scenario)
+        except ValidationError as error:
+            raise explain(error, "scenarios") from None
+    elif variant.scenario in list_scenarios():
+        base = load_scenario(variant.scenario)
+    else:
+        base = load_scenario((folder / Path(variant.scenario).expanduser()).absolute())
+    return change_scenario(base, variant.changes)
+
+
+def _label(variant: Variant, scenario: Scenario) -> str:
+    return f"{scenario.name}-{variant.label}" if variant.label else scenario.name
+
+
+def _written_out(spec: SweepSpec, folder: Path) -> list[Variant]:
+    """Every scenario in full, so that the sweep depends on no other file."""
+    whole: dict[str, Variant] = {}
+    for index, variant in enumerate(spec.scenarios):
+        scenario = _scenario(variant, folder)
+        label = _label(variant, scenario)
+        if label in whole:
+            raise UserError(f"scenarios[{index}]: there is a '{label}' already; write another label")
+        fields = yaml.safe_load(dump_scenario(scenario))
+        whole[label] = Variant(scenario=fields, label=variant.label, set={})
+    return list(whole.values())
+
+
+def _check_field(field: str) -> None:
+    """Raises ValueError, with the nearest names, where a scenario has no such field to vary."""
+    if field in _OWN_PLACE:
+        raise ValueError(f"{field}: is no parameter of a sweep; write it under {_OWN_PLACE[field]}")
+    known = dict(_leaves(Scenario))
+    if field in known:
+        return
+    leaf = field.rpartition(".")[2]
+    by_leaf = [name for name in known if name.rpartition(".")[2] == leaf]
+    meant = [name for name, description in known.items() if description == leaf]
+    close = [
+        *difflib.get_close_matches(field, known, n=3),
+        *(
+            name
+            for near in difflib.get_close_matches(leaf, {n.rpartition(".")[2] for n in known}, n=2)
+            for name in known
+            if name.rpartition(".")[2] == near
+        ),
+    ]
+    nearest = list(dict.fromkeys([*meant, *by_leaf, *close]))[:3]
+    hint = f"did you mean {' or '.join(nearest)}?" if nearest else "see 'skysweep scenarios show'"
+    raise ValueError(f"{field}: a scenario has no such parameter; {hint}")
+
+
+def _leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted names of a model's single-valued fields, with their descriptions."""
+    for name, field in model.model_fields.items():
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from _leaves(kind, f"{prefix}{name}.")
+        elif "list" not in str(kind) and "tuple" not in str(kind):
+            yield f"{prefix}{name}", field.description or ""
+
+
+def _sentence(error: ValidationError) -> str:
+    """The first thing that pydantic found, as one sentence."""
+    detail = min(error.errors(), key=lambda d: d["type"] != "extra_forbidden")
+    parts = [part for part in detail["loc"] if part not in _UNION_ARMS]
+    path = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
+    kind = detail["type"]
+    if kind == "value_error":
+        reason = str(detail["ctx"]["error"])
+        return f"{path}: {reason}" if path else reason
+    if kind == "extra_forbidden":
+        models: dict[str, type[Model]] = {"scenarios": Variant, "strategies": StrategyChoice}
+        model = models.get(str(parts[0]), SweepSpec)
+        known = [field.alias or name for name, field in model.model_fields.items()]
+        near = difflib.get_close_matches(str(parts[-1]), known, n=1, cutoff=0.5)
+        return f"{path}: there is no such field; " + (
+            f"did you mean '{near[0]}'?" if near else f"write one of {', '.join(known)}"
+        )
+    if kind == "missing":
+        return f"{path}: is missing; add  {parts[-1]}: ..."
+    if kind == "too_short":
+        return f"{path}: is empty, so there is nothing to fly; write at least one"
+    found = _shown(detail["input"])
+    if parts[0] == "seeds":
+        return f"seeds: is {found}; write how many, or a list of whole numbers"
+    if detail["loc"][-1] in _UNION_ARMS[:4]:
+        return f"{path}: is {found}; write a number, .inf, a word, true or false"
+    return f"{path}: is {found}; {detail['msg'].replace('Input should', 'it should')}"
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000).split("\n")[0]
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+class _Loader(yaml.SafeLoader):
+    """A key may be written once: of two lists of values for a parameter, one would be lost."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+        for key in keys:
+            if keys.count(key) > 1 and key != "<<":
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"{key} is written twice; keep one", node.start_mark
+                )
+        return super().construct_mapping(node, deep=deep)
