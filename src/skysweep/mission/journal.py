@@ -67,12 +67,12 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
 
 def _plain(value: Any) -> Any:
     """Plain rounded data of arrays, tuples and floats; infinity becomes the string 'inf'."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
     if isinstance(value, float):
-        return round(value, 4) if math.isfinite(value) else str(value)
+        return round(float(value), 4) if math.isfinite(value) else str(value)
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
     return value

@@ -74,7 +74,7 @@ class TerrainSurface:
         if xy.ndim == 1:
             xy = xy[None]
         if self.is_flat:
-            return np.full(len(xy), self.heights_m[0, 0])
+            return np.zeros(len(xy)) + self.heights_m[0, 0]
         return _bilinear(self.heights_m, self.bounds_enu_m, xy)
 
 

@@ -75,7 +75,7 @@ MPC_XY_P, MPC_Z_P = 0.95, 1.0
 MPC_XY_VEL_P, MPC_XY_VEL_I, MPC_XY_VEL_D = 1.8, 0.4, 0.2
 MPC_Z_VEL_P, MPC_Z_VEL_I = 4.0, 2.0
 MPC_VELD_LP_S = 1.0 / (2.0 * math.pi * 5.0)
-MPC_TILTMAX = math.radians(45.0)
+SLOPE_MAX = math.tan(math.radians(45.0))  # MPC_TILTMAX_AIR
 MPC_TKO_SPEED, MPC_TKO_RAMP_T, SPOOLUP_S = 1.5, 3.0, 1.0
 MPC_LAND_SPEED, MPC_LAND_ALT1, MPC_LAND_ALT2 = 0.7, 10.0, 5.0
 TAKEOFF_Z_P = 0.4  # identified: PX4's automatic take-off arrives more gently than an offboard climb
@@ -115,13 +115,13 @@ def _uniform(rng):
     return (float(z >> np.uint64(11)) + 1.0) * 2.0**-53
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _normal(rng):
     """Standard normal (Box-Muller)."""
     return math.sqrt(-2.0 * math.log(_uniform(rng))) * math.cos(2.0 * math.pi * _uniform(rng))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _multiply(a, b):
     """Hamilton product of two quaternions."""
     return (
@@ -132,22 +132,33 @@ def _multiply(a, b):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _turn(vx, vy, vz):
-    """Quaternion of a rotation vector."""
-    angle = math.sqrt(vx * vx + vy * vy + vz * vz)
-    k = 0.5 - angle * angle / 48.0 if angle < 1e-4 else math.sin(0.5 * angle) / angle
-    return math.cos(0.5 * angle), k * vx, k * vy, k * vz
+    """Quaternion of a rotation vector; a short one by Taylor series, to the last bit of a double."""
+    square = 0.25 * (vx * vx + vy * vy + vz * vz)
+    if square < 1e-3:
+        cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)))
+        k = 0.5 * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0)))
+    else:
+        half = math.sqrt(square)
+        cosine, k = math.cos(half), 0.5 * math.sin(half) / half
+    return cosine, k * vx, k * vy, k * vz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _four(x, at):
+    """The quaternion that begins at ``at``."""
+    return x[at], x[at + 1], x[at + 2], x[at + 3]
+
+
+@njit(cache=True, error_model="numpy")
 def _set_unit(x, at, quaternion):
     a, b, c, d = quaternion
     n = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
     x[at], x[at + 1], x[at + 2], x[at + 3] = a * n, b * n, c * n, d * n
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _rotation(a):
     """The nine entries, row by row, of a quaternion's rotation matrix."""
     w, i, j, k = a[0], a[1], a[2], a[3]
@@ -164,17 +175,17 @@ def _rotation(a):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _wrap(angle):
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _clip(value, low, high):
     return min(max(value, low), high)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def camera_quaternion(yaw_rad, pitch_rad):
     """Camera optical -> ENU for a level picture (geometry.frames.rotation_camera_to_enu)."""
     body = _multiply(
@@ -184,7 +195,7 @@ def camera_quaternion(yaw_rad, pitch_rad):
     return _multiply(body, (0.5, -0.5, 0.5, -0.5))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def start(x, rng, q):
     """Draws the slow errors from their stationary distributions and points the camera."""
     std = q[POSITION_STD]
@@ -196,7 +207,7 @@ def start(x, rng, q):
     _set_unit(x, CAMERA, camera_quaternion(x[BELIEVED_YAW], q[GIMBAL_PITCH]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _move_air_and_errors(x, rng, q):
     """Gauss-Markov steps of the gusts (first order), GNSS (second order) and attitude errors (first)."""
     dt = STEP_S * NOISE_STEPS
@@ -207,11 +218,13 @@ def _move_air_and_errors(x, rng, q):
     for i in range(3):
         airspeed += (x[VELOCITY + i] - q[WIND + i]) ** 2
     airspeed = math.sqrt(airspeed)
-    for i in range(3):
-        length = FOOT_M * (feet if i == 2 else feet / shape**1.2)
-        std = q[GUST_STD] * (shape**0.4 if i == 2 else 1.0)
-        keep = math.exp(-dt * airspeed / length)
-        x[GUST + i] = keep * x[GUST + i] + std * math.sqrt(1.0 - keep * keep) * _normal(rng)
+    keep = math.exp(-dt * airspeed / (FOOT_M * feet / shape**1.2))
+    fresh = q[GUST_STD] * math.sqrt(1.0 - keep * keep)
+    x[GUST] = keep * x[GUST] + fresh * _normal(rng)
+    x[GUST + 1] = keep * x[GUST + 1] + fresh * _normal(rng)
+    keep = math.exp(-dt * airspeed / (FOOT_M * feet))
+    fresh = q[GUST_STD] * shape**0.4 * math.sqrt(1.0 - keep * keep)
+    x[GUST + 2] = keep * x[GUST + 2] + fresh * _normal(rng)
 
     if q[POSITION_STD] > 0.0:
         w = 2.0 / POSITION_ERROR_TIME_S
@@ -229,7 +242,7 @@ def _move_air_and_errors(x, rng, q):
         x[ATTITUDE_ERROR + i] = keep * x[ATTITUDE_ERROR + i] + fresh
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _vertical_limits(x, q):
     """Fastest climb and descent now, m/s, both positive; a negative climb keeps it on the ground."""
     agl = x[POSITION + 2] - x[GROUND_HEIGHT]
@@ -247,7 +260,7 @@ def _vertical_limits(x, q):
     return up, down
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _limited_xy(px, py, fx, fy, limit):
     """p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
     if math.hypot(px + fx, py + fy) <= limit:
@@ -261,7 +274,7 @@ def _limited_xy(px, py, fx, fy, limit):
     return px + s * ux, py + s * uy
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _velocity_setpoint(x, q):
     ex, ey, ez = (
         x[TARGET_POSITION] - x[POSITION] - x[POSITION_ERROR],
@@ -279,7 +292,7 @@ def _velocity_setpoint(x, q):
     return vx, vy, min(max(vz, -down), up)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _thrust_setpoint(x, q):
     """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2.
 
@@ -290,8 +303,8 @@ def _thrust_setpoint(x, q):
     by = x[VELOCITY + 1] + x[VELOCITY_ERROR + 1]
     bz = x[VELOCITY + 2] + x[VELOCITY_ERROR + 2]
     for i, b in enumerate((bx, by, bz)):
-        slope = (b - x[LAST_VELOCITY + i]) / STEP_S
-        x[VELOCITY_SLOPE + i] += SLOPE_BLEND * (slope - x[VELOCITY_SLOPE + i])
+        gradient = (b - x[LAST_VELOCITY + i]) / STEP_S
+        x[VELOCITY_SLOPE + i] += SLOPE_BLEND * (gradient - x[VELOCITY_SLOPE + i])
         x[LAST_VELOCITY + i] = b
     ex, ey, ez = vx - bx, vy - by, vz - bz
     ax = MPC_XY_VEL_P * ex + x[VELOCITY_INTEGRAL] - MPC_XY_VEL_D * x[VELOCITY_SLOPE]
@@ -300,11 +313,11 @@ def _thrust_setpoint(x, q):
 
     # Decoupled: the tilt follows from the horizontal demand against gravity alone.
     a_xy = math.hypot(ax, ay)
-    tilt = min(math.atan2(a_xy, G), MPC_TILTMAX)
-    lift = max(az + G, THRUST_MIN * math.cos(tilt))
+    slope = min(a_xy / G, SLOPE_MAX)
+    lift = max(az + G, THRUST_MIN / math.sqrt(1.0 + slope * slope))
     if (lift <= THRUST_MIN and ez <= 0.0) or (lift >= THRUST_MAX and ez >= 0.0):
         ez = 0.0
-    side = lift * math.tan(tilt)
+    side = lift * slope
     lift = min(lift, math.sqrt(THRUST_MAX**2 - min(side, THRUST_XY_MARGIN) ** 2))
     side = min(side, math.sqrt(THRUST_MAX**2 - lift**2))
     share = side / a_xy if a_xy > 1e-9 else 1.0
@@ -319,7 +332,7 @@ def _thrust_setpoint(x, q):
     return tx - lx * lift, ty - ly * lift, lift + lx * tx + ly * ty
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _turn_towards(x, R, tx, ty, tz):
     """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves RATES and ATTITUDE."""
     T = math.sqrt(tx * tx + ty * ty + tz * tz)
@@ -347,11 +360,11 @@ def _turn_towards(x, R, tx, ty, tz):
         x[ANGULAR_ACCELERATION + i] = produced + MOTOR_BLEND * (push - produced)
         x[RATES + i] = rate + net * STEP_S
     step = _turn(x[RATES] * STEP_S, x[RATES + 1] * STEP_S, x[RATES + 2] * STEP_S)
-    _set_unit(x, ATTITUDE, _multiply(x[ATTITUDE : ATTITUDE + 4], step))
+    _set_unit(x, ATTITUDE, _multiply(_four(x, ATTITUDE), step))
     return T
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _move_body(x, q, R):
     """Thrust, linear drag against the air, gravity, and the ground."""
     along = (R[2], R[5], R[8])
@@ -370,7 +383,7 @@ def _move_body(x, q, R):
         x[CONTACT_TIME] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _stand(x, R):
     """Level and still, facing where it faced."""
     yaw = math.atan2(R[3], R[0])
@@ -379,26 +392,25 @@ def _stand(x, R):
         x[at : at + 3] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _believe_yaw(x):
-    R = _rotation(x[ATTITUDE : ATTITUDE + 4])
+    R = _rotation(_four(x, ATTITUDE))
     east = R[0] + x[ATTITUDE_ERROR + 1] * R[6] - x[ATTITUDE_ERROR + 2] * R[3]
     north = R[3] + x[ATTITUDE_ERROR + 2] * R[0] - x[ATTITUDE_ERROR] * R[6]
     x[BELIEVED_YAW] = math.atan2(north, east)
 
 
-@njit(cache=True)
-def _move_gimbal(x, q, R):
+@njit(cache=True, error_model="numpy")
+def _move_gimbal(x, R, pitch, rate_max, gain):
     """The body carries the camera along; the joints turn it back with a first-order lag and a rate limit."""
     _believe_yaw(x)
     e = _turn(-x[ATTITUDE_ERROR], -x[ATTITUDE_ERROR + 1], -x[ATTITUDE_ERROR + 2])
-    wanted = _multiply(e, camera_quaternion(x[BELIEVED_YAW], q[GIMBAL_PITCH]))
-    camera = x[CAMERA : CAMERA + 4]
+    wanted = _multiply(e, camera_quaternion(x[BELIEVED_YAW], pitch))
+    camera = _four(x, CAMERA)
     error = _multiply(wanted, (camera[0], -camera[1], -camera[2], -camera[3]))
     sine = math.sqrt(error[1] ** 2 + error[2] ** 2 + error[3] ** 2)
     angle = 2.0 * math.atan2(sine, abs(error[0]))
-    gain = (1.0 - math.exp(-STEP_S / max(q[GIMBAL_LAG], 1e-6))) / STEP_S
-    joint_rate = min(angle * gain, q[GIMBAL_RATE])
+    joint_rate = min(angle * gain, rate_max)
     k = math.copysign(joint_rate / sine, error[0]) if sine > 1e-12 else 0.0
     for i in range(3):
         carried = R[3 * i] * x[RATES] + R[3 * i + 1] * x[RATES + 1] + R[3 * i + 2] * x[RATES + 2]
@@ -407,31 +419,34 @@ def _move_gimbal(x, q, R):
     _set_unit(x, CAMERA, _multiply(step, camera))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fly(x, rng, q, steps):
     """Moves the simulation by ``steps`` of STEP_S."""
+    pitch, rate_max = q[GIMBAL_PITCH], q[GIMBAL_RATE]
+    gain = (1.0 - math.exp(-STEP_S / max(q[GIMBAL_LAG], 1e-6))) / STEP_S
     for _ in range(steps):
         if int(x[STEPS]) % NOISE_STEPS == 0:
             _move_air_and_errors(x, rng, q)
         x[STEPS] += 1.0
         x[MODE_TIME] += STEP_S
-        R = _rotation(x[ATTITUDE : ATTITUDE + 4])
+        R = _rotation(_four(x, ATTITUDE))
         power = AVIONICS_W
         if x[MODE] != ON_GROUND:
             tx, ty, tz = _thrust_setpoint(x, q)
             thrust = _turn_towards(x, R, tx, ty, tz)
             x[THRUST] += MOTOR_BLEND * (thrust - x[THRUST])
             _move_body(x, q, R)
-            power += q[HOVER_POWER] * (x[THRUST] / G) ** 1.5
+            load = x[THRUST] / G
+            power += q[HOVER_POWER] * load * math.sqrt(load)
             if x[MODE] == LAND and x[CONTACT_TIME] >= LANDED_AFTER_S:
                 x[MODE] = ON_GROUND
                 x[AIRBORNE] = 0.0
                 x[THRUST] = 0.0
-        _move_gimbal(x, q, R)
+        _move_gimbal(x, R, pitch, rate_max, gain)
         x[ENERGY_WH] += power * STEP_S / 3600.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def poses(x, q, out):
     """What the vehicle believes and what is so, as rows of 3 in ``out`` (18, 3).
 
@@ -440,11 +455,11 @@ def poses(x, q, out):
     17 camera rates in camera axes.
     """
     e = _turn(x[ATTITUDE_ERROR], x[ATTITUDE_ERROR + 1], x[ATTITUDE_ERROR + 2])
-    attitude = x[ATTITUDE : ATTITUDE + 4]
+    attitude = _four(x, ATTITUDE)
     B = _rotation(_multiply(e, attitude))
     C = _rotation(camera_quaternion(x[BELIEVED_YAW], q[GIMBAL_PITCH]))
     R = _rotation(attitude)
-    K = _rotation(x[CAMERA : CAMERA + 4])
+    K = _rotation(_four(x, CAMERA))
     wx, wy = x[RATES], x[RATES + 1]
     for i in range(3):
         out[0, i] = x[POSITION + i] + x[POSITION_ERROR + i]
