@@ -6,22 +6,22 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skysweep.errors import UserError
-from skysweep.experiments.pictures import PictureBook
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, Run, load_run
-from skysweep.results.writing import write_results
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
-from skysweep.sensing.render import Backend
 from skysweep.types import Detections, VehicleState
+
+if TYPE_CHECKING:
+    from skysweep.sensing.render import Backend
 
 Watch = Callable[[VehicleState, str, Detections | None], None]
 
@@ -39,6 +39,9 @@ def fly_to_folder(
 
     Raises UserError when ``out`` already holds a mission: nothing is ever overwritten.
     """
+    from skysweep.experiments.pictures import PictureBook
+    from skysweep.results.writing import write_results
+
     journal_path = out / JOURNAL_FILE
     if journal_path.exists():
         raise UserError(f"{out}: holds a mission already; write another --out")

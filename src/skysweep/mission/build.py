@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,17 +12,17 @@ from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.loop import Mission
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import build_world
-from skysweep.sensing.detector import YoloDetector
-from skysweep.sensing.imaging import ImagingSensor
-from skysweep.sensing.render import Backend
-from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Detector, Sensor
 from skysweep.vehicles.multirotor import Multirotor
+
+if TYPE_CHECKING:
+    from skysweep.sensing.render import Backend
+    from skysweep.sensing.rendered_camera import TruePose
 
 SENSORS = ("imaging", "statistical")
 
@@ -60,9 +61,7 @@ def build_mission(
             seed,
         )
     else:
-        detector = _detector(scenario, threads)
-        pictures = RenderedCamera(world, camera, lambda: _true_camera(vehicle), seed, renderer)
-        sensor = ImagingSensor(pictures, detector, exposures, camera.latency_s)
+        sensor = _imaging_sensor(scenario, world, vehicle, exposures, seed, renderer, threads)
     look_s = camera.latency_s + camera.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
     return Mission(
@@ -80,11 +79,31 @@ def build_mission(
     )
 
 
+def _imaging_sensor(
+    scenario: Scenario,
+    world: World,
+    vehicle: Multirotor,
+    exposures: Exposures,
+    seed: int,
+    renderer: Backend,
+    threads: int,
+) -> Sensor:
+    """Renderer and detector are imported here, so that missions without pictures stay small."""
+    from skysweep.sensing.imaging import ImagingSensor
+    from skysweep.sensing.rendered_camera import RenderedCamera
+
+    detector = _detector(scenario, threads)
+    pictures = RenderedCamera(world, scenario.camera, lambda: _true_camera(vehicle), seed, renderer)
+    return ImagingSensor(pictures, detector, exposures, scenario.camera.latency_s)
+
+
 def _detector(scenario: Scenario, threads: int) -> Detector:
     """Ours, an ONNX file, or what a third party registered as ``skysweep.detectors`` under this name.
 
     A registered detector is a callable that takes the scenario and returns a ``types.Detector``.
     """
+    from skysweep.sensing.detector import YoloDetector
+
     d = scenario.detector
     for entry in entry_points(group="skysweep.detectors"):
         if entry.name == d.model:
@@ -102,6 +121,8 @@ def _detector(scenario: Scenario, threads: int) -> Detector:
 
 def _true_camera(vehicle: Multirotor) -> TruePose:
     """Where the camera really is and how it moves, in ENU."""
+    from skysweep.sensing.rendered_camera import TruePose
+
     pose, motion = vehicle.true_camera_pose(), vehicle.true_camera_motion()
     R = pose.R_camera_to_enu
     return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
