@@ -1,0 +1,101 @@
+"""Serve the embedded vehicle over MAVLink."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn
+
+from skysweep.cli.common import SeedOption, SetOption, changes_of, errors, friendly
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.autopilot import Autopilot
+
+
+@friendly
+def serve_vehicle(
+    scenario: Annotated[
+        str, typer.Argument(help="Where it flies: a shipped scenario's name or a YAML file.")
+    ] = "clusters",
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="Where it sends to: MAVSDK's udpin://127.0.0.1:PORT.")
+    ] = 14540,
+    gcs_port: Annotated[
+        int, typer.Option("--gcs-port", min=1, max=65535, help="And to: QGroundControl's own port.")
+    ] = 14550,
+    local_port: Annotated[
+        int, typer.Option("--local-port", min=0, max=65535, help="Where it listens; 0 is any free port.")
+    ] = 14580,
+    host: Annotated[
+        str, typer.Option(help="Where both programs run; another computer opens the vehicle to its network.")
+    ] = "127.0.0.1",
+    speed: Annotated[float, typer.Option(min=0.1, max=50, help="Vehicle time over wall time.")] = 1.0,
+    signing_key: Annotated[
+        Path | None, typer.Option(help="File with 64 hexadecimal digits: only frames signed with it count.")
+    ] = None,
+    change: SetOption = None,
+    seed: SeedOption = 0,
+) -> None:
+    """Let QGroundControl or a MAVSDK program fly the embedded vehicle, as if it were a PX4.
+
+    Runs until Ctrl-C.
+
+    Examples:
+
+        skysweep serve-vehicle
+
+        skysweep serve-vehicle person-wilderness --speed 10
+
+        skysweep serve-vehicle --port 14541 --local-port 0 --signing-key key.txt
+    """
+    from skysweep.scenarios.files import change_scenario, load_scenario
+    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+    from skysweep.vehicles.mavlink.server import EVERYWHERE, LOOPBACK, VehicleServer, address_of
+    from skysweep.vehicles.mavlink.signing import read_signing_key
+
+    chosen = change_scenario(load_scenario(scenario), changes_of(change))
+    key = None if signing_key is None else read_signing_key(signing_key)
+    to = address_of(host)
+    if to != LOOPBACK:
+        who = "Whoever has the key" if key else "Whoever reaches this computer"
+        errors.print(
+            f"[yellow]warning:[/] {escape(host)} is another computer: the vehicle listens on every network. "
+            f"{who} can command it.",
+            soft_wrap=True,
+        )
+    server = VehicleServer(
+        embedded_vehicle(chosen, seed),
+        chosen,
+        [(to, port), (to, gcs_port)],
+        speed,
+        LOOPBACK if to == LOOPBACK else EVERYWHERE,
+        local_port,
+        key,
+    )
+    errors.print(
+        f"{escape(chosen.name)} at {speed:g}x: MAVSDK udpin://{to}:{port}, QGroundControl {to}:{gcs_port}; "
+        f"listening on {':'.join(map(str, server.address))}. Ctrl-C ends it.",
+        soft_wrap=True,
+        highlight=False,
+    )
+    columns = SpinnerColumn(), TextColumn("{task.description}")
+    with Progress(*columns, console=errors, transient=True) as progress:
+        task = progress.add_task("")
+        try:
+            server.run(lambda pilot: progress.update(task, description=_status(pilot)))
+        except KeyboardInterrupt:
+            errors.print(f"stopped after {server.face.pilot.time_s:.0f} s of flight time")
+        finally:
+            server.stop()
+
+
+def _status(pilot: Autopilot) -> str:
+    up = pilot.state.position_enu_m[2] - pilot.home_enu_m[2]
+    armed = "armed" if pilot.armed else "disarmed"
+    return (
+        f"t = {pilot.time_s:6.1f} s   {pilot.mode.name.lower():8s} {armed:8s} {up:6.1f} m up   "
+        f"battery {pilot.state.battery_remaining:4.0%}"
+    )

@@ -1,0 +1,259 @@
+"""The command protocol: COMMAND_LONG and COMMAND_INT, each answered with one COMMAND_ACK."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skysweep.geometry.frames import yaw_from_heading
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.items import ABOVE_HOME
+from skysweep.vehicles.mavlink.link import Sender
+from skysweep.vehicles.mavlink.manoeuvres import Hold, TakeOff
+from skysweep.vehicles.mavlink.px4 import CAMERA, F64, Mode, Refused, finite, mode_of, whole
+from skysweep.vehicles.mavlink.wire import Message
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.face import Face
+
+_OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
+_UNSUPPORTED = m.MAV_RESULT_UNSUPPORTED
+_ALWAYS_ALLOWED = (Mode.HOLD, Mode.RETURN, Mode.LAND)  # to whoever asks, whoever is in control
+
+
+class _Denied(Refused):
+    """Refused for good, not for now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A command's numbers: four, and a place in degrees and metres where it has one."""
+
+    params: tuple[float, float, float, float]
+    x: float
+    y: float
+    z: float
+    frame: int
+    sender: Sender
+
+    @classmethod
+    def of(cls, message: Message, sender: Sender) -> Order:
+        """From COMMAND_LONG or COMMAND_INT."""
+        params = (message.param1, message.param2, message.param3, message.param4)
+        if message.get_type() == "COMMAND_INT":
+            return cls(params, message.x * 1e-7, message.y * 1e-7, message.z, message.frame, sender)
+        return cls(params, message.param5, message.param6, message.param7, m.MAV_FRAME_GLOBAL, sender)
+
+
+class Commands:
+    """Carries out commands on a face."""
+
+    def __init__(self, face: Face) -> None:
+        self._face, self._pilot = face, face.pilot
+        self._do: dict[int, Callable[[Order], int | None]] = {
+            m.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            m.MAV_CMD_DO_SET_MODE: self._set_mode,
+            m.MAV_CMD_NAV_TAKEOFF: self._take_off,
+            m.MAV_CMD_NAV_LAND: lambda order: self._change(Mode.LAND, order.sender),
+            m.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda order: self._change(Mode.RETURN, order.sender),
+            m.MAV_CMD_NAV_LOITER_UNLIM: lambda order: self._change(Mode.HOLD, order.sender),
+            m.MAV_CMD_DO_REPOSITION: self._reposition,
+            m.MAV_CMD_DO_CHANGE_ALTITUDE: self._change_altitude,
+            m.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
+            m.MAV_CMD_DO_PAUSE_CONTINUE: self._pause_continue,
+            m.MAV_CMD_MISSION_START: self._start_mission,
+            m.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_item,
+            m.MAV_CMD_DO_SET_HOME: self._set_home,
+            m.MAV_CMD_REQUEST_MESSAGE: lambda order: self._request(order.params[0], order.sender),
+            m.MAV_CMD_GET_HOME_POSITION: lambda o: self._request(m.MAVLINK_MSG_ID_HOME_POSITION, o.sender),
+            m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda order: self._request(
+                m.MAVLINK_MSG_ID_AUTOPILOT_VERSION, order.sender
+            ),
+            m.MAV_CMD_REQUEST_CAMERA_INFORMATION: lambda order: self._request(
+                m.MAVLINK_MSG_ID_CAMERA_INFORMATION, order.sender
+            ),
+            m.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            m.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
+            m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: self._configure_gimbal,
+            m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: self._point_gimbal,
+        }
+        self._of_camera = {
+            m.MAV_CMD_REQUEST_MESSAGE: self._do[m.MAV_CMD_REQUEST_MESSAGE],
+            m.MAV_CMD_REQUEST_CAMERA_INFORMATION: self._do[m.MAV_CMD_REQUEST_CAMERA_INFORMATION],
+        }
+
+    def receive(self, message: Message, sender: Sender) -> None:
+        """Carries out a command and acknowledges it; the reason of a refusal goes with it as a text."""
+        to_camera = message.target_component == CAMERA
+        do = (self._of_camera if to_camera else self._do).get(message.command)
+        result = _UNSUPPORTED
+        if do is not None:
+            try:
+                answer = do(Order.of(message, sender))
+                result = _OK if answer is None else answer
+            except Refused as why:
+                result = _DENIED if isinstance(why, _Denied) else _LATER
+                sender.tell(str(why))
+        acknowledgement = m.MAVLink_command_ack_message(
+            message.command, result, _NOT_GIVEN, 0, sender.system, sender.component
+        )
+        sender.reply(acknowledgement, CAMERA if to_camera else message.target_component or 1)
+
+    # ---- arming and modes ----------------------------------------------------------------------------
+
+    def _arm(self, order: Order) -> int | None:
+        wanted = whole(order.params[0])
+        if wanted not in (0, 1):
+            return _UNSUPPORTED
+        if wanted:
+            self._pilot.arm()
+        else:
+            self._pilot.disarm()
+        return None
+
+    def _set_mode(self, order: Order) -> int | None:
+        base, main, sub = (whole(v) for v in order.params[:3])
+        if base is None or main is None or not base & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return _UNSUPPORTED
+        self.set_mode(main, sub or 0, order.sender)
+        return None
+
+    def set_mode(self, main: int, sub: int, sender: Sender) -> None:
+        """By PX4's numbers of a mode. Raises Refused."""
+        mode = mode_of(main, sub)
+        if mode is None:
+            raise Refused("this vehicle has no such mode")
+        self._change(mode, sender)
+
+    def _change(self, mode: Mode, sender: Sender) -> None:
+        if mode not in _ALWAYS_ALLOWED:
+            self._must_be_free(sender, mode is Mode.OFFBOARD)
+        self._pilot.change_mode(mode)
+        if mode is not Mode.OFFBOARD:
+            self._pilot.offboard.release(sender.key)
+
+    def _must_be_free(self, sender: Sender, offboard_wanted: bool = False) -> None:
+        """Raises _Denied while another program is in control."""
+        engaged = offboard_wanted or self._pilot.mode is Mode.OFFBOARD
+        if engaged and not self._pilot.offboard.may_control(sender.key, self._pilot):
+            raise _Denied("denied: another program is in control")
+
+    def _take_off(self, order: Order) -> None:
+        self._must_be_free(order.sender)
+        altitude = None
+        if finite(order.z) and order.z != 0.0:
+            altitude = float(self._place(order.frame, 0.0, 0.0, order.z)[2])
+        self._pilot.failsafe = False
+        self._pilot.enter(Mode.TAKEOFF, TakeOff(altitude))
+
+    def _start_mission(self, order: Order) -> None:
+        self._must_be_free(order.sender)
+        first = whole(order.params[0])
+        if first:
+            self._face.set_mission_item(first)
+        self._pilot.change_mode(Mode.MISSION)
+        self._pilot.arm()
+
+    def _pause_continue(self, order: Order) -> int | None:
+        go_on = whole(order.params[0])
+        if go_on not in (0, 1):
+            return _DENIED
+        self._change(Mode.MISSION if go_on else Mode.HOLD, order.sender)
+        return None
+
+    def _set_mission_item(self, order: Order) -> int | None:
+        index = whole(order.params[0])
+        return None if index is not None and self._face.set_mission_item(index) else _DENIED
+
+    # ---- where to ------------------------------------------------------------------------------------
+
+    def _reposition(self, order: Order) -> int | None:
+        self._must_be_free(order.sender)
+        if not (whole(order.params[1]) or 0) & m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
+            return _UNSUPPORTED
+        if not self._pilot.flying:
+            raise Refused("not flying")
+        here = self._pilot.state.position_enu_m
+        if finite(order.x, order.y) and (order.x, order.y) != (0.0, 0.0):
+            there = self._place(order.frame, order.x, order.y, order.z if finite(order.z) else 0.0)
+        else:
+            there = np.array([here[0], here[1], self._place(order.frame, 0.0, 0.0, order.z)[2]])
+        if not finite(order.z):
+            there[2] = here[2]
+        self._hold_at(there, order.params[3])
+        if order.params[0] > 0.0:
+            self._pilot.speed_mps = order.params[0]
+        return None
+
+    def _change_altitude(self, order: Order) -> None:
+        self._must_be_free(order.sender)
+        if not self._pilot.flying:
+            raise Refused("not flying")
+        here = self._pilot.state.position_enu_m
+        frame = whole(order.params[1])
+        height = self._place(m.MAV_FRAME_GLOBAL if frame is None else frame, 0.0, 0.0, order.params[0])[2]
+        self._hold_at(np.array([here[0], here[1], height]), float("nan"))
+
+    def _hold_at(self, there: F64, yaw: float) -> None:
+        if self._pilot.outside_fence(there):
+            raise _Denied("denied: outside the geofence")
+        self._pilot.failsafe = False
+        heading = yaw_from_heading(float(np.degrees(yaw))) if abs(yaw) < 1e3 else None
+        self._pilot.enter(Mode.HOLD, Hold(there, heading))
+
+    def _change_speed(self, order: Order) -> int | None:
+        self._must_be_free(order.sender)
+        speed = order.params[1]
+        if not finite(speed):
+            return _DENIED
+        self._pilot.speed_mps = speed if speed > 0.0 else None
+        return None
+
+    def _set_home(self, order: Order) -> None:
+        if whole(order.params[0]) == 1:
+            self._pilot.home_enu_m = self._pilot.state.position_enu_m
+        else:
+            self._pilot.home_enu_m = self._pilot.site.enu(order.x, order.y, order.z)
+
+    def _place(self, frame: int, latitude_deg: float, longitude_deg: float, z: float) -> F64:
+        """A place in ENU; at 0, 0 only its height means something."""
+        site = self._pilot.site
+        above = site.geodetic(self._pilot.home_enu_m)[2] if frame in ABOVE_HOME else 0.0
+        if (latitude_deg, longitude_deg) == (0.0, 0.0):
+            if not abs(z) < 1e5:
+                raise _Denied("denied: no such altitude")
+            return np.array([0.0, 0.0, above + z - site.frame.altitude_m])
+        return site.enu(latitude_deg, longitude_deg, above + z)
+
+    # ---- messages and payload ------------------------------------------------------------------------
+
+    def _request(self, kind: float, sender: Sender) -> int | None:
+        number = whole(kind)
+        return None if number is not None and self._face.send_once(number, sender) else _DENIED
+
+    def _set_interval(self, order: Order) -> int | None:
+        kind = whole(order.params[0])
+        streams = self._face.streams_of(order.sender)
+        return None if kind is not None and streams.set_interval(kind, order.params[1]) else _DENIED
+
+    def _get_interval(self, order: Order) -> int | None:
+        kind = whole(order.params[0])
+        if kind is None or not 0 <= kind <= 65535:
+            return _DENIED
+        interval = self._face.streams_of(order.sender).interval_us(kind)
+        order.sender.reply(m.MAVLink_message_interval_message(kind, interval))
+        return None
+
+    def _configure_gimbal(self, order: Order) -> int | None:
+        who = (order.sender.system, order.sender.component)
+        return None if self._face.payload.configure(order.params, who) else _DENIED
+
+    def _point_gimbal(self, order: Order) -> int | None:
+        who = (order.sender.system, order.sender.component)
+        return None if self._face.payload.point(who) else _DENIED
+
+
+_NOT_GIVEN = 255  # progress

@@ -1,0 +1,12 @@
+"""The one place that imports pymavlink."""
+
+from __future__ import annotations
+
+from skysweep.errors import MissingExtraError
+
+try:
+    from pymavlink.dialects.v20 import common as mavlink
+except ImportError:
+    raise MissingExtraError("MAVLink", "px4") from None
+
+__all__ = ["mavlink"]

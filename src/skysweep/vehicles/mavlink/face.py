@@ -1,0 +1,238 @@
+"""The vehicle as MAVLink shows it: datagrams in, datagrams out, time by the tick. No sockets, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from skysweep.scenarios.model import Scenario
+from skysweep.types import Vehicle
+from skysweep.vehicles.mavlink.autopilot import Autopilot
+from skysweep.vehicles.mavlink.commands import Commands
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.failsafes import Failsafes
+from skysweep.vehicles.mavlink.items import FENCE, MISSION, RALLY, Item, fence_of
+from skysweep.vehicles.mavlink.link import Address, Peer, Sender, status_texts
+from skysweep.vehicles.mavlink.offboard import Target, target_from_global, target_from_local
+from skysweep.vehicles.mavlink.parameters import Parameters
+from skysweep.vehicles.mavlink.payload import Payload
+from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, Refused, Site
+from skysweep.vehicles.mavlink.signing import Signing
+from skysweep.vehicles.mavlink.telemetry import Picture, Streams, reports
+from skysweep.vehicles.mavlink.transfer import Transfers
+from skysweep.vehicles.mavlink.wire import Message, read_frames
+
+MAX_PEERS = 8
+_REFUSAL_EVERY_S = 1.0  # of setpoints, which come many times a second
+_REFUSALS_REMEMBERED = 64
+
+
+class Face:
+    """A PX4 from outside, ``vehicle`` inside.
+
+    ``transmit(datagram, address)`` sends. ``listeners`` hear it from the start; whoever speaks joins, and
+    beyond MAX_PEERS the one that was silent for the longest leaves. ``unix_start_s``: its clock at the start.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        transmit: Callable[[bytes, Address], None],
+        listeners: Iterable[Address] = (),
+        signing_key: bytes | None = None,
+        unix_start_s: float = 0.0,
+    ) -> None:
+        self.signing = Signing(signing_key)
+        self.payload = Payload(scenario.camera)
+        self.parameters = Parameters(scenario.vehicle)
+        site = Site(scenario.frame, vehicle.state().position_enu_m)
+        self.pilot = Autopilot(vehicle, site, self.parameters, self.say)
+        self.transfers = Transfers(self._take_items)
+        self._transmit, self._unix_start_s = transmit, unix_start_s
+        self._reports = reports(self.payload)
+        self._failsafes = Failsafes()
+        self._commands = Commands(self)
+        self._peers: dict[Address, Peer] = {}
+        self._streams: dict[Address, Streams] = {}
+        self._heard_s: dict[Address, float] = {}
+        self._lists: dict[Address, Iterator[list[Message]]] = {}
+        self._refused: dict[tuple[Address, int, int], float] = {}
+        self._camera_next_s = 0.0
+        self._energy_wh, self._power_w, self._power_next_s = 0.0, 0.0, 1.0
+        for address in listeners:
+            self._join(address)
+        self._handle: dict[str, Callable[[Message, Sender], None]] = {
+            "COMMAND_LONG": self._commands.receive,
+            "COMMAND_INT": self._commands.receive,
+            "SET_MODE": self._set_mode,
+            "SET_POSITION_TARGET_LOCAL_NED": self._follow_local,
+            "SET_POSITION_TARGET_GLOBAL_INT": self._follow_global,
+            "PARAM_REQUEST_LIST": self._list_parameters,
+            "PARAM_REQUEST_READ": lambda message, sender: _reply(sender, self.parameters.read(message)),
+            "PARAM_SET": lambda message, sender: _reply(sender, self.parameters.write(message)),
+            "MISSION_COUNT": self.transfers.count,
+            "MISSION_ITEM_INT": self.transfers.item,
+            "MISSION_CLEAR_ALL": self.transfers.clear,
+            "MISSION_REQUEST_LIST": self.transfers.list,
+            "MISSION_REQUEST_INT": self.transfers.request,
+            "MISSION_REQUEST": self.transfers.request,
+            "MISSION_SET_CURRENT": self._set_current,
+            "TIMESYNC": self._timesync,
+            "PING": self._ping,
+        }
+
+    # ---- in ------------------------------------------------------------------------------------------
+
+    def receive(self, datagram: bytes, address: Address) -> None:
+        """Acts on every sound and authentic frame that is meant for this vehicle."""
+        for message in read_frames(datagram, self.signing):
+            system, component = message.get_srcSystem(), message.get_srcComponent()
+            if (system, component) in ((SYSTEM_ID, AUTOPILOT), (SYSTEM_ID, CAMERA)):
+                continue
+            peer = self._join(address)
+            if getattr(message, "target_system", 0) not in (0, SYSTEM_ID):
+                continue
+            if getattr(message, "target_component", 0) not in (0, AUTOPILOT, CAMERA):
+                continue
+            handle = self._handle.get(message.get_type())
+            if handle is not None:
+                handle(message, Sender(peer, system, component))
+
+    def _join(self, address: Address) -> Peer:
+        self._heard_s[address] = self.pilot.time_s
+        if address not in self._peers:
+            if len(self._peers) >= MAX_PEERS:
+                silent = min(self._peers, key=self._heard_s.__getitem__)
+                for table in (self._peers, self._streams, self._lists):
+                    table.pop(silent, None)
+                del self._heard_s[silent]
+            self._heard_s[address] = self.pilot.time_s
+            self._peers[address] = Peer(address, self._transmit, self.signing)
+            self._streams[address] = Streams(self._reports)
+        return self._peers[address]
+
+    def _set_mode(self, message: Message, sender: Sender) -> None:
+        if message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            try:
+                self._commands.set_mode(message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24, sender)
+            except Refused as why:
+                sender.tell(str(why))
+
+    def _follow_local(self, message: Message, sender: Sender) -> None:
+        pilot = self.pilot
+        self._follow(sender, lambda: target_from_local(message, pilot.site, pilot.yaw_rad))
+
+    def _follow_global(self, message: Message, sender: Sender) -> None:
+        pilot = self.pilot
+        self._follow(sender, lambda: target_from_global(message, pilot.site, pilot.home_enu_m))
+
+    def _follow(self, sender: Sender, target: Callable[[], Target]) -> None:
+        pilot = self.pilot
+        try:
+            pilot.offboard.follow(sender.key, target(), pilot)
+        except Refused as why:
+            if pilot.time_s >= self._refused.get(sender.key, 0.0):
+                if len(self._refused) >= _REFUSALS_REMEMBERED:
+                    self._refused.clear()
+                self._refused[sender.key] = pilot.time_s + _REFUSAL_EVERY_S
+                sender.tell(str(why))
+
+    def _list_parameters(self, _: Message, sender: Sender) -> None:
+        self._lists[sender.peer.address] = self.parameters.list()
+
+    def _set_current(self, message: Message, sender: Sender) -> None:
+        if not self.set_mission_item(message.seq):
+            sender.tell("no such mission item")
+
+    def _timesync(self, message: Message, sender: Sender) -> None:
+        if message.tc1 == 0:
+            now_ns = round(self.pilot.time_s * 1e9)
+            sender.reply(m.MAVLink_timesync_message(now_ns, message.ts1, sender.system, sender.component))
+
+    def _ping(self, message: Message, sender: Sender) -> None:
+        if message.target_system == 0:
+            sender.reply(
+                m.MAVLink_ping_message(message.time_usec, message.seq, sender.system, sender.component)
+            )
+
+    # ---- what commands ask of it ---------------------------------------------------------------------
+
+    def set_mission_item(self, index: int) -> bool:
+        """Goes on with another item; False where the mission has none of that number."""
+        if not 0 <= index < len(self.pilot.mission.items):
+            return False
+        self.pilot.mission.go_to(index)
+        for streams in self._streams.values():
+            streams.now(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+        return True
+
+    def send_once(self, kind: int, sender: Sender) -> bool:
+        """Sends one message of a kind; False where it has none."""
+        report = self._reports.get(kind)
+        message = None if report is None else report.make(self._picture())
+        if report is None or message is None:
+            return False
+        sender.reply(message, report.component)
+        return True
+
+    def streams_of(self, sender: Sender) -> Streams:
+        """The sender's streams."""
+        return self._streams[sender.peer.address]
+
+    def say(self, text: str, severity: int) -> None:
+        """A STATUSTEXT for every listener."""
+        for peer in self._peers.values():
+            for message in status_texts(text, severity):
+                peer.send(message)
+
+    # ---- time ----------------------------------------------------------------------------------------
+
+    def tick(self) -> None:
+        """Lets TICK_S of vehicle time pass and sends what is due."""
+        self.pilot.advance(TICK_S)
+        self._failsafes.check(self.pilot)
+        self.transfers.tick()
+        self._measure_power()
+        picture = self._picture()
+        camera_speaks = self.pilot.time_s >= self._camera_next_s
+        if camera_speaks:
+            self._camera_next_s += 1.0
+        reached, self.pilot.mission.reached = self.pilot.mission.reached, []
+        for address, peer in self._peers.items():
+            self._streams[address].send_due(peer, picture)
+            if camera_speaks:
+                peer.send(self.payload.camera_heartbeat(), CAMERA)
+            for index in reached:
+                peer.send(m.MAVLink_mission_item_reached_message(index))
+                self._streams[address].now(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+        for address, parts in list(self._lists.items()):
+            part = next(parts, None)
+            if part is None:
+                del self._lists[address]
+            else:
+                for message in part:
+                    self._peers[address].send(message)
+
+    def _picture(self) -> Picture:
+        return Picture(self.pilot, self._power_w, self._unix_start_s)
+
+    def _measure_power(self) -> None:
+        if self.pilot.time_s >= self._power_next_s:
+            used = self.pilot.state.energy_used_wh
+            self._power_w, self._energy_wh = (used - self._energy_wh) * 3600.0, used
+            self._power_next_s += 1.0
+
+    def _take_items(self, kind: int, items: tuple[Item, ...]) -> None:
+        """A new mission, fence or list of rally points. Raises Refused where a fence is none."""
+        site = self.pilot.site
+        if kind == MISSION:
+            self.pilot.mission.load(items)
+        elif kind == FENCE:
+            self.pilot.fence = fence_of(items, site)
+        elif kind == RALLY:
+            self.pilot.rally_enu_m = tuple(i.position_enu_m(site, self.pilot.home_enu_m) for i in items)
+
+
+def _reply(sender: Sender, message: Message | None) -> None:
+    if message is not None:
+        sender.reply(message)

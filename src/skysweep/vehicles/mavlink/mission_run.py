@@ -1,0 +1,153 @@
+"""AUTO.MISSION: flies the items of a plan, one after the other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skysweep.geometry.frames import yaw_from_heading
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.items import Item, heading_towards
+from skysweep.vehicles.mavlink.link import NOTICE
+from skysweep.vehicles.mavlink.manoeuvres import Hold, Return
+from skysweep.vehicles.mavlink.px4 import F64, Mode, Refused, finite, whole
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.autopilot import Autopilot
+
+_ANYWHERE = {m.MAV_CMD_NAV_TAKEOFF, m.MAV_CMD_NAV_LAND}  # at 0, 0: where the vehicle is
+
+
+class MissionRun:
+    """Where a mission is. An interrupted one goes on at ``current``; a finished one begins again."""
+
+    def __init__(self) -> None:
+        self.items: tuple[Item, ...] = ()
+        self.current = 0
+        self.finished = False
+        self.reached: list[int] = []  # since the last look
+        self._jumps: dict[int, int] = {}
+        self._target: F64 | None = None
+        self._yaw_rad = 0.0
+        self._since_s: float | None = None  # at the place, or of the delay
+
+    def load(self, items: tuple[Item, ...]) -> None:
+        """Another mission."""
+        self.items = items
+        self.go_to(0)
+
+    def go_to(self, index: int) -> None:
+        """The item that is flown next."""
+        if index == 0:
+            self._jumps.clear()
+        self.current, self.finished = index, False
+        self._target = self._since_s = None
+
+    def begin(self, pilot: Autopilot) -> None:
+        """Before the mode is entered. Raises Refused without a mission, or with one that leaves the fence."""
+        places = [i for i in self.items if i.is_place]
+        if not places:
+            raise Refused("no mission to fly")
+        for place in places:
+            at_zero = place.x == place.y == 0 and place.command in _ANYWHERE
+            if not at_zero and pilot.outside_fence(place.position_enu_m(pilot.site, pilot.home_enu_m)):
+                raise Refused("the mission leaves the geofence")
+        self.go_to(0 if self.finished else self.current)
+
+    def step(self, pilot: Autopilot) -> None:
+        """One item is looked at in a step, so a jump in a circle costs time as any other item."""
+        if self.finished or not (pilot.flying or pilot.may_lift_off):
+            return
+        item = self.items[self.current]
+        if item.is_place:
+            self._fly(item, pilot)
+        elif item.command == m.MAV_CMD_NAV_DELAY:
+            self._wait(item.params[0], pilot)
+        elif item.command == m.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            self._done(pilot)
+            self.finished = True
+            pilot.enter(Mode.RETURN, Return())
+        else:
+            if item.command == m.MAV_CMD_DO_CHANGE_SPEED and finite(item.params[1]):
+                pilot.speed_mps = item.params[1] if item.params[1] > 0.0 else None
+            jump = self._jump(item) if item.command == m.MAV_CMD_DO_JUMP else None
+            self._done(pilot, jump)
+
+    def _fly(self, item: Item, pilot: Autopilot) -> None:
+        here = pilot.state.position_enu_m
+        if self._target is None:
+            self._target = self._place(item, pilot)
+            self._yaw_rad = heading_towards(here, self._target, pilot.yaw_rad)
+            if item.command == m.MAV_CMD_NAV_WAYPOINT and finite(item.params[3]):
+                self._yaw_rad = yaw_from_heading(item.params[3])
+            if not pilot.flying:
+                low = pilot.home_enu_m[2] + pilot.parameters["MIS_TAKEOFF_ALT"]
+                pilot.lift_off(float(max(self._target[2], low)))
+                return
+            if not pilot.taking_off:
+                pilot.fly_to(self._target, self._yaw_rad, pilot.cruise_mps)
+            return
+        if item.command == m.MAV_CMD_NAV_LAND and pilot.landing:
+            return
+        if pilot.setpoint is not None and pilot.setpoint.position_enu_m is not self._target:
+            if not pilot.taking_off and pilot.is_high_as(pilot.setpoint.position_enu_m[2]):
+                pilot.fly_to(self._target, self._yaw_rad, pilot.cruise_mps)
+            return
+        radius = item.params[1] if item.command == m.MAV_CMD_NAV_WAYPOINT else 0.0
+        if not radius > 0.0:
+            radius = pilot.parameters["NAV_ACC_RAD"]
+        arrived = np.hypot(*(self._target - here)[:2]) <= radius and pilot.is_high_as(self._target[2])
+        if self._since_s is None and not arrived:
+            return
+        if item.command == m.MAV_CMD_NAV_LAND:
+            pilot.touch_down()
+            self._reach()
+        elif item.command == m.MAV_CMD_NAV_LOITER_UNLIM:
+            if self._since_s is None:
+                self._since_s = pilot.time_s
+                self._reach()
+        else:
+            takes_time = item.command in (m.MAV_CMD_NAV_WAYPOINT, m.MAV_CMD_NAV_LOITER_TIME)
+            self._wait(item.params[0] if takes_time else 0.0, pilot)
+
+    def _place(self, item: Item, pilot: Autopilot) -> F64:
+        here = pilot.state.position_enu_m
+        place = item.position_enu_m(pilot.site, pilot.home_enu_m)
+        if item.x == item.y == 0 and item.command in _ANYWHERE:
+            place = np.array([here[0], here[1], place[2]])
+        if item.command == m.MAV_CMD_NAV_LAND:
+            place[2] = max(here[2], pilot.home_enu_m[2] + pilot.parameters["MIS_TAKEOFF_ALT"])
+        return place
+
+    def _wait(self, seconds: float, pilot: Autopilot) -> None:
+        if self._since_s is None:
+            self._since_s = pilot.time_s
+        if not pilot.time_s - self._since_s < seconds:
+            self._done(pilot)
+
+    def _jump(self, item: Item) -> int | None:
+        """Where a DO_JUMP leads, None once it was taken as often as it says (always for -1)."""
+        to, times = whole(item.params[0]), whole(item.params[1])
+        taken = self._jumps.get(self.current, 0)
+        if to is None or times is None or not 0 <= to < len(self.items) or 0 <= times <= taken:
+            return None
+        self._jumps[self.current] = taken + 1
+        return to
+
+    def _reach(self) -> None:
+        self.reached.append(self.current)
+
+    def _done(self, pilot: Autopilot, jump: int | None = None) -> None:
+        self._reach()
+        place = self._target
+        self._target = self._since_s = None
+        if jump is not None:
+            self.current = jump
+        elif self.current + 1 < len(self.items):
+            self.current += 1
+        else:
+            self.finished = True
+            pilot.speed_mps = None
+            pilot.say("mission finished", NOTICE)
+            pilot.enter(Mode.HOLD, Hold(place))

@@ -1,0 +1,138 @@
+"""Offboard control: whose setpoints the vehicle follows, and how.
+
+Semantics of PX4: a mode that can be entered and kept only while setpoints stream in (COM_OF_LOSS_T). Stricter
+than PX4 in one thing: the first program that streams owns the control until it is silent for that long or
+leaves the mode, and setpoints of others are refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skysweep.geometry.frames import enu_from_ned, yaw_from_heading
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.items import ABOVE_HOME
+from skysweep.vehicles.mavlink.link import Address
+from skysweep.vehicles.mavlink.px4 import F64, TICK_S, Refused, Site, finite
+from skysweep.vehicles.mavlink.wire import Message
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.autopilot import Autopilot
+
+Key = tuple[Address, int, int]
+_YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048  # POSITION_TARGET_TYPEMASK
+_LIFT_OFF_M, _LIFT_OFF_MPS = 0.3, 0.1  # a setpoint that means: leave the ground
+_FARTHEST_M = 1e6
+_FASTEST_MPS = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A setpoint in ENU; NaN on an axis that it leaves open."""
+
+    position_enu_m: F64  # (3,)
+    velocity_enu_mps: F64  # (3,)
+    yaw_rad: float | None
+    yaw_rate_radps: float
+
+
+class Offboard:
+    """Who owns the control, its newest setpoint, and flying to it."""
+
+    def __init__(self) -> None:
+        self.owner: Key | None = None
+        self._target: Target | None = None
+        self._heard_s = -np.inf
+        self._yaw_rad = 0.0
+
+    def follow(self, key: Key, target: Target, pilot: Autopilot) -> None:
+        """Takes a setpoint. Raises Refused where another program owns the control."""
+        if not self.may_control(key, pilot):
+            raise Refused("Offboard denied: another program is in control")
+        if self.owner != key:
+            self.owner, self._yaw_rad = key, pilot.yaw_rad
+        self._target, self._heard_s = target, pilot.time_s
+        if target.yaw_rad is not None:
+            self._yaw_rad = target.yaw_rad
+
+    def may_control(self, key: Key, pilot: Autopilot) -> bool:
+        """Whether nobody else is in control."""
+        return self.owner in (None, key) or not self.is_fresh(pilot)
+
+    def release(self, key: Key) -> None:
+        """The owner gives it up."""
+        if self.owner == key:
+            self.owner, self._target = None, None
+
+    def is_fresh(self, pilot: Autopilot) -> bool:
+        """Whether setpoints are coming in."""
+        return self._target is not None and pilot.time_s - self._heard_s <= pilot.parameters["COM_OF_LOSS_T"]
+
+    def step(self, pilot: Autopilot) -> None:
+        target = self._target
+        if target is None or pilot.taking_off:
+            return
+        here = pilot.state.position_enu_m
+        if not pilot.flying:
+            up = target.position_enu_m[2] - here[2]
+            if pilot.may_lift_off and (up > _LIFT_OFF_M or target.velocity_enu_mps[2] > _LIFT_OFF_MPS):
+                pilot.lift_off(float(here[2] + (up if up > _LIFT_OFF_M else 1.0)))
+            return
+        if target.yaw_rad is None:
+            self._yaw_rad += target.yaw_rate_radps * TICK_S
+        velocity = np.nan_to_num(target.velocity_enu_mps)
+        # Half a tick ahead: where an axis has no position, the position controller pulls neither way.
+        drifting = here + 0.5 * TICK_S * velocity
+        position = np.where(np.isnan(target.position_enu_m), drifting, target.position_enu_m)
+        pilot.fly_to(position, self._yaw_rad, np.inf, velocity)
+
+
+def target_from_local(message: Message, site: Site, yaw_rad: float) -> Target:
+    """From SET_POSITION_TARGET_LOCAL_NED. Raises Refused for what PX4's position control does not follow."""
+    position = _axes(message, 0, (message.x, message.y, message.z), _FARTHEST_M)
+    velocity = _axes(message, 3, (message.vx, message.vy, message.vz), _FASTEST_MPS)
+    if message.coordinate_frame in (m.MAV_FRAME_BODY_NED, m.MAV_FRAME_BODY_FRD):
+        if np.isfinite(position).any():
+            raise Refused("Offboard denied: body frames are for velocities")
+        c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+        forward, right, down = velocity
+        velocity_enu = np.array([c * forward + s * right, s * forward - c * right, -down])
+        return _target(message, np.full(3, np.nan), velocity_enu)
+    if message.coordinate_frame != m.MAV_FRAME_LOCAL_NED:
+        raise Refused("Offboard denied: this frame is not supported")
+    return _target(message, site.enu_from_ned(position), enu_from_ned(velocity))
+
+
+def target_from_global(message: Message, site: Site, home_enu_m: F64) -> Target:
+    """From SET_POSITION_TARGET_GLOBAL_INT. Raises Refused likewise."""
+    if message.coordinate_frame not in {m.MAV_FRAME_GLOBAL, m.MAV_FRAME_GLOBAL_INT, *ABOVE_HOME}:
+        raise Refused("Offboard denied: this frame is not supported")
+    ignored = _axes(message, 0, (0.0, 0.0, message.alt), _FARTHEST_M)
+    position = np.full(3, np.nan)
+    if np.isfinite(ignored).all():
+        above = site.geodetic(home_enu_m)[2] if message.coordinate_frame in ABOVE_HOME else 0.0
+        position = site.enu(message.lat_int * 1e-7, message.lon_int * 1e-7, above + message.alt)
+    velocity = _axes(message, 3, (message.vx, message.vy, message.vz), _FASTEST_MPS)
+    return _target(message, position, enu_from_ned(velocity))
+
+
+def _axes(message: Message, first_bit: int, values: tuple[float, ...], largest: float) -> F64:
+    """The values (3,) with NaN where the type mask says to ignore them."""
+    open_axes = [bool(message.type_mask & (1 << (first_bit + i))) for i in range(3)]
+    axes = np.where(open_axes, np.nan, values)
+    if (np.abs(axes) > largest).any():
+        raise Refused("Offboard denied: setpoint out of range")
+    return axes
+
+
+def _target(message: Message, position_enu_m: F64, velocity_enu_mps: F64) -> Target:
+    if np.isnan(position_enu_m).all() and np.isnan(velocity_enu_mps).all():
+        raise Refused("Offboard denied: neither position nor velocity")
+    yaw = None
+    if not message.type_mask & _YAW_IGNORED and finite(message.yaw):
+        yaw = yaw_from_heading(float(np.degrees(message.yaw)))
+    turns = not message.type_mask & _YAW_RATE_IGNORED and abs(message.yaw_rate) <= 2.0 * np.pi
+    return Target(position_enu_m, velocity_enu_mps, yaw, -message.yaw_rate if turns else 0.0)

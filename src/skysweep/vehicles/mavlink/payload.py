@@ -1,0 +1,127 @@
+"""Gimbal and camera as they look from outside.
+
+The gimbal of the embedded vehicle keeps the pitch of its scenario and the vehicle's heading: its limits say
+so, and what is asked beyond them is cut to them, as a gimbal manager does.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skysweep.scenarios.model import CameraModel
+from skysweep.types import VehicleState
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.wire import Message
+
+_DEVICE = 1  # a gimbal that is part of the autopilot's component
+_SENSOR_WIDTH_MM = 6.3
+_FLAGS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
+_IN_VEHICLE_FRAME = m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+_TAKE, _LEAVE, _RELEASE = -2.0, -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE
+
+
+class Payload:
+    """Answers about the gimbal and the camera, and who controls the gimbal."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        self._camera = camera
+        self._pitch_rad = math.radians(camera.gimbal.pitch_deg)
+        self.control = (0, 0)  # system and component in control
+
+    def configure(self, params: tuple[float, ...], sender: tuple[int, int]) -> bool:
+        """DO_GIMBAL_MANAGER_CONFIGURE: takes, gives or releases control."""
+        system, component = params[0], params[1]
+        if (system, component) == (_TAKE, _TAKE):
+            self.control = sender
+        elif (system, component) == (_RELEASE, _RELEASE):
+            self.control = (0, 0) if self.control == sender else self.control
+        elif 0.0 <= system <= 255.0 and 0.0 <= component <= 255.0:
+            self.control = (int(system), int(component))
+        else:
+            return (system, component) == (_LEAVE, _LEAVE)
+        return True
+
+    def point(self, sender: tuple[int, int]) -> bool:
+        """DO_GIMBAL_MANAGER_PITCHYAW: whether the sender may, which is all that a fixed gimbal has to say."""
+        return self.control == sender
+
+    def manager_information(self, boot_ms: int) -> Message:
+        return m.MAVLink_gimbal_manager_information_message(
+            boot_ms,
+            m.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
+            | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_LOCK
+            | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_ROLL_LOCK
+            | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_YAW_FOLLOW,
+            _DEVICE,
+            0.0,
+            0.0,
+            self._pitch_rad,
+            self._pitch_rad,
+            0.0,
+            0.0,
+        )
+
+    def manager_status(self, boot_ms: int) -> Message:
+        return m.MAVLink_gimbal_manager_status_message(boot_ms, _FLAGS, _DEVICE, *self.control, 0, 0)
+
+    def device_information(self, boot_ms: int) -> Message:
+        pitch = self._pitch_rad
+        return m.MAVLink_gimbal_device_information_message(
+            boot_ms,
+            b"skysweep",
+            b"embedded",
+            b"",
+            0,
+            0,
+            0,
+            m.GIMBAL_DEVICE_CAP_FLAGS_HAS_PITCH_AXIS | m.GIMBAL_DEVICE_CAP_FLAGS_HAS_YAW_FOLLOW,
+            0,
+            0.0,
+            0.0,
+            pitch,
+            pitch,
+            0.0,
+            0.0,
+            _DEVICE,
+        )
+
+    def gimbal_attitude(self, state: VehicleState, boot_ms: int) -> Message:
+        """Where the vehicle believes its camera looks: pitch about the horizon, yaw from its nose."""
+        R, body = state.camera.R_camera_to_enu, state.R_body_to_enu
+        pitch = math.asin(float(np.clip(R[2, 2], -1.0, 1.0)))
+        yaw_enu = math.atan2(R[0, 0], -R[1, 0])
+        turn = math.remainder(math.atan2(body[1, 0], body[0, 0]) - yaw_enu, 2.0 * math.pi)
+        cp, sp, cy, sy = math.cos(pitch / 2), math.sin(pitch / 2), math.cos(turn / 2), math.sin(turn / 2)
+        q = [cy * cp, -sy * sp, cy * sp, sy * cp]
+        return m.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, boot_ms, _FLAGS | _IN_VEHICLE_FRAME, q, 0.0, 0.0, 0.0, 0, 0.0, 0.0, _DEVICE
+        )
+
+    def camera_heartbeat(self) -> Message:
+        return m.MAVLink_heartbeat_message(
+            m.MAV_TYPE_CAMERA, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3
+        )
+
+    def camera_information(self, boot_ms: int) -> Message:
+        lens = self._camera.lens
+        return m.MAVLink_camera_information_message(
+            boot_ms,
+            _padded("skysweep"),
+            _padded("embedded"),
+            1,
+            _SENSOR_WIDTH_MM * lens.focal_px / lens.width_px,
+            _SENSOR_WIDTH_MM,
+            _SENSOR_WIDTH_MM * lens.height_px / lens.width_px,
+            lens.width_px,
+            lens.height_px,
+            0,
+            0,
+            0,
+            b"",
+        )
+
+
+def _padded(text: str) -> list[int]:
+    return list(text.encode().ljust(32, b"\x00"))

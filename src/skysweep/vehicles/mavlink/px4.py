@@ -1,0 +1,100 @@
+"""PX4's numbers as they go over the air, and where its coordinates lie.
+
+Sources: px4_custom_mode.h (modes), commander (what a base mode says), MAVLink common.xml.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.frames import LocalFrame, enu_from_ned, ned_from_enu
+
+F64 = NDArray[np.float64]
+
+SYSTEM_ID = 1
+AUTOPILOT, CAMERA = 1, 100  # component ids
+TICK_S = 0.02  # how often the autopilot decides, in vehicle time
+
+_MAIN_AUTO, _MAIN_OFFBOARD = 4, 6
+_CUSTOM, _AUTO, _GUIDED, _STABILISED, _ARMED = 1, 4, 8, 16, 128  # MAV_MODE_FLAG
+
+
+class Mode(Enum):
+    """A flight mode; its value is PX4's (main mode, sub mode)."""
+
+    TAKEOFF = (_MAIN_AUTO, 2)
+    HOLD = (_MAIN_AUTO, 3)
+    MISSION = (_MAIN_AUTO, 4)
+    RETURN = (_MAIN_AUTO, 5)
+    LAND = (_MAIN_AUTO, 6)
+    OFFBOARD = (_MAIN_OFFBOARD, 0)
+
+    @property
+    def custom_mode(self) -> int:
+        """HEARTBEAT.custom_mode."""
+        main, sub = self.value
+        return int(main << 16 | sub << 24)
+
+    def base_mode(self, armed: bool) -> int:
+        """HEARTBEAT.base_mode."""
+        flags = _CUSTOM | _STABILISED | (0 if self is Mode.OFFBOARD else _AUTO | _GUIDED)
+        return flags | (_ARMED if armed else 0)
+
+
+def mode_of(main: int, sub: int) -> Mode | None:
+    """The mode of these numbers, None where the vehicle has no such mode (those with sticks, for example)."""
+    try:
+        return Mode((main, 0 if main == _MAIN_OFFBOARD else sub))
+    except ValueError:
+        return None
+
+
+class Refused(Exception):
+    """The vehicle will not do what it was told; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Geodetic, local NED and our ENU coordinates of one place."""
+
+    frame: LocalFrame
+    origin_enu_m: F64  # (3,) where local NED is zero: where the estimator started
+
+    def ned_from_enu(self, position_enu_m: F64) -> F64:
+        """Local NED (3,) of a position."""
+        return ned_from_enu(position_enu_m - self.origin_enu_m)
+
+    def enu_from_ned(self, position_ned_m: F64) -> F64:
+        """The position (3,) of a local NED."""
+        return enu_from_ned(position_ned_m) + self.origin_enu_m
+
+    def geodetic(self, position_enu_m: F64) -> tuple[float, float, float]:
+        """Latitude and longitude in degrees, altitude AMSL in metres."""
+        latitude, longitude, altitude = self.frame.geodetic_from_enu(position_enu_m)[0]
+        return float(latitude), float(longitude), float(altitude)
+
+    def enu(self, latitude_deg: float, longitude_deg: float, altitude_amsl_m: float) -> F64:
+        """The position (3,) of a place on Earth. Raises Refused for numbers that are none."""
+        if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and abs(altitude_amsl_m) < 1e5):
+            raise Refused("no such place on Earth")
+        return self.frame.enu_from_geodetic([latitude_deg, longitude_deg, altitude_amsl_m])[0]
+
+
+def e7(degrees: float) -> int:
+    """Degrees as MAVLink's integers."""
+    return round(degrees * 1e7)
+
+
+def finite(*values: float) -> bool:
+    """Whether all of them are numbers."""
+    return all(math.isfinite(v) for v in values)
+
+
+def whole(value: float) -> int | None:
+    """The integer that a command's float stands for, None where it is none."""
+    return round(value) if math.isfinite(value) and abs(value) < 2**31 else None

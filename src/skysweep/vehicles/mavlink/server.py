@@ -1,0 +1,121 @@
+"""Serves a vehicle over UDP: its face, a socket, and a clock that may run faster than the wall's."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterable
+
+from skysweep.errors import UserError
+from skysweep.scenarios.model import Scenario
+from skysweep.types import Vehicle
+from skysweep.vehicles.mavlink.autopilot import Autopilot
+from skysweep.vehicles.mavlink.face import Face
+from skysweep.vehicles.mavlink.link import Address
+
+LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
+OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # where PX4's simulation sends to
+_LARGEST_DATAGRAM = 65_535
+_DATAGRAMS_IN_A_ROW = 200  # then the vehicle's turn
+_WATCH_EVERY_S = 0.2  # on the wall
+_MAX_LAG_S = 0.5  # on the wall; a machine that is slower than this lets vehicle time run slower
+
+
+def address_of(host: str) -> str:
+    """The IPv4 address of a name. Raises UserError where it has none."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError:
+        raise UserError(f"--host: there is no computer '{host}'; write its name or IPv4 address") from None
+
+
+class VehicleServer:
+    """Flies ``vehicle`` for whoever speaks MAVLink to it.
+
+    Sends from ``local_port`` (0: any free one) on ``host`` to the ``listeners`` and to whoever speaks to it.
+    Use it as a context manager, which runs it in a thread, or call ``run`` in the thread that may be blocked.
+    Raises UserError when the port is taken.
+
+    Example:
+        with VehicleServer(vehicle, scenario, listeners=[("127.0.0.1", 14540)], speed=10.0) as server:
+            ...  # a client connects to udpin://127.0.0.1:14540, or to server.address
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        listeners: Iterable[Address] = ((LOOPBACK, OFFBOARD_PORT), (LOOPBACK, GROUND_STATION_PORT)),
+        speed: float = 1.0,
+        host: str = LOOPBACK,
+        local_port: int = 0,
+        signing_key: bytes | None = None,
+    ) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((host, local_port))
+        except OSError as error:
+            self._socket.close()
+            raise UserError(
+                f"--local-port: {host}:{local_port} cannot be had ({error.strerror}); choose another port"
+            ) from None
+        self._socket.setblocking(False)
+        self._speed = speed
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.face = Face(vehicle, scenario, self._transmit, listeners, signing_key, time.time())
+
+    @property
+    def address(self) -> Address:
+        """Where it listens."""
+        host, port = self._socket.getsockname()
+        return host, port
+
+    def run(self, watch: Callable[[Autopilot], None] = lambda _: None) -> None:
+        """Serves until ``stop``; ``watch`` sees the autopilot a few times a second."""
+        start_s = watched_s = time.monotonic()
+        while not self._stopping.is_set():
+            self._receive()
+            now_s = time.monotonic()
+            if now_s - watched_s >= _WATCH_EVERY_S:
+                watched_s = now_s
+                watch(self.face.pilot)
+            due_s = start_s + self.face.pilot.time_s / self._speed
+            if now_s - due_s > _MAX_LAG_S:
+                start_s += now_s - due_s
+            if now_s >= due_s:
+                self.face.tick()
+            else:
+                select.select([self._socket], [], [], due_s - now_s)
+
+    def stop(self) -> None:
+        """Ends ``run`` within a tick."""
+        self._stopping.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._socket.close()
+
+    def __enter__(self) -> VehicleServer:
+        self._thread = threading.Thread(target=self.run, name="vehicle", daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _receive(self) -> None:
+        for _ in range(_DATAGRAMS_IN_A_ROW):
+            try:
+                datagram, address = self._socket.recvfrom(_LARGEST_DATAGRAM)
+            except BlockingIOError:
+                return
+            except ConnectionError:  # a listener that is not there
+                continue
+            self.face.receive(datagram, address)
+
+    def _transmit(self, datagram: bytes, address: Address) -> None:
+        with contextlib.suppress(OSError):  # not there, or its buffer is full: UDP may lose
+            self._socket.sendto(datagram, address)

@@ -1,0 +1,387 @@
+"""Telemetry: what the vehicle reports about itself, each listener at its own rates, in vehicle time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skysweep.geometry.frames import (
+    euler_from_rotation,
+    heading_from_yaw,
+    ned_from_enu,
+    rotation_frd_to_ned,
+)
+from skysweep.vehicles.mavlink.autopilot import Autopilot
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.link import Peer
+from skysweep.vehicles.mavlink.payload import Payload
+from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, F64, TICK_S, Mode, e7
+from skysweep.vehicles.mavlink.wire import Message
+
+_SENSORS = (
+    m.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | m.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | m.MAV_SYS_STATUS_SENSOR_3D_MAG
+    | m.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | m.MAV_SYS_STATUS_SENSOR_GPS
+    | m.MAV_SYS_STATUS_SENSOR_BATTERY
+    | m.MAV_SYS_STATUS_AHRS
+    | m.MAV_SYS_STATUS_PREARM_CHECK
+)
+_ESTIMATES = (
+    m.ESTIMATOR_ATTITUDE
+    | m.ESTIMATOR_VELOCITY_HORIZ
+    | m.ESTIMATOR_VELOCITY_VERT
+    | m.ESTIMATOR_POS_HORIZ_REL
+    | m.ESTIMATOR_POS_HORIZ_ABS
+    | m.ESTIMATOR_POS_VERT_ABS
+    | m.ESTIMATOR_PRED_POS_HORIZ_REL
+    | m.ESTIMATOR_PRED_POS_HORIZ_ABS
+)
+_CAPABILITIES = (
+    m.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+    | m.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | m.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+    | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | m.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+    | m.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+    | m.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
+    | m.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
+)
+_PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255  # 1.17.0, release
+_UID = 0x736B79737765  # "skyswe"
+_CELLS, _CELL_EMPTY_V, _CELL_FULL_V = 4, 3.6, 4.05
+_GPS_3D, _SATELLITES = 3, 12
+_NONE_U16, _NONE_U8 = 65535, 255
+_HORIZONTAL_M, _VERTICAL_M = 0.3, 0.15
+
+
+class Picture:
+    """The vehicle at one moment, in MAVLink's frames; each part is worked out when it is first asked for."""
+
+    def __init__(self, pilot: Autopilot, power_w: float, unix_start_s: float) -> None:
+        self.pilot, self.state, self.power_w = pilot, pilot.state, power_w
+        self.boot_ms = round(self.state.time_s * 1e3)
+        self.boot_us = round(self.state.time_s * 1e6)
+        self.unix_us = round(unix_start_s * 1e6) + self.boot_us
+
+    @cached_property
+    def ned(self) -> list[float]:
+        return [float(v) for v in self.pilot.site.ned_from_enu(self.state.position_enu_m)]
+
+    @cached_property
+    def velocity_ned(self) -> list[float]:
+        return [float(v) for v in ned_from_enu(self.state.velocity_enu_mps)]
+
+    @cached_property
+    def geodetic(self) -> tuple[float, float, float]:
+        return self.pilot.site.geodetic(self.state.position_enu_m)
+
+    @cached_property
+    def R_frd_to_ned(self) -> F64:
+        return rotation_frd_to_ned(self.state.R_body_to_enu)
+
+    @cached_property
+    def above_home_m(self) -> float:
+        return float(self.state.position_enu_m[2] - self.pilot.home_enu_m[2])
+
+    @cached_property
+    def heading_deg(self) -> float:
+        return heading_from_yaw(self.pilot.yaw_rad)
+
+    @property
+    def ground_speed_mps(self) -> float:
+        return float(np.hypot(self.velocity_ned[0], self.velocity_ned[1]))
+
+    @property
+    def volts(self) -> float:
+        full = self.state.battery_remaining
+        return _CELLS * (_CELL_EMPTY_V + full * (_CELL_FULL_V - _CELL_EMPTY_V))
+
+
+def quaternion(R: F64) -> list[float]:
+    """(w, x, y, z) of a rotation matrix."""
+    x, y, z, w = Rotation.from_matrix(R).as_quat(canonical=True)
+    return [float(w), float(x), float(y), float(z)]
+
+
+def _heartbeat(p: Picture) -> Message:
+    pilot = p.pilot
+    status = m.MAV_STATE_STANDBY
+    if pilot.armed:
+        status = m.MAV_STATE_CRITICAL if pilot.failsafe else m.MAV_STATE_ACTIVE
+    return m.MAVLink_heartbeat_message(
+        m.MAV_TYPE_QUADROTOR,
+        m.MAV_AUTOPILOT_PX4,
+        pilot.mode.base_mode(pilot.armed),
+        pilot.mode.custom_mode,
+        status,
+        3,
+    )
+
+
+def _attitude(p: Picture) -> Message:
+    return m.MAVLink_attitude_message(p.boot_ms, *euler_from_rotation(p.R_frd_to_ned), 0.0, 0.0, 0.0)
+
+
+def _attitude_quaternion(p: Picture) -> Message:
+    return m.MAVLink_attitude_quaternion_message(p.boot_ms, *quaternion(p.R_frd_to_ned), 0.0, 0.0, 0.0)
+
+
+def _local_position(p: Picture) -> Message:
+    return m.MAVLink_local_position_ned_message(p.boot_ms, *p.ned, *p.velocity_ned)
+
+
+def _global_position(p: Picture) -> Message:
+    latitude, longitude, altitude = p.geodetic
+    return m.MAVLink_global_position_int_message(
+        p.boot_ms,
+        e7(latitude),
+        e7(longitude),
+        round(altitude * 1e3),
+        round(p.above_home_m * 1e3),
+        *(round(v * 100.0) for v in p.velocity_ned),
+        round(p.heading_deg * 100.0) % 36000,
+    )
+
+
+def _gps(p: Picture) -> Message:
+    latitude, longitude, altitude = p.geodetic
+    course = np.degrees(np.arctan2(p.velocity_ned[1], p.velocity_ned[0])) % 360.0
+    return m.MAVLink_gps_raw_int_message(
+        p.boot_us,
+        _GPS_3D,
+        e7(latitude),
+        e7(longitude),
+        round(altitude * 1e3),
+        70,
+        110,
+        round(p.ground_speed_mps * 100.0),
+        round(course * 100.0) % 36000,
+        _SATELLITES,
+        round(altitude * 1e3),
+        round(_HORIZONTAL_M * 1e3),
+        round(_VERTICAL_M * 1e3),
+    )
+
+
+def _home(p: Picture) -> Message:
+    home = p.pilot.home_enu_m
+    latitude, longitude, altitude = p.pilot.site.geodetic(home)
+    place = [float(v) for v in p.pilot.site.ned_from_enu(home)]
+    nan = float("nan")
+    level = [1.0, 0.0, 0.0, 0.0]
+    return m.MAVLink_home_position_message(
+        e7(latitude), e7(longitude), round(altitude * 1e3), *place, level, nan, nan, nan, p.boot_us
+    )
+
+
+def _origin(p: Picture) -> Message:
+    latitude, longitude, altitude = p.pilot.site.geodetic(p.pilot.site.origin_enu_m)
+    return m.MAVLink_gps_global_origin_message(e7(latitude), e7(longitude), round(altitude * 1e3), p.boot_us)
+
+
+def _battery(p: Picture) -> Message:
+    cell = round(p.volts / _CELLS * 1e3)
+    return m.MAVLink_battery_status_message(
+        0,
+        m.MAV_BATTERY_FUNCTION_ALL,
+        m.MAV_BATTERY_TYPE_LIPO,
+        32767,
+        [cell] * _CELLS + [_NONE_U16] * (10 - _CELLS),
+        round(p.power_w / p.volts * 100.0),
+        -1,
+        round(p.state.energy_used_wh * 36.0),
+        round(p.state.battery_remaining * 100.0),
+    )
+
+
+def _sys_status(p: Picture) -> Message:
+    return m.MAVLink_sys_status_message(
+        _SENSORS,
+        _SENSORS,
+        _SENSORS,
+        300,
+        round(p.volts * 1e3),
+        min(round(p.power_w / p.volts * 100.0), 32767),
+        round(p.state.battery_remaining * 100.0),
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def _extended_state(p: Picture) -> Message:
+    pilot = p.pilot
+    if not pilot.flying or not pilot.state.airborne:
+        landed = m.MAV_LANDED_STATE_ON_GROUND
+    elif pilot.landing:
+        landed = m.MAV_LANDED_STATE_LANDING
+    elif pilot.mode is Mode.TAKEOFF:
+        landed = m.MAV_LANDED_STATE_TAKEOFF
+    else:
+        landed = m.MAV_LANDED_STATE_IN_AIR
+    return m.MAVLink_extended_sys_state_message(m.MAV_VTOL_STATE_UNDEFINED, landed)
+
+
+def _hud(p: Picture) -> Message:
+    climb = -p.velocity_ned[2]
+    return m.MAVLink_vfr_hud_message(
+        p.ground_speed_mps,
+        p.ground_speed_mps,
+        round(p.heading_deg) % 360,
+        50 if p.pilot.flying else 0,
+        p.geodetic[2],
+        climb,
+    )
+
+
+def _altitude(p: Picture) -> Message:
+    nan = float("nan")
+    altitude = p.geodetic[2]
+    return m.MAVLink_altitude_message(p.boot_us, altitude, altitude, -p.ned[2], p.above_home_m, nan, nan)
+
+
+def _system_time(p: Picture) -> Message:
+    return m.MAVLink_system_time_message(p.unix_us, p.boot_ms)
+
+
+def _estimator(p: Picture) -> Message:
+    return m.MAVLink_estimator_status_message(
+        p.boot_us, _ESTIMATES, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, _HORIZONTAL_M, _VERTICAL_M
+    )
+
+
+def _position_target(p: Picture) -> Message | None:
+    setpoint = p.pilot.setpoint
+    if setpoint is None:
+        return None
+    velocity = np.zeros(3) if setpoint.velocity_enu_mps is None else setpoint.velocity_enu_mps
+    return m.MAVLink_position_target_local_ned_message(
+        p.boot_ms,
+        m.MAV_FRAME_LOCAL_NED,
+        0,
+        *(float(v) for v in p.pilot.site.ned_from_enu(setpoint.position_enu_m)),
+        *(float(v) for v in ned_from_enu(velocity)),
+        0.0,
+        0.0,
+        0.0,
+        float(np.radians(heading_from_yaw(setpoint.yaw_rad))),
+        0.0,
+    )
+
+
+def _mission_current(p: Picture) -> Message:
+    run = p.pilot.mission
+    if not run.items:
+        state = m.MISSION_STATE_NO_MISSION
+    elif run.finished:
+        state = m.MISSION_STATE_COMPLETE
+    elif p.pilot.mode is Mode.MISSION:
+        state = m.MISSION_STATE_ACTIVE
+    else:
+        state = m.MISSION_STATE_PAUSED if run.current else m.MISSION_STATE_NOT_STARTED
+    total = len(run.items) or _NONE_U16
+    flown = 1 if p.pilot.mode is Mode.MISSION else 2
+    return m.MAVLink_mission_current_message(run.current, total, state, flown)
+
+
+def _version(_: Picture) -> Message:
+    return m.MAVLink_autopilot_version_message(
+        _CAPABILITIES, _PX4_VERSION, _PX4_VERSION, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, _UID
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """One kind of message: how it is made, how often unless asked otherwise (0: never), and by whom."""
+
+    make: Callable[[Picture], Message | None]
+    rate_hz: float
+    component: int = AUTOPILOT
+
+
+def reports(payload: Payload) -> dict[int, Report]:
+    """All that can be streamed or requested, by message id."""
+    return {
+        m.MAVLINK_MSG_ID_HEARTBEAT: Report(_heartbeat, 1.0),
+        m.MAVLINK_MSG_ID_ATTITUDE: Report(_attitude, 25.0),
+        m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Report(_attitude_quaternion, 25.0),
+        m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Report(_local_position, 25.0),
+        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Report(_global_position, 25.0),
+        m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Report(_position_target, 5.0),
+        m.MAVLINK_MSG_ID_GPS_RAW_INT: Report(_gps, 5.0),
+        m.MAVLINK_MSG_ID_SYS_STATUS: Report(_sys_status, 5.0),
+        m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Report(_extended_state, 5.0),
+        m.MAVLINK_MSG_ID_VFR_HUD: Report(_hud, 5.0),
+        m.MAVLINK_MSG_ID_ALTITUDE: Report(_altitude, 5.0),
+        m.MAVLINK_MSG_ID_BATTERY_STATUS: Report(_battery, 0.5),
+        m.MAVLINK_MSG_ID_HOME_POSITION: Report(_home, 0.5),
+        m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Report(_origin, 1.0),
+        m.MAVLINK_MSG_ID_SYSTEM_TIME: Report(_system_time, 1.0),
+        m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Report(_estimator, 1.0),
+        m.MAVLINK_MSG_ID_MISSION_CURRENT: Report(_mission_current, 1.0),
+        m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: Report(
+            lambda p: payload.gimbal_attitude(p.state, p.boot_ms), 5.0
+        ),
+        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: Report(lambda p: payload.manager_status(p.boot_ms), 0.5),
+        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: Report(
+            lambda p: payload.manager_information(p.boot_ms), 0.0
+        ),
+        m.MAVLINK_MSG_ID_GIMBAL_DEVICE_INFORMATION: Report(
+            lambda p: payload.device_information(p.boot_ms), 0.0
+        ),
+        m.MAVLINK_MSG_ID_CAMERA_INFORMATION: Report(
+            lambda p: payload.camera_information(p.boot_ms), 0.0, CAMERA
+        ),
+        m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Report(_version, 0.0),
+    }
+
+
+class Streams:
+    """When one listener gets what. ``messages`` is ``reports(...)``."""
+
+    def __init__(self, messages: dict[int, Report]) -> None:
+        self._messages = messages
+        self._periods_s = {kind: 1.0 / r.rate_hz for kind, r in messages.items() if r.rate_hz > 0.0}
+        self._next_s = dict.fromkeys(self._periods_s, 0.0)
+
+    def set_interval(self, kind: int, interval_us: float) -> bool:
+        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default. False for what is not streamed."""
+        report = self._messages.get(kind)
+        if report is None or not abs(interval_us) < 1e10:
+            return False
+        self._periods_s.pop(kind, None)
+        if interval_us > 0.0:
+            self._periods_s[kind] = max(interval_us * 1e-6, TICK_S)
+        elif interval_us == 0.0 and report.rate_hz > 0.0:
+            self._periods_s[kind] = 1.0 / report.rate_hz
+        self._next_s[kind] = 0.0
+        return True
+
+    def now(self, kind: int) -> None:
+        """Sends a kind with the next tick, where it is sent at all."""
+        self._next_s[kind] = 0.0
+
+    def interval_us(self, kind: int) -> int:
+        """For MESSAGE_INTERVAL: -1 where it is not sent, 0 where there is no such message."""
+        period = self._periods_s.get(kind)
+        return round(period * 1e6) if period is not None else -1 if kind in self._messages else 0
+
+    def send_due(self, peer: Peer, picture: Picture) -> None:
+        """Sends what is due at the picture's time."""
+        now = picture.state.time_s + 1e-6
+        for kind, period in self._periods_s.items():
+            if now >= self._next_s[kind]:
+                self._next_s[kind] = max(self._next_s[kind] + period, now)
+                report = self._messages[kind]
+                message = report.make(picture)
+                if message is not None:
+                    peer.send(message, report.component)

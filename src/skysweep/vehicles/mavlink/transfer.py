@@ -1,0 +1,158 @@
+"""The mission protocol: plans, fences and rally points up and down.
+
+Its timers run on the wall clock, at any speed of the simulation: they wait for the network, not the vehicle.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.items import MAX_ITEMS, Item, refusal
+from skysweep.vehicles.mavlink.link import Sender
+from skysweep.vehicles.mavlink.px4 import Refused
+from skysweep.vehicles.mavlink.wire import Message
+
+_ASK_AGAIN_S = 0.5
+_GIVE_UP_S = 5.0
+
+
+@dataclass(slots=True)
+class _Upload:
+    sender: Sender
+    kind: int
+    count: int
+    items: list[Item] = field(default_factory=list)
+    heard_s: float = field(default_factory=time.monotonic)
+    asked_s: float = 0.0
+
+
+class Transfers:
+    """``stored`` holds what is kept by kind; ``take`` is called with each new list and may raise Refused."""
+
+    def __init__(self, take: Callable[[int, tuple[Item, ...]], None]) -> None:
+        self.stored: dict[int, tuple[Item, ...]] = {kind: () for kind in MAX_ITEMS}
+        self._take = take
+        self._upload: _Upload | None = None
+
+    # ---- up ------------------------------------------------------------------------------------------
+
+    def count(self, message: Message, sender: Sender) -> None:
+        """MISSION_COUNT: a client wants to send that many."""
+        kind = message.mission_type
+        if kind not in MAX_ITEMS:
+            _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
+        elif message.count > MAX_ITEMS[kind]:
+            _answer(sender, kind, m.MAV_MISSION_NO_SPACE)
+        elif self._upload is not None and self._upload.sender.key != sender.key:
+            _answer(sender, kind, m.MAV_MISSION_DENIED)
+        elif message.count == 0:
+            self._store(sender, kind, ())
+        else:
+            self._upload = _Upload(sender, kind, message.count)
+            self._ask()
+
+    def item(self, message: Message, sender: Sender) -> None:
+        """MISSION_ITEM_INT: the one asked for, one already had, or one out of place."""
+        up = self._upload
+        if up is None or up.sender.key != sender.key or up.kind != message.mission_type:
+            return
+        up.heard_s = time.monotonic()
+        if message.seq != len(up.items):
+            return
+        item = Item.of(message)
+        bad = refusal(item, up.kind)
+        if bad is not None:
+            self._upload = None
+            _answer(sender, up.kind, bad)
+            return
+        up.items.append(item)
+        if len(up.items) < up.count:
+            self._ask()
+        else:
+            self._upload = None
+            self._store(sender, up.kind, tuple(up.items))
+
+    def clear(self, message: Message, sender: Sender) -> None:
+        """MISSION_CLEAR_ALL of one kind or of all."""
+        if message.mission_type == m.MAV_MISSION_TYPE_ALL:
+            for kind in self.stored:
+                self._take(kind, ())
+                self.stored[kind] = ()
+            _answer(sender, message.mission_type, m.MAV_MISSION_ACCEPTED)
+        elif message.mission_type in self.stored:
+            self._store(sender, message.mission_type, ())
+        else:
+            _answer(sender, message.mission_type, m.MAV_MISSION_UNSUPPORTED)
+
+    def tick(self) -> None:
+        """Asks again for what did not come; gives up on a client that left."""
+        up = self._upload
+        if up is None:
+            return
+        now = time.monotonic()
+        if now - up.heard_s > _GIVE_UP_S:
+            self._upload = None
+            _answer(up.sender, up.kind, m.MAV_MISSION_OPERATION_CANCELLED)
+        elif now - up.asked_s > _ASK_AGAIN_S:
+            self._ask()
+
+    def _ask(self) -> None:
+        up = self._upload
+        assert up is not None
+        up.asked_s = time.monotonic()
+        s = up.sender
+        s.reply(m.MAVLink_mission_request_int_message(s.system, s.component, len(up.items), up.kind))
+
+    def _store(self, sender: Sender, kind: int, items: tuple[Item, ...]) -> None:
+        try:
+            self._take(kind, items)
+        except Refused as why:
+            sender.tell(str(why))
+            _answer(sender, kind, m.MAV_MISSION_ERROR)
+            return
+        self.stored[kind] = items
+        _answer(sender, kind, m.MAV_MISSION_ACCEPTED)
+
+    # ---- down ----------------------------------------------------------------------------------------
+
+    def list(self, message: Message, sender: Sender) -> None:
+        """MISSION_REQUEST_LIST: how many there are."""
+        kind = message.mission_type
+        if kind not in self.stored:
+            _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
+            return
+        count = len(self.stored[kind])
+        sender.reply(m.MAVLink_mission_count_message(sender.system, sender.component, count, kind))
+
+    def request(self, message: Message, sender: Sender) -> None:
+        """MISSION_REQUEST_INT (and its older form): one of them."""
+        kind, seq = message.mission_type, message.seq
+        if kind not in self.stored:
+            _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
+        elif seq >= len(self.stored[kind]):
+            _answer(sender, kind, m.MAV_MISSION_INVALID_SEQUENCE)
+        else:
+            item = self.stored[kind][seq]
+            sender.reply(
+                m.MAVLink_mission_item_int_message(
+                    sender.system,
+                    sender.component,
+                    seq,
+                    item.frame,
+                    item.command,
+                    0,
+                    item.autocontinue,
+                    *item.params,
+                    item.x,
+                    item.y,
+                    item.z,
+                    kind,
+                )
+            )
+
+
+def _answer(sender: Sender, kind: int, result: int) -> None:
+    sender.reply(m.MAVLink_mission_ack_message(sender.system, sender.component, result, kind))
