@@ -1,0 +1,288 @@
+"""Find good search parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from skysweep.cli.common import SetOption, changes_of, console, errors, friendly
+from skysweep.errors import UserError
+
+if TYPE_CHECKING:
+    from skysweep.experiments.tune import Problem
+    from skysweep.experiments.tune_study import Trial
+    from skysweep.results.html import Grid
+
+
+@friendly
+def tune(
+    scenarios: Annotated[list[str], typer.Argument(help="Shipped scenarios or YAML files.")],
+    together: Annotated[
+        bool, typer.Option("--together", help="One answer for all scenarios instead of one for each.")
+    ] = False,
+    trials: Annotated[int, typer.Option(min=1, help="Sets of parameters to try.")] = 100,
+    minutes: Annotated[float | None, typer.Option(min=0.0, help="Search no longer than this.")] = None,
+    seeds: Annotated[int, typer.Option(min=4, help="Seeds that the best are flown on in the search.")] = 32,
+    validation_seeds: Annotated[
+        int, typer.Option(min=0, help="Fresh seeds for the final comparison; 0: only search.")
+    ] = 100,
+    recall: Annotated[
+        Literal["constraint", "objective"], typer.Option(help="Keep --min-recall, or trade recall for time.")
+    ] = "constraint",
+    min_recall: Annotated[float, typer.Option(min=0.0, max=1.0, help="Mean recall to be kept.")] = 0.95,
+    false_positive_cost_s: Annotated[
+        float, typer.Option(min=0.0, help="Seconds of mission time that one false positive is worth.")
+    ] = 60.0,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option("--range", metavar="FIELD=LOW:HIGH", help="Or FIELD=1,2,inf. May be repeated."),
+    ] = None,
+    fix: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FIELD[=VALUE]", help="Do not tune this one. May be repeated."),
+    ] = None,
+    change: SetOption = None,
+    scatter_m: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Move every target by about this much, anew for each seed; 0: the layout as given. "
+            "Default: 5 where the layout would be the same for every seed.",
+        ),
+    ] = None,
+    matters: Annotated[
+        bool, typer.Option("--matters/--no-matters", help="Fly the table of when n_c and d_c matter.")
+    ] = True,
+    out: Annotated[Path, typer.Option(help="Folder; each answer gets a folder below it.")] = Path("tuning"),
+    storage: Annotated[
+        str | None, typer.Option(help="URL of a database to share. Default: a file in the answer's folder.")
+    ] = None,
+    study: Annotated[
+        str | None, typer.Option(help="Name in that database. Default: the scenario's name.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
+) -> None:
+    """Find good n_c, d_c, altitudes, speeds and sidelap by flying many missions without pictures.
+
+    Writes recommended.yaml, which `skysweep run` flies. The same command goes on where it was stopped.
+
+    Examples:
+
+        skysweep tune clusters
+
+        skysweep tune clusters abundance sparse --together --trials 300 --out one-answer
+
+        skysweep tune my-scenario.yaml --range search.n_c=1:8,inf --fix search.sidelap --minutes 10
+
+        skysweep tune clusters --storage postgresql://user@host/tuning   # on as many machines as there are
+    """
+    from skysweep.experiments.tune import Problem, family_of
+    from skysweep.experiments.tune_race import Rules
+    from skysweep.experiments.tune_space import changed_space, default_space
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    given = [change_scenario(load_scenario(name), changes_of(change)) for name in scenarios]
+    names = [scenario.name for scenario in given]
+    if len(set(names)) < len(names):
+        raise UserError(f"two scenarios are both called '{max(names, key=names.count)}'; name each once")
+    rules = Rules(min_recall if recall == "constraint" else None, false_positive_cost_s)
+    problems = []
+    for group in [given] if together else [[scenario] for scenario in given]:
+        space, settings = changed_space(default_space(group), group, ranges or [], fix or [])
+        originals = tuple(change_scenario(scenario, settings) for scenario in group)
+        problems.append(
+            Problem(
+                name="+".join(scenario.name for scenario in group),
+                scenarios=tuple(family_of(scenario, scatter_m) for scenario in originals),
+                originals=originals,
+                space=tuple(space),
+                rules=rules,
+                seeds=seeds,
+                sampler_seed=seed,
+            )
+        )
+    try:
+        for problem in problems:
+            study_name = problem.name
+            if study:
+                study_name = study if len(problems) == 1 else f"{study}-{problem.name}"
+            _tune_one(
+                problem,
+                out / problem.name,
+                storage,
+                study_name,
+                trials,
+                minutes,
+                validation_seeds,
+                matters,
+                workers,
+            )
+    except KeyboardInterrupt:
+        errors.print(f"stopped; what was finished is kept in {out}; the same command goes on", soft_wrap=True)
+        raise typer.Exit(130) from None
+
+
+def _tune_one(
+    problem: Problem,
+    folder: Path,
+    storage: str | None,
+    study: str,
+    trials: int,
+    minutes: float | None,
+    validation_seeds: int,
+    matters: bool,
+    workers: int | None,
+) -> None:
+    from skysweep.experiments.tune import search
+    from skysweep.experiments.tune_report import (
+        Tuned,
+        how_sure,
+        matters_grid,
+        matters_sentences,
+        recommendation,
+        recommendation_sentence,
+        standings_table,
+        write_tuning,
+    )
+    from skysweep.experiments.tune_validate import (
+        candidates_of,
+        fly_candidates,
+        matters_candidates,
+        matters_table,
+        standings,
+    )
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(
+            f"--out {folder}: cannot be written ({error.strerror}); choose another place"
+        ) from None
+    _say_what_is_tuned(problem)
+    database = storage or f"sqlite:///{(folder / 'study.db').absolute()}"
+    with _bar() as progress:
+        task = progress.add_task(f"{problem.name}: search", total=trials)
+        seen: list[Trial] = []
+
+        def on_trial(trial: Trial) -> None:
+            seen.append(trial)
+            best = _best(problem, seen)
+            if best is trial:
+                progress.console.print(_best_so_far(problem, best), soft_wrap=True, highlight=False)
+            progress.advance(task)
+
+        found = search(problem, database, study, trials, minutes, workers, on_trial)
+    errors.print(_search_sentence(found), soft_wrap=True, highlight=False)
+    if not validation_seeds:
+        errors.print("searched only; give --validation-seeds for a recommendation", soft_wrap=True)
+        return
+    with _bar() as progress:
+        task = progress.add_task(f"{problem.name}: validation", total=None)
+
+        def on_mission(done: int, of: int) -> None:
+            progress.update(task, completed=done, total=of)
+
+        candidates = candidates_of(problem, found)
+        flown = fly_candidates(problem.scenarios, candidates, validation_seeds, folder, workers, on_mission)
+        tables = {}
+        for scenario in problem.scenarios if matters else ():
+            progress.reset(task, description=f"{scenario.name}: when it matters", total=None)
+            cells = matters_candidates(scenario)
+            cells_flown = fly_candidates([scenario], cells, validation_seeds, folder, workers, on_mission)
+            tables[scenario.name] = matters_table(cells, cells_flown, scenario)
+    tuned = Tuned(problem, found, standings(candidates, flown, problem.rules), tables)
+    recommended = write_tuning(tuned, folder)
+    _print_grid(recommendation(tuned))
+    for sentence in (recommendation_sentence(tuned), *how_sure(tuned)):
+        console.print(sentence, soft_wrap=True, highlight=False)
+    _print_grid(standings_table(tuned))
+    for name, table in tables.items():
+        _print_grid(matters_grid(name, table))
+        for sentence in matters_sentences(table):
+            console.print(f"- {sentence}", soft_wrap=True, highlight=False)
+    console.print(f"fly it: skysweep run {recommended[0]}", soft_wrap=True, highlight=False)
+    console.print(
+        f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}", soft_wrap=True, highlight=False
+    )
+
+
+def _say_what_is_tuned(problem: Problem) -> None:
+    from skysweep.experiments.tune_report import number
+
+    for original, flown in zip(problem.originals, problem.scenarios, strict=True):
+        if flown.scatter_m != original.scatter_m:
+            errors.print(
+                f"{original.name}: every target is moved by about {flown.scatter_m:g} m, anew for each seed",
+                soft_wrap=True,
+                highlight=False,
+            )
+    for parameter in problem.space:
+        shown = [number(value) for value in parameter.values]
+        if len(shown) > 10:
+            shown = [*shown[:3], "...", *shown[-2:]]
+        errors.print(escape(f"  {parameter.field}: {', '.join(shown)}"), soft_wrap=True, highlight=False)
+
+
+def _best(problem: Problem, trials: list[Trial]) -> Trial | None:
+    from skysweep.experiments.tune_race import best_first
+
+    finished = [trial for trial in trials if trial.dropped is None]
+    order = best_first([trial.flown(len(problem.scenarios)) for trial in finished], problem.rules)
+    return finished[order[0]] if order else None
+
+
+def _best_so_far(problem: Problem, trial: Trial) -> str:
+    from skysweep.experiments.tune_report import describe
+
+    flown = trial.flown(len(problem.scenarios))
+    return (
+        f"best so far: trial {trial.number}, {flown.mean('mission_time_s'):.1f} s, "
+        f"recall {flown.mean('recall'):.3f}, {flown.mean('false_positives'):.2f} false positives "
+        f"({describe(trial.values)})"
+    )
+
+
+def _search_sentence(trials: list[Trial]) -> str:
+    dropped = sum(trial.dropped is not None for trial in trials)
+    repeated = sum(trial.same_as is not None for trial in trials)
+    missions = sum(len(trial.missions) for trial in trials if trial.same_as is None)
+    return (
+        f"{len(trials)} trials, {missions} missions; {dropped} were dropped before they had flown all seeds, "
+        f"{repeated} repeated an earlier one"
+    )
+
+
+def _bar() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=errors,
+    )
+
+
+def _print_grid(grid: Grid) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    for k, column in enumerate(grid.header):
+        table.add_column(column, justify="left" if grid.words or k == 0 else "right", no_wrap=True)
+    for k, row in enumerate(grid.rows):
+        table.add_row(*row, style="bold" if k in grid.best else None)
+    console.print(table)

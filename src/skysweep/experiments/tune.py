@@ -1,0 +1,165 @@
+"""Tuning: find the search parameters of a scenario, or of a family of them, by flying many missions.
+
+A study proposes values, every proposal is raced against the best so far on the same seeds (``tune_race``),
+and the best are flown again on fresh seeds beside the scenario's own values and the paper's choices
+(``tune_validate``).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from skysweep import __version__
+from skysweep.experiments.single import fly_in_memory
+from skysweep.experiments.tune_race import (
+    Flown,
+    Outcome,
+    Rules,
+    blocks,
+    incumbents,
+    outcome_of,
+    why_dropped,
+)
+from skysweep.experiments.tune_space import N_C, Parameter, value_at
+from skysweep.experiments.tune_study import OpenTrial, Trial, TuningStudy
+from skysweep.experiments.workers import run_jobs
+from skysweep.scenarios.files import change_scenario, dump_scenario
+from skysweep.scenarios.model import Scenario
+
+PAPER_N_C = (1.0, 5.0, math.inf)
+FAMILY_SCATTER_M = 5.0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is tuned: one answer for all ``scenarios``, on the mission seeds 0 .. ``seeds`` - 1."""
+
+    name: str
+    scenarios: tuple[Scenario, ...]  # as flown: with layouts that differ by seed
+    originals: tuple[Scenario, ...]  # as given
+    space: tuple[Parameter, ...]
+    rules: Rules
+    seeds: int = 32
+    sampler_seed: int = 0
+
+    def as_data(self) -> dict[str, Any]:
+        """What makes it another problem; the keys are words of a sentence."""
+        return {
+            "scenario": [scenario.name for scenario in self.scenarios],
+            "what the scenario says": [_digest(scenario) for scenario in self.scenarios],
+            "ranges": {parameter.field: parameter.values for parameter in self.space},
+            "seeds": self.seeds,
+            "min-recall": self.rules.min_recall,
+            "false-positive-cost-s": self.rules.false_positive_cost_s,
+            "version of skysweep": __version__,
+        }
+
+    @property
+    def own_values(self) -> dict[str, float]:
+        """The first scenario's own values of what is tuned."""
+        return {p.field: value_at(self.scenarios[0], p.field) for p in self.space}
+
+    @property
+    def first_values(self) -> list[dict[str, float]]:
+        """Tried first: the scenario's own, and the paper's n_c with the rest as the scenario has it."""
+        own = self.own_values
+        paper = [own | {N_C: n_c} for n_c in PAPER_N_C if N_C in own]
+        return [own, *(values for values in paper if values != own)]
+
+
+@dataclass(frozen=True)
+class _SearchJob:
+    problem: Problem
+    storage: str
+    study: str
+    trials: int
+    deadline_unix_s: float
+
+
+def family_of(scenario: Scenario, scatter_m: float | None) -> Scenario:
+    """The scenario with a layout that differs by seed.
+
+    ``scatter_m`` None: as the scenario says; where it says that all seeds have the same targets in the same
+    places, they are moved by ``FAMILY_SCATTER_M``, since whoever knows the places needs no search.
+    """
+    if scatter_m is None:
+        varies = scenario.scatter_m > 0 or any(g.seed is None for g in scenario.generators)
+        scatter_m = scenario.scatter_m if varies else FAMILY_SCATTER_M
+    return (
+        scenario if scatter_m == scenario.scatter_m else change_scenario(scenario, {"scatter_m": scatter_m})
+    )
+
+
+def search(
+    problem: Problem,
+    storage: str,
+    study_name: str,
+    trials: int,
+    minutes: float | None = None,
+    workers: int | None = None,
+    on_trial: Callable[[Trial], None] = lambda _trial: None,
+) -> list[Trial]:
+    """Let the study grow to ``trials``, or until ``minutes`` are over, and return all of its trials.
+
+    ``on_trial`` hears of every trial, those that the study holds already first. Other processes may work on
+    the same study at the same time. Raises UserError where the storage is unusable or holds another problem.
+    """
+    study = _open(problem, storage, study_name)
+    study.start(problem.first_values)
+    known = study.trials()
+    for held in known:
+        on_trial(held)
+    deadline = math.inf if minutes is None else time.time() + 60.0 * minutes
+    job = _SearchJob(problem, storage, study_name, trials, deadline)
+    missing = max(0, trials - len(known))
+    if missing:
+        for _job, trial in run_jobs(_fly_trial, [job] * missing, workers):
+            if trial is not None:
+                on_trial(trial)
+    return study.trials()
+
+
+def _open(problem: Problem, storage: str, study_name: str) -> TuningStudy:
+    return TuningStudy(
+        storage, study_name, problem.as_data(), problem.space, problem.rules, problem.sampler_seed
+    )
+
+
+def _fly_trial(job: _SearchJob) -> Trial | None:
+    """Work of one worker process: the study's next trial, from its values to its end."""
+    if time.time() >= job.deadline_unix_s:
+        return None
+    study = _open(job.problem, job.storage, job.study)
+    trial = study.ask(job.trials)
+    return None if trial is None else _race(job.problem, study, trial)
+
+
+def _race(problem: Problem, study: TuningStudy, trial: OpenTrial) -> Trial:
+    """Fly block after block of seeds until the trial is clearly beaten or has flown them all."""
+    many = len(problem.scenarios)
+    for known in study.trials():
+        if known.values == trial.values:
+            return trial.close(known.missions, known.flown(many), known.dropped, known.number)
+    scenarios = [change_scenario(scenario, trial.values) for scenario in problem.scenarios]
+    missions: list[Outcome] = []
+    flown, dropped = Flown.of([], many), None
+    for end in blocks(problem.seeds):
+        for seed in range(flown.seeds, end):
+            missions += [outcome_of(fly_in_memory(scenario, seed)) for scenario in scenarios]
+            trial.sign_of_life()
+        flown = Flown.of(missions, many)
+        if end < problem.seeds:
+            finished = [t.flown(many) for t in study.trials() if t.dropped is None]
+            dropped = why_dropped(flown, incumbents(finished, problem.rules), problem.rules)
+            if dropped:
+                break
+    return trial.close(missions, flown, dropped, None)
+
+
+def _digest(scenario: Scenario) -> str:
+    return hashlib.sha256(dump_scenario(scenario).encode()).hexdigest()[:16]

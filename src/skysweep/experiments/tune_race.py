@@ -1,0 +1,193 @@
+"""What missions are worth, and when a candidate is clearly beaten: pure functions of their outcomes.
+
+All candidates fly the same seeds in the same order (common random numbers), so that they are compared pair by
+pair and what a seed makes hard or easy drops out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from skysweep.errors import UserError
+from skysweep.results.statistics import pareto_front
+
+F64 = NDArray[np.float64]
+
+FIRST_BLOCK = 4  # seeds before anybody is judged
+DROP_CONFIDENCE = 0.99  # one-sided, of "clearly": a good candidate rarely goes by bad luck
+RECALL_SLACK = 0.01  # recall this close to the best is as good, where recall comes first
+_KEYS = (
+    "mission_time_s",
+    "recall",
+    "false_positives",
+    "false_scans",
+    "n_targets",
+    "n_confirmed",
+    "completed",
+    "energy_wh",
+)
+Outcome = dict[str, float]  # of one mission: the quantities of ``_KEYS``
+
+
+def outcome_of(summary: Mapping[str, Any]) -> Outcome:
+    """What tuning keeps of a mission's summary.
+
+    Raises:
+        UserError: the mission had no targets, so that its recall means nothing.
+    """
+    if summary["recall"] is None:
+        raise UserError(
+            f"{summary['scenario']}: there are no targets, so no search can be tuned; "
+            "write targets or generators"
+        )
+    return {key: float(summary[key]) for key in _KEYS}
+
+
+@dataclass(frozen=True)
+class Flown:
+    """The missions of one candidate: ``values`` (seeds, scenarios, quantities in the order of ``_KEYS``)."""
+
+    values: F64
+
+    @staticmethod
+    def of(outcomes: Iterable[Outcome], scenarios: int) -> Flown:
+        """From outcomes in the order seed by seed, scenario by scenario."""
+        rows = [[outcome[key] for key in _KEYS] for outcome in outcomes]
+        return Flown(np.array(rows, dtype=float).reshape(-1, scenarios, len(_KEYS)))
+
+    @property
+    def seeds(self) -> int:
+        return len(self.values)
+
+    def first(self, seeds: int) -> Flown:
+        """The same candidate after its first ``seeds`` only."""
+        return Flown(self.values[:seeds])
+
+    def per_seed(self, key: str) -> F64:
+        """(seeds,) of a quantity, the mean over the scenarios."""
+        return np.asarray(self.values[:, :, _KEYS.index(key)].mean(axis=1))
+
+    def mean(self, key: str) -> float:
+        return float(self.per_seed(key).mean())
+
+    @property
+    def recalls(self) -> F64:
+        """(scenarios,) mean recall of each."""
+        return np.asarray(self.values[:, :, _KEYS.index("recall")].mean(axis=0))
+
+    @property
+    def unfinished(self) -> float:
+        """Share of missions that ended before the search was finished: their times are too short."""
+        return 1.0 - self.mean("completed")
+
+    def recall_bounds_above(self) -> F64:
+        """(scenarios,) what the true recall hardly exceeds: Clopper-Pearson over all targets flown for."""
+        targets, found = (
+            self.values[:, :, _KEYS.index(key)].sum(axis=0) for key in ("n_targets", "n_confirmed")
+        )
+        bound = stats.beta.ppf(DROP_CONFIDENCE, found + 1, np.maximum(targets - found, 1e-9))
+        return np.where(found < targets, bound, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What counts. ``min_recall`` None: recall is an objective of its own, not a constraint."""
+
+    min_recall: float | None = 0.95
+    false_positive_cost_s: float = 60.0
+
+    def cost_s(self, flown: Flown) -> F64:
+        """(seeds,) mission time with every false positive counted as this many seconds more."""
+        return flown.per_seed("mission_time_s") + self.false_positive_cost_s * flown.per_seed(
+            "false_positives"
+        )
+
+    def objectives(self, flown: Flown) -> tuple[float, ...]:
+        """To be minimised: mission time s, false positives, and 1 - recall where it is an objective."""
+        values = (flown.mean("mission_time_s"), flown.mean("false_positives"))
+        return values if self.min_recall is not None else (*values, 1.0 - flown.mean("recall"))
+
+    def violations(self, flown: Flown) -> tuple[float, ...]:
+        """Positive where a constraint is broken: every scenario's recall, and missions left unfinished."""
+        lacking = (
+            () if self.min_recall is None else tuple(self.min_recall - r for r in flown.recalls.tolist())
+        )
+        return (*lacking, flown.unfinished)
+
+    def feasible(self, flown: Flown) -> bool:
+        return all(violation <= 1e-12 for violation in self.violations(flown))
+
+
+def blocks(seeds: int) -> list[int]:
+    """After how many seeds a candidate is judged: 4, 8, 16 ... and all."""
+    ends = []
+    end = FIRST_BLOCK
+    while end < seeds:
+        ends.append(end)
+        end *= 2
+    return [*ends, seeds]
+
+
+def why_dropped(flown: Flown, incumbents: Sequence[Flown], rules: Rules) -> str | None:
+    """Why this candidate is clearly not the one, or None: it deserves more seeds."""
+    if flown.unfinished > 0:
+        return "missions ended before the search was finished"
+    if rules.min_recall is not None and (flown.recall_bounds_above() < rules.min_recall).any():
+        return f"recall {flown.recalls.min():.2f} is clearly below {rules.min_recall:g}"
+    for incumbent in incumbents:
+        if rules.min_recall is None and flown.mean("recall") > incumbent.first(flown.seeds).mean("recall"):
+            continue
+        worse_s = clearly_worse_by_s(rules.cost_s(flown), rules.cost_s(incumbent))
+        if worse_s > 0:
+            return f"clearly worse than the best so far, by at least {worse_s:.0f} s"
+    return None
+
+
+def clearly_worse_by_s(cost_s: F64, best_s: F64) -> float:
+    """Lower bound of the mean paired difference over the seeds that both flew (Student's t, one-sided)."""
+    n = min(len(cost_s), len(best_s))
+    if n < 2:
+        return -math.inf
+    difference = cost_s[:n] - best_s[:n]
+    spread = float(difference.std(ddof=1)) / math.sqrt(n)
+    return float(difference.mean() - stats.t.ppf(DROP_CONFIDENCE, n - 1) * spread)
+
+
+def incumbents(finished: Sequence[Flown], rules: Rules) -> list[Flown]:
+    """Who a newcomer has to beat: the cheapest that keeps the constraints; with recall as an objective, all
+    that nobody dominates in cost and recall. ``finished`` flew all seeds."""
+    feasible = [flown for flown in finished if rules.feasible(flown)]
+    if not feasible:
+        return []
+    if rules.min_recall is not None:
+        return [min(feasible, key=lambda flown: float(rules.cost_s(flown).mean()))]
+    scores = np.array([(rules.cost_s(flown).mean(), -flown.mean("recall")) for flown in feasible])
+    return [flown for flown, best in zip(feasible, pareto_front(scores), strict=True) if best]
+
+
+def best_first(candidates: Sequence[Flown], rules: Rules) -> list[int]:
+    """Indices of candidates from the best to the worst.
+
+    The cheapest of those that keep the constraints come first. Where recall is no constraint, or nobody keeps
+    it, recall within ``RECALL_SLACK`` of the best is what has to be kept.
+    """
+    if not candidates:
+        return []
+    finished = [flown for flown in candidates if flown.unfinished == 0.0] or list(candidates)
+    floor = max(float(flown.recalls.min()) for flown in finished) - RECALL_SLACK
+    if rules.min_recall is not None:
+        floor = min(floor, rules.min_recall) if not any(map(rules.feasible, finished)) else rules.min_recall
+
+    def rank(index: int) -> tuple[float, ...]:
+        flown = candidates[index]
+        short = max(0.0, floor - float(flown.recalls.min()) - 1e-12)
+        return (flown.unfinished, short, float(rules.cost_s(flown).mean()), index)
+
+    return sorted(range(len(candidates)), key=rank)

@@ -1,0 +1,433 @@
+"""What a tuning found, told: tables, files and figures, each figure with its data beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import yaml
+
+from skysweep.experiments.tune import Problem
+from skysweep.experiments.tune_figures import draw_matters, draw_search
+from skysweep.experiments.tune_race import Rules
+from skysweep.experiments.tune_space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
+from skysweep.experiments.tune_study import Trial
+from skysweep.experiments.tune_validate import Cell, Effect, Standing, effects
+from skysweep.results.html import Grid
+from skysweep.results.statistics import SIGNIFICANCE, Estimate, PairedTest, pairs_needed, pareto_front
+from skysweep.results.tables import one_line
+from skysweep.scenarios.files import change_scenario, write_scenario
+
+_SYMBOLS = {
+    N_C: "n_c",
+    D_C: "d_c",
+    H_S: "h_S",
+    H_C: "h_C",
+    SCAN_SPEED: "scan speed",
+    CHECK_SPEED: "check speed",
+    SIDELAP: "sidelap",
+}
+_UNITS = {D_C: " m", H_S: " m", H_C: " m", SCAN_SPEED: " m/s", CHECK_SPEED: " m/s"}
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """All that a tuning found. ``matters``: cells by scenario; empty where none were asked for."""
+
+    problem: Problem
+    trials: list[Trial]
+    standings: list[Standing]
+    matters: dict[str, list[Cell]]
+
+    @property
+    def best(self) -> Standing:
+        return self.standings[0]
+
+
+def write_tuning(tuned: Tuned, folder: Path) -> list[Path]:
+    """Write everything into ``folder`` and return the recommended scenarios' files.
+
+    ``recommended.yaml`` (with several scenarios ``recommended-NAME.yaml``) and ``overlay.yaml``,
+    ``tuning.json``, ``tuning.md``, ``trials.parquet``, and the figures ``search`` and ``matters-NAME`` as
+    PNG and SVG with their CSV.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    recommended = _write_scenarios(tuned, folder)
+    (folder / "tuning.json").write_text(json.dumps(_as_json(tuned), indent=1) + "\n", encoding="utf-8")
+    (folder / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")
+    table = trials_table(tuned.problem, tuned.trials)
+    table.write_parquet(folder / "trials.parquet")
+    table.write_csv(folder / "search.csv")
+    draw_search(table, [p.field for p in tuned.problem.space], _symbols(tuned.problem), folder / "search")
+    for name, cells in tuned.matters.items():
+        _cells_table(cells).write_csv(folder / f"matters-{name}.csv")
+        draw_matters(cells, name, folder / f"matters-{name}")
+    return recommended
+
+
+def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
+    """One row a trial. ``on_front``: flew all seeds, keeps the constraints, none of those dominates it."""
+    many, rules = len(problem.scenarios), problem.rules
+    flown = [trial.flown(many) for trial in trials]
+    whole = [
+        t.dropped is None and t.same_as is None and rules.feasible(f)
+        for t, f in zip(trials, flown, strict=True)
+    ]
+    front = np.zeros(len(trials), dtype=bool)
+    if any(whole):
+        front[whole] = pareto_front(np.array([rules.objectives(f) for f in flown])[whole])
+    rows = [
+        {
+            "trial": trial.number,
+            "seeds_used": mine.seeds,
+            "dropped": trial.dropped,
+            "same_as": trial.same_as,
+            "feasible": rules.feasible(mine),
+            "on_front": bool(on_front),
+            **{f"param.{field}": float(value) for field, value in trial.values.items()},
+            "mission_time_s": mine.mean("mission_time_s"),
+            "recall": mine.mean("recall"),
+            "false_positives": mine.mean("false_positives"),
+            "false_scans": mine.mean("false_scans"),
+            "energy_wh": mine.mean("energy_wh"),
+            "cost_s": float(rules.cost_s(mine).mean()),
+        }
+        for trial, mine, on_front in zip(trials, flown, front, strict=True)
+    ]
+    return pl.DataFrame(rows, schema_overrides={"dropped": pl.String, "same_as": pl.Int64})
+
+
+def recommendation(tuned: Tuned) -> Grid:
+    """The recommended values beside the scenario's own, or each scenario's where there are several."""
+    changes = tuned.best.candidate.changes
+    originals = tuned.problem.originals
+    rows = [
+        (
+            _SYMBOLS.get(field, field),
+            *(with_unit(field, value_at(change_scenario(s, changes), field)) for s in originals[:1]),
+            *(with_unit(field, value_at(s, field)) for s in originals),
+        )
+        for field in _fields(tuned.problem)
+    ]
+    own = ["own"] if len(originals) == 1 else [f"{s.name}'s own" for s in originals]
+    return Grid(("Parameter", "Recommended", *own), rows, f"Recommended for {tuned.problem.name}", words=True)
+
+
+def recommendation_sentence(tuned: Tuned) -> str:
+    """What to expect of the recommended parameters."""
+    best = tuned.best
+    return (
+        f"On {best.flown.seeds} fresh seeds: mission time {interval(best.mission_time_s, 1)} s, "
+        f"recall {interval(best.recall, 3)}, false positives {interval(best.false_positives, 2)}; "
+        "means with 95 % intervals."
+    )
+
+
+def standings_table(tuned: Tuned) -> Grid:
+    """All candidates on the validation seeds, from the recommended to the worst."""
+    header = (
+        "Candidate",
+        "Time\n(s)",
+        "Recall",
+        "False\npos.",
+        "Cost over the\nfirst (s)",
+        "P(first\nbetter)",
+    )
+    rows = []
+    for s in tuned.standings:
+        pair = s.cost_over_best_s
+        rows.append(
+            (
+                s.label + ("" if s.feasible else " *"),
+                f"{s.mission_time_s.mean:.1f}",
+                f"{s.recall.mean:.3f}",
+                f"{s.false_positives.mean:.2f}",
+                "" if pair is None else interval(pair.test, 1, sign=True),
+                "" if pair is None else f"{1 - pair.probability_below:.3f}",
+            )
+        )
+    caption = (
+        f"{tuned.best.flown.seeds} fresh seeds; cost = time + "
+        f"{tuned.problem.rules.false_positive_cost_s:g} s for each false positive, compared pair by pair"
+    )
+    if not all(s.feasible for s in tuned.standings):
+        caption += "; * breaks a constraint"
+    return Grid(header, rows, caption, best=[0])
+
+
+def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
+    """Mission time over the fastest, n_c down and d_c across."""
+    distances = sorted({c.d_c_m for c in cells if c.d_c_m is not None})
+    fastest = next(c for c in cells if c.time_over_best_s is None)
+    rows = []
+    for n_c in sorted({c.n_c for c in cells}):
+        line = [c for c in cells if c.n_c == n_c]
+        texts: list[str] = []
+        for d_c_m in distances:
+            cell = next((c for c in line if c.d_c_m in (d_c_m, None)), None)
+            texts.append("" if cell is None else "same" if cell.d_c_m is None and texts else _over_best(cell))
+        rows.append((number(n_c), *texts))
+    return Grid(
+        ("n_c", *(f"d_c = {with_unit(D_C, d)}" for d in distances)),
+        rows,
+        f"{name}: seconds over the fastest (n_c = {number(fastest.n_c)}, d_c = {_distance(fastest)}, "
+        f"{fastest.mission_time_s.mean:.1f} s), paired over {fastest.flown.seeds} seeds, 95 % intervals; "
+        "= not distinguishable from it",
+    )
+
+
+def matters_sentences(cells: Sequence[Cell]) -> list[str]:
+    """When n_c matters, and when d_c does: first in one sentence, then one for every line of the table."""
+    found = effects(cells)
+    family, seeds = sum(len(effect.others) for effect in found), cells[0].flown.seeds
+    if seeds < pairs_needed(family):
+        return [
+            f"{seeds} seeds are too few for {family} comparisons to show anything; "
+            f"give --validation-seeds {pairs_needed(family)} or more."
+        ]
+    return [_headline(found), *map(_effect_sentence, found)]
+
+
+def how_sure(tuned: Tuned) -> list[str]:
+    """What may be said about the recommended parameters against the runner-up and the scenario's own."""
+    sentences = []
+    rules, best = tuned.problem.rules, tuned.best
+    if rules.min_recall is not None and not best.feasible:
+        sentences.append(
+            f"NOTHING tried reached recall {rules.min_recall:g} in all scenarios with all searches finished; "
+            f"this is the best there is (recall {interval(best.recall, 3)})."
+        )
+    if len(tuned.standings) > 1:
+        sentences.append("Runner-up: " + _against(tuned.standings[1]))
+    for standing in tuned.standings[2:]:
+        if standing.label.startswith("own values") or "(own values" in standing.label:
+            sentences.append("Scenario's own: " + _against(standing))
+    return sentences
+
+
+def number(value: float) -> str:
+    """A value for a reader."""
+    return "∞" if math.isinf(value) else f"{value:g}"
+
+
+def with_unit(field: str, value: float) -> str:
+    return number(value) + ("" if math.isinf(value) else _UNITS.get(field, ""))
+
+
+def interval(what: Estimate | PairedTest, digits: int, sign: bool = False) -> str:
+    """Mean (low to high)."""
+    form = f"{'+' if sign else ''}.{digits}f"
+    if not math.isfinite(what.low):
+        return f"{what.mean:{form}} (no interval)"
+    return f"{what.mean:{form}} ({what.low:.{digits}f} to {what.high:.{digits}f})"
+
+
+def describe(values: dict[str, float]) -> str:
+    """Values in one line."""
+    return ", ".join(f"{_SYMBOLS.get(field, field)} {with_unit(field, v)}" for field, v in values.items())
+
+
+def _against(standing: Standing) -> str:
+    pair = standing.cost_over_best_s
+    assert pair is not None
+    text = f"{standing.label}, {interval(pair.test, 1, sign=True)} s; "
+    if pair.test.n_zero == pair.test.n_pairs:
+        return text + "the same in every mission."
+    if not math.isfinite(pair.test.low):
+        return text + "too few seeds to say more."
+    probability = f"probability that the recommended is better {1 - pair.probability_below:.3f}"
+    if not standing.feasible:
+        return text + f"and it breaks a constraint (recall {standing.recall.mean:.3f})."
+    return text + (
+        f"clearly worse, {probability}." if pair.is_clear else f"NOT distinguishable, {probability}."
+    )
+
+
+def _headline(found: Sequence[Effect]) -> str:
+    parts = []
+    for held, other in (("d_c", "n_c"), ("n_c", "d_c")):
+        lines = [effect for effect in found if effect.held == held]
+        where = [number(effect.value) for effect in lines if effect.matters]
+        if not where:
+            parts.append(f"{other} does not show at any {held}")
+        elif len(where) == len(lines):
+            parts.append(f"{other} matters at every {held} flown")
+        else:
+            parts.append(f"{other} matters at {held} = {', '.join(where)} only")
+    return "; ".join(parts) + "."
+
+
+def _effect_sentence(effect: Effect) -> str:
+    worst, by_d_c = effect.worst, effect.held == "d_c"
+    over = f"{interval(effect.over_best_s[worst], 1, sign=True)} s (p = {effect.p_corrected[worst]:.2g})"
+
+    def choice(cell: Cell) -> str:
+        return f"n_c = {number(cell.n_c)}" if by_d_c else f"d_c = {_distance(cell)}"
+
+    held = f"d_c = {with_unit(D_C, effect.value)}" if by_d_c else f"n_c = {number(effect.value)}"
+    if not effect.matters:
+        return f"{held}: {'n_c' if by_d_c else 'd_c'} makes no difference that shows; the slowest: {over}."
+    text = f"{held}: {choice(effect.best)} is fastest, {choice(effect.others[worst])} slowest: {over}"
+    as_good = [
+        choice(cell) for cell, p in zip(effect.others, effect.p_corrected, strict=True) if p >= SIGNIFICANCE
+    ]
+    if as_good:
+        text += "; as good as the fastest: " + ", ".join(as_good)
+    return text + "."
+
+
+def _over_best(cell: Cell) -> str:
+    if cell.time_over_best_s is None:
+        return "fastest"
+    return interval(cell.time_over_best_s.test, 0, sign=True) + (" =" if cell.as_good else "")
+
+
+def _distance(cell: Cell) -> str:
+    return "any" if cell.d_c_m is None else with_unit(D_C, cell.d_c_m)
+
+
+def _fields(problem: Problem) -> list[str]:
+    """The usual parameters first, then what else was tuned."""
+    usual = list(_SYMBOLS)
+    return usual + [p.field for p in problem.space if p.field not in usual]
+
+
+def _symbols(problem: Problem) -> dict[str, str]:
+    return {
+        f: _SYMBOLS.get(f, f) + (f" ({_UNITS[f].strip()})" if f in _UNITS else "") for f in _fields(problem)
+    }
+
+
+def _write_scenarios(tuned: Tuned, folder: Path) -> list[Path]:
+    changes = tuned.best.candidate.changes
+    paths, overlays = [], []
+    for original in tuned.problem.originals:
+        name = (
+            "recommended.yaml" if len(tuned.problem.originals) == 1 else f"recommended-{original.name}.yaml"
+        )
+        paths.append(write_scenario(change_scenario(original, changes), folder / name))
+        differs = {field: v for field, v in changes.items() if v != value_at(original, field)}
+        overlays.append({"scenario": original.name, "set": differs})
+    overlay = overlays[0] if len(overlays) == 1 else overlays
+    text = yaml.safe_dump(overlay, sort_keys=False, default_flow_style=False)
+    (folder / "overlay.yaml").write_text(text, encoding="utf-8")
+    return paths
+
+
+def _markdown(tuned: Tuned) -> str:
+    problem = tuned.problem
+    parts = [
+        f"# Tuning of {problem.name}",
+        f"{len(tuned.trials)} trials, up to {problem.seeds} seeds each; {_rules_sentence(problem.rules)}",
+        _markdown_grid(recommendation(tuned)),
+        recommendation_sentence(tuned),
+        *how_sure(tuned),
+        _markdown_grid(standings_table(tuned)),
+        *(
+            f"- {s.label}: {describe(s.candidate.changes)}"
+            for s in tuned.standings
+            if s.candidate.changes.keys() == {p.field for p in problem.space}
+        ),
+    ]
+    for name, cells in tuned.matters.items():
+        parts += [f"## When n_c and d_c matter: {name}", _markdown_grid(matters_grid(name, cells))]
+        parts.append("\n".join(f"- {sentence}" for sentence in matters_sentences(cells)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _rules_sentence(rules: Rules) -> str:
+    recall = (
+        "recall is an objective of its own"
+        if rules.min_recall is None
+        else f"recall is kept at {rules.min_recall:g} or more"
+    )
+    return f"{recall}; a false positive counts as {rules.false_positive_cost_s:g} s."
+
+
+def _markdown_grid(grid: Grid) -> str:
+    align = " --- |" if grid.words else " ---: |"
+    lines = [
+        f"**{grid.caption}**",
+        "",
+        "| " + " | ".join(map(one_line, grid.header)) + " |",
+        "|" + align * len(grid.header),
+    ]
+    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in grid.rows])
+
+
+def _as_json(tuned: Tuned) -> dict[str, Any]:
+    problem = tuned.problem
+    return _plain(
+        {
+            "problem": problem.as_data(),
+            "trials": len(tuned.trials),
+            "missions_flown": sum(len(t.missions) for t in tuned.trials if t.same_as is None),
+            "validation_seeds": tuned.best.flown.seeds,
+            "recommended": {
+                f: value_at(change_scenario(problem.originals[0], tuned.best.candidate.changes), f)
+                for f in _fields(problem)
+            },
+            "candidates": [
+                {
+                    "label": s.label,
+                    "changes": s.candidate.changes,
+                    "feasible": s.feasible,
+                    "mission_time_s": asdict(s.mission_time_s),
+                    "recall": asdict(s.recall),
+                    "false_positives": asdict(s.false_positives),
+                    "cost_s": asdict(s.cost_s),
+                    "cost_over_recommended_s": s.cost_over_best_s and asdict(s.cost_over_best_s),
+                }
+                for s in tuned.standings
+            ],
+            "how_sure": how_sure(tuned),
+            "matters": {
+                name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}
+                for name, cells in tuned.matters.items()
+            },
+        }
+    )
+
+
+def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
+    """One row a cell; ``d_c_m`` is null where it makes no difference."""
+    rows = []
+    for cell in cells:
+        pair = cell.time_over_best_s
+        test = pair.test if pair else None
+        rows.append(
+            {
+                "n_c": cell.n_c,
+                "d_c_m": cell.d_c_m,
+                "seeds": cell.flown.seeds,
+                "mission_time_s": cell.mission_time_s.mean,
+                "mission_time_low_s": cell.mission_time_s.low,
+                "mission_time_high_s": cell.mission_time_s.high,
+                "over_fastest_s": test.mean if test else 0.0,
+                "over_fastest_low_s": test.low if test else None,
+                "over_fastest_high_s": test.high if test else None,
+                "as_good": cell.as_good,
+                "recall": cell.flown.mean("recall"),
+                "false_positives": cell.flown.mean("false_positives"),
+                "false_scans": cell.flown.mean("false_scans"),
+            }
+        )
+    floats = {name: pl.Float64 for name in ("d_c_m", "over_fastest_low_s", "over_fastest_high_s")}
+    return pl.DataFrame(rows, schema_overrides=floats)
+
+
+def _plain(node: Any) -> Any:
+    """What JSON can hold: infinity is the string ``"inf"`` as in summary.json, NaN is null."""
+    if isinstance(node, dict):
+        return {key: _plain(value) for key, value in node.items()}
+    if isinstance(node, list | tuple):
+        return [_plain(value) for value in node]
+    if isinstance(node, float) and not math.isfinite(node):
+        return None if math.isnan(node) else "inf" if node > 0 else "-inf"
+    return node

@@ -1,0 +1,241 @@
+"""Which parameters a tuning may change, and the values that each may take.
+
+Every parameter is an ascending list of round values (infinity last). Sensible ones come from the scenario and
+its camera: altitudes from which a target still spans enough pixels, speeds that the vehicle can fly; what
+``scenarios.advice`` warns about is left out. The scenario's own value is always among them.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from skysweep.errors import UserError
+from skysweep.scenarios.advice import UNSEEN_BELOW_PX, WISHED_AT_CHECK_PX, warnings_for
+from skysweep.scenarios.files import change_scenario
+from skysweep.scenarios.model import Scenario
+
+N_C, D_C = "search.n_c", "search.d_c_m"
+H_S, H_C = "search.scan_altitude_agl_m", "search.check_altitude_agl_m"
+SCAN_SPEED, CHECK_SPEED, SIDELAP = "search.scan_speed_mps", "search.check_speed_mps", "search.sidelap"
+TUNED = (N_C, D_C, H_S, H_C, SCAN_SPEED, CHECK_SPEED, SIDELAP)
+
+EASILY_SEEN_PX = 20.0  # scanning from lower than this finds nothing more and takes longer
+_N_C_VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, math.inf)
+_D_C_SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)  # of the side of a square as large as the area
+_STEPS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+_MOST_VALUES = 24
+_MAX_SIDELAP = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A dotted field of the scenario and the values that it may take, ascending."""
+
+    field: str
+    values: tuple[float, ...]
+
+
+def default_space(scenarios: Sequence[Scenario]) -> list[Parameter]:
+    """The parameters that are tuned unless told otherwise, with values that suit all of ``scenarios``."""
+    spaces = [_values_for(scenario) for scenario in scenarios]
+    return [Parameter(field, _common([space[field] for space in spaces])) for field in TUNED]
+
+
+def changed_space(
+    space: Sequence[Parameter], scenarios: Sequence[Scenario], ranges: Sequence[str], fixed: Sequence[str]
+) -> tuple[list[Parameter], dict[str, float]]:
+    """``space`` after ``--range FIELD=LOW:HIGH`` (``FIELD=1,2,inf``) and ``--fix FIELD`` (``FIELD=VALUE``).
+
+    Returns:
+        The parameters left to tune, and the values that ``--fix`` sets.
+
+    Raises:
+        UserError: unknown field, empty range, values that make no valid scenario, nothing left to tune.
+    """
+    left = {parameter.field: parameter for parameter in space}
+    settings: dict[str, float] = {}
+    for text in ranges:
+        field, _, wanted = text.partition("=")
+        field = known_field(field.strip(), f"--range {text}")
+        left[field] = Parameter(field, _parsed_range(text, field, wanted.strip()))
+    for text in fixed:
+        field, equals, setting = text.partition("=")
+        field = known_field(field.strip(), f"--fix {text}")
+        left.pop(field, None)
+        if equals:
+            settings[field] = _number(setting, f"--fix {text}")
+    if not left:
+        raise UserError("--fix: nothing is left to tune; fix fewer fields")
+    _check_altitudes(left, scenarios, settings)
+    for scenario in scenarios:
+        fixed_scenario = change_scenario(scenario, settings)
+        for parameter in left.values():
+            for value in (parameter.values[0], parameter.values[-1]):
+                if parameter.field not in (H_S, H_C):
+                    change_scenario(fixed_scenario, {parameter.field: value})
+    return list(left.values()), settings
+
+
+def known_field(field: str, source: str) -> str:
+    """``field`` if a scenario has such a number; else a UserError with the nearest name."""
+    fields = dict.fromkeys(_numeric_fields(Scenario))
+    if field in fields:
+        return field
+    by_last = {name.rsplit(".", 1)[-1]: name for name in fields}
+    near = difflib.get_close_matches(field, fields, n=1) or [
+        by_last[name]
+        for name in difflib.get_close_matches(field.rsplit(".", 1)[-1], by_last, n=1, cutoff=0.5)
+    ]
+    start = f"did you mean '{near[0]}'? " if near else ""
+    raise UserError(
+        f"{source}: there is no parameter '{field}'; {start}"
+        f"write a number of the scenario, such as {', '.join(TUNED[:3])}"
+    )
+
+
+def value_at(scenario: Scenario, field: str) -> float:
+    """The scenario's own value of a dotted field."""
+    node: Any = scenario
+    for part in field.split("."):
+        node = getattr(node, part)
+    return float(node)
+
+
+def nearby_distances_m(scenario: Scenario) -> tuple[float, ...]:
+    """A few d_c around which it may matter: parts of the area's size, the scenario's own, and infinity."""
+    side = math.sqrt(scenario.area_enu_m.area)
+    shares = {_round_distance(share * side) for share in (0.1, 0.2, 0.4)}
+    return tuple(sorted(shares | {scenario.search.d_c_m, math.inf}))
+
+
+def _values_for(scenario: Scenario) -> dict[str, tuple[float, ...]]:
+    search, cruise = scenario.search, scenario.vehicle.cruise_speed_mps
+    px_at_1_m = scenario.pixels_on_target(1.0)
+    side = math.sqrt(scenario.area_enu_m.area)
+    values: dict[str, Sequence[float]] = {
+        N_C: _N_C_VALUES,
+        D_C: [*(_round_distance(share * side) for share in _D_C_SHARES), math.inf],
+        H_S: _grid(min(px_at_1_m / EASILY_SEEN_PX, search.scan_altitude_agl_m), px_at_1_m / UNSEEN_BELOW_PX),
+        SCAN_SPEED: _grid(0.4 * cruise, cruise),
+        CHECK_SPEED: _grid(0.1 * cruise, cruise),
+        SIDELAP: _grid(0.0, _MAX_SIDELAP),
+    }
+    values[H_S] = _without_warning(scenario, H_S, values[H_S])
+    lowest_scan_m = min([*values[H_S], search.scan_altitude_agl_m])
+    values[H_C] = _without_warning(
+        scenario, H_C, _grid(1.0, min(px_at_1_m / WISHED_AT_CHECK_PX, 0.8 * lowest_scan_m))
+    )
+    return {field: tuple(sorted({*values[field], value_at(scenario, field)})) for field in TUNED}
+
+
+def _without_warning(scenario: Scenario, field: str, values: Sequence[float]) -> list[float]:
+    kept = []
+    for value in values:
+        if field == H_C and value >= scenario.search.scan_altitude_agl_m:
+            break
+        if field == H_S and value <= scenario.search.check_altitude_agl_m:
+            continue
+        if not any(w.startswith(field) for w in warnings_for(change_scenario(scenario, {field: value}))):
+            kept.append(value)
+    return kept
+
+
+def _common(spaces: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+    """Values inside the bounds of all; what the scenarios themselves use stays in."""
+    low, high = max(s[0] for s in spaces), min(s[-1] for s in spaces)
+    inside = {v for s in spaces for v in s if low <= v <= high}
+    return tuple(sorted(inside)) if len(inside) > 1 else tuple(sorted(set().union(*spaces)))
+
+
+def _grid(low: float, high: float) -> list[float]:
+    """Round values from ``low`` to ``high``, at most ``_MOST_VALUES`` of them."""
+    step = next((s for s in _STEPS if (high - low) / s < _MOST_VALUES), _STEPS[-1])
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [round(k * step, 6) for k in range(first, last + 1)]
+
+
+def _round_distance(metres: float) -> float:
+    return max(5.0, 5.0 * round(metres / 5.0))
+
+
+def _parsed_range(text: str, field: str, wanted: str) -> tuple[float, ...]:
+    source = f"--range {text}"
+    values: set[float] = set()
+    for part in wanted.split(",") if wanted else []:
+        low_text, colon, high_text = part.partition(":")
+        low = _number(low_text, source)
+        high = _number(high_text, source) if colon else low
+        if colon and (math.isinf(low) or math.isinf(high)):
+            raise UserError(
+                f"{source}: a range ends at a number; write inf on its own, such as {field}=1:8,inf"
+            )
+        if low > high:
+            raise UserError(f"{source}: the range is empty; write LOW:HIGH with LOW below HIGH")
+        if colon and field == N_C:
+            values |= {float(n) for n in np.arange(math.ceil(low), math.floor(high) + 1)}
+        else:
+            values |= {low, high, *(_grid(low, high) if high > low else [])}
+    if len(values) < 2:
+        raise UserError(
+            f"{source}: the range is empty; write two values or more, such as {field}=1:8 or {field}=1,2,inf "
+            f"(one value: --fix {field}=VALUE)"
+        )
+    return tuple(sorted(values))
+
+
+def _number(text: str, source: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise UserError(f"{source}: '{text.strip()}' is no number; write a number or inf") from None
+    if math.isnan(value):
+        raise UserError(f"{source}: nan is no number; write a number or inf")
+    return value
+
+
+def _check_altitudes(
+    space: Mapping[str, Parameter], scenarios: Sequence[Scenario], settings: Mapping[str, float]
+) -> None:
+    def values(field: str, scenario: Scenario) -> tuple[float, ...]:
+        if field in space:
+            return space[field].values
+        return (settings.get(field, value_at(scenario, field)),)
+
+    for scenario in scenarios:
+        highest_check, lowest_scan = values(H_C, scenario)[-1], values(H_S, scenario)[0]
+        if highest_check >= lowest_scan:
+            raise UserError(
+                f"--range {H_C}: reaches {highest_check:g} m, not below the lowest scan altitude "
+                f"({lowest_scan:g} m); write ranges that do not meet, or --fix one of them"
+            )
+        for field in (H_S, H_C):
+            for value in (values(field, scenario)[0], values(field, scenario)[-1]):
+                other = H_C if field == H_S else H_S
+                change_scenario(
+                    scenario, {field: value, other: lowest_scan if other == H_S else values(H_C, scenario)[0]}
+                )
+
+
+def _numeric_fields(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        kinds = _arms(field.annotation)
+        if any(isinstance(kind, type) and issubclass(kind, BaseModel) for kind in kinds):
+            inner = next(k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel))
+            yield from _numeric_fields(inner, f"{prefix}{name}.")
+        elif float in kinds or int in kinds:
+            yield f"{prefix}{name}"
+
+
+def _arms(annotation: Any) -> tuple[Any, ...]:
+    """The arms of a union, or the annotation itself."""
+    is_union = typing.get_origin(annotation) in (typing.Union, types.UnionType)
+    return typing.get_args(annotation) if is_union else (annotation,)

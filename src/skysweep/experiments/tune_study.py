@@ -1,0 +1,234 @@
+"""The study of a tuning: Optuna, and the only place that imports it.
+
+A study lives in a database, so several processes and machines may work on it at once. Everything that a
+resumed or joining process needs is in it: the problem, every trial's values, its missions and how it ended.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import socket
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from skysweep.errors import MissingExtraError, UserError
+from skysweep.experiments.tune_race import Flown, Outcome, Rules
+from skysweep.experiments.tune_space import Parameter
+
+_STALE_S = 120.0  # a running trial without a sign of life for longer has lost its process
+_RANDOM_TRIALS = 12  # before the sampler trusts what it has learnt
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One set of values and how it fared. ``missions`` are outcomes, seed by seed, scenario by scenario."""
+
+    number: int
+    values: dict[str, float]
+    missions: list[Outcome]
+    dropped: str | None  # why it was not worth all seeds
+    same_as: int | None  # an earlier trial with the same values, whose missions it takes
+
+    def flown(self, scenarios: int) -> Flown:
+        return Flown.of(self.missions, scenarios)
+
+
+class TuningStudy:
+    """A study in a database, opened by one process.
+
+    Args:
+        storage: URL of a database as SQLAlchemy wants it, such as ``sqlite:///study.db``.
+        name: of the study in that database.
+        problem: what is tuned, as plain data; a study of another problem is refused.
+        space: the parameters.
+        rules: objectives and constraints.
+        seed: of the sampler.
+
+    Raises:
+        MissingExtraError: Optuna is not installed.
+        UserError: the database cannot be used, or holds a study of another problem under this name.
+    """
+
+    def __init__(
+        self,
+        storage: str,
+        name: str,
+        problem: dict[str, Any],
+        space: Sequence[Parameter],
+        rules: Rules,
+        seed: int,
+    ) -> None:
+        self._optuna = _optuna()
+        self._space, self._rules, self._seed = tuple(space), rules, seed
+        directions = ["minimize"] * (2 if rules.min_recall is not None else 3)
+        try:
+            self._study = self._optuna.create_study(
+                storage=_database(storage), study_name=name, directions=directions, load_if_exists=True
+            )
+            self._claim(problem, name, storage)
+        except UserError:
+            raise
+        except ImportError as error:
+            raise UserError(
+                f"--storage {hidden(storage)}: its driver is not installed ({error}); install it, "
+                "or leave --storage out for a file in the output folder"
+            ) from None
+        except Exception as error:  # every database has its own exceptions
+            if not type(error).__module__.startswith(("sqlalchemy", "optuna", "alembic")):
+                raise
+            reason = str(error.__cause__ or error).splitlines()[0]
+            raise UserError(
+                f"--storage {hidden(storage)}: cannot be used ({reason}); check the URL, the rights and that "
+                "the database runs"
+            ) from None
+
+    def start(self, first: Sequence[dict[str, float]]) -> None:
+        """Queue ``first`` where nobody has begun yet; values out of range are left out."""
+        if not self._study.get_trials(deepcopy=False):
+            for values in first:
+                indices = self._indices(values)
+                if indices is not None:
+                    self._study.enqueue_trial(indices)
+
+    def ask(self, budget: int) -> OpenTrial | None:
+        """The next trial, or None when the study has ``budget`` of them, whoever flies them."""
+        self._requeue_abandoned()
+        state = self._optuna.trial.TrialState
+        before = self._study.get_trials(deepcopy=False, states=(state.COMPLETE, state.RUNNING))
+        ended = sum(trial.state == state.COMPLETE for trial in before)
+        if ended >= budget:
+            return None
+        self._study.sampler = self._sampler(ended, len(before) - ended)
+        trial = self._study.ask()
+        trial.set_user_attr("owner", {"host": socket.gethostname(), "process": os.getpid()})
+        trials = self._study.get_trials(deepcopy=False)
+        if sum(t.number < trial.number and t.state != state.FAIL for t in trials) >= budget:
+            self._study.tell(trial, state=state.FAIL)
+            return None
+        indices = {p.field: trial.suggest_int(p.field, 0, len(p.values) - 1) for p in self._space}
+        values = {p.field: p.values[indices[p.field]] for p in self._space}
+        trial.set_user_attr("values", values)
+        return OpenTrial(self._study, trial, values, self._rules)
+
+    def trials(self) -> list[Trial]:
+        """All that ended, in the order of their numbers."""
+        complete = (self._optuna.trial.TrialState.COMPLETE,)
+        return [_trial(t) for t in self._study.get_trials(deepcopy=False, states=complete)]
+
+    def _indices(self, values: dict[str, float]) -> dict[str, int] | None:
+        """Which value of each parameter this is; None where one is out of range."""
+        try:
+            return {p.field: p.values.index(values[p.field]) for p in self._space}
+        except ValueError:
+            return None
+
+    def _requeue_abandoned(self) -> None:
+        """What a process left when it died fails, and its values wait to be flown again."""
+        state = self._optuna.trial.TrialState
+        for trial in self._study.get_trials(deepcopy=False, states=(state.RUNNING,)):
+            if _is_abandoned(trial):
+                self._study.tell(trial.number, state=state.FAIL, skip_if_finished=True)
+                if len(trial.params) == len(self._space):
+                    self._study.enqueue_trial(trial.params)
+
+    def _sampler(self, ended: int, running: int) -> Any:
+        """Multi-objective TPE, seeded by how far the study is, so that one process alone repeats itself."""
+        digest = hashlib.sha256(f"{self._seed} {ended} {running}".encode()).digest()
+        with warnings.catch_warnings():  # constraints_func is the one way that Optuna 4 and 5 share
+            warnings.simplefilter("ignore")
+            return self._optuna.samplers.TPESampler(
+                seed=int.from_bytes(digest[:4], "big"),
+                n_startup_trials=_RANDOM_TRIALS,
+                multivariate=True,
+                constant_liar=True,
+                constraints_func=lambda trial: trial.user_attrs["violations"],
+            )
+
+    def _claim(self, problem: dict[str, Any], name: str, storage: str) -> None:
+        """Write the problem into a new study; refuse a study of another one."""
+        told = json.loads(json.dumps(problem))
+        known = self._study.user_attrs.get("problem")
+        if known is None:
+            self._study.set_user_attr("problem", told)
+            return
+        other = [key for key in told if known.get(key) != told[key]]
+        if other:
+            raise UserError(
+                f"{hidden(storage)}: study '{name}' is of another problem (differs: {', '.join(other)}); "
+                "give the same command to go on with it, or another --out or --study"
+            )
+
+
+class OpenTrial:
+    """A trial that this process is flying."""
+
+    def __init__(self, study: Any, trial: Any, values: dict[str, float], rules: Rules) -> None:
+        self._study, self._trial, self._rules = study, trial, rules
+        self.number: int = trial.number
+        self.values = values
+
+    def sign_of_life(self) -> None:
+        """Tell other processes that somebody works on it."""
+        self._trial.set_user_attr("alive_unix_s", time.time())
+
+    def close(self, missions: list[Outcome], flown: Flown, dropped: str | None, same_as: int | None) -> Trial:
+        """Write down how it fared."""
+        self._trial.set_user_attr("violations", self._rules.violations(flown))
+        self._trial.set_user_attr("missions", missions)
+        self._trial.set_user_attr("dropped", dropped)
+        self._trial.set_user_attr("same_as", same_as)
+        self._study.tell(self._trial, list(self._rules.objectives(flown)), skip_if_finished=True)
+        return Trial(self.number, self.values, missions, dropped, same_as)
+
+
+def hidden(storage: str) -> str:
+    """The URL without its password."""
+    head, at, tail = storage.rpartition("@")
+    scheme, slashes, user = head.partition("://")
+    return f"{scheme}{slashes}{user.split(':')[0]}{at}{tail}" if at else storage
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError:
+        raise MissingExtraError("skysweep tune", "tune") from None
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return optuna
+
+
+@lru_cache(maxsize=4)
+def _database(url: str) -> Any:
+    """A connection, one a process. SQLite waits for the others instead of giving up."""
+    options = {"connect_args": {"timeout": 60}} if url.startswith("sqlite") else {"pool_pre_ping": True}
+    return _optuna().storages.RDBStorage(url, engine_kwargs=options)
+
+
+def _is_abandoned(trial: Any) -> bool:
+    owner = trial.user_attrs.get("owner")
+    if owner is not None and owner["host"] == socket.gethostname() and os.name == "posix":
+        try:
+            os.kill(owner["process"], 0)
+        except ProcessLookupError:
+            return True
+        except PermissionError:
+            pass
+    alive_unix_s = trial.user_attrs.get("alive_unix_s", trial.datetime_start.timestamp())
+    return bool(time.time() - alive_unix_s > _STALE_S)
+
+
+def _trial(trial: Any) -> Trial:
+    attributes = trial.user_attrs
+    return Trial(
+        trial.number,
+        attributes["values"],
+        attributes["missions"],
+        attributes["dropped"],
+        attributes["same_as"],
+    )

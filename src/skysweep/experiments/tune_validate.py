@@ -1,0 +1,295 @@
+"""After the search: the best on fresh seeds, how sure it is who is better, and when n_c and d_c matter."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from skysweep import __version__
+from skysweep.experiments.single import fly_in_memory
+from skysweep.experiments.tune import PAPER_N_C, Problem
+from skysweep.experiments.tune_race import F64, Flown, Outcome, Rules, best_first, outcome_of
+from skysweep.experiments.tune_space import D_C, N_C, nearby_distances_m
+from skysweep.experiments.tune_study import Trial
+from skysweep.experiments.workers import run_jobs
+from skysweep.mission.journal import read_journal
+from skysweep.results.statistics import (
+    SIGNIFICANCE,
+    Estimate,
+    PairedTest,
+    estimate,
+    holm,
+    paired_tests,
+    resampled_means,
+)
+from skysweep.scenarios.files import change_scenario, dump_scenario
+from skysweep.scenarios.model import Scenario
+
+FIRST_VALIDATION_SEED = 1_000_000  # tuning never comes this far
+LEDGER_FILE = "missions.jsonl"
+FINALISTS = 4
+MATTERS_N_C = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A way to fly the problem's scenarios: ``changes`` (dotted field -> value) to each of them."""
+
+    label: str
+    changes: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """Differences over common seeds, and the share of bootstrap resamples whose mean is below zero."""
+
+    test: PairedTest
+    probability_below: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Zero lies outside the 95 % interval of the mean difference."""
+        return self.test.low > 0.0 or self.test.high < 0.0
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A candidate on the validation seeds, and how it compares with the recommended one."""
+
+    candidate: Candidate
+    flown: Flown
+    mission_time_s: Estimate
+    recall: Estimate
+    false_positives: Estimate
+    cost_s: Estimate
+    feasible: bool
+    cost_over_best_s: Paired | None  # None: the recommended one itself
+
+    @property
+    def label(self) -> str:
+        return self.candidate.label
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One n_c and d_c, everything else as the scenario has it. ``d_c_m`` None: it makes no difference."""
+
+    n_c: float
+    d_c_m: float | None
+    flown: Flown
+    mission_time_s: Estimate
+    time_over_best_s: Paired | None  # None: the fastest
+    as_good: bool  # not distinguishable from the fastest, allowing for the number of comparisons
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What the other parameter costs where ``held`` (n_c or d_c) is ``value``: each choice over the best."""
+
+    held: str
+    value: float
+    best: Cell
+    others: tuple[Cell, ...]
+    over_best_s: tuple[PairedTest, ...]
+    p_corrected: tuple[float, ...]  # Holm's, over all choices of all effects
+
+    @property
+    def worst(self) -> int:
+        """Index of the slowest of the others."""
+        return max(range(len(self.others)), key=lambda k: self.over_best_s[k].mean)
+
+    @property
+    def matters(self) -> bool:
+        return min(self.p_corrected) < SIGNIFICANCE
+
+
+@dataclass(frozen=True)
+class _Flight:
+    key: str
+    scenario: Scenario
+    seed: int
+
+
+def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Candidate]:
+    """The best of the search that flew all seeds, the scenario's own values, and the paper's n_c."""
+    many = len(problem.scenarios)
+    finished = [t for t in trials if t.dropped is None and t.same_as is None]
+    order = best_first([t.flown(many) for t in finished], problem.rules)[:FINALISTS]
+    candidates = [Candidate(f"trial {finished[k].number}", finished[k].values) for k in order]
+    candidates.append(Candidate("own values", {}))
+    candidates += [Candidate(f"own, n_c = {_number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
+    named: dict[str, Candidate] = {}
+    for candidate in candidates:
+        key = "".join(dump_scenario(change_scenario(s, candidate.changes)) for s in problem.scenarios)
+        if key in named:
+            known = named[key]
+            candidate = Candidate(f"{known.label} ({candidate.label.removeprefix('own, ')})", known.changes)
+        named[key] = candidate
+    return list(named.values())
+
+
+def matters_candidates(scenario: Scenario) -> list[Candidate]:
+    """n_c and d_c around the scenario's own."""
+    cells = [
+        (n_c, d_c_m)
+        for n_c in sorted({*MATTERS_N_C, scenario.search.n_c})
+        for d_c_m in nearby_distances_m(scenario)
+        if math.isinf(d_c_m) or not _checks_at_once(n_c, scenario)
+    ]
+    return [Candidate(f"n_c = {_number(n)}, d_c = {_number(d)}", {N_C: n, D_C: d}) for n, d in cells]
+
+
+def fly_candidates(
+    scenarios: Sequence[Scenario],
+    candidates: Sequence[Candidate],
+    seeds: int,
+    folder: Path,
+    workers: int | None = None,
+    on_mission: Callable[[int, int], None] = lambda _done, _of: None,
+) -> list[Flown]:
+    """Every candidate on the same fresh seeds. What ``folder``'s ledger holds is not flown again.
+
+    ``on_mission`` hears how many missions of how many are there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    flights = [
+        [
+            [_Flight(_key(text, seed), changed, seed) for changed, text in configs]
+            for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + seeds)
+        ]
+        for configs in (_configs(scenarios, candidate) for candidate in candidates)
+    ]
+    wanted = {flight.key: flight for per_seed in zip(*flights, strict=True) for c in per_seed for flight in c}
+    ledger = folder / LEDGER_FILE
+    outcomes = {key: outcome for key, outcome in _read_ledger(ledger).items() if key in wanted}
+    on_mission(len(outcomes), len(wanted))
+    todo = [flight for key, flight in wanted.items() if key not in outcomes]
+    if todo:
+        with ledger.open("a", encoding="utf-8") as file:
+            for flight, outcome in run_jobs(_fly, todo, workers):
+                outcomes[flight.key] = outcome
+                file.write(json.dumps({"key": flight.key, "outcome": outcome}) + "\n")
+                file.flush()
+                on_mission(len(outcomes), len(wanted))
+    return [
+        Flown.of([outcomes[flight.key] for one in mine for flight in one], len(scenarios)) for mine in flights
+    ]
+
+
+def standings(candidates: Sequence[Candidate], flown: Sequence[Flown], rules: Rules) -> list[Standing]:
+    """From the recommended to the worst."""
+    order = best_first(flown, rules)
+    best_cost_s = rules.cost_s(flown[order[0]])
+    return [
+        Standing(
+            candidate=candidates[k],
+            flown=flown[k],
+            mission_time_s=estimate(flown[k].per_seed("mission_time_s")),
+            recall=estimate(flown[k].per_seed("recall")),
+            false_positives=estimate(flown[k].per_seed("false_positives")),
+            cost_s=estimate(rules.cost_s(flown[k])),
+            feasible=rules.feasible(flown[k]),
+            cost_over_best_s=paired(rules.cost_s(flown[k]) - best_cost_s) if k != order[0] else None,
+        )
+        for k in order
+    ]
+
+
+def matters_table(candidates: Sequence[Candidate], flown: Sequence[Flown], scenario: Scenario) -> list[Cell]:
+    """Mission time of every n_c and d_c against the fastest, pair by pair.
+
+    The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. ``as_good`` is
+    Wilcoxon's test with Holm's correction for comparing all cells with one.
+    """
+    fastest = best_first(flown, Rules(min_recall=None, false_positive_cost_s=0.0))[0]
+    best_s = flown[fastest].per_seed("mission_time_s")
+    differences = [mine.per_seed("mission_time_s") - best_s for mine in flown]
+    pairs = [paired(d) for d in differences]
+    others = [k for k in range(len(flown)) if k != fastest]
+    p = dict(zip(others, holm(np.array([pairs[k].test.p for k in others])), strict=True))
+    cells = []
+    for k, (candidate, mine) in enumerate(zip(candidates, flown, strict=True)):
+        n_c, d_c_m = candidate.changes[N_C], candidate.changes[D_C]
+        cells.append(
+            Cell(
+                n_c=n_c,
+                d_c_m=None if _checks_at_once(n_c, scenario) else d_c_m,
+                flown=mine,
+                mission_time_s=estimate(mine.per_seed("mission_time_s")),
+                time_over_best_s=pairs[k] if k != fastest else None,
+                as_good=k == fastest or bool(p[k] >= SIGNIFICANCE),
+            )
+        )
+    return cells
+
+
+def effects(cells: Sequence[Cell]) -> list[Effect]:
+    """How much n_c matters at every d_c, and d_c at every n_c, in mission time."""
+    distances, limits = _distinct(c.d_c_m for c in cells), _distinct(c.n_c for c in cells)
+    lines = [("d_c", d, [c for c in cells if c.d_c_m in (d, None)]) for d in distances]
+    lines += [("n_c", n, [c for c in cells if c.n_c == n]) for n in limits]
+    splits = []
+    for held, value, line in lines:
+        best, *others = sorted(line, key=lambda cell: cell.mission_time_s.mean)
+        if others:
+            splits.append((held, value, best, tuple(others)))
+    differences = [
+        other.flown.per_seed("mission_time_s") - best.flown.per_seed("mission_time_s")
+        for _, _, best, others in splits
+        for other in others
+    ]
+    tests = iter(paired_tests(np.array(differences).T))
+    found = [(split, tuple(islice(tests, len(split[3])))) for split in splits]
+    p = iter(holm(np.array([test.p for _, mine in found for test in mine])).tolist())
+    return [Effect(*split, mine, tuple(islice(p, len(mine)))) for split, mine in found]
+
+
+def paired(difference: F64) -> Paired:
+    """What (seeds,) differences say. Resamples whose mean is exactly zero count by half."""
+    means = resampled_means(difference[:, None])[:, 0]
+    below = float((means < -1e-9).mean() + 0.5 * (np.abs(means) <= 1e-9).mean())
+    return Paired(paired_tests(difference[:, None])[0], below)
+
+
+def _checks_at_once(n_c: float, scenario: Scenario) -> bool:
+    """With n_c = 1 Algorithm 1 never waits, so that d_c makes no difference."""
+    return n_c == 1 and scenario.search.strategy == "scan-check"
+
+
+def _configs(scenarios: Sequence[Scenario], candidate: Candidate) -> list[tuple[Scenario, str]]:
+    changed = [change_scenario(scenario, candidate.changes) for scenario in scenarios]
+    return [(scenario, dump_scenario(scenario)) for scenario in changed]
+
+
+def _key(text: str, seed: int) -> str:
+    return hashlib.sha256(f"{__version__}|{text}|{seed}".encode()).hexdigest()[:16]
+
+
+def _fly(flight: _Flight) -> Outcome:
+    return outcome_of(fly_in_memory(flight.scenario, flight.seed))
+
+
+def _read_ledger(path: Path) -> dict[str, Outcome]:
+    """Outcomes by key. A line that a kill tore is cut off, so that the next one starts on its own."""
+    if not path.exists():
+        return {}
+    lines = list(read_journal(path))
+    whole = path.with_suffix(".tmp")
+    whole.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    whole.replace(path)
+    return {line["key"]: line["outcome"] for line in lines}
+
+
+def _distinct(values: Iterable[float | None]) -> list[float]:
+    return sorted({value for value in values if value is not None})
+
+
+def _number(value: float) -> str:
+    return "∞" if math.isinf(value) else f"{value:g}"
