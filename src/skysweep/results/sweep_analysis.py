@@ -201,7 +201,7 @@ def _compare_all(scenario: str, metric: Metric, flown: Sequence[Flown]) -> list[
     for a, b in combinations(range(len(flown)), 2):
         alike.setdefault((present[:, a] & present[:, b]).tobytes(), []).append((a, b))
     comparisons = []
-    for mask, pairs in alike.items():
+    for mask, pairs in sorted(alike.items(), key=lambda item: sum(item[0])):  # equal n draws equal samples
         rows = values[np.frombuffer(mask, dtype=bool)]
         first, second = (rows[:, list(side)] for side in zip(*pairs, strict=True))
         for (a, b), test in zip(pairs, paired_tests(first - second), strict=True):
@@ -342,6 +342,8 @@ def _with_interval(member: Member, metric: Metric) -> str:
     unit = f" {metric.unit}" if metric.unit else ""
     if e.n < 2:
         return f"{e.mean:.{metric.decimals}f}{unit} (1 seed: no interval)"
+    if e.low == e.high:
+        return f"{e.mean:.{metric.decimals}f}{unit} (with every seed)"
     return (
         f"{e.mean:.{metric.decimals}f}{unit} "
         f"(95 % CI {e.low:.{metric.decimals}f} to {e.high:.{metric.decimals}f})"

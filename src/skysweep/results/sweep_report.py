@@ -1,0 +1,429 @@
+"""The report of a sweep: sentences to quote, tables, figures, and one page that holds them all."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import polars as pl
+
+from skysweep.errors import UserError
+from skysweep.results.html import Grid, Picture, Section, picture, write_page
+from skysweep.results.statistics import pairs_needed
+from skysweep.results.sweep_analysis import (
+    FEW_SEEDS,
+    MIN_RECALL,
+    MOST_LOST,
+    Analysis,
+    Comparison,
+    Member,
+    analyse,
+    p_text,
+    sensitivity,
+    verdict,
+)
+from skysweep.results.sweep_figures import draw_pareto, draw_pos, draw_sensitivity, write_csv
+from skysweep.results.sweep_missions import (
+    COMPARED,
+    MISSION_TIME,
+    Flown,
+    Metric,
+    Missions,
+    by_scenario,
+    field_name,
+)
+from skysweep.results.table_files import write_tables
+from skysweep.results.wording import definitions
+
+REPORT_FILE, TABLES, FIGURES = "report.html", "tables", "figures"
+
+
+def write_sweep_report(
+    missions: Missions,
+    out: Path,
+    min_recall: float = MIN_RECALL,
+    on_step: Callable[[int, int], None] = lambda _done, _of: None,
+) -> list[str]:
+    """Write ``report.html``, ``tables/`` and ``figures/`` into ``out``.
+
+    Args:
+        missions: what was flown.
+        out: folder, made where it is missing; a report that is there is replaced.
+        min_recall: mean recall that the best configuration must have.
+        on_step: is told how many of how many parts are done.
+
+    Returns:
+        One sentence a scenario: the best configuration and how sure that is.
+
+    Raises:
+        UserError: ``out`` cannot be written to.
+    """
+    groups = by_scenario(missions)
+    steps = 1 + 2 * len(groups)
+    on_step(0, steps)
+    try:
+        for folder in (out, out / TABLES, out / FIGURES):
+            folder.mkdir(parents=True, exist_ok=True)
+        analyses = analyse(groups, min_recall)
+        sentences = [verdict(analysis, min_recall) for analysis in analyses]
+        _write_tables(analyses, missions, out / TABLES)
+        on_step(1, steps)
+        sections = [
+            Section("In a sentence", paragraphs=sentences),
+            *([Section("Mind this", paragraphs=cautions)] if (cautions := _cautions(analyses)) else []),
+        ]
+        names = _file_names([a.scenario for a in analyses])
+        for k, analysis in enumerate(analyses):
+            drawn = _pictures(analysis, names[k], out / FIGURES)
+            on_step(2 + 2 * k, steps)
+            drawn += _parameter_pictures(groups[analysis.scenario], missions, names[k], out / FIGURES)
+            grids = [_statistics(analysis), *_differences(analysis, [MISSION_TIME])]
+            sections.append(Section(analysis.scenario, grids=grids, pictures=drawn))
+            on_step(3 + 2 * k, steps)
+        write_page(
+            out / REPORT_FILE, _title(missions), _lead(missions), [], sections + _appendix(missions, analyses)
+        )
+    except OSError as error:
+        raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another --out") from None
+    return sentences
+
+
+def _title(missions: Missions) -> str:
+    name = missions.source.rstrip("/").rpartition("/")[2]
+    return f"Sweep {name}: what the missions show"
+
+
+def _lead(missions: Missions) -> str:
+    table = missions.table
+    counts = [
+        (len(table), "mission"),
+        (table["scenario"].n_unique(), "scenario"),
+        (table.select("strategy", *_parameter_columns(missions)).n_unique(), "configuration"),
+        (table["seed"].n_unique(), "seed"),
+    ]
+    text = ", ".join(f"{n} {word}{'' if n == 1 else 's'}" for n, word in counts)
+    sensors = sorted(set(table["sensor"].drop_nulls())) if "sensor" in table.columns else []
+    lead = text + (f"; sensor: {', '.join(sensors)}." if sensors else ".")
+    if not missions.finished:
+        lead += " The sweep is not finished: this is what it has flown so far."
+    return lead
+
+
+def _parameter_columns(missions: Missions) -> list[str]:
+    return [f"param.{field}" for field in missions.parameters]
+
+
+def _cautions(analyses: Sequence[Analysis]) -> list[str]:
+    """What a reader must know before believing a number."""
+    members = [member for analysis in analyses for member in analysis.members]
+    failed = sum(m.flown.n_failed for m in members)
+    unfinished = sum(m.flown.n_unfinished for m in members)
+    smallest = min(m.flown.n for m in members)
+    cautions = []
+    if failed:
+        cautions.append(f"{failed} missions failed with an error and are in no mean; they are listed below.")
+    if unfinished:
+        cautions.append(
+            f"{unfinished} missions ended before the search was finished (battery, for one): their mission "
+            "times, and the means with them, are too short. A configuration of which more than "
+            f"{MOST_LOST:.0%} failed or were not finished is never called the best."
+        )
+    if smallest < 2:
+        cautions.append("Some configurations have 1 mission or none: no interval, and nothing can be tested.")
+    elif smallest < FEW_SEEDS:
+        cautions.append(
+            f"Some configurations have only {smallest} missions. Below {FEW_SEEDS} bootstrap intervals are "
+            "too narrow: with 10 they hold the truth in about 88 % of cases instead of 95 %, with 5 in 82 %."
+        )
+    family = max((c.family for a in analyses for c in a.comparisons.values()), default=0)
+    if family and any(c.too_few for a in analyses for c in a.comparisons.values()):
+        cautions.append(
+            f"With {family} pairs of configurations compared at once, at least {pairs_needed(family)} common "
+            "seeds are needed before any difference, however large, can be told from chance."
+        )
+    return cautions
+
+
+def _statistics(analysis: Analysis) -> Grid:
+    """One row a configuration: means with their intervals; the best one stands out."""
+    metrics = [metric for metric in COMPARED if metric in analysis.metrics]
+    lost = any(m.flown.n_failed or m.flown.n_unfinished for m in analysis.members)
+    header = ["Configuration", "Seeds", *(f"{metric.title}" for metric in metrics), "Pareto front"]
+    rows = []
+    for member in analysis.members:
+        cells = [member.label, str(member.flown.n), *(_cell(member, metric) for metric in metrics)]
+        cells.append(_front_cell(member))
+        rows.append([*cells, f"{member.flown.n_failed} / {member.flown.n_unfinished}"] if lost else cells)
+    best = analysis.ranking[:1] if analysis.reached and len(analysis.members) > 1 else ()
+    return Grid(
+        [*header, "Failed / unfinished"] if lost else header,
+        rows,
+        f"{analysis.scenario}: means with 95 % intervals",
+        best=best,
+    )
+
+
+def _cell(member: Member, metric: Metric) -> str:
+    e = member.estimates.get(metric.key)
+    if e is None or not e.n:
+        return "-"
+    digits = metric.decimals
+    if e.n < 2:
+        return f"{e.mean:.{digits}f}"
+    spread = "all alike" if e.low == e.high else f"{e.low:.{digits}f} to {e.high:.{digits}f}"
+    return f"{e.mean:.{digits}f}\n({spread})"
+
+
+def _front_cell(member: Member) -> str:
+    """Whether it is on the front, and how often it is when the seeds are drawn anew."""
+    share = "" if math.isnan(member.front_share) else f"\n({member.front_share:.0%})"
+    return f"{'yes' if member.on_front else 'no'}{share}" if member.flown.n else "-"
+
+
+def _differences(analysis: Analysis, metrics: Sequence[Metric]) -> list[Grid]:
+    """Every other configuration minus the best, over common seeds: a table a metric."""
+    if not analysis.ranking or len(analysis.members) < 2:
+        return []
+    best = analysis.ranking[0]
+    best_label = analysis.members[best].label
+    grids = []
+    for metric in metrics:
+        if metric not in analysis.metrics:
+            continue
+        found = [analysis.compare(metric, k, best) for k in range(len(analysis.members)) if k != best]
+        grids.append(
+            Grid(
+                (
+                    "Configuration",
+                    "Difference",
+                    "Common seeds",
+                    "Equal",
+                    "p",
+                    "Corrected p",
+                    "r",
+                    "d_z",
+                    "Distinguishable",
+                ),
+                [(analysis.members[c.a].label, *_test_cells(c)) for c in found],
+                f"{analysis.scenario}: {metric.title} minus that of {best_label}, seed by seed",
+            )
+        )
+    return grids
+
+
+def _test_cells(comparison: Comparison) -> tuple[str, ...]:
+    test, digits = comparison.test, comparison.metric.decimals
+    if not test.n_pairs:
+        return ("-", "0", "-", "-", "-", "-", "-", "no common seeds")
+    if test.n_pairs == 1:
+        interval = "1 seed"
+    elif test.low == test.high:
+        interval = "all alike"
+    else:
+        interval = f"{_signed(test.low, digits)} to {_signed(test.high, digits)}"
+    return (
+        f"{_signed(test.mean, digits)}\n({interval})",
+        str(test.n_pairs),
+        str(test.n_zero),
+        p_text(test.p).removeprefix("= "),
+        p_text(comparison.p_holm).removeprefix("= "),
+        _signed(test.rank_biserial, 2),
+        "-" if math.isnan(test.cohens_dz) else _signed(test.cohens_dz, 2),
+        "yes" if comparison.distinguishable else "too few seeds" if comparison.too_few else "no",
+    )
+
+
+def _signed(value: float, digits: int) -> str:
+    """With its sign, zero without."""
+    return f"{rounded:+.{digits}f}" if (rounded := round(value, digits)) else f"{0:.{digits}f}"
+
+
+def _write_tables(analyses: Sequence[Analysis], missions: Missions, folder: Path) -> None:
+    """Tables for readers as Markdown and LaTeX, the numbers behind them as CSV."""
+    write_tables(folder / "statistics", [_statistics(a) for a in analyses])
+    differences = [grid for a in analyses for grid in _differences(a, COMPARED)]
+    if differences:
+        write_tables(folder / "differences", differences)
+    statistics, pairs = [], []
+    for analysis in analyses:
+        for member in analysis.members:
+            names = _names(analysis, member)
+            statistics += [
+                names
+                | {
+                    "metric": metric.key,
+                    "failed": member.flown.n_failed,
+                    "unfinished": member.flown.n_unfinished,
+                }
+                | asdict(member.estimates[metric.key])
+                for metric in analysis.metrics
+                if metric.key in member.estimates
+            ]
+        best = analysis.ranking[0] if analysis.ranking else None
+        pairs += [
+            {
+                "scenario": analysis.scenario,
+                "metric": c.metric.key,
+                "a": analysis.members[c.a].label,
+                "b": analysis.members[c.b].label,
+                "best": "a" if c.a == best else "b" if c.b == best else None,
+                **asdict(c.test),
+                "p_holm": c.p_holm,
+                "family": c.family,
+                "distinguishable": c.distinguishable,
+                "too_few_pairs": c.too_few,
+            }
+            for c in analysis.comparisons.values()
+        ]
+    write_csv(statistics, folder / "statistics.csv")
+    if pairs:
+        write_csv(pairs, folder / "all_pairs.csv")
+    pareto = [
+        _names(analysis, member)
+        | {metric.key: member.mean(metric) for metric in COMPARED}
+        | {"on_front": member.on_front, "front_share": member.front_share}
+        for analysis in analyses
+        for member in analysis.members
+    ]
+    write_csv(pareto, folder / "pareto.csv")
+    write_tables(folder / "pareto", [_front(analysis) for analysis in analyses])
+    if len(missions.failed):
+        write_csv(_failures(missions).to_dicts(), folder / "failed.csv")
+
+
+def _names(analysis: Analysis, member: Member) -> dict[str, object]:
+    configuration = member.flown.configuration
+    return {
+        "scenario": analysis.scenario,
+        "configuration": member.label,
+        "strategy": configuration.strategy,
+        **{f"param.{field}": value for field, value in configuration.parameters},
+    }
+
+
+def _front(analysis: Analysis) -> Grid:
+    """The Pareto front, the fastest first."""
+    metrics = [metric for metric in COMPARED if metric in analysis.metrics]
+    front = sorted((m for m in analysis.members if m.on_front), key=lambda m: m.mean(MISSION_TIME))
+    return Grid(
+        ("Configuration", *(metric.title for metric in metrics), "Stays there"),
+        [
+            (
+                member.label,
+                *(_cell(member, metric) for metric in metrics),
+                "-" if math.isnan(member.front_share) else f"{member.front_share:.0%}",
+            )
+            for member in front
+        ],
+        f"{analysis.scenario}: Pareto front of mission time, recall and false positives",
+    )
+
+
+def _pictures(analysis: Analysis, name: str, folder: Path) -> list[Picture]:
+    drawn = []
+    if len(analysis.members) > 1:
+        caption = (
+            f"{analysis.scenario}: what each configuration costs and gives. On the front: no other is "
+            "at least as good in mission time, recall and false positives and better in one. Bars: 95 % "
+            "intervals."
+        )
+        drawn.append(picture(draw_pareto(analysis, folder / f"pareto-{name}"), caption, wide=True))
+    curves = draw_pos(analysis, folder / f"pos-{name}")
+    if curves is not None:
+        caption = (
+            f"{analysis.scenario}: mean share of targets confirmed by a time, with the pointwise 95 % "
+            "bootstrap band over the seeds."
+        )
+        drawn.append(picture(curves, caption, wide=True))
+    return drawn
+
+
+def _parameter_pictures(flown: Sequence[Flown], missions: Missions, name: str, folder: Path) -> list[Picture]:
+    drawn = []
+    for field in missions.parameters:
+        curves = sensitivity(flown, field)
+        if curves:
+            path = draw_sensitivity(curves, field, folder / f"{_slug(field)}-{name}")
+            averaged = max(curve.averaged_over for curve in curves)
+            over = f", averaged over {averaged} settings of the other parameters" if averaged > 1 else ""
+            caption = f"What {field_name(field)} ({field}) does: means with 95 % intervals{over}."
+            drawn.append(picture(path, caption, wide=True))
+    return drawn
+
+
+def _appendix(missions: Missions, analyses: Sequence[Analysis]) -> list[Section]:
+    others = [g for a in analyses for g in _differences(a, [m for m in COMPARED if m is not MISSION_TIME])]
+    sections = []
+    if others:
+        sections.append(
+            Section("Differences in recall, false scans, false positives, energy", grids=others, folded=True)
+        )
+    if len(missions.failed):
+        failures = _failures(missions).head(20)
+        rows = [[str(cell) for cell in row] for row in failures.iter_rows()]
+        grid = Grid(("Scenario", "Strategy", "Missions", "First seed", "Error"), rows, words=True)
+        sections.append(Section("Failed missions", grids=[grid]))
+    sections.append(Section("How this was computed", grids=[_methods()], folded=True))
+    sections.append(Section("What the words mean", grids=[definitions()], folded=True))
+    if missions.spec:
+        sections.append(Section("Specification", verbatim=missions.spec, folded=True))
+    return sections
+
+
+def _failures(missions: Missions) -> pl.DataFrame:
+    """Kinds of failure, the most frequent first."""
+    return (
+        missions.failed.group_by("scenario", "strategy", "error")
+        .agg(pl.len().alias("missions"), pl.col("seed").min().alias("first_seed"))
+        .select("scenario", "strategy", "missions", "first_seed", "error")
+        .sort(["missions", "scenario", "strategy", "error"], descending=[True, False, False, False])
+    )
+
+
+def _methods() -> Grid:
+    rows = [
+        (
+            "Interval",
+            "95 % BCa bootstrap interval of the mean, 5000 samples of the seeds, drawn alike every time.",
+        ),
+        (
+            "Difference",
+            "Mean over the seeds that both flew: the same world, wind and noise. Its interval is a "
+            "bootstrap, too.",
+        ),
+        (
+            "p, corrected p",
+            "Wilcoxon's signed-rank test, two-sided, equal pairs left out, exact up to 50 pairs; corrected "
+            "by Holm for all pairs of configurations of all scenarios, in each metric.",
+        ),
+        (
+            "All alike",
+            "Every seed gave the same: what was not seen in n missions can still happen in up to 3 in n.",
+        ),
+        ("r", "Matched-pairs rank-biserial correlation: +1 where the other is larger with every seed."),
+        ("d_z", "Cohen's: mean of the differences over their standard deviation."),
+        ("Distinguishable", "The corrected p is below 0.05 and the interval does not hold zero."),
+        (
+            "Pareto front",
+            "Means that no other configuration beats in one of mission time, recall and false positives "
+            "while being at least as good in the rest; in brackets how often it stays there when the seeds "
+            "are drawn anew.",
+        ),
+    ]
+    return Grid(("Word", "Meaning"), rows, words=True)
+
+
+def _file_names(scenarios: Sequence[str]) -> list[str]:
+    """A file name for each scenario, no two alike."""
+    names: list[str] = []
+    for scenario in scenarios:
+        name = _slug(scenario)
+        names.append(name if name not in names else f"{name}-{len(names)}")
+    return names
+
+
+def _slug(text: str) -> str:
+    return re.sub(r"[^\w=-]+", "-", text).strip("-") or "scenario"
