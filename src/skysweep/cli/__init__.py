@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import typer
 
-from skysweep.cli import benchmark, detectors, missions, planning, scenarios, serve_vehicle, sweep, tune
+from skysweep.cli import (
+    benchmark,
+    detectors,
+    missions,
+    planning,
+    report,
+    scenarios,
+    serve_vehicle,
+    sweep,
+    tune,
+)
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -27,6 +37,7 @@ compare = typer.Typer(no_args_is_help=True, help="Compare strategies.")
 compare.command("paper")(missions.compare_paper_command)
 app.add_typer(compare, name="compare")
 app.command()(sweep.sweep)
+app.command()(report.report)
 app.command()(tune.tune)
 app.command()(serve_vehicle.serve_vehicle)
 

@@ -38,6 +38,7 @@ from skysweep.results.sweep_missions import (
 from skysweep.results.table_files import write_tables
 from skysweep.results.wording import definitions
 
+MOST_ROWS_BEFORE_FIGURES = 12
 REPORT_FILE, TABLES, FIGURES = "report.html", "tables", "figures"
 
 
@@ -81,7 +82,11 @@ def write_sweep_report(
             on_step(2 + 2 * k, steps)
             drawn += _parameter_pictures(groups[analysis.scenario], missions, names[k], out / FIGURES)
             grids = [_statistics(analysis), *_differences(analysis, [MISSION_TIME])]
-            sections.append(Section(analysis.scenario, grids=grids, pictures=drawn))
+            if len(analysis.members) <= MOST_ROWS_BEFORE_FIGURES:
+                sections.append(Section(analysis.scenario, grids=grids, pictures=drawn))
+            else:
+                sections.append(Section(analysis.scenario, grids=[_front(analysis)], pictures=drawn))
+                sections.append(Section(f"{analysis.scenario}: every configuration", grids=grids))
             on_step(3 + 2 * k, steps)
         write_page(
             out / REPORT_FILE, _title(missions), _lead(missions), [], sections + _appendix(missions, analyses)
@@ -151,7 +156,7 @@ def _statistics(analysis: Analysis) -> Grid:
     """One row a configuration: means with their intervals; the best one stands out."""
     metrics = [metric for metric in COMPARED if metric in analysis.metrics]
     lost = any(m.flown.n_failed or m.flown.n_unfinished for m in analysis.members)
-    header = ["Configuration", "Seeds", *(f"{metric.title}" for metric in metrics), "Pareto front"]
+    header = ["Configuration", "Seeds", *(f"{metric.title}" for metric in metrics), "On front"]
     rows = []
     for member in analysis.members:
         cells = [member.label, str(member.flown.n), *(_cell(member, metric) for metric in metrics)]
