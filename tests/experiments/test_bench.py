@@ -18,9 +18,14 @@ def test_bench_gives_one_flat_json_object_of_plausible_numbers():
         "rendered_mission_rtf",
         "rendered_mission_rtf_every_frame",
         "statistical_mission_rtf",
+        "statistical_mission_s",
+        "missions_per_minute_2_workers",
+        "local_parallel_efficiency",
+        "worker_memory_mb",
         "render_fps_640x360",
         "detector_ms_640x360",
     }
     assert min(rates.values()) > 0
     assert rates["vehicle_rtf"] > rates["statistical_mission_rtf"] > rates["rendered_mission_rtf"]
-    assert len(told) == 5
+    assert result["statistical_mission_s"] == pytest.approx(400 / result["statistical_mission_rtf"], rel=1e-3)
+    assert len(told) == 6

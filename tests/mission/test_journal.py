@@ -4,6 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from skysweep.errors import UserError
 from skysweep.mission.journal import FileJournal, MemoryJournal, read_journal
@@ -27,6 +30,22 @@ def test_memory_and_file_say_the_same(tmp_path):
         journal.write(0.5, "confirmed", candidate=2, p=(1.0, 2.0, 0.0))
     file.close()
     assert list(read_journal(path)) == memory.lines
+
+
+@given(
+    arrays(float, (3,), elements=st.floats(allow_nan=False, allow_infinity=False))
+    | arrays(float, (2, 2), elements=st.integers(-(10**7), 10**7).map(lambda k: k / 2e4))
+)
+def test_arrays_are_rounded_as_their_numbers_are(values):
+    journal = MemoryJournal()
+    journal.write(0.0, "state", p=values, q=values.tolist())
+    assert repr(journal.lines[0]["p"]) == repr(journal.lines[0]["q"])
+
+
+def test_infinity_in_an_array_is_said_in_words():
+    journal = MemoryJournal()
+    journal.write(0.0, "state", p=np.array([1.0, math.inf]))
+    assert journal.lines[0]["p"] == [1.0, "inf"]
 
 
 def test_a_torn_last_line_is_left_out(tmp_path):

@@ -9,6 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
 from skysweep.errors import UserError
 
 
@@ -73,6 +77,26 @@ def _plain(value: Any) -> Any:
         return [_plain(v) for v in value]
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        rounded, safe = _rounded(value.ravel())
+        if safe:
+            return rounded.reshape(value.shape).tolist()
     if hasattr(value, "tolist"):
         return _plain(value.tolist())
     return value
+
+
+@njit(cache=True)
+def _rounded(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
+    """What Python's ``round(value, 4)`` gives, and whether that is certain.
+
+    It is not where a value is not finite, too large, or half way between two, and Python has to look closer.
+    """
+    out = np.empty(len(values))
+    for k, value in enumerate(values):
+        scaled = value * 1e4
+        whole = np.rint(scaled)
+        if not (abs(scaled) < 1e12 and abs(abs(scaled - whole) - 0.5) > 1e-3):
+            return out, False
+        out[k] = whole / 1e4
+    return out, True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import deque
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.camera import CameraPose
 
+_EPS_S = 1e-9
 _SAME = 1e-6  # share of the way from one pose to the next that makes no difference
 
 
@@ -31,13 +31,10 @@ class DelayedPose:
     def at(self, time_s: float) -> CameraPose:
         """The pose at ``time_s - delay_s``: positions linear, attitudes by slerp, held beyond the ends."""
         t = time_s - self.delay_s
-        times = [p[0] for p in self._poses]
-        k = bisect_right(times, t + 1e-9)
-        if k == 0:
-            return self._poses[0][1]
-        if k == len(times):
-            return self._poses[-1][1]
-        (t0, a), (t1, b) = self._poses[k - 1], self._poses[k]
+        later = next((k for k, (when, _) in enumerate(self._poses) if when > t + _EPS_S), None)
+        if not later:
+            return self._poses[-1 if later is None else 0][1]
+        (t0, a), (t1, b) = self._poses[later - 1], self._poses[later]
         w = min(max((t - t0) / (t1 - t0), 0.0), 1.0)
         if w < _SAME:
             return a
