@@ -76,6 +76,14 @@ class Folder:
         self._files.mv(unfinished, path)
 
     @_told
+    def try_out(self) -> None:
+        """Write a file and remove it again. Raises UserError where that cannot be done."""
+        self._files.makedirs(self._root, exist_ok=True)
+        path = self._path(f"{_UNFINISHED}{os.getpid()}")
+        self._files.pipe_file(path, b"-")
+        self._files.rm_file(path)
+
+    @_told
     def names(self, folder: str) -> list[str]:
         """Names, sorted, of the whole files in a folder; none where there is no such folder."""
         self._files.invalidate_cache()

@@ -21,7 +21,7 @@ from skysweep.experiments.sweep_spec import SweepSpec, differences, dump_spec
 from skysweep.experiments.sweep_store import KEY, SweepStore, outcome
 
 _FIRST = 16  # missions that the estimate is made from, of as many configurations
-_FIRST_S = 20.0  # and not more than about this long
+_FIRST_S = 20.0  # and after this long no more of them than needed
 _PART_S = 1.0, 30.0  # a part is written after a twentieth of the time so far, within these limits
 _PART_SHARE = 0.05
 _PART_ROWS = 2000
@@ -95,6 +95,7 @@ class Sweep:
         what was flown: another ``Sweep`` with the same folder goes on.
         """
         if self._todo:
+            self._folder.try_out()
             with engine:
                 self._fly(engine, confirm, on_done)
         if self._todo or not self._store.is_complete():
@@ -117,11 +118,11 @@ class Sweep:
             for _, row in results:
                 rows.append(row)
                 on_done(row["error"])
-                if len(rows) == len(first) or time.monotonic() - started > _FIRST_S:
+                late = time.monotonic() - started > _FIRST_S
+                if len(rows) == len(first) or (late and len(rows) > engine.workers):
                     break
-            left = len(self._todo) - len(rows)
-            workers = max(1, min(engine.workers, left))
-            confirm(Estimate(left, workers, _mission_s(rows, workers)))
+            if left := len(self._todo) - len(rows):
+                confirm(Estimate(left, min(engine.workers, left), _mission_s(rows, engine.workers)))
             self._store.write_spec(dump_spec(self._spec))
             written = started
             try:
@@ -170,6 +171,6 @@ def _spread(numbers: list[int], count: int) -> list[int]:
 def _mission_s(rows: list[dict[str, Any]], workers: int) -> float:
     """Mean time of a mission. The first of each worker also loads the program: left out where others are."""
     times = [row["wall_time_s"] for row in rows if row["wall_time_s"] is not None]
-    if len(times) > 2 * workers:
+    if len(times) > workers:
         times = times[workers:]
     return sum(times) / len(times) if times else 0.0

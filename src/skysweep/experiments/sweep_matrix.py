@@ -115,10 +115,13 @@ def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
         str(_PACKAGE / _SHIPPED_FILE[sensor]),
         *(n for n in named if isinstance(n, str) and os.path.isfile(n)),
     ]
-    text = json.dumps([fields, sensor, [_file_digest(f) for f in files], results_version], sort_keys=True)
+    text = json.dumps(
+        [fields, sensor, [_file_digest(f, os.stat(f).st_mtime_ns) for f in files], results_version],
+        sort_keys=True,
+    )
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache
-def _file_digest(path: str) -> str:
+def _file_digest(path: str, _changed_ns: int) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()

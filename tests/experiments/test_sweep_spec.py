@@ -1,0 +1,141 @@
+"""Specs of sweeps: what they fly, and what is wrong with one said in a sentence."""
+
+import math
+
+import pytest
+
+from skysweep.errors import UserError
+from skysweep.experiments.sweep_matrix import Matrix
+from skysweep.experiments.sweep_spec import dump_spec, load_spec, parse_spec
+
+SPEC = """
+name: demo
+scenarios:
+  - clusters
+  - {scenario: clusters, label: windy, set: {wind.mean_speed_mps: 8}}
+strategies:
+  - scan-check
+  - {strategy: scan-only, parameters: {search.scan_altitude_agl_m: [20, 30]}}
+parameters:
+  search.n_c: [1, 5, .inf]
+  search.scan_altitude_agl_m: [20, 30]
+points:
+  - {search.n_c: 2, search.d_c_m: 60}
+seeds: 10
+first_seed: 100
+"""
+
+
+def test_every_combination_flies_every_seed():
+    matrix = Matrix.of(parse_spec(SPEC, "spec.yaml"))
+    table = matrix.table()
+    assert len(matrix) == len(table) == 2 * (3 * 2 + 1 + 2) * 10
+    assert table["scenario"].unique(maintain_order=True).to_list() == ["clusters", "clusters-windy"]
+    assert table["seed"].unique().sort().to_list() == list(range(100, 110))
+    assert table["config_hash"].n_unique() == len(table)
+    assert table["job"].to_list() == list(range(len(table)))
+    one_cell = table.filter(seed=100, scenario="clusters", strategy="scan-check")
+    assert one_cell.select(r"^param\..*$").rows() == [
+        *((n, h, math.inf) for n in (1.0, 5.0, math.inf) for h in (20.0, 30.0)),
+        (2.0, 30.0, 60.0),
+    ]
+    for number in (0, 17, len(matrix) - 1):
+        job, row = matrix.job(number), table.row(number, named=True)
+        assert (job.label, job.seed, job.config_hash) == (row["scenario"], row["seed"], row["config_hash"])
+        assert job.scenario.search.n_c == row["param.search.n_c"]
+        assert job.scenario.wind.mean_speed_mps == (8 if job.label == "clusters-windy" else 2)
+
+
+def test_without_strategies_each_scenario_has_its_own():
+    matrix = Matrix.of(parse_spec("{name: a, scenarios: [clusters], seeds: [7, 3]}", "spec.yaml"))
+    assert matrix.table().select("strategy", "seed").rows() == [("scan-check", 7), ("scan-check", 3)]
+
+
+def test_combinations_that_come_out_the_same_are_one():
+    values = "parameters: {search.n_c: [1, 1.0]}, points: [{search.n_c: 1}]"
+    text = f"{{name: a, scenarios: [clusters], {values}, seeds: 1}}"
+    assert len(Matrix.of(parse_spec(text, "spec.yaml"))) == 1
+
+
+def test_generators_are_changes_of_a_scenario():
+    text = """
+name: a
+scenarios:
+  - scenario: clusters
+    set:
+      targets: []
+      generators: [{class: stop sign, pattern: uniform, count: 30, seed: null}]
+seeds: 1
+"""
+    scenario = Matrix.of(parse_spec(text, "spec.yaml")).job(0).scenario
+    assert not scenario.targets
+    assert scenario.generators[0].count == 30
+
+
+def test_a_written_spec_comes_back_and_needs_no_other_file(tmp_path):
+    (tmp_path / "mine.yaml").write_text("name: mine\narea: {polygon_enu_m: [[0, 0], [9, 0], [9, 9]]}\n")
+    (tmp_path / "spec.yaml").write_text("{name: a, scenarios: [mine.yaml], seeds: 2}")
+    spec = load_spec(tmp_path / "spec.yaml")
+    (tmp_path / "mine.yaml").unlink()
+    again = parse_spec(dump_spec(spec), "spec.yaml")
+    assert again == spec
+    assert Matrix.of(again).job(1) == Matrix.of(spec).job(1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("search.n_c: [", "n_c: [", ["n_c", "did you mean search.n_c"]),
+        ("search.n_c: [", "search.nc: [", ["search.nc", "did you mean search.n_c"]),
+        ("search.n_c: [", "search.scan_altitude: [", ["search.scan_altitude_agl_m"]),
+        ("search.n_c: [", "h_C: [", ["did you mean search.check_altitude_agl_m"]),
+        ("search.n_c: [", "search.strategy: [", ["search.strategy", "write it under strategies"]),
+        ("search.n_c: [", "qwerty: [", ["qwerty", "no such parameter"]),
+        ("[1, 5, .inf]", "[]", ["parameters.search.n_c", "nothing to fly"]),
+        ("[1, 5, .inf]", "7", ["parameters.search.n_c", "list"]),
+        ("[1, 5, .inf]", "[[1]]", ["parameters.search.n_c[0]", "write a number"]),
+        ("[1, 5, .inf]", "[-1]", ["clusters: search.n_c", "greater than 0"]),
+        ("[1, 5, .inf]", "[.nan]", ["clusters: search.n_c", "nan"]),
+        ("m: [20, 30]\npoints", "m: [2]\npoints", ["check_altitude_agl_m", "scan_altitude_agl_m (2)"]),
+        ("search.d_c_m: 60", "search.d_m: 60", ["search.d_m", "search.d_c_m"]),
+        ("- scan-check", "- scan-chek", ["strategies[0].strategy", "scan-chek", "scan-check"]),
+        ("- clusters", "- cluster", ["cluster", "did you mean 'clusters'"]),
+        ("label: windy, ", "", ["scenarios[1]", "label"]),
+        ("label: windy", "lable: windy", ["scenarios[1].lable", "did you mean 'label'"]),
+        ("wind.mean_speed_mps", "wind.mean_sped_mps", ["wind.mean_sped_mps", "mean_speed_mps"]),
+        ("seeds: 10", "seeds: 0", ["seeds", "nothing to fly"]),
+        ("seeds: 10", "seeds: []", ["seeds", "nothing to fly"]),
+        ("seeds: 10", "seeds: [1, 1]", ["seeds", "twice"]),
+        ("seeds: 10", "seeds: [-1]", ["seeds", "from 0"]),
+        ("seeds: 10", "seeds: ten", ["seeds", "how many"]),
+        ("seeds: 10", "seed: 10", ["seed", "did you mean 'seeds'"]),
+        ("seeds: 10\n", "", ["seeds", "missing"]),
+        ("seeds: 10", "seeds: 10\nseeds: 20", ["seeds", "twice"]),
+        ("seeds: 10", "seeds: 1000000", ["18,000,000 missions", "18 configurations"]),
+        ("name: demo", "name: ''", ["name"]),
+        ("name: demo", "name: [", ["not YAML", "line"]),
+        ("name: demo", "sensor: radar\nname: demo", ["sensor", "radar", "statistical"]),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(old, new, said):
+    assert old in SPEC
+    with pytest.raises(UserError) as error:
+        parse_spec(SPEC.replace(old, new, 1), "spec.yaml")
+    sentence = str(error.value)
+    assert sentence.startswith("spec.yaml: ")
+    assert "\n" not in sentence
+    for word in said:
+        assert word in sentence
+
+
+@pytest.mark.parametrize("text", ["", "[]", "just words", "scenarios: []\nname: a\nseeds: 1"])
+def test_what_is_no_sweep_is_refused(text):
+    with pytest.raises(UserError, match=r"spec\.yaml: "):
+        parse_spec(text, "spec.yaml")
+
+
+def test_no_such_file_no_text_no_folder(tmp_path):
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    for name, said in [("none.yaml", "no such file"), ("binary.yaml", "UTF-8"), ("", "cannot be read")]:
+        with pytest.raises(UserError, match=said):
+            load_spec(tmp_path / name)
