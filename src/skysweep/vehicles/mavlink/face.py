@@ -147,7 +147,7 @@ class Face:
     def _timesync(self, message: Message, sender: Sender) -> None:
         if message.tc1 == 0:
             now_ns = round(self.pilot.time_s * 1e9)
-            sender.reply(m.MAVLink_timesync_message(now_ns, message.ts1, sender.system, sender.component))
+            sender.reply(m.MAVLink_timesync_message(now_ns, message.ts1))
 
     def _ping(self, message: Message, sender: Sender) -> None:
         if message.target_system == 0:

@@ -7,6 +7,7 @@ leaves the mode, and setpoints of others are refused.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 Key = tuple[Address, int, int]
 _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048  # POSITION_TARGET_TYPEMASK
 _LIFT_OFF_M, _LIFT_OFF_MPS = 0.3, 0.1  # a setpoint that means: leave the ground
+_OPEN = np.full(3, np.nan)
 _FARTHEST_M = 1e6
 _FASTEST_MPS = 100.0
 
@@ -98,12 +100,12 @@ def target_from_local(message: Message, site: Site, yaw_rad: float) -> Target:
         if np.isfinite(position).any():
             raise Refused("Offboard denied: body frames are for velocities")
         c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-        forward, right, down = velocity
+        forward, right, down = np.nan_to_num(velocity)
         velocity_enu = np.array([c * forward + s * right, s * forward - c * right, -down])
-        return _target(message, np.full(3, np.nan), velocity_enu)
+        return _target(message, _OPEN, velocity_enu)
     if message.coordinate_frame != m.MAV_FRAME_LOCAL_NED:
         raise Refused("Offboard denied: this frame is not supported")
-    return _target(message, site.enu_from_ned(position), enu_from_ned(velocity))
+    return _target(message, _in_enu(position, site.enu_from_ned), _in_enu(velocity, enu_from_ned))
 
 
 def target_from_global(message: Message, site: Site, home_enu_m: F64) -> Target:
@@ -111,12 +113,12 @@ def target_from_global(message: Message, site: Site, home_enu_m: F64) -> Target:
     if message.coordinate_frame not in {m.MAV_FRAME_GLOBAL, m.MAV_FRAME_GLOBAL_INT, *ABOVE_HOME}:
         raise Refused("Offboard denied: this frame is not supported")
     ignored = _axes(message, 0, (0.0, 0.0, message.alt), _FARTHEST_M)
-    position = np.full(3, np.nan)
+    position = _OPEN
     if np.isfinite(ignored).all():
         above = site.geodetic(home_enu_m)[2] if message.coordinate_frame in ABOVE_HOME else 0.0
         position = site.enu(message.lat_int * 1e-7, message.lon_int * 1e-7, above + message.alt)
     velocity = _axes(message, 3, (message.vx, message.vy, message.vz), _FASTEST_MPS)
-    return _target(message, position, enu_from_ned(velocity))
+    return _target(message, position, _in_enu(velocity, enu_from_ned))
 
 
 def _axes(message: Message, first_bit: int, values: tuple[float, ...], largest: float) -> F64:
@@ -126,6 +128,12 @@ def _axes(message: Message, first_bit: int, values: tuple[float, ...], largest: 
     if (np.abs(axes) > largest).any():
         raise Refused("Offboard denied: setpoint out of range")
     return axes
+
+
+def _in_enu(axes_ned: F64, convert: Callable[[F64], F64]) -> F64:
+    """Converted, with the open axes still open."""
+    swapped = np.isnan(axes_ned)[[1, 0, 2]]
+    return np.where(swapped, np.nan, convert(np.nan_to_num(axes_ned)))
 
 
 def _target(message: Message, position_enu_m: F64, velocity_enu_mps: F64) -> Target:

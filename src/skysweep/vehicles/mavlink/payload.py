@@ -13,6 +13,7 @@ import numpy as np
 from skysweep.scenarios.model import CameraModel
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.px4 import quaternion
 from skysweep.vehicles.mavlink.wire import Message
 
 _DEVICE = 1  # a gimbal that is part of the autopilot's component
@@ -93,8 +94,7 @@ class Payload:
         pitch = math.asin(float(np.clip(R[2, 2], -1.0, 1.0)))
         yaw_enu = math.atan2(R[0, 0], -R[1, 0])
         turn = math.remainder(math.atan2(body[1, 0], body[0, 0]) - yaw_enu, 2.0 * math.pi)
-        cp, sp, cy, sy = math.cos(pitch / 2), math.sin(pitch / 2), math.cos(turn / 2), math.sin(turn / 2)
-        q = [cy * cp, -sy * sp, cy * sp, sy * cp]
+        q = quaternion(0.0, pitch, turn)
         return m.MAVLink_gimbal_device_attitude_status_message(
             0, 0, boot_ms, _FLAGS | _IN_VEHICLE_FRAME, q, 0.0, 0.0, 0.0, 0, 0.0, 0.0, _DEVICE
         )

@@ -85,6 +85,19 @@ class Site:
         return self.frame.enu_from_geodetic([latitude_deg, longitude_deg, altitude_amsl_m])[0]
 
 
+def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> list[float]:
+    """(w, x, y, z) of Z-Y-X Euler angles."""
+    cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+    cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
+    cy, sy = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+    return [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ]
+
+
 def e7(degrees: float) -> int:
     """Degrees as MAVLink's integers."""
     return round(degrees * 1e7)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.frames import (
     euler_from_rotation,
@@ -19,7 +18,7 @@ from skysweep.vehicles.mavlink.autopilot import Autopilot
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.link import Peer
 from skysweep.vehicles.mavlink.payload import Payload
-from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, F64, TICK_S, Mode, e7
+from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, TICK_S, Mode, e7, quaternion
 from skysweep.vehicles.mavlink.wire import Message
 
 _SENSORS = (
@@ -68,6 +67,13 @@ class Picture:
         self.boot_ms = round(self.state.time_s * 1e3)
         self.boot_us = round(self.state.time_s * 1e6)
         self.unix_us = round(unix_start_s * 1e6) + self.boot_us
+        self._made: dict[int, Message | None] = {}
+
+    def message(self, kind: int, report: Report) -> Message | None:
+        """The message of a kind: made once, however many hear it."""
+        if kind not in self._made:
+            self._made[kind] = report.make(self)
+        return self._made[kind]
 
     @cached_property
     def ned(self) -> list[float]:
@@ -82,8 +88,9 @@ class Picture:
         return self.pilot.site.geodetic(self.state.position_enu_m)
 
     @cached_property
-    def R_frd_to_ned(self) -> F64:
-        return rotation_frd_to_ned(self.state.R_body_to_enu)
+    def euler(self) -> tuple[float, float, float]:
+        """Roll, pitch and yaw of FRD in NED."""
+        return euler_from_rotation(rotation_frd_to_ned(self.state.R_body_to_enu))
 
     @cached_property
     def above_home_m(self) -> float:
@@ -103,12 +110,6 @@ class Picture:
         return _CELLS * (_CELL_EMPTY_V + full * (_CELL_FULL_V - _CELL_EMPTY_V))
 
 
-def quaternion(R: F64) -> list[float]:
-    """(w, x, y, z) of a rotation matrix."""
-    x, y, z, w = Rotation.from_matrix(R).as_quat(canonical=True)
-    return [float(w), float(x), float(y), float(z)]
-
-
 def _heartbeat(p: Picture) -> Message:
     pilot = p.pilot
     status = m.MAV_STATE_STANDBY
@@ -125,11 +126,11 @@ def _heartbeat(p: Picture) -> Message:
 
 
 def _attitude(p: Picture) -> Message:
-    return m.MAVLink_attitude_message(p.boot_ms, *euler_from_rotation(p.R_frd_to_ned), 0.0, 0.0, 0.0)
+    return m.MAVLink_attitude_message(p.boot_ms, *p.euler, 0.0, 0.0, 0.0)
 
 
 def _attitude_quaternion(p: Picture) -> Message:
-    return m.MAVLink_attitude_quaternion_message(p.boot_ms, *quaternion(p.R_frd_to_ned), 0.0, 0.0, 0.0)
+    return m.MAVLink_attitude_quaternion_message(p.boot_ms, *quaternion(*p.euler), 0.0, 0.0, 0.0)
 
 
 def _local_position(p: Picture) -> Message:
@@ -382,6 +383,6 @@ class Streams:
             if now >= self._next_s[kind]:
                 self._next_s[kind] = max(self._next_s[kind] + period, now)
                 report = self._messages[kind]
-                message = report.make(picture)
+                message = picture.message(kind, report)
                 if message is not None:
                     peer.send(message, report.component)

@@ -24,9 +24,9 @@ class _Upload:
     sender: Sender
     kind: int
     count: int
-    items: list[Item] = field(default_factory=list)
-    heard_s: float = field(default_factory=time.monotonic)
+    heard_s: float
     asked_s: float = 0.0
+    items: list[Item] = field(default_factory=list)
 
 
 class Transfers:
@@ -51,7 +51,7 @@ class Transfers:
         elif message.count == 0:
             self._store(sender, kind, ())
         else:
-            self._upload = _Upload(sender, kind, message.count)
+            self._upload = _Upload(sender, kind, message.count, time.monotonic())
             self._ask()
 
     def item(self, message: Message, sender: Sender) -> None:

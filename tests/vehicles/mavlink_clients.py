@@ -1,0 +1,163 @@
+"""A vehicle behind its MAVLink face in virtual time, and programs that talk to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from pymavlink.dialects.v20 import common as m
+
+from skysweep.scenarios.model import Scenario
+from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+from skysweep.vehicles.mavlink.face import Face
+from skysweep.vehicles.mavlink.items import Item
+from skysweep.vehicles.mavlink.px4 import TICK_S
+from skysweep.vehicles.mavlink.signing import Signing
+from skysweep.vehicles.mavlink.wire import Voice
+
+CALM = {
+    "name": "calm",
+    "area": {"polygon_enu_m": [[0, 0], [120, 0], [120, 80], [0, 80]]},
+    "wind": {"mean_speed_mps": 0.0, "gust_std_mps": 0.0},
+    "vehicle": {"position_noise_m": 0.0, "attitude_noise_deg": 0.0},
+    "search": {"scan_altitude_agl_m": 20.0},
+}
+OFFBOARD, HOLD, MISSION, RETURN, LAND = (6, 0), (4, 3), (4, 4), (4, 5), (4, 6)
+POSITION_ONLY, VELOCITY_ONLY = 0b1101_1111_1000, 0b1101_1100_0111
+
+
+def scenario(**changes) -> Scenario:
+    return Scenario.model_validate(CALM | changes)
+
+
+class Sky:
+    """The face of the vehicle of a scenario; time passes when ``fly`` is called."""
+
+    def __init__(self, of: Scenario | None = None, signing_key: bytes | None = None) -> None:
+        self.scenario = of or scenario()
+        self.programs: dict = {}
+        self.vehicle = embedded_vehicle(self.scenario, 0)
+        self.face = Face(self.vehicle, self.scenario, self._deliver, signing_key=signing_key)
+        self.pilot = self.face.pilot
+
+    def _deliver(self, datagram, address):
+        if address in self.programs:
+            self.programs[address].hear(datagram)
+
+    def fly(self, seconds: float = 1e9, until=lambda: False) -> float:
+        """Lets time pass; returns how much. Fails when ``until`` does not come true within 1000 s."""
+        start = self.pilot.time_s
+        limit = min(seconds, 1000.0)
+        while self.pilot.time_s - start < limit - 1e-6:
+            if until():
+                return self.pilot.time_s - start
+            self.face.tick()
+        assert seconds < 1e9, "it never came true"
+        return limit
+
+    def fly_streaming(self, program, message, seconds: float) -> None:
+        """Lets time pass while a program sends a setpoint at 10 Hz."""
+        for i in range(round(seconds / TICK_S)):
+            if i % 5 == 0:
+                program.say(message)
+            self.face.tick()
+
+    @property
+    def ned(self):
+        return self.pilot.site.ned_from_enu(self.vehicle.true_position_enu_m)
+
+    def geodetic(self, ned):
+        """Latitude, longitude and altitude of a local NED."""
+        return self.pilot.site.geodetic(self.pilot.site.enu_from_ned(np.array(ned)))
+
+
+class Program:
+    """A ground station or companion at an address of its own."""
+
+    def __init__(self, sky: Sky, port: int = 1, system: int = 245, component: int = 190, key=None) -> None:
+        self.address = ("10.0.0.1", port)
+        self.heard: list = []
+        self._sky, self._decoder = sky, m.MAVLink(None)
+        self._voice = Voice(component, Signing(key))
+        self._voice._encoder.srcSystem = system
+        sky.programs[self.address] = self
+
+    def hear(self, datagram):
+        self.heard.append(self._decoder.decode(bytearray(datagram)))
+
+    def say(self, message):
+        self._sky.face.receive(self._voice.pack(message), self.address)
+
+    def answers(self, message, kind: str) -> list:
+        """Says something; the messages of a kind that come back at once."""
+        self.heard.clear()
+        self.say(message)
+        return self.of(kind)
+
+    def of(self, kind: str) -> list:
+        return [h for h in self.heard if h.get_type() == kind]
+
+    def texts(self) -> str:
+        return " ".join(h.text for h in self.of("STATUSTEXT"))
+
+    def command(self, number: int, *params: float, component: int = 1) -> int:
+        """The result of a COMMAND_LONG."""
+        params = (*params, *[0.0] * (7 - len(params)))
+        (ack,) = self.answers(m.MAVLink_command_long_message(1, component, number, 0, *params), "COMMAND_ACK")
+        assert ack.command == number
+        return ack.result
+
+    def mode(self, main: int, sub: int) -> int:
+        return self.command(m.MAV_CMD_DO_SET_MODE, 1, main, sub)
+
+    def arm(self) -> int:
+        return self.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+
+    def set(self, name: str, value: float) -> float:
+        """What a parameter is after it was written."""
+        kind = m.MAV_PARAM_TYPE_REAL32
+        (answer,) = self.answers(m.MAVLink_param_set_message(1, 1, name.encode(), value, kind), "PARAM_VALUE")
+        return answer.param_value
+
+    def take_off(self, altitude_m: float) -> None:
+        """Arms, takes off and waits until it holds there."""
+        self.set("MIS_TAKEOFF_ALT", altitude_m)
+        assert self.arm() == m.MAV_RESULT_ACCEPTED
+        nan = float("nan")
+        assert self.command(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan) == m.MAV_RESULT_ACCEPTED
+        self._sky.fly(until=lambda: self._sky.pilot.mode.name == "HOLD")
+
+    def upload(self, items: list[Item], kind: int = 0) -> int:
+        """The result of sending a mission, a fence or rally points."""
+        self.heard.clear()
+        self.say(m.MAVLink_mission_count_message(1, 1, len(items), kind))
+        while not self.of("MISSION_ACK"):
+            asked = self.of("MISSION_REQUEST_INT")[-1]
+            i = items[asked.seq]
+            place = (i.x, i.y, i.z, kind)
+            self.say(
+                m.MAVLink_mission_item_int_message(
+                    1, 1, asked.seq, i.frame, i.command, 0, i.autocontinue, *i.params, *place
+                )
+            )
+        return self.of("MISSION_ACK")[-1].type
+
+    def download(self, kind: int = 0) -> list[Item]:
+        (count,) = self.answers(m.MAVLink_mission_request_list_message(1, 1, kind), "MISSION_COUNT")
+        ask = [m.MAVLink_mission_request_int_message(1, 1, seq, kind) for seq in range(count.count)]
+        return [Item.of(self.answers(a, "MISSION_ITEM_INT")[0]) for a in ask]
+
+
+def item(sky: Sky, command: int, east=None, north=0.0, up=0.0, params=(0.0, 0.0, 0.0, float("nan"))) -> Item:
+    """A mission item, at a place in ENU where one is given, above home."""
+    x = y = 0
+    if east is not None:
+        latitude, longitude, _ = sky.geodetic([north, east, 0.0])
+        x, y = round(latitude * 1e7), round(longitude * 1e7)
+    frame = m.MAV_FRAME_MISSION if east is None else m.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT
+    return Item(frame, command, 1, params, x, y, up)
+
+
+def local(north, east, down, mask=POSITION_ONLY, velocity=(0.0, 0.0, 0.0), yaw=0.0, rate=0.0, frame=1):
+    """SET_POSITION_TARGET_LOCAL_NED."""
+    return m.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, north, east, down, *velocity, 0, 0, 0, yaw, rate
+    )

@@ -1,0 +1,264 @@
+"""What a ground station sees and orders: heartbeat, telemetry, parameters, arming, modes."""
+
+import struct
+
+import numpy as np
+import pytest
+from mavlink_clients import HOLD, LAND, MISSION, OFFBOARD, RETURN, Program, Sky, scenario
+from pymavlink.dialects.v20 import common as m
+
+from skysweep.vehicles.mavlink.face import MAX_PEERS
+
+NAN = float("nan")
+
+
+@pytest.fixture
+def sky():
+    return Sky()
+
+
+@pytest.fixture
+def gcs(sky):
+    program = Program(sky)
+    program.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    return program
+
+
+def test_the_heartbeat_is_that_of_a_px4_quadrotor(sky, gcs):
+    sky.fly(5.0)
+    beats = [b for b in gcs.of("HEARTBEAT") if b.get_srcComponent() == 1]
+    assert 5 <= len(beats) <= 6
+    beat = beats[-1]
+    assert (beat.type, beat.autopilot, beat.system_status) == (2, 12, 3)
+    assert (beat.base_mode, beat.custom_mode) == (29, 4 << 16 | 3 << 24)
+    assert gcs.arm() == 0
+    sky.fly(1.0)
+    armed = [b for b in gcs.of("HEARTBEAT") if b.get_srcComponent() == 1][-1]
+    assert (armed.base_mode, armed.system_status) == (157, 4)
+    assert {b.get_srcComponent() for b in gcs.of("HEARTBEAT")} == {1, 100}
+
+
+def test_sequence_numbers_have_no_gap_for_any_listener(sky, gcs):
+    other = Program(sky, port=2)
+    other.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    gcs.command(m.MAV_CMD_REQUEST_MESSAGE, m.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    sky.fly(3.0)
+    for program in (gcs, other):
+        numbers = [h.get_seq() for h in program.heard if h.get_srcComponent() == 1]
+        assert (np.diff(numbers) % 256 == 1).all()
+
+
+def test_telemetry_tells_where_it_is_in_every_frame(sky, gcs):
+    gcs.take_off(12.0)
+    sky.fly(5.0)
+    gcs.heard.clear()
+    sky.fly(2.5)
+    last = {h.get_type(): h for h in gcs.heard}
+    here, home = sky.vehicle.true_position_enu_m, sky.pilot.home_enu_m
+    ned, place = last["LOCAL_POSITION_NED"], last["GLOBAL_POSITION_INT"]
+    assert (ned.x, ned.y, ned.z) == pytest.approx(tuple(sky.ned), abs=0.02)
+    assert place.relative_alt * 1e-3 == pytest.approx(12.0, abs=0.3)
+    assert place.alt * 1e-3 == pytest.approx(30.0 + here[2], abs=0.02)
+    back = sky.scenario.frame.enu_from_geodetic([place.lat * 1e-7, place.lon * 1e-7, place.alt * 1e-3])[0]
+    assert back == pytest.approx(here, abs=0.03)
+    assert last["HOME_POSITION"].altitude * 1e-3 == pytest.approx(30.0 + home[2], abs=0.01)
+    assert last["ALTITUDE"].altitude_relative == pytest.approx(12.0, abs=0.3)
+    assert last["GPS_RAW_INT"].fix_type == 3
+    assert last["EXTENDED_SYS_STATE"].landed_state == m.MAV_LANDED_STATE_IN_AIR
+    assert last["ATTITUDE"].yaw == pytest.approx(np.pi / 2, abs=0.05)  # it stands facing east
+    q = last["ATTITUDE_QUATERNION"]
+    assert (q.q1, q.q4) == pytest.approx((np.sqrt(0.5), np.sqrt(0.5)), abs=0.03)
+    assert last["VFR_HUD"].heading == pytest.approx(90, abs=3)
+    assert last["SYSTEM_TIME"].time_boot_ms == pytest.approx(sky.pilot.time_s * 1e3, abs=1000)
+    battery = last["BATTERY_STATUS"]
+    assert battery.battery_remaining >= 98
+    watts = battery.current_battery * 0.01 * sum(v for v in battery.voltages if v < 65535) * 1e-3
+    assert watts == pytest.approx(200.0, rel=0.1)
+
+
+def test_a_listener_sets_its_own_rates(sky, gcs):
+    other = Program(sky, port=2)
+    other.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    kind = m.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, 500_000) == 0
+    for program in (gcs, other):
+        program.heard.clear()
+    sky.fly(10.0)
+    assert len(gcs.of("LOCAL_POSITION_NED")) == pytest.approx(20, abs=1)
+    assert len(other.of("LOCAL_POSITION_NED")) == pytest.approx(250, abs=3)
+    assert gcs.command(m.MAV_CMD_GET_MESSAGE_INTERVAL, kind) == 0
+    assert gcs.of("MESSAGE_INTERVAL")[0].interval_us == 500_000
+    assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, -1) == 0
+    gcs.heard.clear()
+    sky.fly(3.0)
+    assert not gcs.of("LOCAL_POSITION_NED")
+    assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, 7777, 1e5) == m.MAV_RESULT_DENIED
+
+
+def test_messages_on_request(sky, gcs):
+    assert gcs.command(m.MAV_CMD_REQUEST_MESSAGE, m.MAVLINK_MSG_ID_AUTOPILOT_VERSION) == 0
+    (version,) = gcs.of("AUTOPILOT_VERSION")
+    assert version.flight_sw_version >> 24 == 1
+    for bit in ("MAVLINK2", "MISSION_INT", "MISSION_FENCE", "MISSION_RALLY", "PARAM_ENCODE_BYTEWISE"):
+        assert version.capabilities & getattr(m, f"MAV_PROTOCOL_CAPABILITY_{bit}")
+    assert gcs.command(m.MAV_CMD_REQUEST_MESSAGE, 7777) == m.MAV_RESULT_DENIED
+    assert gcs.command(m.MAV_CMD_REQUEST_MESSAGE, NAN) == m.MAV_RESULT_DENIED
+    assert gcs.command(m.MAV_CMD_DO_PARACHUTE, 2) == m.MAV_RESULT_UNSUPPORTED
+
+
+def test_camera_and_gimbal_introduce_themselves(sky, gcs):
+    assert gcs.command(m.MAV_CMD_REQUEST_MESSAGE, m.MAVLINK_MSG_ID_CAMERA_INFORMATION, component=100) == 0
+    (camera,) = gcs.of("CAMERA_INFORMATION")
+    assert (camera.get_srcComponent(), camera.resolution_h, camera.resolution_v) == (100, 640, 360)
+    hfov = 2.0 * np.arctan(0.5 * camera.sensor_size_h / camera.focal_length)
+    assert hfov == pytest.approx(sky.scenario.camera.hfov_rad)
+    assert gcs.command(m.MAV_CMD_REQUEST_MESSAGE, m.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == 0
+    (gimbal,) = gcs.of("GIMBAL_MANAGER_INFORMATION")
+    assert gimbal.pitch_min == gimbal.pitch_max == pytest.approx(-np.pi / 2)
+
+
+def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
+    point = (m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -90, 0, NAN, NAN, 0, 0, 0)
+    take = (m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -3, -3)
+    other = Program(sky, port=2, system=7)
+    assert gcs.command(*point) == m.MAV_RESULT_DENIED
+    assert gcs.command(*take) == 0
+    assert gcs.command(*point) == 0
+    assert other.command(*point) == m.MAV_RESULT_DENIED
+    gcs.heard.clear()
+    sky.fly(2.5)
+    status = gcs.of("GIMBAL_MANAGER_STATUS")[-1]
+    assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
+    w, x, y, z = gcs.of("GIMBAL_DEVICE_ATTITUDE_STATUS")[-1].q
+    assert (w, x, y, z) == pytest.approx((np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0), abs=1e-3)
+
+
+def test_parameters_are_listed_read_and_written(sky, gcs):
+    gcs.answers(m.MAVLink_param_request_list_message(1, 1), "PARAM_VALUE")
+    sky.fly(1.0)
+    listed = gcs.of("PARAM_VALUE")
+    assert sorted(p.param_index for p in listed) == list(range(listed[0].param_count))
+    names = {p.param_id: p for p in listed}
+    assert {"MPC_XY_VEL_MAX", "MIS_TAKEOFF_ALT", "COM_OF_LOSS_T", "GF_ACTION", "SYS_AUTOSTART"} <= set(names)
+    autostart = names["SYS_AUTOSTART"]
+    assert autostart.param_type == m.MAV_PARAM_TYPE_INT32
+    assert struct.unpack("<i", struct.pack("<f", autostart.param_value))[0] == 10040
+    (by_name,) = gcs.answers(m.MAVLink_param_request_read_message(1, 1, b"MPC_XY_P", -1), "PARAM_VALUE")
+    assert by_name.param_value == pytest.approx(0.95)
+    assert gcs.set("MIS_TAKEOFF_ALT", 17.5) == 17.5
+    assert gcs.set("MPC_XY_P", 3.0) == pytest.approx(0.95), "it describes the vehicle"
+    assert gcs.set("MPC_XY_VEL_MAX", 1e9) == 12.0
+    assert gcs.set("MPC_XY_VEL_MAX", NAN) == 12.0
+    bits = struct.unpack("<f", struct.pack("<i", 3))[0]
+    message = m.MAVLink_param_set_message(1, 1, b"GF_ACTION", bits, m.MAV_PARAM_TYPE_INT32)
+    (written,) = gcs.answers(message, "PARAM_VALUE")
+    assert struct.pack("<f", written.param_value) == struct.pack("<i", 3)
+    assert sky.face.parameters["GF_ACTION"] == 3
+    assert not gcs.answers(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1), "PARAM_VALUE")
+
+
+def test_take_off_hold_move_return_and_disarm(sky, gcs):
+    gcs.take_off(10.0)
+    assert sky.ned[2] == pytest.approx(-10.0, abs=0.9)
+    sky.fly(5.0)
+    assert sky.ned == pytest.approx([0.0, 0.0, -10.0], abs=0.2)
+    latitude, longitude, altitude = sky.geodetic([30.0, 20.0, -15.0])
+    x, y = round(latitude * 1e7), round(longitude * 1e7)
+    move = m.MAVLink_command_int_message(
+        1, 1, 5, m.MAV_CMD_DO_REPOSITION, 0, 0, -1, 1, 0, NAN, x, y, altitude
+    )
+    assert gcs.answers(move, "COMMAND_ACK")[0].result == 0
+    sky.fly(25.0)
+    assert sky.ned == pytest.approx([30.0, 20.0, -15.0], abs=0.3)
+    assert gcs.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0) == m.MAV_RESULT_TEMPORARILY_REJECTED
+    assert gcs.command(m.MAV_CMD_NAV_RETURN_TO_LAUNCH) == 0
+    highest = 0.0
+    while sky.pilot.armed:
+        sky.fly(0.5)
+        highest = max(highest, -sky.ned[2])
+    assert highest == pytest.approx(30.0, abs=1.0), "RTL_RETURN_ALT"
+    assert sky.ned == pytest.approx([0.0, 0.0, 0.0], abs=1.2)
+    assert sky.pilot.mode.name == "HOLD"
+    assert "landed" in gcs.texts()
+
+
+def test_land_where_it_is(sky, gcs):
+    gcs.take_off(8.0)
+    assert gcs.mode(*LAND) == 0
+    sky.fly(1.0)
+    assert gcs.of("EXTENDED_SYS_STATE")[-1].landed_state == m.MAV_LANDED_STATE_LANDING
+    sky.fly(until=lambda: not sky.pilot.armed)
+    assert not sky.vehicle.state().airborne
+    assert gcs.arm() == 0, "it can fly again"
+    sky.fly(1.0)
+    assert not sky.pilot.flying
+
+
+def test_an_armed_vehicle_that_does_nothing_disarms(sky, gcs):
+    assert gcs.arm() == 0
+    assert sky.fly(until=lambda: not sky.pilot.armed) == pytest.approx(10.0, abs=0.1)
+
+
+def test_hold_stops_a_vehicle_at_speed(sky, gcs):
+    gcs.take_off(10.0)
+    latitude, longitude, altitude = sky.geodetic([200.0, 0.0, -10.0])
+    gcs.command(m.MAV_CMD_DO_REPOSITION, -1, 1, 0, NAN, latitude, longitude, altitude)
+    sky.fly(10.0)
+    before = sky.ned[0]
+    assert gcs.mode(*HOLD) == 0
+    sky.fly(10.0)
+    assert np.linalg.norm(sky.vehicle.true_velocity_enu_mps) < 0.2
+    assert 3.0 < sky.ned[0] - before < 9.0
+
+
+@pytest.mark.parametrize("mode", [MISSION, OFFBOARD, (1, 0), (3, 0), (4, 99)])
+def test_a_mode_that_cannot_be_had_is_refused_and_says_why(sky, gcs, mode):
+    assert gcs.mode(*mode) == m.MAV_RESULT_TEMPORARILY_REJECTED
+    assert gcs.texts()
+    assert sky.pilot.mode.name == "HOLD"
+
+
+def test_a_low_battery_brings_it_home_and_an_empty_one_down():
+    small = {"position_noise_m": 0.0, "attitude_noise_deg": 0.0, "battery_wh": 12.0}
+    sky = Sky(scenario(vehicle=small))
+    gcs = Program(sky)
+    gcs.take_off(20.0)
+    sky.fly(until=lambda: sky.pilot.mode.name == "RETURN")
+    assert sky.vehicle.state().battery_remaining == pytest.approx(0.07, abs=0.001)
+    assert "Battery low" in gcs.texts()
+    beats = [h for h in gcs.of("HEARTBEAT") if h.get_srcComponent() == 1]
+    sky.fly(until=lambda: sky.pilot.mode.name == "LAND" or not sky.pilot.armed)
+    assert not sky.pilot.armed or sky.vehicle.state().battery_remaining < 0.05
+    sky.fly(until=lambda: not sky.pilot.armed)
+    assert gcs.arm() == m.MAV_RESULT_TEMPORARILY_REJECTED
+    assert beats
+
+
+def test_the_oldest_listener_leaves_when_there_are_too_many(sky, gcs):
+    programs = [Program(sky, port=10 + i) for i in range(MAX_PEERS)]
+    for program in programs:
+        sky.fly(0.1)
+        program.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    gcs.heard.clear()
+    sky.fly(2.0)
+    assert not gcs.heard
+    assert all(program.of("HEARTBEAT") for program in programs)
+
+
+def test_frames_for_another_vehicle_are_not_ours(sky, gcs):
+    gcs.say(m.MAVLink_command_long_message(2, 1, m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    gcs.say(m.MAVLink_command_long_message(1, 42, m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0))
+    assert not sky.pilot.armed
+    assert not gcs.of("COMMAND_ACK")
+
+
+def test_time_is_answered_with_the_vehicles(sky, gcs):
+    sky.fly(2.0)
+    (answer,) = gcs.answers(m.MAVLink_timesync_message(0, 4242), "TIMESYNC")
+    assert (answer.tc1, answer.ts1) == (2_000_000_000, 4242)
+
+
+def test_return_mode_refuses_to_arm(sky, gcs):
+    assert gcs.mode(*RETURN) == 0
+    assert gcs.arm() == m.MAV_RESULT_TEMPORARILY_REJECTED
+    assert "Arming denied" in gcs.texts()
