@@ -222,11 +222,11 @@ def _corrected(comparisons: Sequence[Comparison]) -> list[Comparison]:
 def _turned(test: PairedTest) -> PairedTest:
     return replace(
         test,
-        mean=-test.mean,
-        low=-test.high,
-        high=-test.low,
-        rank_biserial=-test.rank_biserial,
-        cohens_dz=-test.cohens_dz,
+        mean=0.0 - test.mean,
+        low=0.0 - test.high,
+        high=0.0 - test.low,
+        rank_biserial=0.0 - test.rank_biserial,
+        cohens_dz=0.0 - test.cohens_dz,
     )
 
 
@@ -318,6 +318,10 @@ def _against_runner_up(analysis: Analysis) -> str:
         return f"the runner-up {label} was flown on other seeds, so that the two cannot be compared"
     if test.n_pairs == 1:
         return f"not distinguishable from the runner-up {label} ({test.mean:+.1f} s on the one common seed)"
+    if test.n_zero == test.n_pairs:
+        return (
+            f"not distinguishable from the runner-up {label}: equal with each of {test.n_pairs} common seeds"
+        )
     gap = f"{test.mean:.1f} s (95 % CI {test.low:.1f} to {test.high:.1f}, {test.n_pairs} common seeds)"
     if found.distinguishable:
         return f"it is {gap} faster than the runner-up {label}, corrected p {p_text(found.p_holm)}"

@@ -193,9 +193,8 @@ def draw_sensitivity(curves: Sequence[Curve], field: str, stem: Path) -> Path:
             spare.set_axis_off()
         if named:
             handles, labels = axes[0].get_legend_handles_labels()
-            figure.legend(
-                handles, labels, loc="outside lower center", ncols=min(3, len(curves)), frameon=False
-            )
+            columns = 4 if len(curves) == 4 else 3
+            figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
         path = _save(figure, stem)
     records = [
         {

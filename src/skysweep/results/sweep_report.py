@@ -203,7 +203,7 @@ def _differences(analysis: Analysis, metrics: Sequence[Metric]) -> list[Grid]:
             Grid(
                 (
                     "Configuration",
-                    "Difference",
+                    "Difference (95 % CI)",
                     "Common seeds",
                     "Equal",
                     "p",

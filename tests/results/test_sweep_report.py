@@ -1,0 +1,408 @@
+"""From a table of flown missions to sentences, tables, figures and a page."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+from sweep_data import fly_sweep, tiny_scenario
+from typer.testing import CliRunner
+
+from skysweep.cli import app
+from skysweep.errors import UserError
+from skysweep.results.statistics import holm
+from skysweep.results.sweep_analysis import analyse, sensitivity, verdict
+from skysweep.results.sweep_missions import (
+    MISSION_TIME,
+    Configuration,
+    Flown,
+    by_scenario,
+    configuration_label,
+    field_name,
+    field_unit,
+    in_order,
+    load_missions,
+)
+from skysweep.results.sweep_report import write_sweep_report
+from skysweep.results.table_files import latex_text, markdown, math_text
+
+N_C = "param.search.n_c"
+METRICS = ("mission_time_s", "recall", "false_scans", "false_positives", "energy_wh")
+
+
+@pytest.fixture(scope="module")
+def table() -> pl.DataFrame:
+    """8 seeds of three n_c in one scenario, a single seed of two in another one."""
+    calm = fly_sweep({"calm": tiny_scenario()}, {"search.n_c": [1, 3, math.inf]}, seeds=8)
+    gale = tiny_scenario(wind={"mean_speed_mps": 7.0})
+    windy = fly_sweep({"gale & co": gale}, {"search.n_c": [1, math.inf]}, seeds=1)
+    windy = windy.with_columns(job=pl.col("job") + len(calm))
+    return pl.concat([calm, windy], how="diagonal_relaxed")
+
+
+@pytest.fixture(scope="module")
+def reported(table: pl.DataFrame, tmp_path_factory) -> tuple[Path, list[str]]:
+    folder = store(table, tmp_path_factory.mktemp("sweep"))
+    (folder / "spec.yaml").write_text("name: mine\n")
+    return folder / "report", write_sweep_report(load_missions(str(folder)), folder / "report")
+
+
+def store(table: pl.DataFrame, folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    table.write_parquet(folder / "missions.parquet")
+    return folder
+
+
+def failing(table: pl.DataFrame, jobs: list[int]) -> pl.DataFrame:
+    """The same table had these missions failed: an error, and nothing measured."""
+    bad = pl.col("job").is_in(jobs)
+    kept = {"job", "scenario", "strategy", "seed", "sensor", "config_hash", N_C, "error"}
+    return table.with_columns(
+        *[pl.when(~bad).then(pl.col(name)).alias(name) for name in table.columns if name not in kept],
+        error=pl.when(bad).then(pl.lit("ValueError: no wind in the sails")).cast(pl.String),
+    )
+
+
+def test_everything_is_there_and_the_page_needs_nothing_else(reported):
+    out, sentences = reported
+    for name in ("statistics", "differences", "pareto"):
+        assert {".md", ".tex"} <= {path.suffix for path in out.glob(f"tables/{name}.*")}
+    figures = {path.stem for path in out.glob("figures/*")}
+    assert figures == {"pareto-calm", "pos-calm", "search-n_c-calm"} | {
+        f"{kind}-gale-co" for kind in ("pareto", "pos", "search-n_c")
+    }
+    for stem in figures:
+        assert {p.suffix for p in out.glob(f"figures/{stem}.*")} == {".svg", ".pdf", ".csv"}
+    html = (out / "report.html").read_text("utf-8")
+    assert set(re.findall(r'(?:src|href)="([^"]{0,14})', html)) == {"data:image/svg"}
+    assert html.count("<img") == 6
+    assert "name: mine" in html
+    for sentence in sentences:
+        assert sentence.replace("&", "&amp;").replace("<", "&lt;") in html
+
+
+def test_means_are_those_of_the_table(reported, table):
+    out, _ = reported
+    statistics = pl.read_csv(out / "tables" / "statistics.csv")
+    for row in statistics.filter(pl.col("metric").is_in(METRICS)).iter_rows(named=True):
+        values = table.filter(
+            (pl.col("scenario") == row["scenario"]) & (pl.col(N_C) == row["param.search.n_c"])
+        )[row["metric"]]
+        assert row["n"] == len(values)
+        assert row["mean"] == pytest.approx(values.mean())
+        assert row["median"] == pytest.approx(values.median())
+        if len(values) > 1:
+            assert row["std"] == pytest.approx(values.std())
+            assert values.min() - 1e-9 <= row["low"] <= row["mean"] + 1e-9
+            assert row["mean"] - 1e-9 <= row["high"] <= values.max() + 1e-9
+        else:
+            assert row["low"] is row["high"] is row["std"] is None
+    assert set(METRICS) <= set(statistics["metric"])
+
+
+def test_pairs_are_tested_seed_by_seed_and_corrected_together(reported, table):
+    out, _ = reported
+    pairs = pl.read_csv(out / "tables" / "all_pairs.csv")
+    times = {
+        n_c: rows.sort("seed")["mission_time_s"].to_numpy()
+        for (n_c,), rows in table.filter(pl.col("scenario") == "calm").group_by(N_C)
+    }
+    labels = {"n_c = 1": 1.0, "n_c = 3": 3.0, "n_c = ∞": math.inf}
+    found = pairs.filter((pl.col("scenario") == "calm") & (pl.col("metric") == "mission_time_s"))
+    assert len(found) == 3
+    for row in found.iter_rows(named=True):
+        difference = times[labels[row["a"]]] - times[labels[row["b"]]]
+        assert row["mean"] == pytest.approx(difference.mean())
+        assert row["low"] <= row["mean"] <= row["high"]
+        assert row["n_pairs"] == 8
+        assert row["n_zero"] == (difference == 0).sum()
+        moved = difference[difference != 0]
+        if len(np.unique(np.abs(moved))) == len(moved):
+            assert row["p"] == pytest.approx(stats.wilcoxon(moved, method="exact").pvalue)
+    for metric in METRICS:
+        family = pairs.filter(pl.col("metric") == metric)
+        assert family["p_holm"].to_numpy() == pytest.approx(holm(family["p"].to_numpy()))
+        assert set(family["family"]) == {4}  # 3 pairs in one scenario, 1 in the other
+
+
+def test_pos_rises_from_nothing_to_the_recall(reported, table):
+    out, _ = reported
+    curves = pl.read_csv(out / "figures" / "pos-calm.csv")
+    for (label,), curve in curves.group_by("configuration"):
+        pos = curve.sort("time_s")["pos_mean"].to_numpy()
+        assert pos[0] == 0.0
+        assert (np.diff(pos) >= 0).all()
+        n_c = {"n_c = 1": 1.0, "n_c = 3": 3.0, "n_c = ∞": math.inf}[str(label)]
+        recall = table.filter((pl.col("scenario") == "calm") & (pl.col(N_C) == n_c))["recall"].mean()
+        assert pos[-1] == pytest.approx(recall)
+        assert (curve["pos_low"] <= curve["pos_mean"] + 1e-12).all()
+        assert (curve["pos_mean"] <= curve["pos_high"] + 1e-12).all()
+
+
+def test_sentences_say_the_fastest_and_how_sure(reported, table):
+    _, (calm, gale) = reported
+    means = table.filter(pl.col("scenario") == "calm").group_by(N_C).agg(pl.mean("mission_time_s", "recall"))
+    fastest = means.filter(pl.col("recall") >= 0.95).sort("mission_time_s").row(0, named=True)
+    sign = "∞" if math.isinf(fastest[N_C]) else f"{fastest[N_C]:g}"
+    assert calm.startswith(f"calm: n_c = {sign} has the shortest mean mission time")
+    assert f"{fastest['mission_time_s']:.1f} s (95 % CI" in calm
+    assert "8 seeds" in calm
+    assert "1 seed: no interval" in gale
+    assert "not distinguishable" in gale
+
+
+def test_a_report_made_twice_is_the_same(reported, tmp_path):
+    out, sentences = reported
+    again = write_sweep_report(load_missions(str(out.parent)), tmp_path / "again")
+    assert again == sentences
+    for path in sorted(p for p in out.rglob("*") if p.is_file()):
+        assert (tmp_path / "again" / path.relative_to(out)).read_bytes() == path.read_bytes(), path
+
+
+def test_failed_missions_are_counted_listed_and_in_no_mean(table, tmp_path):
+    calm = table.filter(pl.col("scenario") == "calm")
+    always = calm.filter(pl.col(N_C) == 1)["job"].to_list()
+    twice = calm.filter(pl.col(N_C).is_infinite())["job"].to_list()[:2]
+    missions = load_missions(str(store(failing(calm, always + twice), tmp_path / "sweep")))
+    (sentence,) = write_sweep_report(missions, tmp_path / "out")
+    assert sentence.startswith("calm: n_c = 3")  # a quarter of the other's failed: never called the best
+    text = (tmp_path / "out/tables/statistics.md").read_text("utf-8")
+    assert "| n_c = 1 | 0 | - | - | - | - | - | - | 8 / 0 |" in text
+    rows = pl.read_csv(tmp_path / "out/tables/statistics.csv").filter(pl.col("metric") == "mission_time_s")
+    row = rows.filter(pl.col("configuration") == "n_c = ∞").row(0, named=True)
+    assert (row["n"], row["failed"]) == (6, 2)
+    good = missions.table.filter(pl.col(N_C).is_infinite() & pl.col("error").is_null())
+    assert row["mean"] == pytest.approx(good["mission_time_s"].mean())
+    pairs = pl.read_csv(tmp_path / "out/tables/all_pairs.csv").filter(pl.col("b") == "n_c = ∞")
+    assert dict(pairs.select("a", "n_pairs").iter_rows()) == {"n_c = 1": 0, "n_c = 3": 6}
+    html = (tmp_path / "out/report.html").read_text("utf-8")
+    assert "10 missions failed" in html
+    assert "no wind in the sails" in html
+
+
+def test_a_sweep_that_still_runs_with_missions_cut_short(table, tmp_path):
+    calm = table.filter(pl.col("scenario") == "calm")
+    cut = calm.with_columns(completed=~pl.col(N_C).is_infinite())
+    parts = tmp_path / "sweep/parts"
+    parts.mkdir(parents=True)
+    cut[10:].write_parquet(parts / "0.parquet")
+    cut[:12].drop("median_localisation_error_m").write_parquet(parts / "1.parquet")
+    missions = load_missions(str(tmp_path / "sweep"))
+    assert missions.table["job"].to_list() == list(range(24))
+    (sentence,) = write_sweep_report(missions, tmp_path / "out")
+    assert not sentence.startswith("calm: n_c = ∞")
+    html = (tmp_path / "out/report.html").read_text("utf-8")
+    assert "The sweep is not finished" in html
+    assert "8 missions ended before the search was finished" in html
+
+
+def test_a_folder_anywhere(table, tmp_path):
+    store(table, tmp_path / "here")
+    with fsspec.open("memory://there/missions.parquet", "wb") as file:
+        file.write((tmp_path / "here/missions.parquet").read_bytes())
+    assert load_missions("memory://there").table.equals(load_missions(str(tmp_path / "here")).table)
+    result = CliRunner().invoke(app, ["report", "memory://there"])
+    assert result.exit_code == 2
+    assert "--out" in result.stderr
+
+
+def test_a_comparison_with_the_paper(table, tmp_path):
+    lines = []
+    for row in table.filter(pl.col("scenario") == "calm").iter_rows(named=True):
+        summary = {k: v for k, v in row.items() if not k.startswith("param.")}
+        summary["n_c"] = "inf" if math.isinf(row["n_c"]) else int(row["n_c"])
+        summary["pos_curve"] = [list(p) for p in zip(row["pos_time_s"], row["pos_value"], strict=True)]
+        lines.append(json.dumps({"key": str(len(lines)), "summary": summary}))
+    ledger = tmp_path / "missions.jsonl"
+    ledger.write_text("\n".join(lines) + '\n{"key": "torn", "summ')
+    flown_there = by_scenario(load_missions(str(tmp_path)))["calm"]
+    flown_here = by_scenario(load_missions_of(table))["calm"]
+    assert verdict_of(*flown_there) == verdict_of(*flown_here)
+    assert all((a.pos[0] == b.pos[0]).all() for a, b in zip(flown_there, flown_here, strict=True))
+    ledger.write_text("\n".join([*lines, lines[0]]))
+    with pytest.raises(UserError, match="different parameters"):
+        load_missions(str(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("prepare", "says"),
+    [
+        (lambda f, t: None, "there is no such folder"),
+        (lambda f, t: f.mkdir(), "holds no missions"),
+        (lambda f, t: store(failing(t, t["job"].to_list()), f), "all 26 missions failed"),
+        (lambda f, t: store(t[:0], f), "empty"),
+        (lambda f, t: store(t.drop("recall"), f), "no column 'recall'"),
+        (lambda f, t: store(t.with_columns(seed=pl.lit(1)), f), "is in the table twice"),
+        (lambda f, t: (f.mkdir(), (f / "missions.parquet").write_text("?")), "is no Parquet table"),
+        (lambda f, t: (f.mkdir(), (f / "missions.jsonl").write_text("")), "holds no missions"),
+    ],
+)
+def test_bad_folders_are_one_sentence(prepare, says, table, tmp_path):
+    prepare(tmp_path / "sweep", table)
+    result = CliRunner().invoke(app, ["report", str(tmp_path / "sweep")])
+    assert result.exit_code == 2
+    assert says in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "sweep/report").exists()
+
+
+def test_the_command(table, tmp_path):
+    store(table.filter(pl.col("scenario") != "calm"), tmp_path / "sweep")
+    result = CliRunner().invoke(app, ["report", str(tmp_path / "sweep"), "--min-recall", "0.5"])
+    assert result.exit_code == 0, result.stderr
+    assert "gale & co: " in result.stdout
+    assert (tmp_path / "sweep/report/report.html").exists()
+    (tmp_path / "file").write_text("")
+    result = CliRunner().invoke(app, ["report", str(tmp_path / "sweep"), "--out", str(tmp_path / "file")])
+    assert result.exit_code == 2
+    assert "choose another --out" in result.stderr
+
+
+def flown(
+    time_s: list[float], recall: list[float] | float = 1.0, strategy: str = "scan-check", **parameters: float
+) -> Flown:
+    """A configuration whose numbers are given, for computing by hand."""
+    times = np.array(time_s, dtype=float)
+    configuration = Configuration(strategy, tuple((f"search.{k}", v) for k, v in parameters.items()))
+    values = {
+        "mission_time_s": times,
+        "recall": np.broadcast_to(np.asarray(recall, dtype=float), times.shape),
+        "false_scans": np.zeros_like(times),
+        "false_positives": np.zeros_like(times),
+    }
+    label = configuration_label(configuration, with_strategy=False)
+    return Flown(configuration, label, np.arange(len(times)), values, (), 0, 0)
+
+
+def verdict_of(*members: Flown, min_recall: float = 0.95) -> str:
+    return verdict(analyse({"here": members}, min_recall)[0], min_recall)
+
+
+NOISE = np.random.default_rng(0).normal(size=30)
+
+
+def test_verdict_faster():
+    text = verdict_of(flown(300 + NOISE, n_c=5), flown(310 + 2 * NOISE, n_c=1))
+    assert text.startswith(
+        "here: n_c = 5 has the shortest mean mission time with a mean recall of at least 0.95"
+    )
+    assert re.search(
+        r"it is (9\.\d|10\.\d) s \(95 % CI .* 30 common seeds\) faster than the runner-up n_c = 1", text
+    )
+    assert "corrected p < 0.001" in text
+
+
+def test_verdict_not_distinguishable():
+    text = verdict_of(
+        flown(300 + NOISE, n_c=5), flown(300.05 + NOISE[::-1], n_c=1), flown(400 + NOISE, n_c=2)
+    )
+    assert "not distinguishable from the runner-up n_c = 1" in text
+    assert "of the 2 others with that recall it cannot be told from 1" in text
+
+
+def test_verdict_equal_with_every_seed():
+    text = verdict_of(flown(300 + NOISE, n_c=5), flown(300 + NOISE, n_c=7))
+    assert "not distinguishable from the runner-up n_c = 7: equal with each of 30 common seeds" in text
+
+
+def test_verdict_too_few_seeds():
+    text = verdict_of(flown([300, 301, 302, 303], n_c=5), flown([400, 402, 404, 405], n_c=1))
+    assert "not distinguishable" in text
+    assert "at least 6 common seeds are needed" in text
+
+
+def test_verdict_other_seeds():
+    other = flown(310 + NOISE, n_c=1)
+    apart = Flown(other.configuration, other.label, other.seeds + 100, other.values, (), 0, 0)
+    assert "flown on other seeds" in verdict_of(flown(300 + NOISE, n_c=5), apart)
+
+
+def test_verdict_recall_first():
+    quick, sure = flown(200 + NOISE, recall=0.8, n_c=9), flown(300 + NOISE, n_c=1)
+    assert "here: n_c = 1 has" in verdict_of(quick, sure)
+    assert "no other configuration reaches that recall" in verdict_of(quick, sure)
+    assert "here: n_c = 9 has" in verdict_of(quick, sure, min_recall=0.7)
+    assert "no configuration reaches a mean recall of 0.95" in verdict_of(quick)
+    assert "highest recall is 0.800 (with every seed), by n_c = 9" in verdict_of(quick)
+
+
+def test_verdict_one_configuration():
+    assert "one configuration was flown (n_c = 5): mean mission time" in verdict_of(flown(300 + NOISE, n_c=5))
+
+
+def test_comparisons_turn_around():
+    (analysis,) = analyse({"here": [flown(300 + NOISE, n_c=5), flown(310 + 2 * NOISE, n_c=1)]})
+    forth, back = analysis.compare(MISSION_TIME, 0, 1), analysis.compare(MISSION_TIME, 1, 0)
+    assert forth.test.mean == pytest.approx(-back.test.mean)
+    assert (forth.test.low, forth.test.high) == (-back.test.high, -back.test.low)
+    assert forth.p_holm == back.p_holm
+
+
+def test_sensitivity_one_curve_for_each_setting_of_the_others():
+    members = [
+        flown([10 * n_c + d_c] * 3, n_c=n_c, d_c_m=d_c) for n_c in (5, math.inf, 1) for d_c in (40, 80)
+    ]
+    curves = sensitivity(members, "search.n_c")
+    assert [c.label for c in curves] == ["d_c = 40 m", "d_c = 80 m"]
+    assert [c.values for c in curves] == [(1, 5, math.inf)] * 2
+    assert [e.mean for e in curves[1].estimates["mission_time_s"][:2]] == [90, 130]
+    assert sensitivity(members, "search.sidelap") == []
+
+
+def test_sensitivity_of_a_large_grid_averages_what_was_flown_at_every_value():
+    members = [
+        flown([10.0 * n_c + d_c], n_c=n_c, d_c_m=d_c)
+        for n_c in (1, 2)
+        for d_c in range(10)
+        if (n_c, d_c) != (2, 9)
+    ]
+    (curve,) = sensitivity(members, "search.n_c")
+    assert curve.averaged_over == 9  # d_c = 9 was not flown at n_c = 2
+    assert [e.mean for e in curve.estimates["mission_time_s"]] == [14, 24]
+
+
+def test_labels(table):
+    groups = by_scenario(load_missions_of(table))
+    assert {s: [f.label for f in flown] for s, flown in groups.items()} == {
+        "calm": ["n_c = 1", "n_c = 3", "n_c = ∞"],
+        "gale & co": ["n_c = 1", "n_c = ∞"],
+    }
+    assert field_name("search.scan_altitude_agl_m") == "h_S"
+    assert (field_name("wind.mean_speed_mps"), field_unit("wind.mean_speed_mps")) == (
+        "wind mean speed",
+        "m/s",
+    )
+    assert in_order([math.inf, 3, 1.5]) == [1.5, 3, math.inf]
+    named = Configuration("low-only", (("search.d_c_m", 60.0), ("terrain.surface", "grass"), ("a.b", True)))
+    assert configuration_label(named, with_strategy=True) == (
+        "low-only, d_c = 60 m, terrain surface = grass, a b = true"
+    )
+
+
+def load_missions_of(table: pl.DataFrame):
+    with fsspec.open("memory://labels/missions.parquet", "wb") as file:
+        table.write_parquet(file)
+    return load_missions("memory://labels")
+
+
+def test_text_for_papers(reported):
+    assert latex_text("n_c = ∞, a_b & 5 % -3") == r"$n_c$ = $\infty$, a\_b \& 5 \% $-$3"
+    assert math_text("h_S = 30 m, $") == r"$h_S$ = 30 m, \$"
+    assert markdown("T", ["a", "b"], [["x|y", "1\n(2)"]], left=1) == (
+        "**T**\n\n| a | b |\n| :--- | ---: |\n| x\\|y | 1 (2) |\n"
+    )
+    out, _ = reported
+    tex = (out / "tables/statistics.tex").read_text("utf-8")
+    assert tex.isascii()
+    assert tex.count("\\begin{table*}") == tex.count("\\end{table*}") == tex.count("\\bottomrule") == 2
+    for line in tex.splitlines():
+        if line.endswith("\\\\"):
+            assert len(re.findall(r"(?<!\\)&", line)) == 7
+    assert "gale \\& co" in tex
