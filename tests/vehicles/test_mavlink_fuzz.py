@@ -158,7 +158,7 @@ def test_a_datagram_full_of_frame_starts_takes_no_time():
     for datagram in (b"\xfd" * 65507, b"\xfe" * 65507, b"\xfd\x00\x01" * 21835):
         start = time.thread_time()
         sky.face.receive(datagram, ("10.0.0.2", 1))
-        assert time.thread_time() - start < 3.0
+        assert time.thread_time() - start < 0.5
 
 
 @pytest.mark.slow

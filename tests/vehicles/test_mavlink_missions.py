@@ -162,6 +162,25 @@ def test_landing_where_the_last_item_says(sky, gcs):
     assert not sky.vehicle.state().airborne
 
 
+def test_a_mission_cleared_in_flight_is_a_hold(sky, gcs):
+    assert gcs.upload(lap(sky)) == ACCEPTED
+    gcs.command(m.MAV_CMD_MISSION_START)
+    sky.fly(until=lambda: sky.pilot.mission.current == 3)
+    gcs.say(m.MAVLink_mission_clear_all_message(1, 1, ALL))
+    sky.fly(0.1)
+    assert sky.pilot.mode.name == "HOLD"
+
+
+def test_home_is_moved_but_not_to_the_other_side_of_the_earth(sky, gcs):
+    latitude, longitude, altitude = sky.geodetic([50.0, 20.0, 0.0])
+    assert gcs.command(m.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, -latitude, longitude, 0) == m.MAV_RESULT_DENIED
+    gcs.take_off(5.0)
+    assert gcs.command(m.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, latitude, longitude, altitude) == 0
+    gcs.command(m.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    sky.fly(until=lambda: not sky.pilot.armed)
+    assert sky.ned[:2] == pytest.approx([50.0, 20.0], abs=1.5)
+
+
 def test_jumps_delays_and_a_chosen_item(sky, gcs):
     up = item(sky, m.MAV_CMD_NAV_TAKEOFF, 0, 0, 6.0)
     out, back = item(sky, m.MAV_CMD_NAV_WAYPOINT, 12, 0, 6.0), item(sky, m.MAV_CMD_NAV_WAYPOINT, 0, 0, 6.0)

@@ -1,4 +1,4 @@
-"""`skysweep serve-vehicle` as a process, and a ground station on a socket that asks as QGroundControl does."""
+"""`skysweep serve-vehicle` as a process, and a ground station that asks as QGroundControl does."""
 
 import os
 import signal
@@ -10,7 +10,9 @@ import time
 import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as m
+from typer.testing import CliRunner
 
+from skysweep.cli import app
 from skysweep.errors import UserError
 from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer, address_of
 
@@ -157,15 +159,15 @@ def test_with_a_key_only_signed_frames_count(serve, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--host", "nowhere.invalid"], ["--host", "nowhere.invalid"]),
+        (["--host", "no host"], ["--host", "no host"]),
         (["--signing-key", "missing"], ["missing", "cannot be read"]),
         (["no-such-scenario"], ["no-such-scenario"]),
     ],
 )
-def test_bad_input_is_one_sentence(tmp_path, options, words):
-    result = subprocess.run([*SERVE, *options], cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert result.returncode == 2
-    assert "Traceback" not in result.stderr
+def test_bad_input_is_one_sentence(options, words):
+    result = CliRunner().invoke(app, ["serve-vehicle", *options])
+    assert result.exit_code == 2
+    assert result.stderr.count("error:") == 1
     for word in words:
         assert word in result.stderr
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
 _UNSUPPORTED = m.MAV_RESULT_UNSUPPORTED
+_FARTHEST_HOME_M = 100_000.0
 _ALWAYS_ALLOWED = (Mode.HOLD, Mode.RETURN, Mode.LAND)  # to whoever asks, whoever is in control
 
 
@@ -215,8 +216,11 @@ class Commands:
     def _set_home(self, order: Order) -> None:
         if whole(order.params[0]) == 1:
             self._pilot.home_enu_m = self._pilot.state.position_enu_m
-        else:
-            self._pilot.home_enu_m = self._pilot.site.enu(order.x, order.y, order.z)
+            return
+        home = self._pilot.site.enu(order.x, order.y, order.z)
+        if np.linalg.norm(home - self._pilot.state.position_enu_m) > _FARTHEST_HOME_M:
+            raise _Denied("denied: home would be too far away")
+        self._pilot.home_enu_m = home
 
     def _place(self, frame: int, latitude_deg: float, longitude_deg: float, z: float) -> F64:
         """A place in ENU; at 0, 0 only its height means something."""

@@ -22,6 +22,7 @@ from skysweep.vehicles.mavlink.transfer import Transfers
 from skysweep.vehicles.mavlink.wire import Message, read_frames
 
 MAX_PEERS = 8
+_FOR_CAMERA = ("COMMAND_LONG", "COMMAND_INT")
 _REFUSAL_EVERY_S = 1.0  # of setpoints, which come many times a second
 _REFUSALS_REMEMBERED = 64
 
@@ -92,7 +93,8 @@ class Face:
             peer = self._join(address)
             if getattr(message, "target_system", 0) not in (0, SYSTEM_ID):
                 continue
-            if getattr(message, "target_component", 0) not in (0, AUTOPILOT, CAMERA):
+            to = getattr(message, "target_component", 0)
+            if to not in (0, AUTOPILOT) and not (to == CAMERA and message.get_type() in _FOR_CAMERA):
                 continue
             handle = self._handle.get(message.get_type())
             if handle is not None:

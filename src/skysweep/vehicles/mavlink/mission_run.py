@@ -57,6 +57,9 @@ class MissionRun:
 
     def step(self, pilot: Autopilot) -> None:
         """One item is looked at in a step, so a jump in a circle costs time as any other item."""
+        if not self.items:  # cleared in flight
+            pilot.enter(Mode.HOLD, Hold())
+            return
         if self.finished or not (pilot.flying or pilot.may_lift_off):
             return
         item = self.items[self.current]
@@ -88,8 +91,6 @@ class MissionRun:
             if not pilot.taking_off:
                 pilot.fly_to(self._target, self._yaw_rad, pilot.cruise_mps)
             return
-        if item.command == m.MAV_CMD_NAV_LAND and pilot.landing:
-            return
         if pilot.setpoint is not None and pilot.setpoint.position_enu_m is not self._target:
             if not pilot.taking_off and pilot.is_high_as(pilot.setpoint.position_enu_m[2]):
                 pilot.fly_to(self._target, self._yaw_rad, pilot.cruise_mps)
@@ -103,6 +104,7 @@ class MissionRun:
         if item.command == m.MAV_CMD_NAV_LAND:
             pilot.touch_down()
             self._reach()
+            self.finished = True
         elif item.command == m.MAV_CMD_NAV_LOITER_UNLIM:
             if self._since_s is None:
                 self._since_s = pilot.time_s

@@ -55,7 +55,7 @@ _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255  # 1.17.0, release
 _UID = 0x736B79737765  # "skyswe"
 _CELLS, _CELL_EMPTY_V, _CELL_FULL_V = 4, 3.6, 4.05
 _GPS_3D, _SATELLITES = 3, 12
-_NONE_U16, _NONE_U8 = 65535, 255
+_NONE_U16, _MAX_I16 = 65535, 32767
 _HORIZONTAL_M, _VERTICAL_M = 0.3, 0.15
 
 
@@ -108,6 +108,10 @@ class Picture:
     def volts(self) -> float:
         full = self.state.battery_remaining
         return _CELLS * (_CELL_EMPTY_V + full * (_CELL_FULL_V - _CELL_EMPTY_V))
+
+    @property
+    def centiamperes(self) -> int:
+        return min(round(self.power_w / self.volts * 100.0), _MAX_I16)
 
 
 def _heartbeat(p: Picture) -> Message:
@@ -192,9 +196,9 @@ def _battery(p: Picture) -> Message:
         0,
         m.MAV_BATTERY_FUNCTION_ALL,
         m.MAV_BATTERY_TYPE_LIPO,
-        32767,
+        _MAX_I16,
         [cell] * _CELLS + [_NONE_U16] * (10 - _CELLS),
-        round(p.power_w / p.volts * 100.0),
+        p.centiamperes,
         -1,
         round(p.state.energy_used_wh * 36.0),
         round(p.state.battery_remaining * 100.0),
@@ -208,7 +212,7 @@ def _sys_status(p: Picture) -> Message:
         _SENSORS,
         300,
         round(p.volts * 1e3),
-        min(round(p.power_w / p.volts * 100.0), 32767),
+        p.centiamperes,
         round(p.state.battery_remaining * 100.0),
         0,
         0,

@@ -13,13 +13,14 @@ Message = Any  # a pymavlink message
 _V1, _V2 = 0xFE, 0xFD
 _HEADER_BYTES = {_V1: 6, _V2: 10}
 _CRC_BYTES = 2
+_MAX_FALSE_STARTS = 64  # in a datagram; the rest of one with more is noise
 
 
 def read_frames(datagram: bytes, signing: Signing) -> Iterator[Message]:
     """Every sound message of a datagram in order; what is no frame or not authentic is passed over."""
     decoder = mavlink.MAVLink(None)
-    at = 0
-    while at < len(datagram):
+    at = false_starts = 0
+    while at < len(datagram) and false_starts < _MAX_FALSE_STARTS:
         end = _end_of_frame(datagram, at)
         if end is not None:
             frame = datagram[at:end]
@@ -32,6 +33,7 @@ def read_frames(datagram: bytes, signing: Signing) -> Iterator[Message]:
                     yield message
                 at = end
                 continue
+            false_starts += 1
         at += 1
 
 
