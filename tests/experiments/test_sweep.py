@@ -141,20 +141,18 @@ def test_stopped_and_continued_it_has_the_same_bytes(whole, tmp_path, workers, h
     out, file = tmp_path / "out", tmp_path / "small.yaml"
     file.write_text(SPEC)
     command = [sys.executable, "-m", "skysweep.cli", "sweep", str(file), "--out", str(out), "--workers"]
-    process = subprocess.Popen([*command, str(workers)], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 120
-    while not list(out.glob("parts/*.parquet")):
-        assert process.poll() is None, "it ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    children = psutil.Process(process.pid).children(recursive=True)
-    process.send_signal(how)
-    _, said = process.communicate(timeout=60)
+    with subprocess.Popen([*command, str(workers)], stderr=subprocess.PIPE, text=True) as process:
+        while not list(out.glob("parts/*.parquet")):
+            assert process.poll() is None, "it ended before it could be stopped"
+            time.sleep(0.005)
+        children = psutil.Process(process.pid).children(recursive=True)
+        process.send_signal(how)
+        _, said = process.communicate()
     if how == signal.SIGINT:
         assert process.returncode == 130
         assert "give the same command again to go on" in said
         assert "Traceback" not in said
-    assert not psutil.wait_procs(children, timeout=20)[1], "workers end with the command that was killed"
+    assert not psutil.wait_procs(children, timeout=60)[1], "workers end with the command that was killed"
     assert not (out / "missions.parquet").exists()
     flown = Sweep(spec(), out)
     assert 0 < flown.left < flown.missions, "what was flown is not flown again"

@@ -18,9 +18,9 @@ from skysweep.experiments.folder import Folder
 from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.sweep_matrix import Matrix, SweepJob
 from skysweep.experiments.sweep_spec import SweepSpec, differences, dump_spec
-from skysweep.experiments.sweep_store import KEY, SweepStore, outcome
+from skysweep.experiments.sweep_store import KEY, TABLE_FILE, SweepStore, outcome
 
-_FIRST = 16  # missions that the estimate is made from, of as many configurations
+_FIRST = 16  # missions at least that the estimate is made from, of as many configurations
 _FIRST_S = 20.0  # and after this long no more of them than needed
 _PART_S = 1.0, 30.0  # a part is written after a twentieth of the time so far, within these limits
 _PART_SHARE = 0.05
@@ -80,7 +80,7 @@ class Sweep:
     @property
     def address(self) -> str:
         """Where the table is, or will be."""
-        return self._folder.where("missions.parquet")
+        return self._folder.where(TABLE_FILE)
 
     def fly(
         self,
@@ -98,7 +98,9 @@ class Sweep:
             self._folder.try_out()
             with engine:
                 self._fly(engine, confirm, on_done)
-        if self._todo or not self._store.is_complete():
+        text = dump_spec(self._spec)
+        if self._todo or self._store.spec() != text or not self._store.is_complete():
+            self._store.write_spec(text)
             self._store.finish(self._table)
         self._todo = []
 
@@ -111,7 +113,8 @@ class Sweep:
         self, engine: Engine, confirm: Callable[[Estimate], None], on_done: Callable[[str | None], None]
     ) -> None:
         started = time.monotonic()
-        first = _spread(self._todo[: max(self.configurations, _FIRST)], _FIRST)
+        count = max(_FIRST, 2 * engine.workers)
+        first = _spread(self._todo[: max(self.configurations, count)], count)
         rest = sorted(set(self._todo).difference(first))
         rows: list[dict[str, Any]] = []
         with closing(engine.run(fly_job, self._matrix.jobs([*first, *rest]))) as results:
