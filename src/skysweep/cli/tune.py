@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -91,9 +92,15 @@ def tune(
     from skysweep.experiments.tune import Problem, family_of
     from skysweep.experiments.tune_race import Rules
     from skysweep.experiments.tune_space import changed_space, default_space
-    from skysweep.scenarios.files import change_scenario, load_scenario
+    from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario
 
-    given = [change_scenario(load_scenario(name), changes_of(change)) for name in scenarios]
+    changes = changes_of(change)
+    given = [change_scenario(load_scenario(name), changes) for name in scenarios]
+    shipped = list_scenarios()
+    sources = {
+        scenario.name: name if name in shipped else str(Path(name).resolve())
+        for scenario, name in zip(given, scenarios, strict=True)
+    }
     names = [scenario.name for scenario in given]
     if len(set(names)) < len(names):
         raise UserError(f"two scenarios are both called '{max(names, key=names.count)}'; name each once")
@@ -107,6 +114,7 @@ def tune(
                 name="+".join(scenario.name for scenario in group),
                 scenarios=tuple(family_of(scenario, scatter_m) for scenario in originals),
                 originals=originals,
+                overlays=tuple({"scenario": sources[s.name], "set": changes | settings} for s in originals),
                 space=tuple(space),
                 rules=rules,
                 seeds=seeds,
@@ -129,6 +137,11 @@ def tune(
                 matters,
                 workers,
             )
+    except BrokenProcessPool:
+        raise UserError(
+            "a worker process was killed, perhaps for its memory; what was finished is kept: "
+            "give the same command again to go on, with fewer --workers if it was memory"
+        ) from None
     except KeyboardInterrupt:
         errors.print(f"stopped; what was finished is kept in {out}; the same command goes on", soft_wrap=True)
         raise typer.Exit(130) from None
@@ -164,12 +177,8 @@ def _tune_one(
         standings,
     )
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(
-            f"--out {folder}: cannot be written ({error.strerror}); choose another place"
-        ) from None
+    if storage is None:
+        _make(folder)
     _say_what_is_tuned(problem)
     database = storage or f"sqlite:///{(folder / 'study.db').absolute()}"
     with _bar() as progress:
@@ -188,6 +197,7 @@ def _tune_one(
     if not validation_seeds:
         errors.print("searched only; give --validation-seeds for a recommendation", soft_wrap=True)
         return
+    _make(folder)
     with _bar() as progress:
         task = progress.add_task(f"{problem.name}: validation", total=None)
 
@@ -216,6 +226,13 @@ def _tune_one(
     console.print(
         f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}", soft_wrap=True, highlight=False
     )
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"--out {folder}: cannot be made ({error.strerror}); choose another") from None
 
 
 def _say_what_is_tuned(problem: Problem) -> None:

@@ -42,6 +42,7 @@ class Problem:
     name: str
     scenarios: tuple[Scenario, ...]  # as flown: with layouts that differ by seed
     originals: tuple[Scenario, ...]  # as given
+    overlays: tuple[dict[str, Any], ...]  # where each comes from: ``scenario``, and what was ``set``
     space: tuple[Parameter, ...]
     rules: Rules
     seeds: int = 32

@@ -307,13 +307,13 @@ def _symbols(problem: Problem) -> dict[str, str]:
 def _write_scenarios(tuned: Tuned, folder: Path) -> list[Path]:
     changes = tuned.best.candidate.changes
     paths, overlays = [], []
-    for original in tuned.problem.originals:
+    for original, base in zip(tuned.problem.originals, tuned.problem.overlays, strict=True):
         name = (
             "recommended.yaml" if len(tuned.problem.originals) == 1 else f"recommended-{original.name}.yaml"
         )
         paths.append(write_scenario(change_scenario(original, changes), folder / name))
         differs = {field: v for field, v in changes.items() if v != value_at(original, field)}
-        overlays.append({"scenario": original.name, "set": differs})
+        overlays.append(base | {"set": base["set"] | differs})
     overlay = overlays[0] if len(overlays) == 1 else overlays
     text = yaml.safe_dump(overlay, sort_keys=False, default_flow_style=False)
     (folder / "overlay.yaml").write_text(text, encoding="utf-8")

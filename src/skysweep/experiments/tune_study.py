@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
@@ -76,8 +76,8 @@ class TuningStudy:
             raise
         except ImportError as error:
             raise UserError(
-                f"--storage {hidden(storage)}: its driver is not installed ({error}); install it, "
-                "or leave --storage out for a file in the output folder"
+                f"--storage {hidden(storage)}: its driver is not installed ({error.__cause__ or error}); "
+                "install it, or leave --storage out for a file in the output folder"
             ) from None
         except Exception as error:  # every database has its own exceptions
             if not type(error).__module__.startswith(("sqlalchemy", "optuna", "alembic")):
@@ -207,7 +207,14 @@ def _optuna() -> Any:
 def _database(url: str) -> Any:
     """A connection, one a process. SQLite waits for the others instead of giving up."""
     options = {"connect_args": {"timeout": 60}} if url.startswith("sqlite") else {"pool_pre_ping": True}
-    return _optuna().storages.RDBStorage(url, engine_kwargs=options)
+    storage = partial(_optuna().storages.RDBStorage, url, engine_kwargs=options)
+    try:
+        return storage()
+    except Exception as error:
+        if not type(error).__module__.startswith("sqlalchemy"):
+            raise
+        time.sleep(1.0)  # another process was making the tables of a new database
+        return storage()
 
 
 def _is_abandoned(trial: Any) -> bool:
