@@ -54,7 +54,7 @@ def _row(job: int, label: str, scenario: Scenario, seed: int, chosen: dict[str, 
         {"job": job}
         | kept
         | {"scenario": label, "n_c": float(kept["n_c"]), "d_c_m": float(kept["d_c_m"]), "error": None}
-        | {"config_hash": hashlib.sha256(dump_scenario(scenario).encode()).hexdigest()[:16]}
+        | {"config_hash": hashlib.sha256(f"{dump_scenario(scenario)}|{seed}".encode()).hexdigest()[:16]}
         | {f"param.{field}": value for field, value in chosen.items()}
         | {"pos_time_s": [p[0] for p in curve], "pos_value": [p[1] for p in curve]}
     )

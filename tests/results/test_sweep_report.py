@@ -11,12 +11,18 @@ import fsspec
 import numpy as np
 import polars as pl
 import pytest
+import yaml
 from scipy import stats
 from sweep_data import fly_sweep, tiny_scenario
 from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
+from skysweep.experiments.folder import Folder
+from skysweep.experiments.sweep import fly_job
+from skysweep.experiments.sweep_matrix import Matrix
+from skysweep.experiments.sweep_spec import dump_spec, parse_spec
+from skysweep.experiments.sweep_store import SweepStore
 from skysweep.results.statistics import holm
 from skysweep.results.sweep_analysis import analyse, sensitivity, verdict
 from skysweep.results.sweep_missions import (
@@ -192,15 +198,39 @@ def test_a_sweep_that_still_runs_with_missions_cut_short(table, tmp_path):
     cut = calm.with_columns(completed=~pl.col(N_C).is_infinite())
     parts = tmp_path / "sweep/parts"
     parts.mkdir(parents=True)
-    cut[10:].write_parquet(parts / "0.parquet")
-    cut[:12].drop("median_localisation_error_m").write_parquet(parts / "1.parquet")
-    missions = load_missions(str(tmp_path / "sweep"))
+    (tmp_path / "sweep/spec.yaml").write_text("")
+    jobs = cut.select("job", "scenario", "strategy", "seed", "sensor", N_C, "config_hash")
+    outcomes = cut.drop("job", "strategy", "seed", "sensor", N_C)
+    failing(outcomes.with_columns(job=cut["job"]), [11]).drop("job")[10:].write_parquet(parts / "0.parquet")
+    outcomes[:12].write_parquet(parts / "1.parquet")
+    missions = load_missions(str(tmp_path / "sweep"), lambda spec: jobs)
     assert missions.table["job"].to_list() == list(range(24))
+    assert not len(missions.failed)  # the mission that failed in one part was flown again in the other
     (sentence,) = write_sweep_report(missions, tmp_path / "out")
     assert not sentence.startswith("calm: n_c = ∞")
     html = (tmp_path / "out/report.html").read_text("utf-8")
     assert "The sweep is not finished" in html
     assert "8 missions ended before the search was finished" in html
+
+
+def test_what_the_sweep_command_has_so_far(tmp_path):
+    spec = parse_spec(
+        yaml.safe_dump(
+            {"name": "so far", "scenarios": ["clusters"], "parameters": {"search.n_c": [1, 5]}, "seeds": 3}
+        ),
+        "x.yaml",
+    )
+    matrix = Matrix.of(spec)
+    store = SweepStore(Folder(tmp_path / "sweep"))
+    store.write_spec(dump_spec(spec))
+    store.append([fly_job(matrix.job(k)) for k in (0, 1)])
+    store.append([fly_job(matrix.job(k)) for k in (2,)])
+    result = CliRunner().invoke(app, ["report", str(tmp_path / "sweep")])
+    assert result.exit_code == 0, result.stderr
+    assert "clusters: " in result.stdout
+    html = (tmp_path / "sweep/report/report.html").read_text("utf-8")
+    assert "3 missions, 1 scenario, 2 configurations, 2 seeds" in html
+    assert "not finished" in html
 
 
 def test_a_folder_anywhere(table, tmp_path):

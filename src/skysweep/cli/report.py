@@ -33,12 +33,14 @@ def report(
         skysweep report s3://bucket/my-sweep --out my-report
     """
     from skysweep.errors import UserError
+    from skysweep.experiments.sweep_matrix import Matrix
+    from skysweep.experiments.sweep_spec import parse_spec
     from skysweep.results.sweep_missions import load_missions
     from skysweep.results.sweep_report import REPORT_FILE, write_sweep_report
 
     if out is None and "://" in folder:
         raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
-    missions = load_missions(folder)
+    missions = load_missions(folder, lambda spec: Matrix.of(parse_spec(spec, f"{folder}/spec.yaml")).table())
     target = out or Path(folder) / "report"
     with bar() as progress:
         task = progress.add_task("report", total=None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,10 +120,16 @@ class Flown:
         return len(self.seeds)
 
 
-def load_missions(folder: str) -> Missions:
+def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = None) -> Missions:
     """The missions below a folder or fsspec URL.
 
     Reads the table of a finished sweep, what a running one has so far, or the ledger of a comparison.
+
+    Args:
+        folder: path or URL.
+        matrix: from the text of a specification to the missions that it asks for, one row each: job,
+            scenario, strategy, seed, sensor, parameters, config_hash. Parts of a running sweep lack all of
+            these but scenario and config_hash.
 
     Raises:
         UserError: no such folder, no missions in it, not readable, or not one mission without an error.
@@ -133,19 +139,35 @@ def load_missions(folder: str) -> Missions:
         root = path.rstrip("/")
         if not files.exists(root):
             raise UserError(f"{folder}: there is no such folder; {_WRITERS}")
-        if files.exists(f"{root}/{FINAL_TABLE}"):
-            table, finished = _parquet(files, f"{root}/{FINAL_TABLE}"), True
-        elif parts := sorted(files.glob(f"{root}/{PARTS}/*.parquet")):
-            table = pl.concat([_parquet(files, part) for part in parts], how="diagonal_relaxed")
-            finished = False
+        spec = files.cat_file(f"{root}/{SPEC}").decode("utf-8") if files.exists(f"{root}/{SPEC}") else ""
+        tables = [f"{root}/{FINAL_TABLE}"] if files.exists(f"{root}/{FINAL_TABLE}") else []
+        parts = sorted(files.glob(f"{root}/{PARTS}/*.parquet"))
+        if parts and matrix is not None:
+            table = _so_far(matrix(spec), [_parquet(files, name) for name in tables + parts], folder)
+        elif tables:
+            table = _parquet(files, tables[0])
         elif files.exists(f"{root}/{LEDGER}"):
-            table, finished = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder), True
+            table = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder)
         else:
             raise UserError(f"{folder}: holds no missions ({FINAL_TABLE}); {_WRITERS}")
-        spec = files.cat_file(f"{root}/{SPEC}").decode("utf-8") if files.exists(f"{root}/{SPEC}") else ""
     except (OSError, ValueError, ImportError) as error:
         raise UserError(f"{folder}: cannot be read ({error}); {_WRITERS}") from None
-    return Missions(folder, _checked(table, folder), finished, spec)
+    return Missions(folder, _checked(table, folder), not parts, spec)
+
+
+def _so_far(jobs: pl.DataFrame, tables: Sequence[pl.DataFrame], folder: str) -> pl.DataFrame:
+    """Those of the missions asked for that are flown; of two attempts the one that did not fail."""
+    key = ["scenario", "config_hash"]
+    known = [name for name in jobs.columns if name not in key]
+    flown = pl.concat([t.drop(known, strict=False) for t in tables], how="diagonal_relaxed")
+    flown = flown.sort(pl.col("error").is_not_null(), maintain_order=True).unique(key, keep="first")
+    table = jobs.join(flown, on=key, how="inner")
+    if not len(table):
+        raise UserError(
+            f"{folder}: the sweep is not finished, and what it has flown so far is of another version of "
+            "skysweep or of its specification; give the sweep again"
+        )
+    return table
 
 
 def _parquet(files: AbstractFileSystem, path: str) -> pl.DataFrame:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from skysweep.results.html import Grid
 
-_SYMBOL = re.compile(r"\b([ndchv])_([cCSt])\b")  # the paper's: n_c, d_c, h_S, h_C, c_t, and speeds likewise
+_SYMBOL = re.compile(r"\b([ndchv])_([cCStz])\b")  # the paper's n_c, d_c, h_S, h_C, c_t; v_S, v_C, d_z
 _LATEX = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
