@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -32,6 +32,7 @@ def test_memory_and_file_say_the_same(tmp_path):
     assert list(read_journal(path)) == memory.lines
 
 
+@settings(deadline=None)
 @given(
     arrays(float, (3,), elements=st.floats(allow_nan=False, allow_infinity=False))
     | arrays(float, (2, 2), elements=st.integers(-(10**7), 10**7).map(lambda k: k / 2e4))

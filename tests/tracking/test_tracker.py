@@ -1,7 +1,7 @@
 """Pixels to ground and one candidate per thing."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skysweep.geometry.camera import CameraPose, Lens, project
@@ -33,6 +33,7 @@ def look(camera, points, t=0.0, confidence=0.8, size=10.0, name="stop sign"):
     return Detections(t, boxes, np.full(n, confidence), (name,) * n, camera, LENS)
 
 
+@settings(deadline=None)
 @given(
     st.floats(-80, 80),
     st.floats(-80, 80),

@@ -143,8 +143,8 @@ class _Flight:
         to_x, to_y = waypoint.xy_enu_m
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
-        here_and_soon = np.array([[x, y], [x + (to_x - x) * share, y + (to_y - y) * share]])
-        ground = max(self._m.ground_height_m(here_and_soon).tolist())
+        here_and_soon = np.array((x, y, x + (to_x - x) * share, y + (to_y - y) * share))
+        ground = max(self._m.ground_height_m(here_and_soon.reshape(2, 2)).tolist())
         return Setpoint(
             np.array([to_x, to_y, ground + waypoint.altitude_agl_m]), waypoint.speed_mps, self._m.yaw_rad
         )
@@ -170,7 +170,8 @@ class _Flight:
             vehicle.advance(self._tick_s)
 
     def _altitude_agl_m(self, state: VehicleState) -> float:
-        return float(state.position_enu_m[2] - self._m.ground_height_m(state.position_enu_m[None, :2])[0])
+        position = state.position_enu_m
+        return position.item(2) - self._m.ground_height_m(position[None, :2]).item()
 
     def _note_state(self, state: VehicleState, mode: str) -> None:
         if state.time_s < self._next_state_s - 1e-6:

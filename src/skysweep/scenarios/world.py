@@ -64,17 +64,24 @@ class TerrainSurface:
     bounds_enu_m: tuple[float, float, float, float]  # west, south, east, north
     surface: str
 
-    @cached_property
+    @property
     def is_flat(self) -> bool:
-        return bool(np.ptp(self.heights_m) == 0.0)
+        return self._level_m is not None
+
+    @cached_property
+    def _level_m(self) -> float | None:
+        """The height of flat ground."""
+        return float(self.heights_m[0, 0]) if np.ptp(self.heights_m) == 0.0 else None
 
     def height_m(self, xy_enu_m: ArrayLike) -> F64:
         """Ground height (N,) in metres ENU at points (N, 2)."""
         xy = np.asarray(xy_enu_m, dtype=float)
         if xy.ndim == 1:
             xy = xy[None]
-        if self.is_flat:
-            return np.zeros(len(xy)) + self.heights_m[0, 0]
+        if self._level_m is not None:
+            level = np.empty(len(xy))
+            level.fill(self._level_m)
+            return level
         return _bilinear(self.heights_m, self.bounds_enu_m, xy)
 
 

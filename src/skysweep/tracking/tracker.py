@@ -20,6 +20,7 @@ from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 
 _FAR = 1e6  # cost of what is no match
 
@@ -42,6 +43,11 @@ class GroundTracker:
         self._model = model or TrackerModel()
         self._gate = -2.0 * math.log1p(-self._model.gate_probability)  # of chi-square, 2 degrees of freedom
         self._candidates: dict[int, Candidate] = {}
+        # The same for the compiled functions: candidate k in row k - 1, classes numbered as they turn up.
+        self._positions_enu_m = np.empty((0, 3))
+        self._covariances_m2 = np.empty((0, 2, 2))
+        self._classes = np.empty(0, dtype=np.int64)
+        self._class_numbers: dict[str, int] = {}
 
     def candidates(self) -> dict[int, Candidate]:
         """All candidates by id (a copy)."""
@@ -54,30 +60,32 @@ class GroundTracker:
         boxes = detections.boxes_xyxy_px
         centres = (boxes[:, :2] + boxes[:, 2:]) / 2
         points = pixels_to_ground(detections.lens, detections.camera, centres, self._ground_height_m)
-        hits = [i for i, x in enumerate(points[:, 0].tolist()) if math.isfinite(x)]
         covariances = _measurement_covariances(
             points, detections.camera.position_enu_m, self._model.angle_std_rad, self._model.position_std_m
         )
-        assigned = self._assign(detections.class_names, hits, points, covariances)
-        return tuple(self._absorb(detections, i, points[i], covariances[i], assigned.get(i)) for i in hits)
+        assigned = self._assign(detections.class_names, points, covariances)
+        return tuple(
+            self._absorb(detections, i, points[i], covariances[i], assigned.get(i))
+            for i, x in enumerate(points[:, 0].tolist())
+            if math.isfinite(x)
+        )
 
-    def _assign(
-        self, class_names: tuple[str, ...], hits: list[int], points: F64, covariances: F64
-    ) -> dict[int, int]:
+    def _assign(self, class_names: tuple[str, ...], points: F64, covariances: F64) -> dict[int, int]:
         """Detection index -> candidate id: the cheapest one-to-one assignment inside the gates."""
-        candidates = list(self._candidates.values())
-        if not candidates or not hits:
+        if not self._candidates:
             return {}
         cost = _gated_distances(
-            points[hits],
-            covariances[hits],
-            np.array([c.position_enu_m for c in candidates]),
-            np.array([c.covariance_m2 for c in candidates]),
-            np.array([[c.class_name == class_names[i] for c in candidates] for i in hits]),
+            points,
+            covariances,
+            np.array([self._class_number(name) for name in class_names]),
+            self._positions_enu_m,
+            self._covariances_m2,
+            self._classes,
             self._gate,
         )
-        pairs = zip(*linear_sum_assignment(cost), strict=True)
-        return {hits[r]: candidates[c].id for r, c in pairs if cost[r, c] < _FAR}
+        rows, columns = linear_sum_assignment(cost)
+        pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+        return {r: c + 1 for r, c in pairs if cost[r, c] < _FAR}
 
     def _absorb(
         self, detections: Detections, i: int, point: F64, covariance: F64, candidate_id: int | None
@@ -86,32 +94,30 @@ class GroundTracker:
         common_m2 = self._model.common_std_m**2
         if candidate_id is None:
             candidate_id = len(self._candidates) + 1
-            self._candidates[candidate_id] = Candidate(
-                candidate_id,
-                detections.class_names[i],
-                point,
-                covariance + common_m2 * np.eye(2),
-                detections.time_s,
-                detections.time_s,
-                (confidence,),
-            )
             is_new = True
+            position, posterior = point, covariance + common_m2 * np.eye(2)
+            class_name, first_seen_s = detections.class_names[i], detections.time_s
+            confidences: tuple[float, ...] = (confidence,)
+            self._positions_enu_m = np.append(self._positions_enu_m, position[None], axis=0)
+            self._covariances_m2 = np.append(self._covariances_m2, posterior[None], axis=0)
+            self._classes = np.append(self._classes, self._class_number(class_name))
         else:
             old = self._candidates[candidate_id]
+            is_new = False
             position, posterior = _merged(old.position_enu_m, old.covariance_m2, point, covariance, common_m2)
             position[2] = self._ground_height_m(position[None, :2])[0]
-            self._candidates[candidate_id] = Candidate(
-                candidate_id,
-                old.class_name,
-                position,
-                posterior,
-                old.first_seen_s,
-                detections.time_s,
-                (*old.confidences, confidence),
-            )
-            is_new = False
+            class_name, first_seen_s = old.class_name, old.first_seen_s
+            confidences = (*old.confidences, confidence)
+            self._positions_enu_m[candidate_id - 1] = position
+            self._covariances_m2[candidate_id - 1] = posterior
+        self._candidates[candidate_id] = Candidate(
+            candidate_id, class_name, position, posterior, first_seen_s, detections.time_s, confidences
+        )
         altitude = float(detections.camera.position_enu_m[2] - point[2])
         return Sighting(candidate_id, is_new, detections.time_s, point, confidence, altitude)
+
+    def _class_number(self, name: str) -> int:
+        return self._class_numbers.setdefault(name, len(self._class_numbers))
 
 
 @njit(cache=True)
@@ -137,15 +143,18 @@ def _measurement_covariances(points: F64, eye: F64, angle_std: float, position_s
 
 @njit(cache=True)
 def _gated_distances(
-    points: F64, covariances: F64, positions: F64, spreads: F64, same_class: NDArray[np.bool_], gate: float
+    points: F64, covariances: F64, kinds: I64, positions: F64, spreads: F64, known_kinds: I64, gate: float
 ) -> F64:
-    """Squared Mahalanobis distances (N, M) of sightings to candidates; ``_FAR`` outside the gate."""
-    cost = np.full(same_class.shape, _FAR)
+    """Squared Mahalanobis distances (N, M) of sightings to candidates of their kind.
+
+    ``_FAR`` outside the gate, for other kinds, and for sightings that are not on the ground (NaN).
+    """
+    cost = np.full((len(points), len(positions)), _FAR)
     for r in range(len(points)):
         reach = 4.0 * math.sqrt(covariances[r, 0, 0] + covariances[r, 1, 1]) + 10.0
         for c in range(len(positions)):
             x, y = positions[c, 0] - points[r, 0], positions[c, 1] - points[r, 1]
-            if not same_class[r, c] or abs(x) >= reach or abs(y) >= reach:
+            if kinds[r] != known_kinds[c] or not (abs(x) < reach and abs(y) < reach):
                 continue
             xx = spreads[c, 0, 0] + covariances[r, 0, 0]
             xy = spreads[c, 0, 1] + covariances[r, 0, 1]
