@@ -11,15 +11,17 @@ from skysweep.experiments.sensor_looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
     LAYOUTS,
+    PASS_LOOKS,
+    PICTURES_PER_WORLD,
     PIXELS,
     SUBJECTS,
     look_around,
     observe,
     plan_jobs,
 )
-from skysweep.scenarios.model import CameraModel
+from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.assets import KINDS
-from skysweep.sensing.statistical import StatisticalModel
+from skysweep.sensing.statistical_model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX, StatisticalModel
 
 CAMERA = CameraModel(hfov_rad=1.2)
 
@@ -34,20 +36,27 @@ def test_worlds_are_shared_out_as_planned():
     for layout in LAYOUTS:
         share = sum(job.layout == layout for job in jobs) / len(jobs)
         assert abs(share - layout.share) < 0.02
-    assert [j.n_pictures for j in plan_jobs("skysweep", CAMERA, 70, 0)] == [60, 10]
+    n = PICTURES_PER_WORLD
+    assert [j.n_pictures for j in plan_jobs("skysweep", CAMERA, n + 10, 0)] == [n, 10]
 
 
 @pytest.mark.parametrize("layout", range(len(LAYOUTS)))
 def test_a_world_gives_the_same_looks_again(layout):
     job = next(j for j in plan_jobs("skysweep", CAMERA, 1200, 0) if j.layout == LAYOUTS[layout])
-    few = replace(job, n_pictures=6)
-    (looks, empties), (again, empties_again) = look_around(few), look_around(few)
+    few = replace(job, n_pictures=8)
+    (looks, background), (again, background_again) = look_around(few), look_around(few)
     for name in type(looks).__slots__:
         np.testing.assert_array_equal(getattr(looks, name), getattr(again, name))
-    np.testing.assert_array_equal(empties.confidences, empties_again.confidences)
+    np.testing.assert_array_equal(background.confidences, background_again.confidences)
     assert len(looks.pixels) >= 2
     assert looks.pixels.min() >= PIXELS[0]
     assert looks.pixels.max() <= PIXELS[1]
+    assert 0 <= looks.hidden.min() <= looks.hidden.max() <= HIDDEN_MAX
+    assert 0 <= looks.view.min() <= looks.view.max() <= VIEW_MAX
+    assert (looks.blur_px <= BLUR_MAX * looks.pixels).all()
+    assert len(background.hectares) == 8
+    assert (background.hectares > 0).all()
+    assert {*looks.picture.tolist()} <= set(range(2 * PASS_LOOKS))
     found = looks.confidences > 0
     assert (looks.confidences[found] >= CONFIDENCE_FLOOR).all()
     np.testing.assert_array_equal(np.isfinite(looks.offsets_px).all(axis=2), found)
@@ -65,6 +74,8 @@ def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
         )
         assert StatisticalModel.load(out) == model
         assert out.with_suffix(".png").stat().st_size > 20_000
+        assert model.camera.hfov_rad == CAMERA.hfov_rad
+        assert model.differences(CAMERA, DetectorModel()) == []
     one, two = (tmp_path / str(w) / "sensor.yaml" for w in (1, 2))
     assert one.read_bytes() == two.read_bytes()
     assert seen[-1] == (90, 90)

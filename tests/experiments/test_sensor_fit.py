@@ -1,120 +1,226 @@
-"""The fit finds the tables that looks were drawn from."""
+"""The fit finds the numbers that looks were drawn from."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import expit, logit
-from scipy.stats import norm
+from scipy.special import ndtr
+from scipy.stats import multivariate_normal
 
-from skysweep.experiments.sensor_figure import draw_fit, drawn_rates
+from skysweep.experiments.sensor_check import calibration_error, goodness, tell
 from skysweep.experiments.sensor_fit import (
     GRID_PX,
     MISSION_CONFIDENCE_MIN,
+    both_below,
+    contrast_models,
+    factors_of,
+    fit_background,
+    fit_box,
     fit_curve,
-    fit_sensor,
-    node_weights,
+    fit_curves,
+    fit_shares,
+    kind_models,
 )
-from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, Empties, Looks
+from skysweep.experiments.sensor_looks import (
+    CLASSES,
+    CONFIDENCE_FLOOR,
+    PASS_LOOKS,
+    SUBJECTS,
+    SURFACES,
+    Background,
+    Looks,
+)
+from skysweep.sensing.statistical_model import confidence_of, score_of
 
-SIGN = SUBJECTS.index(("stop sign", "face-up"))
+SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "face-up"))
+OWN = CLASSES.index("stop sign")
 GRID = np.log(GRID_PX)
-PROBABILITY = np.interp(GRID, np.log([5, 9, 18, 40]), [0.05, 0.5, 0.95, 0.999])
-MEAN = np.interp(GRID, np.log([5, 12, 40]), [-0.8, 0.6, 2.5])
+MEAN = np.interp(GRID, np.log([4, 12, 40]), [-1.5, 0.5, 1.8])
+FACTORS = np.array([-0.5, -1.0, -0.8, 0.3])
+SPREAD = 0.4
 
 
-def no_empties():
-    nothing = np.zeros(0)
-    return Empties(np.array([10.0]), nothing.astype(int), nothing.astype(int), nothing, nothing)
-
-
-def draw_looks(offset_std, n_objects=700, looks_each=12, std=0.6, seed=0):
-    """Looks at signs as the sensor draws them, and the shares that it reports over all objects."""
+def draw_looks(
+    object_share=0.0, pass_share=0.0, fade_px=64.0, lapse=0.0, n_objects=250, passes=3, seed=0, subject=SIGN
+):
+    """Looks as the sensor draws them: passes of successive looks from nearly one place."""
     rng = np.random.default_rng(seed)
-    n = n_objects * looks_each
-    instance = np.arange(n) % n_objects
-    offset = rng.normal(0, offset_std, n_objects)[instance]
-    x = rng.uniform(GRID[0], GRID[-1], n)
-    p = expit(logit(np.interp(x, GRID, PROBABILITY)) + offset)
-    logits = np.interp(x, GRID, MEAN) + std * rng.normal(size=n) + offset
-    reported = (rng.random(n) < p) & (expit(logits) >= CONFIDENCE_FLOOR)
+    n_passes = n_objects * passes
+    n = n_passes * PASS_LOOKS
+    instance = np.repeat(np.arange(n_passes) % n_objects, PASS_LOOKS)
+    x = np.repeat(rng.uniform(GRID[0], GRID[-1], n_passes), PASS_LOOKS)
+    step_px = np.repeat(np.exp(rng.uniform(np.log(0.5), np.log(120), n_passes)), PASS_LOOKS)
+    number = np.tile(np.arange(PASS_LOOKS), n_passes)
+    alike = rng.normal(size=n)
+    for k in np.flatnonzero(number):
+        kept = np.exp(-step_px[k] / fade_px)
+        alike[k] = kept * alike[k - 1] + np.sqrt(1 - kept**2) * alike[k]
+    z = (
+        np.sqrt(object_share) * rng.normal(size=n_objects)[instance]
+        + np.sqrt(pass_share) * alike
+        + np.sqrt(1 - object_share - pass_share) * rng.normal(size=n)
+    )
+    view, hidden, blur = rng.uniform(0, 0.5, n), rng.uniform(0, 0.5, n), rng.uniform(0, 0.8, n)
+    colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
+    factors = np.column_stack([view, hidden, blur, (colour - 30) / 20])
+    scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
+    reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
     confidences = np.zeros((n, len(CLASSES)))
-    confidences[reported, CLASSES.index("stop sign")] = expit(logits[reported])
+    confidences[reported, OWN] = confidence_of(scores[reported])
     offsets = np.full((n, len(CLASSES), 2), np.nan)
-    spread = np.hypot(0.5, 0.04 * np.exp(x))[:, None]
-    offsets[reported, CLASSES.index("stop sign")] = (spread * rng.normal(size=(n, 2)))[reported]
-    return Looks(np.full(n, SIGN), instance, np.exp(x), confidences, offsets)
+    spread = np.sqrt(0.5**2 + (0.04 * np.exp(x)) ** 2 + (0.2 * blur * np.exp(x)) ** 2)[:, None]
+    offsets[reported, OWN] = (spread * rng.normal(size=(n, 2)))[reported]
+    return Looks(
+        subject=np.full(n, subject),
+        instance=instance,
+        world=instance // 10,
+        surface=np.zeros(n, dtype=int),
+        picture=np.repeat(np.arange(n_passes), PASS_LOOKS) * PASS_LOOKS + number,
+        pixels=np.exp(x),
+        places_px=np.column_stack([number * step_px, np.zeros(n)]),
+        view=view,
+        hidden=hidden,
+        blur_px=blur * np.exp(x),
+        colour=colour,
+        confidences=confidences,
+        offsets_px=offsets,
+    )
 
 
-@pytest.mark.parametrize("offset_std", [0.0, 0.5, 1.0])
-def test_tables_and_offsets_are_recovered(offset_std):
-    looks = draw_looks(offset_std)
-    (kind,) = fit_sensor(looks, no_empties(), "synthetic", 1, 0).kinds
+@pytest.fixture(scope="module")
+def looks():
+    return draw_looks(0.3, 0.4)
+
+
+def test_mean_spread_and_factors_are_recovered(looks):
+    factors = factors_of(looks)
+    curve = fit_curves(looks, factors)[SIGN, OWN]
+    np.testing.assert_allclose(curve.mean, MEAN, atol=0.25)
+    np.testing.assert_allclose(curve.factors, FACTORS, atol=0.2)
+    np.testing.assert_allclose(curve.spread, SPREAD, atol=0.08)
+    assert curve.lapse.max() < 0.05
+    for threshold in (MISSION_CONFIDENCE_MIN, 0.6):
+        drawn = curve.chance(looks.pixels, factors, threshold)
+        measured = looks.confidences[:, OWN] >= threshold
+        assert abs(drawn.mean() - measured.mean()) < 0.02
+        assert calibration_error(measured.astype(float), drawn) < 0.03
+
+
+def test_lapses_are_told_from_low_scores():
+    looks = draw_looks(lapse=0.25)
+    curve = fit_curves(looks, factors_of(looks))[SIGN, OWN]
+    np.testing.assert_allclose(curve.lapse[6:], 0.25, atol=0.06)
+    np.testing.assert_allclose(curve.mean[6:], MEAN[6:], atol=0.25)
+
+
+@pytest.mark.parametrize(("own", "of_pass"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.6), (0.3, 0.4)])
+def test_what_looks_have_in_common_is_recovered(own, of_pass):
+    looks = draw_looks(own, of_pass)
+    factors = factors_of(looks)
+    curves = fit_curves(looks, factors)
+    shares, fade_px = fit_shares(looks, factors, curves)
+    assert shares[SIGN, OWN][0] == pytest.approx(own, abs=0.15)
+    assert shares[SIGN, OWN][1] == pytest.approx(of_pass, abs=0.2)
+    if of_pass >= 0.4:
+        assert 16 <= fade_px <= 256
+
+
+def test_two_correlated_normals_below():
+    a, b, rho = np.array([-1.0, 0.3, 2.0]), np.array([0.5, -0.2, 1.0]), np.array([0.0, 0.5, 0.85])
+    expected = [
+        multivariate_normal([0, 0], [[1, r], [r, 1]]).cdf([x, y]) for x, y, r in zip(a, b, rho, strict=True)
+    ]
+    np.testing.assert_allclose(both_below(a, b, rho), expected, atol=2e-3)
+
+
+def test_sizes_without_looks_keep_what_is_known_nearest(looks):
+    small = looks.where(looks.pixels < 40)
+    curve = fit_curve(small.pixels, factors_of(small), small.confidences[:, OWN])
+    assert abs(curve.mean[-1] - curve.mean[7]) < 1.2
+
+
+def test_what_is_never_reported_is_not_in_the_model(looks):
+    few = looks.where(np.arange(400))
+    rocks = replace(few, subject=np.full(400, ROCK), confidences=np.zeros((400, len(CLASSES))))
+    rocks.confidences[:4, OWN] = 0.5
+    both = Looks(*(np.concatenate([getattr(few, f), getattr(rocks, f)]) for f in Looks.__slots__))
+    assert set(fit_curves(both, factors_of(both))) == {(SIGN, OWN)}
+
+
+def test_kinds_are_written_as_they_were_fitted(looks):
+    curves = fit_curves(looks, factors_of(looks))
+    (kind,) = kind_models(curves, {(SIGN, OWN): (0.3, 0.4)})
     assert (kind.kind, kind.pose, kind.reported_as) == ("stop sign", "face-up", "stop sign")
-    assert abs(kind.object_logit_std - offset_std) < 0.25
-    np.testing.assert_allclose(kind.confidence_logit_mean[3:], MEAN[3:], atol=0.2)
-    np.testing.assert_allclose(kind.confidence_logit_std[3:], 0.6, atol=0.2)
-    weights = node_weights(looks.pixels)
-    measured = weights @ (looks.confidences[:, 0] >= MISSION_CONFIDENCE_MIN) / weights.sum(axis=1)
-    np.testing.assert_allclose(drawn_rates(kind), measured, atol=0.04)
+    np.testing.assert_allclose(kind.score, curves[SIGN, OWN].mean, atol=1e-3)
+    assert (kind.object_share, kind.pass_share) == (0.3, 0.4)
 
 
-def test_centre_errors_are_told_apart_by_size():
-    model = fit_sensor(draw_looks(0.3), no_empties(), "synthetic", 1, 0)
-    assert abs(model.centre_std_px - 0.5) < 0.1
-    assert abs(model.centre_std_fraction - 0.04) < 0.005
+def test_colours_that_were_not_measured_are_the_usual_on_that_ground(looks):
+    colour = np.where(np.arange(len(looks.pixels)) % 2, np.nan, 50.0)
+    factors = factors_of(replace(looks, colour=colour))
+    np.testing.assert_allclose(factors[:, 3], 1.0)
+    (model,) = contrast_models(looks)
+    mean, std = model.surfaces[SURFACES[0]]
+    assert abs(mean - 30) < 3
+    assert abs(std - 15) < 3
 
 
-def test_what_is_never_reported_is_not_in_the_model():
-    looks = draw_looks(0.3, n_objects=50)
-    model = fit_sensor(looks, no_empties(), "synthetic", 1, 0)
-    assert {k.reported_as for k in model.kinds} == {"stop sign"}
-    assert model.background == []
+def test_held_out_looks_are_told_well_by_the_truth_and_badly_by_chance(looks):
+    told = tell(looks, factors_of(looks), [(SIGN, OWN)])
+    assert len(told.subject) == len(looks.pixels)
+    assert told.is_own.all()
+    first, second = goodness(told)
+    assert (first.confidence, second.confidence) == (MISSION_CONFIDENCE_MIN, 0.6)
+    assert first.brier < 0.7 * first.brier_of_rates
+    assert first.deviance_explained > 0.3
+    assert first.calibration_error < 0.04
+    assert all(abs(p.measured - p.drawn) < 0.12 for p in first.parts if p.looks > 200)
+    shuffled = np.random.default_rng(0).permutation(len(told.chance))
+    (worse, _) = goodness(replace(told, chance=told.chance[shuffled]))
+    assert worse.deviance_explained < 0
+
+
+def test_errors_of_boxes_are_told_apart_by_size_and_blur():
+    looks = draw_looks(n_objects=1500)
+    box = fit_box(replace(looks, hidden=np.zeros(len(looks.pixels))))
+    assert box.of_object == pytest.approx(0.04, abs=0.03)
+    assert box.pixels < 1.5
+    assert box.of_blur > 0.05
 
 
 def test_background_rates_follow_altitude():
     rng = np.random.default_rng(1)
-    altitudes = np.exp(rng.uniform(np.log(3), np.log(100), 6000))
-    picture = np.flatnonzero(rng.random(6000) < np.where(altitudes > 25, 0.2, 0.0))
-    n = len(picture)
-    empties = Empties(altitudes, picture, np.full(n, 1), expit(rng.normal(-0.5, 0.4, n)), np.full(n, 9.0))
-    (background,) = fit_sensor(draw_looks(0.3, 50), empties, "synthetic", 1, 0).background
-    assert background.reported_as == CLASSES[1]
-    assert background.rate_per_picture[0] == 0.0
-    assert abs(background.rate_per_picture[-1] - 0.2) < 0.05
-    assert abs(background.confidence_logit_mean + 0.5) < 0.1
-    assert abs(background.confidence_logit_std - 0.4) < 0.1
-    assert background.pixels == 9.0
-
-
-def test_background_below_the_threshold_is_none():
-    empties = Empties(
-        np.array([9.0, 30.0]), np.array([0, 0]), np.array([1, 1]), np.array([0.12, 0.2]), np.ones(2)
+    altitudes = np.exp(rng.uniform(np.log(3), np.log(100), 4000))
+    hectares = altitudes**2 * 1e-4
+    counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0))
+    of_report = np.repeat(altitudes, counts)
+    n = len(of_report)
+    scores = score_of(CONFIDENCE_FLOOR) + rng.exponential(0.6, n)
+    seen = Background(
+        altitude_agl_m=altitudes,
+        hectares=hectares,
+        world=np.zeros(4000, dtype=int),
+        class_index=np.full(n, 1),
+        altitude_of_report_m=of_report,
+        confidences=confidence_of(scores),
+        pixels=np.full(n, 9.0),
+        again=np.where(rng.random(n) < 0.6, confidence_of(scores), 0.0),
     )
-    assert fit_sensor(draw_looks(0.3, 50), empties, "synthetic", 1, 0).background == []
+    fitted = fit_background(seen, 1)
+    assert fitted.reported_as == CLASSES[1]
+    assert fitted.per_hectare[-1] == pytest.approx(0.5, rel=0.2)
+    assert fitted.per_hectare[1] > 2.0
+    assert fitted.score_scale == pytest.approx(0.6, abs=0.05)
+    assert fitted.again == pytest.approx(0.6, abs=0.05)
+    assert fitted.same_share > 0.9
+    assert fitted.pixels == 9.0
+    assert fit_background(seen, 0) is None
 
 
-def test_kinds_without_looks_at_some_sizes_keep_the_nearest_value():
-    looks = draw_looks(0.3)
-    small = looks.pixels < 40
-    part = Looks(*(getattr(looks, f)[small] for f in Looks.__slots__))
-    (kind,) = fit_sensor(part, no_empties(), "synthetic", 1, 0).kinds
-    assert kind.probability[-1] == kind.probability[-2]
-
-
-def test_the_picture_of_the_fit_is_drawn(tmp_path):
-    looks = draw_looks(0.3, n_objects=50)
-    draw_fit(looks, fit_sensor(looks, no_empties(), "synthetic", 1, 0), tmp_path / "fit.png")
-    assert (tmp_path / "fit.png").stat().st_size > 20_000
-
-
-def test_weak_responses_do_not_become_reports():
-    """Many responses just above the floor: the fitted tail over the missions' threshold must stay as thin."""
-    rates = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        pixels = np.exp(rng.uniform(GRID[0], GRID[-1], 400))
-        logits = rng.normal(-2.6, 0.5, 400)
-        reported = (rng.random(400) < 0.5) & (expit(logits) >= CONFIDENCE_FLOOR)
-        curve = fit_curve(pixels, np.where(reported, expit(logits), 0.0))
-        rates.append(curve.probability * norm.sf((logit(MISSION_CONFIDENCE_MIN) - curve.mean) / curve.std))
-    truth = 0.5 * norm.sf((logit(MISSION_CONFIDENCE_MIN) + 2.6) / 0.5)
-    assert np.mean(rates) < truth + 0.002
+def test_the_score_is_what_a_threshold_cuts():
+    looks = draw_looks()
+    curve = fit_curves(looks, factors_of(looks))[SIGN, OWN]
+    at = np.array([14.0])
+    mean, spread, lapse = curve.at(at, np.zeros((1, 4)))
+    expected = (1 - lapse) * ndtr((mean - score_of(0.4)) / spread)
+    np.testing.assert_allclose(curve.chance(at, np.zeros((1, 4)), 0.4), expected)

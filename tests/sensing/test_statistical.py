@@ -4,45 +4,66 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from scipy.stats import binom, kstest, norm
 
 from skysweep.errors import UserError
-from skysweep.geometry.camera import CameraPose, Lens, project
+from skysweep.geometry.camera import CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.scenarios.model import Light
+from skysweep.scenarios.files import change_scenario, load_scenario
+from skysweep.scenarios.model import CameraModel, Light
 from skysweep.scenarios.world import TerrainSurface, World, WorldObject, WorldTree
 from skysweep.sensing.schedule import Exposures
-from skysweep.sensing.statistical import BackgroundModel, KindModel, StatisticalModel, StatisticalSensor
+from skysweep.sensing.statistical import StatisticalSensor
+from skysweep.sensing.statistical_draws import standard_normal
+from skysweep.sensing.statistical_model import (
+    BackgroundModel,
+    BoxModel,
+    Camera,
+    ContrastModel,
+    Detecting,
+    Experiment,
+    KindModel,
+    StatisticalModel,
+    confidence_of,
+    model_for,
+    score_of,
+)
 from skysweep.types import VehicleState
 
-LENS = Lens(640, 360, 1.2)
+CAMERA = CameraModel(hfov_rad=1.2, latency_s=0.0)
+LENS = CAMERA.lens
 FLAT = TerrainSurface(np.zeros((2, 2)), (-200, -200, 200, 200), "grass")
 GRID = [5.0, 10.0, 20.0, 200.0]
 LOOKS = 4000
+MINIMUM = 0.3
 
 
-def table(kind="stop sign", reported_as="stop sign", pose="face-up", offset=0.0, p=(0.0, 0.3, 0.9, 0.9)):
+def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.0, -0.5, 1.0, 1.0), **other):
+    fields = dict(view=0.0, hidden=0.0, blur=0.0, contrast=0.0, object_share=0.0, pass_share=0.0)
     return KindModel(
         kind=kind,
         pose=pose,
         reported_as=reported_as,
-        probability=list(p),
-        confidence_logit_mean=[2.0] * 4,
-        confidence_logit_std=[0.5] * 4,
-        object_logit_std=offset,
+        score=list(scores),
+        spread=[0.5] * 4,
+        lapse=[other.pop("lapse", 0.0)] * 4,
+        **(fields | other),
     )
 
 
-def model(*kinds, background=()):
+def model(*kinds, background=(), contrasts=(), fade_px=50.0):
     return StatisticalModel(
-        detector="test",
-        pictures=1,
-        seed=0,
+        version=2,
+        detector=Detecting(name="test", sha256="0" * 64),
+        camera=Camera(**CAMERA.model_dump(include=set(Camera.model_fields))),
+        experiment=Experiment(pictures=1, seed=0, looks=1, confidence_floor=0.1),
         pixels=GRID,
+        fade_px=fade_px,
+        box=BoxModel(pixels=0.5, of_object=0.04, of_blur=0.0),
         kinds=list(kinds),
+        contrasts=list(contrasts),
         background=list(background),
-        centre_std_fraction=0.04,
-        centre_std_px=0.5,
     )
 
 
@@ -62,18 +83,44 @@ def height_for(pixels, size=0.9):
     return float(LENS.focal_px * size / pixels)
 
 
+class Still:
+    velocity_mps = np.zeros(3)
+    rates_radps = np.zeros(3)
+
+
+class Fast:
+    velocity_mps = np.array([25.0, 0.0, 0.0])
+    rates_radps = np.zeros(3)
+
+
 def sensor_of(
-    objects, tables, true, *, seed=0, trees=(), classes=("stop sign",), latency_s=0.0, minimum=0.05
+    objects,
+    tables,
+    true,
+    *,
+    seed=0,
+    trees=(),
+    classes=("stop sign",),
+    camera=CAMERA,
+    minimum=MINIMUM,
+    motion=Still,
+    surface=FLAT,
 ):
-    world = World(FLAT, tuple(objects), tuple(trees), (), Light(), 0)
+    world = World(surface, tuple(objects), tuple(trees), (), Light(), 0)
+    poses = true if callable(true) else lambda: true
     return StatisticalSensor(
-        world, LENS, lambda: true, Exposures(10.0, 0.0), latency_s, classes, minimum, seed, tables
+        world, camera, poses, lambda: motion, Exposures(10.0, 0.0), classes, minimum, seed, tables
     )
+
+
+def chance(mean, spread=0.5, minimum=MINIMUM):
+    return norm.sf((score_of(minimum) - mean) / spread)
 
 
 def looks(objects, tables, true, n=LOOKS, believed=None, **options):
     sensor = sensor_of(objects, tables, true, **options)
-    return [sensor.sense(state(0.1 * k, believed or true)) for k in range(n)]
+    shown = believed or (nadir(30.0) if callable(true) else true)
+    return [sensor.sense(state(0.1 * k, shown)) for k in range(n)]
 
 
 def assert_rate(found, n, probability):
@@ -81,42 +128,94 @@ def assert_rate(found, n, probability):
     assert low <= found <= high
 
 
+def test_scores_are_confidences_on_another_scale():
+    np.testing.assert_allclose(confidence_of(score_of([0.01, 0.25, 0.6, 0.99])), [0.01, 0.25, 0.6, 0.99])
+    assert (np.diff(score_of(np.linspace(0.01, 0.99, 50))) > 0).all()
+
+
 @pytest.mark.parametrize(
-    ("pixels", "probability"),
-    [(10.0, 0.3), (np.sqrt(50.0), 0.15), (np.sqrt(200.0), 0.6), (60.0, 0.9), (3.0, 0.0)],
+    ("pixels", "mean"), [(10.0, -0.5), (np.sqrt(50.0), -1.75), (np.sqrt(200.0), 0.25), (60.0, 1.0)]
 )
-def test_detections_are_as_frequent_as_the_table_says(pixels, probability):
+def test_detections_are_as_frequent_as_the_scores_say(pixels, mean):
     found = looks([sign()], model(table()), nadir(height_for(pixels)))
-    assert_rate(sum(map(len, found)), LOOKS, probability)
+    assert_rate(sum(map(len, found)), LOOKS, chance(mean))
 
 
-def test_confidences_follow_the_table():
-    found = looks([sign()], model(table()), nadir(height_for(60.0)))
-    logits = np.concatenate([np.log(d.confidences / (1 - d.confidences)) for d in found])
-    assert kstest(logits, norm(2.0, 0.5).cdf).pvalue > 1e-3
+def test_what_is_far_smaller_than_what_was_measured_is_not_seen():
+    assert sum(map(len, looks([sign()], model(table(scores=(3.0,) * 4)), nadir(height_for(3.0)), 300))) == 0
+
+
+def test_confidences_follow_the_scores():
+    found = looks([sign()], model(table()), nadir(height_for(60.0)), minimum=0.01)
+    scores = score_of(np.concatenate([d.confidences for d in found]))
+    assert len(scores) == LOOKS
+    assert kstest(scores, norm(1.0, 0.5).cdf).pvalue > 1e-3
 
 
 def test_confidences_below_the_minimum_are_not_reported():
-    found = looks([sign()], model(table()), nadir(height_for(60.0)), minimum=0.9)
+    found = looks([sign()], model(table()), nadir(height_for(60.0)), minimum=0.8)
     confidences = np.concatenate([d.confidences for d in found])
-    assert confidences.min() >= 0.9
-    assert_rate(len(confidences), LOOKS, 0.9 * norm.sf((np.log(9.0) - 2.0) / 0.5))
+    assert confidences.min() >= 0.8
+    assert_rate(len(confidences), LOOKS, chance(1.0, minimum=0.8))
+
+
+def test_lapses_hit_whatever_the_score():
+    found = looks([sign()], model(table(scores=(4.0,) * 4, lapse=0.2)), nadir(height_for(60.0)))
+    assert_rate(sum(map(len, found)), LOOKS, 0.8)
+
+
+def test_a_flat_view_a_hidden_part_blur_and_contrast_shift_the_score():
+    level = (0.0,) * 4
+    true = nadir(height_for(30.0))
+    far = nadir(height_for(30.0), 6.0, 0.0)
+    view = 36.0 / (36.0 + true.position_enu_m[2] ** 2)
+    found = looks([sign()], model(table(scores=level, view=-3.0)), far)
+    assert_rate(sum(map(len, found)), LOOKS, chance(-3.0 * view))
+    blur = LENS.focal_px * CAMERA.exposure_s * 25.0 / true.position_enu_m[2] / 30.0
+    found = looks([sign()], model(table(scores=level, blur=-4.0)), true, motion=Fast)
+    assert_rate(sum(map(len, found)), LOOKS, chance(-4.0 * blur))
+    contrast = ContrastModel(kind="stop sign", pose="face-up", surfaces={"grass": (50.0, 0.0)})
+    tables = model(table(scores=level, contrast=0.7), contrasts=[contrast])
+    assert_rate(sum(map(len, looks([sign()], tables, true))), LOOKS, chance(0.7))
+    sand = replace(FLAT, surface="sand")
+    assert_rate(sum(map(len, looks([sign()], tables, true, surface=sand))), LOOKS, chance(0.0))
+    edge_x = 320.0 / LENS.focal_px * true.position_enu_m[2]
+    found = looks([sign(edge_x)], model(table(scores=level, hidden=-1.0)), true)
+    assert_rate(sum(map(len, found)), LOOKS, chance(-0.5))
 
 
 def test_some_objects_are_seen_better_than_others_in_every_look():
     signs = [sign(x, y) for x in range(-12, 13, 4) for y in range(-6, 7, 4)]
     true = nadir(height_for(12.0))
-    counts = np.zeros((2, len(signs)))
-    for row, offset in enumerate((0.0, 1.5)):
-        tables = model(table(p=(0.5,) * 4, offset=offset))
+    rates = np.zeros((2, len(signs)))
+    for row, share in enumerate((0.0, 0.6)):
+        tables = model(table(scores=(float(score_of(MINIMUM)),) * 4, object_share=share))
         for detections in looks(signs, tables, true, n=400):
             middles = (detections.boxes_xyxy_px[:, :2] + detections.boxes_xyxy_px[:, 2:]) / 2
             places, _ = project(LENS, true, [s.position_enu_m for s in signs])
             gaps = np.linalg.norm(middles[:, None] - places, axis=2)
-            np.add.at(counts[row], gaps.argmin(axis=1), 1)
-    same, different = counts.var(axis=1) / (400 * 0.25)
+            np.add.at(rates[row], gaps.argmin(axis=1), 1 / 400)
+    same, different = rates.var(axis=1) / (0.25 / 400)
     assert same < 2.0
     assert different > 20.0
+    offsets = norm.ppf(np.clip(rates[1], 1 / 800, 1 - 1 / 800)) * np.sqrt(0.4)
+    assert 0.4 < offsets.var() < 0.9
+
+
+@pytest.mark.parametrize(("step_px", "lag"), [(5.0, 1), (10.0, 1), (10.0, 5), (250.0, 1)])
+def test_looks_of_one_pass_are_alike_the_less_the_more_the_picture_moved(step_px, lag):
+    """Scores of successive looks have the correlation pass_share * exp(-moved / fade_px)."""
+    z = height_for(30.0)
+    to_and_fro_px = np.abs((np.arange(LOOKS) * step_px) % 500.0 - 250.0) - 125.0
+    views = iter([nadir(z, x) for x in to_and_fro_px * z / LENS.focal_px])
+    tables = model(table(scores=(0.0,) * 4, pass_share=0.6), fade_px=50.0)
+    found = looks([sign()], tables, lambda: next(views), minimum=0.001)
+    scores = np.array([score_of(d.confidences[0]) if len(d) else np.nan for d in found])
+    pairs = np.column_stack([scores[:-lag], scores[lag:]])
+    pairs = pairs[np.isfinite(pairs).all(axis=1)]
+    expected = 0.6 * np.exp(-lag * step_px / 50.0)
+    assert len(pairs) > 0.99 * (LOOKS - lag)
+    assert np.corrcoef(pairs.T)[0, 1] == pytest.approx(expected, abs=0.08)
 
 
 def test_boxes_scatter_around_the_object_as_the_model_says():
@@ -143,14 +242,24 @@ def test_what_was_in_view_does_not_change_later_draws():
 
     def late_looks(first):
         views = [first] * 100 + [near] * 200
-        world = World(FLAT, (sign(),), (), (), Light(), 0)
         now = iter(views)
-        sensor = StatisticalSensor(
-            world, LENS, lambda: next(now), Exposures(10.0, 0.0), 0.0, ("stop sign",), 0.05, 0, model(table())
-        )
+        sensor = sensor_of([sign()], model(table()), lambda: next(now))
         return [sensor.sense(state(0.1 * k, view)).confidences.tolist() for k, view in enumerate(views)][100:]
 
     assert late_looks(near) == late_looks(away)
+
+
+def test_what_else_is_there_does_not_change_the_draws_of_an_object():
+    alone = looks([sign()], model(table()), nadir(20.0), 200)
+    among = looks([sign(), sign(300.0), sign(-300.0)], model(table()), nadir(20.0), 200)
+    assert [d.confidences.tolist() for d in alone] == [d.confidences.tolist() for d in among]
+
+
+def test_draws_are_normal_and_unrelated():
+    draws = np.array([[standard_normal(7, look, row, 0) for row in range(40)] for look in range(500)])
+    assert kstest(draws.ravel(), norm.cdf).pvalue > 1e-3
+    for other in (draws[1:, :], draws[:-1, ::-1]):
+        assert abs(np.corrcoef(draws[: len(other)].ravel(), other.ravel())[0, 1]) < 0.03
 
 
 def test_nothing_reaches_outside_the_picture():
@@ -166,14 +275,6 @@ def test_what_is_out_of_view_or_behind_is_not_seen():
     up = CameraPose(np.array([0, 0, 5.0]), rotation_camera_to_enu(0.0, np.pi / 2))
     assert sum(map(len, looks([sign(60.0, 0.0)], model(table()), nadir(30.0), 300))) == 0
     assert sum(map(len, looks([sign()], model(table()), up, 300))) == 0
-
-
-def test_what_the_edge_cuts_off_is_seen_less():
-    true = nadir(height_for(20.0))
-    edge_x = (320.0 - 3.0) / LENS.focal_px * true.position_enu_m[2]
-    whole = sum(map(len, looks([sign()], model(table()), true, 1000)))
-    cut = sum(map(len, looks([sign(edge_x)], model(table()), true, 1000)))
-    assert 0 < cut < 0.95 * whole
 
 
 def test_hidden_objects_are_not_seen():
@@ -192,7 +293,8 @@ def test_the_believed_pose_is_handed_on_and_the_true_one_is_drawn_from():
 
 
 def test_results_come_after_the_latency_with_the_time_of_exposure():
-    sensor = sensor_of([sign()], model(table()), nadir(30.0), latency_s=0.25)
+    camera = CAMERA.model_copy(update={"latency_s": 0.25})
+    sensor = sensor_of([sign()], model(table()), nadir(30.0), camera=camera)
     results = [sensor.sense(state(0.1 * k, nadir(30.0))) for k in range(10)]
     assert results[:3] == [None, None, None]
     for k in range(3, 10):
@@ -206,38 +308,124 @@ def test_other_classes_are_not_looked_for():
 
 
 def test_poses_have_their_own_tables_and_others_fall_back():
-    tables = model(table(), table(pose="standing", p=(0.0,) * 4))
+    tables = model(table(), table(pose="standing", scores=(-4.0,) * 4))
     upright = replace(sign(), pose="standing")
     afloat = replace(sign(), pose="floating", size_m=2.25)
     assert sum(map(len, looks([upright], tables, nadir(20.0), 300))) == 0
     assert sum(map(len, looks([afloat], tables, nadir(20.0), 300))) > 100
 
 
-def test_background_detections_come_at_their_rate():
-    background = BackgroundModel(
+def background(**other):
+    fields = dict(
         reported_as="stop sign",
-        altitude_agl_m=[10.0, 30.0],
-        rate_per_picture=[0.0, 0.2],
-        confidence_logit_mean=1.0,
-        confidence_logit_std=0.3,
+        altitude_agl_m=[8.0, 32.0],
+        per_hectare=[0.001, 40.0],
+        score_scale=0.5,
+        again=0.5,
+        same_share=0.5,
         pixels=12.0,
     )
-    tables = model(table(), background=[background])
-    assert sum(map(len, looks([], tables, nadir(8.0), 500))) == 0
-    assert_rate(sum(map(len, looks([], tables, nadir(20.0)))), LOOKS, 0.1)
+    return BackgroundModel(**(fields | other))
 
 
-def test_the_shipped_model_sees_signs_from_near_and_not_from_very_far():
-    near = looks([sign()], None, nadir(height_for(100.0)), 200, minimum=0.25)
-    far = looks([sign()], None, nadir(height_for(3.0)), 200, minimum=0.25)
-    assert sum(map(len, near)) > 180
+def moving(altitude_m, n):
+    """All over the world, so that many places come into view."""
+    rng = np.random.default_rng(3)
+    return iter([nadir(altitude_m, *rng.uniform(-150, 150, 2)) for _ in range(n)])
+
+
+def test_background_reports_come_at_their_rate_a_hectare():
+    hectares = np.prod(LENS.footprint_m(31.9)) / 1e4
+    views = moving(31.9, LOOKS)
+    found = looks([], model(table(), background=[background()]), lambda: next(views), minimum=0.101)
+    assert sum(map(len, found)) / LOOKS / hectares == pytest.approx(40.0, rel=0.15)
+    views = moving(8.0, 1000)
+    low = looks([], model(table(), background=[background()]), lambda: next(views), 1000, minimum=0.101)
+    assert sum(map(len, low)) <= 2
+
+
+def test_background_scores_above_the_floor_are_exponential():
+    views = moving(31.9, LOOKS)
+    found = looks([], model(table(), background=[background()]), lambda: next(views), minimum=0.101)
+    scores = score_of(np.concatenate([d.confidences for d in found])) - score_of(0.1)
+    assert scores.mean() == pytest.approx(0.5, rel=0.15)
+
+
+def test_background_reports_stay_where_they_are_and_come_again():
+    tables = model(table(), background=[background(per_hectare=[40.0, 40.0], again=0.7)])
+    found = looks([], tables, nadir(31.9), 400, minimum=0.101)
+    places = np.concatenate([(d.boxes_xyxy_px[:, :2] + d.boxes_xyxy_px[:, 2:]) / 2 for d in found])
+    known, counts = np.unique(places.round(3), axis=0, return_counts=True)
+    assert len(known) < 30
+    assert np.median(counts) / 400 == pytest.approx(0.7, abs=0.1)
+
+
+@pytest.mark.parametrize("surface", ["grass", "water"])
+def test_the_shipped_model_sees_signs_from_near_and_not_from_very_far(surface):
+    ground = replace(FLAT, surface=surface)
+    near = looks([sign()], None, nadir(height_for(60.0)), 200, minimum=0.25, surface=ground)
+    far = looks([sign()], None, nadir(height_for(3.0)), 200, minimum=0.25, surface=ground)
+    assert sum(map(len, near)) > 150
     assert sum(d.confidences.size for d in far) < 20
+
+
+@pytest.mark.parametrize("name", ["clusters", "person-wilderness", "maritime", "buildings"])
+def test_the_shipped_model_is_for_the_shipped_scenarios(name):
+    assert model_for(load_scenario(name)) == StatisticalModel.load()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"camera.exposure_s": 0.01}, "camera.exposure_s is 0.01, not 0.002"),
+        ({"camera.noise_std": 6}, "camera.noise_std is 6, not 2"),
+        ({"camera.jpeg_quality": 40}, "camera.jpeg_quality is 40, not 90"),
+        ({"camera.width_px": 1280}, "camera.width_px is 1280, not 640"),
+        ({"detector.tiles": 2}, "detector.tiles is 2, not 1"),
+        ({"detector.confidence_min": 0.05}, "confidence_min is 0.05, below 0.1"),
+        ({"detector.model": "gone.onnx"}, "detector.model 'gone.onnx' is no file, not skysweep"),
+        ({"detector.model": __file__}, "not skysweep"),
+    ],
+)
+def test_another_camera_or_detector_is_refused_with_what_differs(change, words):
+    scenario = change_scenario(load_scenario("clusters"), change)
+    with pytest.raises(UserError, match="the shipped sensor model: was made for another") as error:
+        model_for(scenario)
+    assert words in str(error.value)
+    assert "skysweep calibrate" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"camera.hfov_rad": 0.9}, {"camera.rate_hz": 5}, {"camera.latency_s": 0.5}, {"detector.rate_hz": 10}],
+)
+def test_what_the_model_holds_for_is_not_refused(change):
+    model_for(change_scenario(load_scenario("clusters"), change))
+
+
+def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
+    own = StatisticalModel.load().model_copy(update={"fade_px": 77.0})
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(own.model_dump()))
+    text = (
+        "detector: {statistical_model: mine.yaml}\narea: {polygon_enu_m: [[0, 0], [9, 0], [9, 9]]}\nname: a\n"
+    )
+    (tmp_path / "a.yaml").write_text(text)
+    assert model_for(load_scenario(tmp_path / "a.yaml")).fade_px == 77.0
+    other = change_scenario(load_scenario(tmp_path / "a.yaml"), {"camera.noise_std": 9})
+    with pytest.raises(UserError, match=r"mine\.yaml: was made for another .*noise_std is 9, not 2"):
+        model_for(other)
 
 
 @pytest.mark.parametrize(
     ("text", "field"),
-    [("pixels: [5, 10]", "detector"), ("{", "flow node"), ("- 1", "dictionary"), ("detector: 3", "detector")],
-    ids=["part", "yaml", "list", "type"],
+    [
+        ("pixels: [5, 10]", "version"),
+        ("{", "flow node"),
+        ("- 1", "dictionary"),
+        ("{version: 2, detector: 3}", "detector"),
+        ("version: 1", "is of version 1, this package reads 2"),
+    ],
+    ids=["part", "yaml", "list", "type", "version"],
 )
 def test_a_broken_model_file_is_one_clear_sentence(tmp_path, text, field):
     path = tmp_path / "sensor.yaml"
@@ -254,6 +442,6 @@ def test_a_missing_model_file_is_named(tmp_path):
 
 
 def test_tables_must_fit_the_grid():
-    short = table().model_copy(update={"probability": [0.5]})
+    short = table().model_copy(update={"spread": [0.5]})
     with pytest.raises(ValueError, match="must have 4 entries"):
         StatisticalModel.model_validate(model(table()).model_dump() | {"kinds": [short.model_dump()]})

@@ -6,6 +6,7 @@ import typer
 
 from skysweep.cli import (
     benchmark,
+    calibration,
     detectors,
     missions,
     planning,
@@ -46,5 +47,5 @@ app.command()(detectors.train)
 detect = typer.Typer(no_args_is_help=True, help="Evaluate detectors.")
 detect.command("evaluate")(detectors.detect_evaluate)
 app.add_typer(detect, name="detect")
-app.command()(detectors.calibrate)
+app.add_typer(calibration.app, name="calibrate")
 app.command()(benchmark.bench)

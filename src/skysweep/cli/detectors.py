@@ -1,4 +1,4 @@
-"""Render data sets, train and evaluate detectors, fit the statistical sensor."""
+"""Render data sets, train and evaluate detectors."""
 
 from __future__ import annotations
 
@@ -126,35 +126,3 @@ def detect_evaluate(
             evaluations[name] = evaluate(detector, data, confidence_min=confidence, progress=show)
     for table in tables(evaluations):
         console.print(table)
-
-
-@friendly
-def calibrate(
-    detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
-    camera_of: Annotated[str, typer.Option(help="Scenario whose camera to fit.")] = "clusters",
-    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 3000,
-    seed: SeedOption = 0,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
-    out: Annotated[Path, typer.Option(help="YAML file to write.")] = Path("sensor.yaml"),
-) -> None:
-    """Fit the statistical sensor to renders and a real detector.
-
-    Example:
-
-        skysweep calibrate --pictures 3000 --out sensor.yaml
-    """
-    from skysweep.experiments.calibrate import calibrate as fit
-    from skysweep.scenarios.files import load_scenario
-
-    with bar() as progress:
-        task = progress.add_task("looking", total=pictures)
-        fit(
-            detector,
-            load_scenario(camera_of).camera,
-            out,
-            pictures,
-            seed,
-            workers,
-            lambda done, total: progress.update(task, completed=done, total=total),
-        )
-    console.print(f"sensor model: {out}", soft_wrap=True)

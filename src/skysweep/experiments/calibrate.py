@@ -7,16 +7,26 @@ from pathlib import Path
 
 import yaml
 
+from skysweep.experiments.sensor_check import Told, goodness, tell
 from skysweep.experiments.sensor_figure import draw_fit
-from skysweep.experiments.sensor_fit import fit_sensor
-from skysweep.experiments.sensor_looks import observe
+from skysweep.experiments.sensor_fit import (
+    GRID_PX,
+    contrast_models,
+    factors_of,
+    fit_background,
+    fit_box,
+    fit_curves,
+    fit_shares,
+    kind_models,
+)
+from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.detector import OWN_MODEL
-from skysweep.sensing.statistical import StatisticalModel
+from skysweep.sensing.model_files import OWN_MODEL, model_file, sha256_of
+from skysweep.sensing.statistical_model import VERSION, Camera, Detecting, Experiment, StatisticalModel
 
 
 def calibrate(
-    model_path: str,
+    model: str,
     camera: CameraModel,
     out_yaml: Path,
     pictures: int = 3000,
@@ -29,10 +39,10 @@ def calibrate(
     The same arguments give the same file, whatever the number of workers.
 
     Args:
-        model_path: an ONNX file, or "skysweep" for the model that the package ships.
+        model: an ONNX file, or "skysweep" for the model that the package ships.
         camera: lens and effects to measure with.
         out_yaml: where to write the model; the picture has the same name and the suffix ``.png``.
-        pictures: how many to render; a few thousand make the tables smooth.
+        pictures: how many to render; a few thousand make the numbers steady.
         seed: of worlds and views.
         workers: processes; default: one a core.
         progress: called with pictures done and total.
@@ -40,13 +50,42 @@ def calibrate(
     Raises:
         UserError: the detector's file cannot be used.
     """
-    looks, empties = observe(model_path, camera, pictures, seed, workers, progress)
-    name = OWN_MODEL if model_path == OWN_MODEL else Path(model_path).name
-    model = fit_sensor(looks, empties, name, pictures, seed)
+    looks, background = observe(model, camera, pictures, seed, workers, progress)
+    name = OWN_MODEL if model == OWN_MODEL else Path(model).name
+    fitted, told = fit_sensor(
+        looks, background, Detecting(name=name, sha256=sha256_of(model_file(model))), camera, pictures, seed
+    )
     out_yaml.parent.mkdir(parents=True, exist_ok=True)
     out_yaml.write_text(
         "# Written by skysweep calibrate.\n"
-        + yaml.safe_dump(model.model_dump(), sort_keys=False, default_flow_style=None, width=110)
+        + yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110),
+        encoding="utf-8",
     )
-    draw_fit(looks, model, out_yaml.with_suffix(".png"))
-    return model
+    draw_fit(looks, background, told, fitted, out_yaml.with_suffix(".png"))
+    return fitted
+
+
+def fit_sensor(
+    looks: Looks, background: Background, detector: Detecting, camera: CameraModel, pictures: int, seed: int
+) -> tuple[StatisticalModel, Told]:
+    """The model that the looks support, with its goodness of fit, and what that was computed from."""
+    factors = factors_of(looks)
+    curves = fit_curves(looks, factors)
+    shares, fade_px = fit_shares(looks, factors, curves)
+    told = tell(looks, factors, list(curves))
+    model = StatisticalModel(
+        version=VERSION,
+        detector=detector,
+        camera=Camera(**camera.model_dump(include=set(Camera.model_fields))),
+        experiment=Experiment(
+            pictures=pictures, seed=seed, looks=len(looks.pixels), confidence_floor=CONFIDENCE_FLOOR
+        ),
+        pixels=list(GRID_PX),
+        fade_px=fade_px,
+        box=fit_box(looks),
+        kinds=kind_models(curves, shares),
+        contrasts=contrast_models(looks),
+        background=[b for c in range(len(CLASSES)) if (b := fit_background(background, c)) is not None],
+        held_out=goodness(told),
+    )
+    return model, told

@@ -7,7 +7,7 @@ import json
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -105,9 +105,19 @@ def compare_paper(
     out.mkdir(parents=True, exist_ok=True)
     for stale in (out / "runs").glob(f"*{UNFINISHED}"):
         shutil.rmtree(stale, ignore_errors=True)
-    ledger = out / MISSIONS_FILE
-    known = _read_ledger(ledger)
-    summaries = {job: known[job.key] for job in jobs if job.key in known}
+    return fly_missing(jobs, [job.key for job in jobs], out / MISSIONS_FILE, workers, on_done)
+
+
+def fly_missing(
+    jobs: Sequence[PaperJob],
+    keys: Sequence[str],
+    ledger: Path,
+    workers: int | None,
+    on_done: Callable[[PaperJob, dict[str, Any]], None],
+) -> list[dict[str, Any]]:
+    """Fly the jobs whose keys the ledger lacks; it grows by a line a mission. All summaries in order."""
+    known, key_of = _read_ledger(ledger), dict(zip(jobs, keys, strict=True))
+    summaries = {job: known[key] for job, key in key_of.items() if key in known}
     for job, summary in summaries.items():
         on_done(job, summary)
     todo = [job for job in jobs if job not in summaries]
@@ -115,7 +125,7 @@ def compare_paper(
         with ledger.open("a", encoding="utf-8") as file:
             for job, summary in run_jobs(fly_paper_job, todo, workers):
                 summaries[job] = summary
-                file.write(json.dumps({"key": job.key, "summary": summary}) + "\n")
+                file.write(json.dumps({"key": key_of[job], "summary": summary}) + "\n")
                 file.flush()
                 on_done(job, summary)
     return [summaries[job] for job in jobs]

@@ -1,7 +1,8 @@
-"""A picture of the statistical sensor beside what it was fitted to."""
+"""Pictures of the statistical sensor beside what it was fitted to."""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,68 +11,95 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
-from scipy.special import expit, logit
+from scipy.special import ndtr
 from scipy.stats import beta, norm
 
+from skysweep.experiments.sensor_check import EDGES, THRESHOLDS, Told
 from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN
-from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, Looks
-from skysweep.sensing.statistical import KindModel, StatisticalModel
+from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, Background, Looks
+from skysweep.geometry.camera import Lens
+from skysweep.scenarios.model import DEFAULT_SIZE_M
+from skysweep.sensing.statistical_model import (
+    FACTORS,
+    BackgroundModel,
+    KindModel,
+    StatisticalModel,
+    confidence_of,
+    score_of,
+)
 
 F64 = NDArray[np.float64]
 
 _COLOURS = dict(zip(CLASSES, ("#D55E00", "#0072B2", "#009E73"), strict=True))
 _COLUMNS = 4
 _TICKS_PX = [5, 10, 20, 50, 100, 200]
-_MIN_LOOKS = 5
+_MIN_LOOKS = 8
+_DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 
 
-def draw_fit(looks: Looks, model: StatisticalModel, path: Path) -> None:
-    """Rate and confidence of reports over pixels on target, a panel for each kind and pose.
+def draw_fit(looks: Looks, background: Background, told: Told, model: StatisticalModel, path: Path) -> None:
+    """Everything in one picture.
 
+    Above, a pair of panels for each kind and pose: rate and confidence of reports over pixels on target.
     Dots with bars: measured, with 95 % (Clopper-Pearson) intervals. Lines: what the sensor draws at the
-    missions' threshold. Lower panels: confidences of reports; the band is one standard deviation.
+    missions' threshold for a usual look (the middle of the measured factors); the band holds two thirds.
+    Below: looks that the fit has not seen, by factor and by what was told of them; reports where nothing is,
+    and what look-alikes are taken for, over altitude.
     """
     rows = -(-len(SUBJECTS) // _COLUMNS)
-    figure = Figure(figsize=(3.1 * _COLUMNS, 3.6 * rows), layout="constrained")
+    figure = Figure(figsize=(3.1 * _COLUMNS, 3.3 * rows + 8.2), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=[3.3 * rows, 8.0])
+    _draw_kinds(above, rows, looks, told, model)
+    grid = below.subplots(2, _COLUMNS)
+    _draw_checks(grid, told)
+    _draw_background(grid[1, 2], background, model)
+    _draw_distractors(grid[1, 3], model)
+    figure.suptitle(
+        f"Statistical sensor for detector '{model.detector.name}': {model.experiment.pictures} pictures, "
+        f"{model.experiment.looks} looks; reports with confidence ≥ {MISSION_CONFIDENCE_MIN:g}",
+        fontsize=11,
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=100)
+
+
+def _draw_kinds(figure: Any, rows: int, looks: Looks, told: Told, model: StatisticalModel) -> None:
     axes = figure.subplots(2 * rows, _COLUMNS, sharex=True, height_ratios=[1.0, 0.8] * rows, squeeze=False)
     for index, (kind, pose) in enumerate(SUBJECTS):
         row, column = divmod(index, _COLUMNS)
         above, below = axes[2 * row, column], axes[2 * row + 1, column]
-        mine = looks.subject == index
-        above.set_title(f"{kind}, {pose} ({mine.sum()} looks)", fontsize=9)
+        mine = looks.where(looks.subject == index)
+        above.set_title(f"{kind}, {pose} ({len(mine.pixels)} looks)", fontsize=9)
+        usual = _usual_factors(told, index)
         for c, name in enumerate(CLASSES):
             fitted = next(
                 (k for k in model.kinds if (k.kind, k.pose, k.reported_as) == (kind, pose, name)), None
             )
             if fitted is not None:
-                _measured(above, below, looks.pixels[mine], looks.confidences[mine, c], name)
-                _drawn(above, below, fitted, name)
+                _measured(above, below, mine.pixels, mine.confidences[:, c], name)
+                _drawn(above, below, fitted, usual, name)
         _decorate(above, below, first=column == 0)
     for spare in range(len(SUBJECTS), rows * _COLUMNS):
         row, column = divmod(spare, _COLUMNS)
         axes[2 * row, column].set_axis_off()
         axes[2 * row + 1, column].set_axis_off()
-    figure.suptitle(
-        f"Statistical sensor fitted to detector '{model.detector}' on {model.pictures} rendered pictures, "
-        f"reports with confidence ≥ {MISSION_CONFIDENCE_MIN:g}",
-        fontsize=11,
-    )
     handles = [
         above.errorbar([], [], [], fmt="-o", color=colour, markersize=3, label=f"reported as {name}")
         for name, colour in _COLOURS.items()
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
 
 
-def drawn_rates(kind: KindModel, n_offsets: int = 400) -> F64:
-    """(G,) share of looks in which the sensor reports this kind, over all its objects."""
-    u = norm.ppf((np.arange(n_offsets) + 0.5) / n_offsets)[:, None] * kind.object_logit_std
-    p = np.clip(np.array(kind.probability), 1e-12, 1 - 1e-12)
-    mean, std = np.array(kind.confidence_logit_mean), np.array(kind.confidence_logit_std)
-    above = norm.sf((logit(MISSION_CONFIDENCE_MIN) - mean - u) / std)
-    return np.asarray((expit(logit(p) + u) * above).mean(axis=0))
+def _usual_factors(told: Told, subject: int) -> F64:
+    mine = told.subject == subject
+    return np.median(told.factors[mine], axis=0) if mine.any() else np.zeros(len(FACTORS))
+
+
+def drawn_rates(kind: KindModel, factors: F64, confidence: float = MISSION_CONFIDENCE_MIN) -> F64:
+    """(G,) share of looks in which the sensor reports this kind, for looks with these factors (4,)."""
+    mean = np.array(kind.score) + float(np.dot(kind.factors, factors))
+    above = ndtr((mean - score_of(confidence)) / np.array(kind.spread))
+    return np.asarray((1.0 - np.array(kind.lapse)) * above)
 
 
 def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str) -> None:
@@ -82,25 +110,31 @@ def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str
         if len(inside) < _MIN_LOOKS:
             continue
         reports = inside[inside >= MISSION_CONFIDENCE_MIN]
-        n, k = len(inside), len(reports)
         x = np.exp(np.log(pixels[bins == g]).mean())
-        low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
-        high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
-        style: Any = {"fmt": "o", "color": _COLOURS[name], "markersize": 3, "linewidth": 0.9}
-        above.errorbar([x], [k / n], [[k / n - low], [high - k / n]], **style)
-        if k >= _MIN_LOOKS:
+        _dot(above, float(x), len(reports), len(inside), _COLOURS[name])
+        if len(reports) >= _MIN_LOOKS:
             middle = np.median(reports)
             spread = np.abs(np.quantile(reports, [0.16, 0.84]) - middle)[:, None]
-            below.errorbar([x], [middle], spread, **style)
+            below.errorbar([x], [middle], spread, fmt="o", color=_COLOURS[name], markersize=3, linewidth=0.9)
 
 
-def _drawn(above: Axes, below: Axes, kind: KindModel, name: str) -> None:
-    rates = drawn_rates(kind)
+def _dot(axes: Axes, x: float, k: int, n: int, colour: str) -> None:
+    """A measured share with its 95 % interval."""
+    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
+    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    axes.errorbar(
+        [x], [k / n], [[k / n - low], [high - k / n]], fmt="o", color=colour, markersize=3, linewidth=0.9
+    )
+
+
+def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -> None:
+    rates = drawn_rates(kind, factors)
     above.plot(GRID_PX, rates, color=_COLOURS[name], linewidth=1.3)
-    mean = np.array(kind.confidence_logit_mean)
-    std = np.hypot(np.array(kind.confidence_logit_std), kind.object_logit_std)
-    floor = norm.cdf((logit(MISSION_CONFIDENCE_MIN) - mean) / std)  # what lies below is not reported
-    low, middle, high = (expit(mean + std * norm.ppf(floor + (1 - floor) * q)) for q in (0.16, 0.5, 0.84))
+    mean, std = np.array(kind.score) + float(np.dot(kind.factors, factors)), np.array(kind.spread)
+    floor = norm.cdf((score_of(MISSION_CONFIDENCE_MIN) - mean) / std)  # what lies below is not reported
+    low, middle, high = (
+        confidence_of(mean + std * norm.ppf(floor + (1 - floor) * q)) for q in (0.16, 0.5, 0.84)
+    )
     likely = rates >= 0.01
     below.plot(GRID_PX, np.where(likely, middle, np.nan), color=_COLOURS[name], linewidth=1.3)
     below.fill_between(GRID_PX, low, high, where=list(likely), color=_COLOURS[name], alpha=0.18, linewidth=0)
@@ -109,7 +143,7 @@ def _drawn(above: Axes, below: Axes, kind: KindModel, name: str) -> None:
 def _decorate(above: Axes, below: Axes, first: bool) -> None:
     for axes in (above, below):
         axes.set_xscale("log")
-        axes.set_xlim(4.5, 230)
+        axes.set_xlim(3.7, 230)
         axes.set_ylim(-0.03, 1.03)
         axes.grid(alpha=0.25, linewidth=0.5)
         axes.xaxis.set_major_locator(FixedLocator(_TICKS_PX))
@@ -121,3 +155,99 @@ def _decorate(above: Axes, below: Axes, first: bool) -> None:
     if first:
         above.set_ylabel("reported in a look", fontsize=8)
         below.set_ylabel("confidence", fontsize=8)
+
+
+def _draw_checks(grid: NDArray[Any], told: Told) -> None:
+    """Targets of held-out worlds: reports by factor, and by the chance that they were given."""
+    own = told.is_own
+    for place, (name, edges) in enumerate(EDGES.items()):
+        axes = grid[divmod(place, _COLUMNS)]
+        labels = []
+        for k, (low, high) in enumerate(pairwise(edges)):
+            inside = own & (told.values[name] >= low) & (told.values[name] < high)
+            labels.append(f"{low:g}-{high:g}")
+            if inside.any():
+                _dot(axes, k, int(told.reported(0)[inside].sum()), int(inside.sum()), "#444444")
+                axes.plot([k - 0.3, k + 0.3], [told.chance[inside, 0].mean()] * 2, color="#D55E00")
+        axes.set_xticks(range(len(labels)), labels, fontsize=6)
+        _finish(axes, f"targets, held out: {name}", "reported in a look")
+        axes.set_ylim(-0.03, 1.03)
+    axes = grid[1, 1]
+    for t, (threshold, colour) in enumerate(zip(THRESHOLDS, ("#444444", "#0072B2"), strict=True)):
+        which = np.minimum((told.chance[:, t] * 10).astype(int), 9)
+        for b in np.unique(which):
+            inside = which == b
+            if inside.sum() >= _MIN_LOOKS:
+                x = float(told.chance[inside, t].mean())
+                _dot(axes, x, int(told.reported(t)[inside].sum()), int(inside.sum()), colour)
+        axes.plot([], [], "o", color=colour, markersize=3, label=f"confidence ≥ {threshold:g}")
+    axes.plot([0, 1], [0, 1], color="#D55E00", linewidth=1)
+    axes.legend(fontsize=7, frameon=False)
+    axes.set_xlabel("told from other worlds", fontsize=8)
+    _finish(axes, "all looks, held out", "reported in a look")
+
+
+def _draw_background(axes: Axes, seen: Background, model: StatisticalModel) -> None:
+    edges = np.geomspace(2.5, 130.0, 7)
+    for c, name in enumerate(CLASSES):
+        strong = (seen.class_index == c) & (seen.confidences >= MISSION_CONFIDENCE_MIN)
+        counts, _ = np.histogram(seen.altitude_of_report_m[strong], edges)
+        ground, _ = np.histogram(seen.altitude_agl_m, edges, weights=seen.hectares)
+        some = (ground > 0) & (counts > 0)
+        middles, rates = np.sqrt(edges[1:] * edges[:-1])[some], counts[some] / ground[some]
+        bars = np.sqrt(counts[some]) / ground[some]
+        axes.errorbar(middles, rates, bars, fmt="o", color=_COLOURS[name], markersize=3, linewidth=0.9)
+        fitted = next((b for b in model.background if b.reported_as == name), None)
+        if fitted is not None:
+            axes.plot(fitted.altitude_agl_m, background_rates(fitted, model), color=_COLOURS[name])
+    axes.set_ylim(bottom=0.0)
+    _finish_altitudes(axes, "reports where nothing is", "a hectare and look")
+
+
+def _draw_distractors(axes: Axes, model: StatisticalModel) -> None:
+    for kind, marker in zip(_DISTRACTORS, "osv^Dx", strict=True):
+        altitudes, rates = taken_for_targets(model, kind)
+        axes.plot(altitudes, rates, marker=marker, markersize=3, linewidth=1, label=kind)
+    axes.set_ylim(-0.03, 1.03)
+    axes.legend(fontsize=6, frameon=False)
+    _finish_altitudes(axes, "look-alikes taken for a target", "in a look")
+
+
+def background_rates(fitted: BackgroundModel, model: StatisticalModel) -> F64:
+    """Reports a hectare and look with the missions' threshold, over the altitudes of the model."""
+    excess = score_of(MISSION_CONFIDENCE_MIN) - score_of(model.experiment.confidence_floor)
+    return np.asarray(np.array(fitted.per_hectare) * np.exp(-excess / fitted.score_scale))
+
+
+def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:
+    """Altitudes (m) and the chance that a look from there reports one of this kind as any target.
+
+    Of the usual size, from straight above and against the usual ground, through the calibrated lens.
+    """
+    camera = model.camera
+    lens = Lens(camera.width_px, camera.height_px, camera.hfov_rad)
+    altitudes = np.array([3.0, 6.0, 12.0, 20.0, 30.0, 50.0, 80.0])
+    pixels = lens.pixels_on_target(DEFAULT_SIZE_M[kind], altitudes)
+    missed = np.ones(len(altitudes))
+    for k in model.kinds:
+        if k.kind == kind:
+            rates = np.interp(np.log(pixels), np.log(model.pixels), drawn_rates(k, np.zeros(len(FACTORS))))
+            missed *= 1.0 - np.where(pixels < model.pixels[0], 0.0, rates)
+    return altitudes, 1.0 - missed
+
+
+def _finish_altitudes(axes: Axes, title: str, ylabel: str) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(2.5, 130)
+    axes.xaxis.set_major_locator(FixedLocator([3, 6, 12, 25, 50, 100]))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.set_xlabel("altitude above ground (m)", fontsize=8)
+    _finish(axes, title, ylabel)
+
+
+def _finish(axes: Axes, title: str, ylabel: str) -> None:
+    axes.set_title(title, fontsize=9)
+    axes.set_ylabel(ylabel, fontsize=8)
+    axes.grid(alpha=0.25, linewidth=0.5)
+    axes.tick_params(labelsize=7)

@@ -1,271 +1,460 @@
-"""From looks to the tables of the statistical sensor.
+"""From looks to the numbers of the statistical sensor.
 
-What is fitted is what the sensor draws: with probability p the detector responds, with a confidence whose
-logit is normal, and the response is reported when it reaches the threshold. Both depend on pixels on target;
-each node of the grid is fitted by maximum likelihood to the looks around it, weighted by a triangle over
-log pixels (local likelihood: Loader, Local Regression and Likelihood, 1999). Looks without a report are
-censored at the floor of the experiment, so the tables hold for every threshold above it.
+The score of a look is normal, its mean smooth over log pixels (second differences are penalised: Eilers and
+Marx, Statistical Science 11, 1996) plus linear factors; looks without a report are censored at the floor of
+the experiment. Every kind, pose and class is fitted by penalised maximum likelihood, twice: first each on its
+own, then with the means over all kinds as priors of factors, spread and shares (partial pooling).
 
-Objects differ: one offset for each object, normal in logits, moves its probability and its confidences in
-all looks. Its variance is the mean product of the scores of two looks at one object over the product of
-their information, which is the moment estimate of a generalised linear mixed model (Breslow and Clayton,
-J. Am. Stat. Assoc. 88, 1993).
+What is common to looks at one object and to looks of one pass are shares of the score's variance. They do
+not touch the fit of single looks and come from pairs of looks by their likelihood (composite likelihood:
+Varin, Reid and Firth, Statistica Sinica 21, 2011).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
-from scipy.special import expit, logit
-from scipy.stats import norm
+from scipy.special import expit, log_ndtr, ndtr
 
-from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, Empties, Looks
-from skysweep.sensing.statistical import BackgroundModel, KindModel, StatisticalModel
+from skysweep.experiments.sensor_looks import (
+    CLASSES,
+    CONFIDENCE_FLOOR,
+    PASS_LOOKS,
+    SUBJECTS,
+    SURFACES,
+    Background,
+    Looks,
+)
+from skysweep.sensing.statistical_model import (
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    FACTORS,
+    BackgroundModel,
+    BoxModel,
+    ContrastModel,
+    KindModel,
+    score_of,
+)
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-GRID_PX = (5.0, 7.0, 9.0, 11.0, 14.0, 18.0, 24.0, 34.0, 50.0, 80.0, 130.0, 200.0)
+GRID_PX = (4.0, 5.5, 7.5, 10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0, 113.0, 160.0, 220.0)
 ALTITUDES_M = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 MISSION_CONFIDENCE_MIN = 0.25
-RARE = 0.005  # pairs of kind and class that are seen less than this at every size are left out
+MIN_REPORTS, MIN_OBJECTS = 5, 3  # fewer reports, from fewer objects: the kind is not reported as the class
 
-_FLOOR_LOGIT = float(logit(CONFIDENCE_FLOOR))
-_STD_LIMITS = (0.15, 2.5)
-_PRIOR_LOOKS = 3.0  # how many looks the prior is worth
-_PRIOR_MEAN_STD = 1.5
-_PRIOR_LOG_STD_STD = 0.5
-_USUAL_STD = 0.8
-_OFFSET_STD_MAX = 2.0
-_N_OFFSETS = 200
+FLOOR_SCORE = float(score_of(CONFIDENCE_FLOOR))
+_SPREAD_KNOTS_PX = (5.5, 20.0, 80.0)  # of its log, linear in between
+_LAPSE_KNOTS_PX = (4.0, 7.5, 20.0)  # of its logit
+_LOOK_WEIGHT = 0.5  # looks of one pass are alike: four say about as much as two
+_CURVE_STD = 0.3  # of the second differences of the mean from node to node
+_SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it is
+_MEAN = (-1.0, 2.0)  # prior of the mean
+_SPREAD_STD = 0.4  # prior of the log spread
+_USUAL_SPREAD = 0.4
+_FACTOR_MEAN = np.array([0.0, -0.7, -0.3, 0.0])
+_FACTOR_STD = np.array([0.6, 0.6, 0.6, 0.2])
+_LAPSE = (-3.5, 2.0)  # prior of its logit
+_LIMITS = (
+    [(-9.0, 9.0)] * len(GRID_PX) + [(-2.3, 0.7)] * 3 + [(-6.0, 3.0)] * 3 + [(-1.5, 1.5)] + [(-9.0, 2.0)] * 3
+)
+_N = len(GRID_PX)
+_FIRST_FACTOR = _N + len(_SPREAD_KNOTS_PX)
+_LAPSE_AT = _FIRST_FACTOR + len(FACTORS)
+_PAIR_WEIGHT = 0.2
+_MAX_PAIRS = 4000
+_SHARES = np.linspace(0.0, 0.9, 19)
+_SHARE_STD = 0.15
+_USUAL_SHARES = (0.3, 0.3)
+_FADES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One kind in one pose reported as one class, before its objects are told apart."""
+    """One kind in one pose reported as one class, look by look."""
 
-    probability: F64  # (G,)
-    mean: F64  # (G,) of the confidence logit
-    std: F64  # (G,)
+    mean: F64  # (G,)
+    log_spread: F64  # (3,)
+    factors: F64  # (4,)
+    lapse_logit: F64  # (3,)
 
-    def at(self, pixels: F64) -> tuple[F64, F64, F64]:
-        """The three values at ``pixels`` (N,), linear in log pixels between the nodes."""
+    @property
+    def spread(self) -> F64:
+        """(G,) over the grid."""
+        return np.asarray(np.exp(np.interp(np.log(GRID_PX), np.log(_SPREAD_KNOTS_PX), self.log_spread)))
+
+    @property
+    def lapse(self) -> F64:
+        """(G,) over the grid."""
+        return np.asarray(expit(np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)))
+
+    def at(self, pixels: F64, factors: F64) -> tuple[F64, F64, F64]:
+        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, 4) factors."""
         x, grid = np.log(pixels), np.log(GRID_PX)
-        return (
-            np.interp(x, grid, self.probability),
-            np.interp(x, grid, self.mean),
-            np.interp(x, grid, self.std),
-        )
+        mean, spread, lapse = (np.interp(x, grid, table) for table in (self.mean, self.spread, self.lapse))
+        return mean + factors @ self.factors, spread, lapse
+
+    def chance(self, pixels: F64, factors: F64, confidence: float) -> F64:
+        """Of a report with at least this confidence (N,)."""
+        mean, spread, lapse = self.at(pixels, factors)
+        return np.asarray((1.0 - lapse) * ndtr((mean - score_of(confidence)) / spread))
 
 
-def fit_sensor(looks: Looks, empties: Empties, detector: str, pictures: int, seed: int) -> StatisticalModel:
-    """The model that the looks support."""
-    kinds = []
-    for index, (kind, pose) in enumerate(SUBJECTS):
-        rows = looks.subject == index
-        for c, name in enumerate(CLASSES):
-            confidences = looks.confidences[rows, c]
-            if rows.any() and _is_reported(looks.pixels[rows], confidences):
-                curve = fit_curve(looks.pixels[rows], confidences)
-                kinds.append(_kind_model(kind, pose, name, curve, looks, rows, c))
-    fraction, px = fit_centres(looks)
-    return StatisticalModel(
-        detector=detector,
-        pictures=pictures,
-        seed=seed,
-        pixels=list(GRID_PX),
-        kinds=kinds,
-        background=[b for c in range(len(CLASSES)) if (b := fit_background(empties, c)) is not None],
-        centre_std_fraction=round(fraction, 4),
-        centre_std_px=round(px, 3),
-    )
+@dataclass(frozen=True, slots=True)
+class Priors:
+    """Means over all kinds."""
+
+    log_spread: F64
+    factors: F64
+
+
+FIRST_PRIORS = Priors(np.full(3, np.log(_USUAL_SPREAD)), _FACTOR_MEAN)
+Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
+
+
+def factors_of(looks: Looks) -> F64:
+    """(N, 4) in the order of FACTORS; colours that were not measured are those of the kind on this ground."""
+    colour = looks.colour.copy()
+    for subject, surface in {*zip(looks.subject.tolist(), looks.surface.tolist(), strict=True)}:
+        rows = (looks.subject == subject) & (looks.surface == surface)
+        known = colour[rows & np.isfinite(colour)]
+        colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
+    contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
+    return np.column_stack([looks.view, looks.hidden, looks.blur_px / looks.pixels, contrast])
+
+
+def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
+    """Every kind and pose as every class that it is reported as, pooled."""
+    keys = [
+        (subject, c)
+        for subject in range(len(SUBJECTS))
+        for c in range(len(CLASSES))
+        if _is_reported(looks.where((looks.subject == subject) & (looks.confidences[:, c] > 0)), c)
+    ]
+    priors, curves = FIRST_PRIORS, dict[Key, Curve]()
+    for _ in range(2):
+        for subject, c in keys:
+            rows = looks.subject == subject
+            curves[subject, c] = fit_curve(
+                looks.pixels[rows], factors[rows], looks.confidences[rows, c], priors
+            )
+        if keys:
+            n = [((looks.subject == s) & (looks.confidences[:, c] > 0)).sum() for s, c in keys]
+            weights = np.minimum(n, 300.0)
+            priors = Priors(
+                np.average([curves[k].log_spread for k in keys], axis=0, weights=weights),
+                np.average([curves[k].factors for k in keys], axis=0, weights=weights),
+            )
+    return curves
+
+
+def _is_reported(reports: Looks, c: int) -> bool:
+    strong = reports.confidences[:, c] >= MISSION_CONFIDENCE_MIN
+    return bool(strong.sum() >= MIN_REPORTS and len(np.unique(reports.instance[strong])) >= MIN_OBJECTS)
 
 
 def node_weights(pixels: F64) -> F64:
-    """(G, N): how much each look counts for each node; hats over log pixels that sum to 1."""
+    """(N, G): linear interpolation over log pixels between the nodes."""
     x, grid = np.clip(np.log(pixels), np.log(GRID_PX[0]), np.log(GRID_PX[-1])), np.log(GRID_PX)
-    return np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))])
+    return np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))], axis=1)
 
 
-def fit_curve(pixels: F64, confidences: F64) -> Curve:
-    """Probability and confidence logits over the grid from looks (N,); confidence 0 is no report.
-
-    Sizes that no look had take the values of the nearest size that one had; confidences where nothing was
-    reported, those of the nearest size where something was. The fit to all sizes is the prior of each.
-    """
-    weights = node_weights(pixels)
+def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRST_PRIORS) -> Curve:
+    """The curve that makes looks (N,) and priors most likely together; confidence 0 is no report."""
     seen = confidences > 0
-    values = np.full((len(GRID_PX), 3), np.nan)
-    mean, std = 0.0, _USUAL_STD
-    if seen.any():
-        guess = float(logit(confidences[seen]).mean()), _USUAL_STD
-        _, mean, std = _fit_node(np.ones(len(pixels)), confidences, guess)
-    for g, w in enumerate(weights):
-        used = w > 0
-        if w[seen].sum() > 0:
-            values[g] = _fit_node(w[used], confidences[used], (mean, std))
-        elif w.sum() >= 1.0:
-            values[g, 0] = 0.0
-    otherwise = (0.0, mean, std)
-    return Curve(*(_nearest_known(column, o) for column, o in zip(values.T, otherwise, strict=True)))
+    x = score_of(confidences[seen])
+    design = np.hstack([node_weights(pixels), factors])
+    spread_design = node_weights(pixels) @ _from_knots(_SPREAD_KNOTS_PX)
+    lapse_design = node_weights(pixels) @ _from_knots(_LAPSE_KNOTS_PX)
+    slopes = np.diff(np.eye(_N), axis=0)
+    bends = np.vstack([np.diff(slopes, axis=0) / _CURVE_STD, slopes / _SLOPE_STD])
+    mean_places = [*range(_N), *range(_FIRST_FACTOR, _LAPSE_AT)]
+
+    def cost(theta: F64) -> tuple[float, F64]:
+        mean, log_std = design @ theta[mean_places], spread_design @ theta[_N:_FIRST_FACTOR]
+        std, lapse = np.exp(log_std), expit(lapse_design @ theta[_LAPSE_AT:])
+        r = (x - mean[seen]) / std[seen]
+        c = (FLOOR_SCORE - mean[~seen]) / std[~seen]
+        below = ndtr(c)
+        missed = lapse[~seen] + (1.0 - lapse[~seen]) * below
+        slope = (1.0 - lapse[~seen]) * np.exp(-0.5 * c * c) / np.sqrt(2 * np.pi) / missed
+        value = (log_std[seen] + 0.5 * r * r).sum() - np.log1p(-lapse[seen]).sum() - np.log(missed).sum()
+        by_mean, by_log_std = np.empty(len(mean)), np.empty(len(mean))
+        by_mean[seen], by_log_std[seen] = -r / std[seen], 1.0 - r * r
+        by_mean[~seen], by_log_std[~seen] = slope / std[~seen], slope * c
+        gradient = np.zeros(len(theta))
+        gradient[mean_places] = design.T @ by_mean
+        gradient[_N:_FIRST_FACTOR] = spread_design.T @ by_log_std
+        by_lapse = lapse.copy()
+        by_lapse[~seen] *= -(1.0 - lapse[~seen]) * (1.0 - below) / missed
+        gradient[_LAPSE_AT:] = lapse_design.T @ by_lapse
+        value, gradient = _LOOK_WEIGHT * value, _LOOK_WEIGHT * gradient
+        bend = bends @ theta[:_N]
+        value += 0.5 * bend @ bend
+        gradient[:_N] += bends.T @ bend
+        for place, centre, std_ in _prior_of(priors):
+            off = (theta[place] - centre) / std_
+            value += 0.5 * float(np.sum(off * off))
+            gradient[place] += off / std_
+        return float(value), gradient
+
+    start = np.full(_LAPSE_AT + len(_LAPSE_KNOTS_PX), _LAPSE[0])
+    start[:_N] = x.mean() if len(x) else FLOOR_SCORE
+    start[_N:_FIRST_FACTOR], start[_FIRST_FACTOR:_LAPSE_AT] = priors.log_spread, priors.factors
+    best = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=_LIMITS, options={"maxiter": 400}).x
+    return Curve(best[:_N], best[_N:_FIRST_FACTOR], best[_FIRST_FACTOR:_LAPSE_AT], best[_LAPSE_AT:])
 
 
-def _nearest_known(values: F64, otherwise: float) -> F64:
-    known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
-        return np.full(len(values), otherwise)
-    return values[known[np.abs(np.arange(len(values))[:, None] - known).argmin(axis=1)]]
+def _from_knots(knots_px: tuple[float, ...]) -> F64:
+    """(G, K): values on the grid from those at a few knots."""
+    units = np.eye(len(knots_px))
+    return np.stack([np.interp(np.log(GRID_PX), np.log(knots_px), unit) for unit in units], axis=1)
 
 
-def _fit_node(
-    weights: F64, confidences: F64, prior: tuple[float, float], floor: float = _FLOOR_LOGIT
-) -> tuple[float, float, float]:
-    """Probability, mean and std that make weighted looks most likely; ``prior``: expected mean and std."""
-    seen = confidences > 0
-    x, w = logit(confidences[seen]), weights[seen]
-    missed = weights[~seen].sum()
+def _prior_of(priors: Priors) -> list[tuple[slice, F64, F64]]:
+    return [
+        (slice(0, _N), np.full(_N, _MEAN[0]), np.full(_N, _MEAN[1])),
+        (slice(_N, _FIRST_FACTOR), priors.log_spread, np.full(3, _SPREAD_STD)),
+        (slice(_FIRST_FACTOR, _LAPSE_AT), priors.factors, _FACTOR_STD),
+        (slice(_LAPSE_AT, _LAPSE_AT + 3), np.full(3, _LAPSE[0]), np.full(3, _LAPSE[1])),
+    ]
 
-    def cost(theta: F64) -> float:
-        p, mean, std = expit(theta[0]), theta[1], np.exp(theta[2])
-        report = p * norm.sf((floor - mean) / std)
-        fit = -(w * (np.log(p) + norm.logpdf(x, mean, std))).sum() - missed * np.log1p(
-            -min(report, 1 - 1e-12)
+
+# ---- what looks have in common -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Two looks each at one object: standardised scores, or the floor where not ``seen``."""
+
+    first: F64
+    second: F64
+    first_seen: NDArray[np.bool_]
+    second_seen: NDArray[np.bool_]
+    moved_px: F64  # from the first to the second; inf for looks of two passes
+    first_lapse: F64
+    second_lapse: F64
+
+    def log_likelihood(self, correlation: F64) -> float:
+        """Of all pairs together, given their correlations (N,)."""
+        rho, total = np.broadcast_to(correlation, self.first.shape), 0.0
+        rest = np.sqrt(1.0 - rho**2)
+        both = self.first_seen & self.second_seen
+        a, b = self.first[both], self.second[both]
+        q = (a * a - 2 * rho[both] * a * b + b * b) / rest[both] ** 2
+        total += float((-0.5 * q - np.log(rest[both])).sum())
+        for x, y, lapse, only in (
+            (self.first, self.second, self.second_lapse, self.first_seen & ~self.second_seen),
+            (self.second, self.first, self.first_lapse, self.second_seen & ~self.first_seen),
+        ):
+            below = ndtr((y[only] - rho[only] * x[only]) / rest[only])
+            missed = lapse[only] + (1 - lapse[only]) * below
+            total += float((-0.5 * x[only] ** 2 + np.log(np.maximum(missed, 1e-300))).sum())
+        none = ~self.first_seen & ~self.second_seen
+        a, b = self.first[none], self.second[none]
+        p, q = self.first_lapse[none], self.second_lapse[none]
+        together = (1 - p) * (1 - q) * both_below(a, b, rho[none])
+        missed = p * q + p * (1 - q) * ndtr(b) + q * (1 - p) * ndtr(a) + together
+        return total + float(np.log(np.maximum(missed, 1e-300)).sum())
+
+
+def both_below(a: F64, b: F64, correlation: F64) -> F64:
+    """Chance that two normals with this correlation are below a and b (Drezner and Wesolowsky, 1990)."""
+    t = correlation[:, None] * (_NODES + 1) / 2
+    rest = 1.0 - t * t
+    a_, b_ = a[:, None], b[:, None]
+    density = np.exp(-(a_ * a_ - 2 * t * a_ * b_ + b_ * b_) / (2 * rest)) / np.sqrt(rest)
+    return np.asarray(np.exp(log_ndtr(a) + log_ndtr(b)) + correlation / (4 * np.pi) * (density @ _WEIGHTS))
+
+
+def pairs_of(looks: Looks, factors: F64, curve: Curve, c: int) -> tuple[Pairs, Pairs]:
+    """Pairs of looks at one object: of two passes, and of one pass one after the other."""
+    mean, spread, lapse = curve.at(looks.pixels, factors)
+    seen = looks.confidences[:, c] > 0
+    score = np.where(seen, score_of(np.where(seen, looks.confidences[:, c], 0.5)), FLOOR_SCORE)
+    z = np.clip((score - mean) / spread, -4.0, 6.0)
+    order = np.lexsort((looks.picture, looks.instance))
+    instance, picture = looks.instance[order], looks.picture[order]
+    apart, together = [], []
+    for lag in range(1, 4 * PASS_LOOKS):
+        same = instance[lag:] == instance[:-lag]
+        one_pass = picture[lag:] // PASS_LOOKS == picture[:-lag] // PASS_LOOKS
+        pairs = np.column_stack([order[:-lag], order[lag:]])
+        apart.append(pairs[same & ~one_pass])
+        together.append(pairs[same & one_pass])
+
+    def made(chosen: list[I64], near: bool) -> Pairs:
+        rows = np.concatenate(chosen)
+        rows = rows[:: -(-len(rows) // _MAX_PAIRS) or 1]
+        i, j = rows[:, 0], rows[:, 1]
+        moved = np.abs(looks.places_px[i] - looks.places_px[j]).sum(axis=1)
+        moved = moved + np.abs(looks.pixels[i] - looks.pixels[j]) if near else np.full(len(i), np.inf)
+        return Pairs(z[i], z[j], seen[i], seen[j], moved, lapse[i], lapse[j])
+
+    return made(apart, near=False), made(together, near=True)
+
+
+def fit_shares(
+    looks: Looks, factors: F64, curves: dict[Key, Curve]
+) -> tuple[dict[Key, tuple[float, float]], float]:
+    """The shares of object and pass in each kind's variance, and the pixels over which the latter fades."""
+    pairs = {
+        (s, c): pairs_of(looks.where(looks.subject == s), factors[looks.subject == s], curve, c)
+        for (s, c), curve in curves.items()
+    }
+    own = _pooled(
+        {k: [p[0].log_likelihood(np.full(len(p[0].first), r)) for r in _SHARES] for k, p in pairs.items()},
+        _USUAL_SHARES[0],
+    )
+    best, best_value = (dict[Key, float](), _FADES_PX[0]), -np.inf
+    for fade in _FADES_PX:
+        tables = {
+            k: [
+                p[1].log_likelihood(
+                    np.minimum(own[k] + min(r, 0.95 - own[k]) * np.exp(-p[1].moved_px / fade), 0.95)
+                )
+                for r in _SHARES
+            ]
+            for k, p in pairs.items()
+        }
+        value = sum(max(table) for table in tables.values())
+        if value > best_value:
+            best, best_value = (_pooled(tables, _USUAL_SHARES[1]), fade), value
+    passes, fade = best
+    return {k: (own[k], min(passes[k], 0.95 - own[k])) for k in curves}, fade
+
+
+def _pooled(tables: dict[Key, list[float]], usual: float) -> dict[Key, float]:
+    """The best of the shares for each kind, drawn to the mean of all."""
+    centre, found = usual, dict[Key, float]()
+    for _ in range(2):
+        prior = -0.5 * ((_SHARES - centre) / _SHARE_STD) ** 2
+        found = {k: float(_SHARES[np.argmax(_PAIR_WEIGHT * np.array(t) + prior)]) for k, t in tables.items()}
+        if found:
+            centre = float(np.mean(list(found.values())))
+    return found
+
+
+# ---- the rest of the model ---------------------------------------------------------------------------
+
+
+def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]) -> list[KindModel]:
+    """As the model's file holds them."""
+    models = []
+    for (subject, c), curve in curves.items():
+        kind, pose = SUBJECTS[subject]
+        own, of_pass = shares[subject, c]
+        view, hidden, blur, contrast = (round(float(b), 3) for b in curve.factors)
+        models.append(
+            KindModel(
+                kind=kind,
+                pose=pose,
+                reported_as=CLASSES[c],
+                score=[round(float(v), 3) for v in curve.mean],
+                spread=[round(float(v), 3) for v in curve.spread],
+                view=view,
+                hidden=hidden,
+                blur=blur,
+                contrast=contrast,
+                lapse=[round(float(v), 4) for v in curve.lapse],
+                object_share=round(own, 3),
+                pass_share=round(of_pass, 3),
+            )
         )
-        off = (mean - prior[0]) / _PRIOR_MEAN_STD, (theta[2] - np.log(prior[1])) / _PRIOR_LOG_STD_STD
-        return float(fit + _PRIOR_LOOKS / 2 * (off[0] ** 2 + off[1] ** 2))
-
-    rate = np.clip(w.sum() / (w.sum() + missed), 0.02, 0.98)
-    start = np.array([logit(rate), np.average(x, weights=w), np.log(prior[1])])
-    limits = [(-9.0, 9.0), (floor - 0.5, 6.0), tuple(np.log(_STD_LIMITS))]
-    best = minimize(cost, start, method="L-BFGS-B", bounds=limits).x
-    return float(expit(best[0])), float(best[1]), float(np.exp(best[2]))
+    return models
 
 
-def _is_reported(pixels: F64, confidences: F64) -> bool:
-    weights = node_weights(pixels)
-    counts = weights.sum(axis=1)
-    rates = weights @ (confidences >= MISSION_CONFIDENCE_MIN) / np.maximum(counts, 1e-9)
-    return bool((rates[counts >= 1.0] >= RARE).any())
+def contrast_models(looks: Looks) -> list[ContrastModel]:
+    """Mean and spread over the objects of each kind, for every ground they stood on."""
+    _, first = np.unique(looks.instance, return_index=True)
+    models = []
+    for subject, (kind, pose) in enumerate(SUBJECTS):
+        surfaces = {}
+        for k, surface in enumerate(SURFACES):
+            rows = first[(looks.subject[first] == subject) & (looks.surface[first] == k)]
+            colour = looks.colour[rows]
+            colour = colour[np.isfinite(colour)]
+            if len(colour) >= 3:
+                surfaces[surface] = (round(float(colour.mean()), 1), round(float(colour.std()), 1))
+        if surfaces:
+            models.append(ContrastModel(kind=kind, pose=pose, surfaces=surfaces))
+    return models
 
 
-def _kind_model(
-    kind: str, pose: str, name: str, curve: Curve, looks: Looks, rows: NDArray[np.bool_], c: int
-) -> KindModel:
-    std = fit_offset_std(curve, looks.pixels[rows], looks.confidences[rows, c], looks.instance[rows])
-    middle = of_middle_object(curve, std)
-    return KindModel(
-        kind=kind,
-        pose=pose,
-        reported_as=name,
-        probability=_rounded(middle.probability),
-        confidence_logit_mean=_rounded(middle.mean),
-        confidence_logit_std=_rounded(middle.std),
-        object_logit_std=round(std, 3),
-    )
+def fit_box(looks: Looks) -> BoxModel:
+    """Error of a box's centre from objects reported as what they are.
 
-
-def of_middle_object(curve: Curve, offset_std: float) -> Curve:
-    """The curve of an object without offset, from that over all objects.
-
-    Objects that are seen well make up more of the reports, so their offsets are taken out of mean and
-    spread as well as out of the probability.
+    Robust (median absolute deviation), so that a box on something else nearby does not count.
     """
-    offsets = norm.ppf((np.arange(_N_OFFSETS) + 0.5) / _N_OFFSETS)[:, None] * offset_std
-    p = np.clip(curve.probability, 1e-6, 1 - 1e-6)
-    c = 16.0 * np.sqrt(3.0) / (15.0 * np.pi)  # Zeger, Liang and Albert, Biometrics 44, 1988
-    middle = logit(p) * np.sqrt(1.0 + (c * offset_std) ** 2)
-    share = expit(middle + offsets)
-    share = share / share.sum(axis=0)
-    shift = (share * offsets).sum(axis=0)
-    variance = (share * offsets**2).sum(axis=0) - shift**2
-    certain = (curve.probability < 1e-5) | (curve.probability > 1 - 1e-5)
-    return Curve(
-        np.where(certain, np.round(curve.probability), expit(middle)),
-        curve.mean - shift,
-        np.sqrt(np.maximum(curve.std**2 - variance, (0.5 * curve.std) ** 2)),
-    )
+    variances, sizes, blurs = [], [], []
+    for low, high in pairwise(GRID_PX):
+        for slow, fast in ((0.0, 0.7), (0.7, 2.0), (2.0, 99.0)):
+            errors = []
+            for index, (kind, pose) in enumerate(SUBJECTS):
+                if kind in CLASSES and pose != "standing":
+                    rows = (looks.subject == index) & (looks.pixels >= low) & (looks.pixels < high)
+                    rows &= (looks.blur_px >= slow) & (looks.blur_px < fast) & (looks.hidden == 0)
+                    errors.append(looks.offsets_px[rows, CLASSES.index(kind)].ravel())
+            found = np.concatenate(errors)
+            found = found[np.isfinite(found)]
+            if len(found) >= 20:
+                variances.append((1.4826 * np.median(np.abs(found - np.median(found)))) ** 2)
+                sizes.append(np.sqrt(low * high))
+                blurs.append({0.0: 0.3, 0.7: 1.2, 2.0: 3.5}[slow])
+    if len(variances) < 6:
+        return BoxModel(pixels=0.7, of_object=0.03, of_blur=0.0)
+    design = np.column_stack([np.ones(len(sizes)), np.square(sizes), np.square(blurs)])
+    squares, _ = nnls(design / np.array(variances)[:, None], np.ones(len(sizes)))
+    px, of_object, of_blur = (round(float(v), 4) for v in np.sqrt(squares))
+    return BoxModel(pixels=px, of_object=of_object, of_blur=of_blur)
 
 
-def fit_offset_std(curve: Curve, pixels: F64, confidences: F64, instance: I64) -> float:
-    """Standard deviation (logits) of what is the object's own in repeated looks at the same objects."""
-    p, mean, std = curve.at(pixels)
-    p = np.clip(p, 1e-6, 1 - 1e-6)
-    a = (_FLOOR_LOGIT - mean) / std
-    above = norm.sf(a)
-    report = np.clip(p * above, 1e-9, 1 - 1e-9)
-    slope = p * (1 - p) * above + p * norm.pdf(a) / std  # of the report's probability
-    seen = confidences > 0
-    x = logit(np.where(seen, confidences, 0.5))
-    score = np.where(seen, (1 - p) + (x - mean) / std**2, -slope / (1 - report))
-    hit_score_squared = (
-        (1 - p) ** 2 * above + 2 * (1 - p) * norm.pdf(a) / std + (above + a * norm.pdf(a)) / std**2
-    )
-    information = p * hit_score_squared + slope**2 / (1 - report)
-    _, which = np.unique(instance, return_inverse=True)
+def fit_background(seen: Background, class_index: int) -> BackgroundModel | None:
+    """Reports of one class on no object; None where there are too few to tell a rate.
 
-    def pairs(values: F64) -> float:
-        return float((np.bincount(which, values) ** 2 - np.bincount(which, values**2)).sum())
-
-    denominator = pairs(information)
-    variance = pairs(score) / denominator if denominator > 0 else 0.0
-    return float(np.clip(np.sqrt(max(variance, 0.0)), 0.0, _OFFSET_STD_MAX))
-
-
-def fit_centres(looks: Looks) -> tuple[float, float]:
-    """Error of a box's centre, each axis: (share of the object's pixels, pixels), added in squares.
-
-    From objects reported as what they are. Robust (median absolute deviation), so that a box on something
-    else nearby does not count.
+    A rate a hectare, log-linear over log altitude (Poisson, smoothed); scores over the floor are exponential.
     """
-    variances, sizes = [], []
-    for g in range(len(GRID_PX) - 1):
-        errors = []
-        for index, (kind, pose) in enumerate(SUBJECTS):
-            if kind not in CLASSES or pose == "standing":
-                continue
-            between = (looks.pixels >= GRID_PX[g]) & (looks.pixels < GRID_PX[g + 1])
-            errors.append(looks.offsets_px[(looks.subject == index) & between, CLASSES.index(kind)].ravel())
-        found = np.concatenate(errors)
-        found = found[np.isfinite(found)]
-        if len(found) >= 20:
-            variances.append((1.4826 * np.median(np.abs(found - np.median(found)))) ** 2)
-            sizes.append(np.sqrt(GRID_PX[g] * GRID_PX[g + 1]))
-    if len(variances) < 2:
-        return 0.03, 0.7
-    relative = np.column_stack([np.ones(len(sizes)), np.square(sizes)]) / np.array(variances)[:, None]
-    (px2, fraction2), _ = nnls(relative, np.ones(len(sizes)))
-    return float(np.sqrt(fraction2)), float(np.sqrt(px2))
-
-
-def fit_background(empties: Empties, class_index: int) -> BackgroundModel | None:
-    """Detections of one class where nothing is, with the missions' threshold; None when there was none.
-
-    Confidences are those of one censored normal, as for objects; the rate follows the altitude.
-    """
-    mine = (empties.class_index == class_index) & (empties.confidences >= MISSION_CONFIDENCE_MIN)
-    if not mine.any():
+    mine = seen.class_index == class_index
+    found = seen.confidences[mine]
+    if (found >= MISSION_CONFIDENCE_MIN).sum() < MIN_REPORTS:
         return None
-    n, found = len(empties.altitude_agl_m), empties.confidences[mine]
-    looks = np.concatenate([found, np.zeros(max(n - len(found), 1))])
-    guess = float(logit(found).mean()), _USUAL_STD
-    response, mean, std = _fit_node(np.ones(len(looks)), looks, guess, float(logit(MISSION_CONFIDENCE_MIN)))
     grid = np.log(ALTITUDES_M)
-    x = np.clip(np.log(empties.altitude_agl_m), grid[0], grid[-1])
-    weights = np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))])
-    rates = weights @ np.bincount(empties.picture[mine], minlength=n) / np.maximum(weights.sum(axis=1), 1e-9)
-    per_report = response * len(looks) / len(found)  # responses for each one that reaches the threshold
+    at = _hats(np.log(seen.altitude_of_report_m[mine]), grid)
+    ground = _hats(np.log(seen.altitude_agl_m), grid)
+    bends = np.diff(np.eye(len(grid)), 2, axis=0)
+
+    def cost(log_rates: F64) -> float:
+        bend = bends @ log_rates
+        expected = float((seen.hectares * np.exp(ground @ log_rates)).sum())
+        return expected - float((at @ log_rates).sum()) + 0.5 * float(bend @ bend)
+
+    start = np.full(len(grid), np.log(len(found) / seen.hectares.sum()))
+    rates = np.exp(minimize(cost, start, method="L-BFGS-B").x)
+    followed = mine & np.isfinite(seen.again)
+    again = seen.again[followed]
+    repeats = again > 0
+    scale = float((score_of(found) - FLOOR_SCORE).mean())
+    above = np.column_stack([seen.confidences[followed][repeats], again[repeats]])
+    excess = (score_of(np.minimum(above, 0.999)) - FLOOR_SCORE) / max(scale, 1e-6)
+    same = np.corrcoef(excess.T)[0, 1] * len(excess) if len(excess) >= 3 else 0.0
     return BackgroundModel(
         reported_as=CLASSES[class_index],
         altitude_agl_m=list(ALTITUDES_M),
-        rate_per_picture=[round(min(float(r) * per_report, 1.0), 5) for r in rates],
-        confidence_logit_mean=round(mean, 3),
-        confidence_logit_std=round(std, 3),
-        pixels=round(float(np.median(empties.pixels[mine])), 1),
+        per_hectare=[float(f"{r:.3g}") for r in rates],
+        score_scale=round(scale, 3),
+        again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),
+        same_share=round(float(np.clip((same + 0.5 * 5) / (len(excess) + 5), 0.0, 1.0)), 3),
+        pixels=round(float(np.median(seen.pixels[mine])), 1),
     )
 
 
-def _rounded(values: F64) -> list[float]:
-    return [round(float(v), 4) for v in values]
+def _hats(x: F64, grid: F64) -> F64:
+    x = np.clip(x, grid[0], grid[-1])
+    return np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))], axis=1)

@@ -1,12 +1,14 @@
 """The designed experiment behind the statistical sensor: known objects, rendered, shown to the real detector.
 
-Worlds hold one kind of ground, one light and objects of held-out looks on a loose grid. Every picture is
-aimed at one object at a chosen number of pixels; whatever else is in view is scored as well. An object is
-looked at again and again from other places, so that how objects differ can be told from how looks differ.
+Worlds hold one kind of ground, one light and objects of held-out looks on a loose grid, many of them beside
+trees that hide a part of them. Every pass is aimed at one object at a chosen number of pixels and looks at it
+a few times, the camera a chosen step further each time and moving so that the picture is blurred by a chosen
+length; whatever else is in view is scored as well. What is reported beside all objects is background.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import get_args
@@ -16,34 +18,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.experiments.workers import run_jobs
-from skysweep.geometry.camera import CameraPose, Lens, project
+from skysweep.geometry.camera import CameraPose, Lens, project, rays_enu
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
 from skysweep.scenarios.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 from skysweep.sensing.camera_effects import CameraEffects
 from skysweep.sensing.detector import YoloDetector
 from skysweep.sensing.occlusion import Occluders, pixels_on_target
-from skysweep.sensing.render import make_renderer
+from skysweep.sensing.render import Renderer, make_renderer
+from skysweep.sensing.statistical_model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+U8 = NDArray[np.uint8]
 
-CONFIDENCE_FLOOR = 0.1  # detections below are not looked at; missions keep those from 0.25
-PICTURES_PER_WORLD = 60
-EMPTY_SHARE = 0.2  # of the pictures show no object
+CONFIDENCE_FLOOR = 0.1  # detections below are not looked at
+PASS_LOOKS = 4  # successive looks from nearly one place
+PASSES_PER_WORLD = 10
+PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
+EMPTY_SHARE = 0.15  # of the passes show no object
 PIXELS = (4.0, 220.0)
+STEP_PX = (0.5, 120.0)  # that the picture moves on between two looks of a pass
+BLUR_PX = (0.05, 6.0)
 MIN_HEIGHT_M = 1.2
 MAX_HEIGHT_M = 250.0
-MAX_TILT_DEG = 25.0
+MAX_TILT_DEG = 35.0
 NADIR_SHARE = 0.6
 HIT_RADIUS = 0.6  # of the object's pixels, ...
 HIT_RADIUS_MIN_PX = 6.0  # ... but at least this
 CLASSES: tuple[str, ...] = get_args(TargetClass)
+SURFACES = ("grass", "forest floor", "rock", "sand", "snow", "asphalt", "water")
 
 _IOU_MAX = 0.5
-_TREE_SHARE = 0.35  # of the worlds on land have bushes and trees between the objects
+_TREE_SHARE = 0.5  # of the worlds on land have bushes and trees between the objects
+_BESIDE_SHARE = 0.6  # of the objects there stand beside one
 _FAR_M = 400.0
+_LOOK_PERIOD_S = 0.4
+_CONTRAST_MIN_PX = 8.0  # smaller objects are not measured for their colour
+_AGAIN_PX = 12.0  # so near the same place on the ground is the same thing
+_CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # so far from every object is background: nearer there are shadows
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,24 +109,39 @@ SUBJECTS = tuple(dict.fromkeys(subject for layout in LAYOUTS for subject in layo
 
 @dataclass(frozen=True, slots=True)
 class Looks:
-    """Every object in every picture: N looks, C classes."""
+    """Every object in every picture: N looks, C classes. Looks of one pass follow one another."""
 
     subject: I64  # (N,) index in SUBJECTS
     instance: I64  # (N,) which object
+    world: I64  # (N,)
+    surface: I64  # (N,) index in SURFACES
+    picture: I64  # (N,) number of the picture within its world; a pass is PASS_LOOKS of them
     pixels: F64  # (N,) on target
+    places_px: F64  # (N, 2) of the object in the picture
+    view: F64  # (N,) factors as in ``statistical_model.KindModel``
+    hidden: F64  # (N,)
+    blur_px: F64  # (N,)
+    colour: F64  # (N,) difference to the ground (CIE76), the object's mean; NaN where not measured
     confidences: F64  # (N, C) of the best detection of a class on the object; 0 for none
     offsets_px: F64  # (N, C, 2) of that detection's centre from the object's; NaN for none
 
+    def where(self, chosen: NDArray[np.bool_] | I64) -> Looks:
+        """Some of the looks."""
+        return Looks(*(getattr(self, f.name)[chosen] for f in fields(Looks)))
+
 
 @dataclass(frozen=True, slots=True)
-class Empties:
-    """Pictures without objects and what was detected in them."""
+class Background:
+    """M pictures and the K reports in them that lie away from every object."""
 
     altitude_agl_m: F64  # (M,)
-    picture: I64  # (K,) index of the picture that a detection is in
+    hectares: F64  # (M,) of ground in the picture, away from objects
+    world: I64  # (M,)
     class_index: I64  # (K,)
+    altitude_of_report_m: F64  # (K,)
     confidences: F64  # (K,)
     pixels: F64  # (K,) longer side of the box
+    again: F64  # (K,) confidence of a report at the same place in the next look; 0 none, NaN no such look
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,21 +163,21 @@ def observe(
     seed: int,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[Looks, Empties]:
+) -> tuple[Looks, Background]:
     """Render and detect. The same arguments give the same looks, whatever the number of workers.
 
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
     YoloDetector(model_path)  # an error here is told once and before anything is rendered
     jobs = plan_jobs(model_path, camera, pictures, seed)
-    results: dict[int, tuple[Looks, Empties]] = {}
+    results: dict[int, tuple[Looks, Background]] = {}
     done = 0
     for job, result in run_jobs(look_around, jobs, workers):
         results[job.index] = result
         done += job.n_pictures
         progress(done, pictures)
     ordered = [results[job.index] for job in jobs]
-    return _join_looks([r[0] for r in ordered]), _join_empties([r[1] for r in ordered])
+    return _join_looks([r[0] for r in ordered]), _join_background([r[1] for r in ordered])
 
 
 def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> list[WorldJob]:
@@ -168,40 +197,40 @@ def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) ->
 
 @dataclass(slots=True)
 class _Notes:
-    """Rows of Looks and Empties while they grow."""
+    """Rows of Looks and Background while they grow."""
 
-    looks: list[tuple[int, int, float, F64, F64]] = field(default_factory=list)
-    altitudes: list[float] = field(default_factory=list)
-    strays: list[tuple[int, int, float, float]] = field(default_factory=list)
+    looks: list[tuple[object, ...]] = field(default_factory=list)
+    pictures: list[tuple[float, float]] = field(default_factory=list)
+    strays: list[list[float]] = field(default_factory=list)
+    colours: dict[int, list[float]] = field(default_factory=dict)
 
 
-def look_around(job: WorldJob) -> tuple[Looks, Empties]:
+def look_around(job: WorldJob) -> tuple[Looks, Background]:
     """All pictures of one world."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([job.seed, job.index, 53])
     world = _make_world(job.layout, rng)
-    occluders = Occluders(world)
     lens, c = job.camera.lens, job.camera
     renderer = make_renderer(world)
     effects = CameraEffects(lens, c.exposure_s, c.noise_std, c.jpeg_quality, int(rng.integers(2**31)))
     detector = YoloDetector(job.model_path, None, confidence_min=CONFIDENCE_FLOOR, iou_max=_IOU_MAX)
-    notes = _Notes()
-    for number in range(job.n_pictures):
-        pose = _empty_view(job.layout, rng) if rng.random() < EMPTY_SHARE else _view(world, lens, rng)
-        direction = rng.normal(size=3)
-        velocity = direction / np.linalg.norm(direction) * rng.uniform(0, 5)
-        image = effects.apply(
-            renderer.render(lens, pose, float(rng.uniform(0, 60))),
-            number,
-            pose,
-            velocity,
-            rng.normal(0, 0.05, 3),
-            float(pose.position_enu_m[2]),
-        )
-        found = detector.detect(Frame(0.0, image, pose, lens))
-        _score(world, occluders, job.index, found, notes)
+    scorer = _Scorer(world, lens, c.exposure_s)
+    number = 0
+    while number < job.n_pictures:
+        poses, velocity = _pass(world, job.layout, lens, c.exposure_s, rng)
+        start_s = float(rng.uniform(0, 60))
+        for k, pose in enumerate(poses[: job.n_pictures - number]):
+            rates = rng.normal(0, 0.05, 3)
+            clean = renderer.render(lens, pose, start_s + k * _LOOK_PERIOD_S)
+            if k == 0:
+                scorer.measure_colours(renderer, clean, pose)
+            image = effects.apply(clean, number, pose, velocity, rates, float(pose.position_enu_m[2]))
+            found = detector.detect(Frame(0.0, image, pose, lens))
+            motion = pose.R_camera_to_enu.T @ velocity, pose.R_camera_to_enu.T @ rates
+            scorer.score(number, k > 0, found, *motion)
+            number += 1
     renderer.close()
-    return _pack(notes)
+    return scorer.packed(job)
 
 
 def _make_world(layout: Layout, rng: np.random.Generator) -> World:
@@ -229,7 +258,8 @@ def _make_world(layout: Layout, rng: np.random.Generator) -> World:
             )
         )
     surface = str(rng.choice(layout.surfaces))
-    trees = _trees(layout, half, rng) if surface != "water" and rng.random() < _TREE_SHARE else ()
+    has_trees = surface != "water" and rng.random() < _TREE_SHARE
+    trees = _trees(objects, half, rng) if has_trees else ()
     light = Light(
         sun_elevation_deg=float(rng.uniform(25, 75)),
         sun_heading_deg=float(rng.uniform(0, 360)),
@@ -239,48 +269,73 @@ def _make_world(layout: Layout, rng: np.random.Generator) -> World:
     return World(terrain, tuple(objects), trees, (), light, int(rng.integers(2**31)))
 
 
-def _trees(layout: Layout, half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:
-    """On the corners of the grid's cells, and as many again around the grid where nothing else stands."""
-    corners = np.stack(np.meshgrid(np.arange(layout.columns), np.arange(layout.columns)), -1).reshape(-1, 2)
-    inside = corners[rng.random(len(corners)) < 0.25] * layout.spacing_m - half_m
+def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:
+    """Beside many of the objects, and all around the grid where nothing else stands."""
     around = rng.uniform(-_FAR_M, _FAR_M, (700, 2))
-    around = around[np.abs(around).max(axis=1) > half_m + 5.0]
+    places: list[tuple[F64, WorldObject | None]] = [
+        (xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0
+    ]
+    places += [(o.position_enu_m[:2], o) for o in objects if rng.random() < _BESIDE_SHARE]
     trees = []
-    for x, y in np.vstack([inside, around]):
+    for place, beside in places:
         kind = str(rng.choice(["broadleaf", "conifer", "bush"]))
-        height = float(rng.uniform(0.6, 1.5) if kind == "bush" else rng.uniform(3, 7))
+        height = float(rng.uniform(0.6, 1.5) if kind == "bush" else rng.uniform(3, 9))
         radius = height * float(rng.uniform(0.2, 0.35))
-        trees.append(WorldTree(np.array([x, y, 0.0]), height, radius, kind, int(rng.integers(1000))))
+        xy = np.array(place)
+        if beside is not None:
+            angle = rng.uniform(0, 2 * np.pi)
+            away = radius * rng.uniform(0.6, 1.3) + 0.5 * beside.size_m
+            xy = xy + away * np.array([np.cos(angle), np.sin(angle)])
+        trees.append(WorldTree(np.array([*xy, 0.0]), height, radius, kind, int(rng.integers(1000))))
     return tuple(trees)
 
 
-def _view(world: World, lens: Lens, rng: np.random.Generator) -> CameraPose:
-    """From where an object spans a log-uniform number of pixels, anywhere in the picture that it fits."""
+def _pass(
+    world: World, layout: Layout, lens: Lens, exposure_s: float, rng: np.random.Generator
+) -> tuple[list[CameraPose], F64]:
+    """Where a pass looks from, and the velocity that blurs its pictures."""
+    empty = rng.random() < EMPTY_SHARE
+    first, distance = _empty_view(layout, rng) if empty else _view(world, lens, rng)
+    step_px = float(np.exp(rng.uniform(*np.log(STEP_PX))))
+    direction = rng.normal(size=3) * [1.0, 1.0, 0.5]
+    step = direction / np.linalg.norm(direction) * step_px * distance / lens.focal_px
+    poses = [first]
+    while len(poses) < PASS_LOOKS:
+        position = poses[-1].position_enu_m + step
+        position[2] = max(position[2], MIN_HEIGHT_M)
+        shaken = rotation_camera_to_enu(float(rng.normal(0, 0.005)), 0.0, float(rng.normal(0, 0.005)))
+        level = rotation_camera_to_enu(0.0, 0.0, 0.0)
+        poses.append(CameraPose(position, shaken @ level.T @ first.R_camera_to_enu))
+    blur_px = float(np.exp(rng.uniform(*np.log(BLUR_PX))))
+    across = first.R_camera_to_enu @ np.array([*rng.normal(size=2), 0.0])
+    return poses, across / np.linalg.norm(across) * blur_px * distance / (lens.focal_px * exposure_s)
+
+
+def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPose, float]:
+    """From where an object spans a log-uniform number of pixels, anywhere in the picture; and its depth."""
     while True:
         thing = world.objects[int(rng.integers(len(world.objects)))]
         wanted = float(np.exp(rng.uniform(*np.log(PIXELS))))
         R = _orientation(rng)
         size_px = np.array([lens.width_px, lens.height_px], dtype=float)
-        border = np.minimum(0.5 * wanted, 0.45 * size_px)
+        border = np.minimum(rng.uniform(0.1, 0.5) * wanted, 0.45 * size_px)
         pixel = rng.uniform(border, size_px - border)
         ray = R @ np.array([*(pixel - size_px / 2) / lens.focal_px, 1.0])  # of unit depth
         depth = lens.focal_px * thing.size_m / wanted
         position = thing.position_enu_m - ray * depth
-        pose = CameraPose(position, R)
-        depth *= (
-            float(pixels_on_target(lens, thing, position, depth)) / wanted
-        )  # not all show their full size
+        depth *= pixels_on_target(lens, thing, position, depth) / wanted  # not all show their full size
         position = thing.position_enu_m - ray * depth
         if MIN_HEIGHT_M <= position[2] <= MAX_HEIGHT_M and not _inside_tree(world, position):
-            return CameraPose(position, pose.R_camera_to_enu)
+            return CameraPose(position, R), float(depth)
 
 
-def _empty_view(layout: Layout, rng: np.random.Generator) -> CameraPose:
-    """Of ground beside the objects, from any height."""
+def _empty_view(layout: Layout, rng: np.random.Generator) -> tuple[CameraPose, float]:
+    """Of ground beside the objects, from any height; and that height."""
     height = float(np.exp(rng.uniform(*np.log([3.0, 120.0]))))
     away = 0.75 * layout.columns * layout.spacing_m + 2.5 * height
     angle = rng.uniform(0, 2 * np.pi)
-    return CameraPose(np.array([away * np.cos(angle), away * np.sin(angle), height]), _orientation(rng))
+    position = np.array([away * np.cos(angle), away * np.sin(angle), height])
+    return CameraPose(position, _orientation(rng)), height
 
 
 def _orientation(rng: np.random.Generator) -> F64:
@@ -291,85 +346,169 @@ def _orientation(rng: np.random.Generator) -> F64:
 
 
 def _inside_tree(world: World, position: F64) -> bool:
+    x, y, z = position
     return any(
-        position[2] < t.height_m + 0.5
-        and np.hypot(*(position - t.position_enu_m)[:2]) < t.crown_radius_m + 0.5
+        z < t.height_m + 0.5
+        and math.hypot(x - t.position_enu_m[0], y - t.position_enu_m[1]) < t.crown_radius_m + 0.5
         for t in world.trees
     )
 
 
-def _score(world: World, occluders: Occluders, world_index: int, found: Detections, notes: _Notes) -> None:
-    """Assign detections to the objects in view; in a picture without objects they are strays."""
-    lens, pose = found.lens, found.camera
-    places = np.array([o.position_enu_m for o in world.objects])
-    centres, depths = project(lens, pose, places)
-    pixels = np.array(
-        [
-            pixels_on_target(lens, o, pose.position_enu_m, z) if z > 0.1 else 0.0
-            for o, z in zip(world.objects, depths, strict=True)
-        ]
-    )
-    size_px = np.array([lens.width_px, lens.height_px])
-    reach = np.maximum(HIT_RADIUS * pixels, HIT_RADIUS_MIN_PX)
-    near = (
-        (depths > 0.1)
-        & (centres > -2 * reach[:, None]).all(1)
-        & (centres < size_px + 2 * reach[:, None]).all(1)
-    )
-    boxes = found.boxes_xyxy_px
-    middles = (boxes[:, :2] + boxes[:, 2:]) / 2
-    classes = np.array([CLASSES.index(n) if n in CLASSES else -1 for n in found.class_names], dtype=int)
-    if not near.any():
-        for k in np.flatnonzero(classes >= 0):
-            extent = float((boxes[k, 2:] - boxes[k, :2]).max())
-            notes.strays.append((len(notes.altitudes), int(classes[k]), float(found.confidences[k]), extent))
-        notes.altitudes.append(float(pose.position_enu_m[2]))
-        return
-    margin = 0.5 * pixels[:, None]
-    whole = near & (centres >= margin).all(1) & (centres <= size_px - margin).all(1)
-    for i in np.flatnonzero(whole & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])):
-        thing = world.objects[i]
-        if occluders.visible_fraction(pose.position_enu_m, thing) < 1.0:
-            continue
-        confidences, offsets = np.zeros(len(CLASSES)), np.full((len(CLASSES), 2), np.nan)
-        gaps = middles - centres[i]
-        for k in np.flatnonzero((classes >= 0) & (np.hypot(gaps[:, 0], gaps[:, 1]) <= reach[i])):
-            if found.confidences[k] > confidences[classes[k]]:
-                confidences[classes[k]] = found.confidences[k]
-                offsets[classes[k]] = gaps[k]
-        subject = SUBJECTS.index((thing.kind, thing.pose))
-        notes.looks.append((subject, 1000 * world_index + int(i), float(pixels[i]), confidences, offsets))
+class _Scorer:
+    """Assigns reports to the objects in view of one world; those on no object are background."""
+
+    def __init__(self, world: World, lens: Lens, exposure_s: float) -> None:
+        self._world, self._lens, self._exposure_s = world, lens, exposure_s
+        self._occluders = Occluders(world)
+        self._places = np.array([o.position_enu_m for o in world.objects])
+        self._clear_m = np.array([max(_CLEAR_SIZES * o.size_m, _CLEAR_MIN_M) for o in world.objects])
+        self._size_px = np.array([lens.width_px, lens.height_px], dtype=float)
+        self._notes = _Notes()
+        self._last: list[list[float]] = []  # strays of the last picture: row in notes.strays, ground x, y
+
+    def measure_colours(self, renderer: Renderer, clean: U8, pose: CameraPose) -> None:
+        """How much the objects differ in colour from the ground around them."""
+        ids = renderer.render_ids(self._lens, pose)
+        lab = cv2.cvtColor(clean.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
+        centres, depths = project(self._lens, pose, self._places)
+        for i in np.unique(ids[ids > 0]) - 1:
+            thing = self._world.objects[i]
+            if depths[i] <= 0.1:
+                continue
+            pixels = pixels_on_target(self._lens, thing, pose.position_enu_m, depths[i])
+            if not _CONTRAST_MIN_PX <= pixels <= PIXELS[1]:
+                continue
+            low = np.maximum(centres[i] - 0.8 * pixels - 2, 0).astype(int)
+            high = np.minimum(centres[i] + 0.8 * pixels + 3, self._size_px).astype(int)
+            window = np.s_[max(low[1], 0) : max(high[1], 0), max(low[0], 0) : max(high[0], 0)]
+            own, ground = ids[window] == i + 1, ids[window] == 0
+            if own.sum() >= 12 and ground.sum() >= 12:
+                gap = lab[window][own].mean(axis=0) - lab[window][ground].mean(axis=0)
+                self._notes.colours.setdefault(int(i), []).append(float(np.linalg.norm(gap)))
+
+    def score(self, number: int, follows: bool, found: Detections, velocity: F64, rates: F64) -> None:
+        """One picture; ``follows`` another of the same pass. Motion in the camera's axes."""
+        lens, pose = self._lens, found.camera
+        centres, depths = project(lens, pose, self._places)
+        before = depths > 0.1
+        pixels = np.zeros(len(depths))
+        for i in np.flatnonzero(before):
+            pixels[i] = pixels_on_target(lens, self._world.objects[i], pose.position_enu_m, depths[i])
+        low = np.clip(centres - pixels[:, None] / 2, 0, self._size_px)
+        high = np.clip(centres + pixels[:, None] / 2, 0, self._size_px)
+        inside = np.prod(high - low, axis=1) / np.maximum(pixels, 1e-9) ** 2
+        seen_middles = (low + high) / 2
+        reach = np.maximum(HIT_RADIUS * pixels, HIT_RADIUS_MIN_PX)
+        boxes = found.boxes_xyxy_px
+        middles = (boxes[:, :2] + boxes[:, 2:]) / 2
+        classes = np.array([CLASSES.index(n) if n in CLASSES else -1 for n in found.class_names], dtype=int)
+        gaps = np.linalg.norm(middles[:, None] - seen_middles[None], axis=2)
+        near = before & (inside > 0)
+        clear = np.maximum(self._clear_m * lens.focal_px / np.maximum(depths, 0.1), reach)
+        beside_object = ((gaps <= clear) & before).any(axis=1)
+        covered = float((np.pi * self._clear_m**2)[near].sum())
+        self._note_strays(found, classes, middles, ~beside_object & (classes >= 0), follows, covered)
+        in_view = before & ((centres >= 0) & (centres <= self._size_px)).all(axis=1)
+        for i in np.flatnonzero(in_view & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])):
+            thing = self._world.objects[i]
+            seen = min(inside[i], 1.0) * self._occluders.visible_fraction(pose.position_enu_m, thing)
+            hidden = 1.0 - float(seen)
+            ray = thing.position_enu_m - pose.position_enu_m
+            view = float((ray[0] ** 2 + ray[1] ** 2) / (ray @ ray))
+            shift = np.array([-velocity[0] / depths[i] - rates[1], -velocity[1] / depths[i] + rates[0]])
+            blur_px = float(lens.focal_px * self._exposure_s * np.linalg.norm(shift))
+            if hidden > HIDDEN_MAX or view > VIEW_MAX or blur_px > BLUR_MAX * pixels[i]:
+                continue
+            confidences, offsets = np.zeros(len(CLASSES)), np.full((len(CLASSES), 2), np.nan)
+            for k in np.flatnonzero((classes >= 0) & (gaps[:, i] <= reach[i])):
+                if found.confidences[k] > confidences[classes[k]]:
+                    confidences[classes[k]] = found.confidences[k]
+                    offsets[classes[k]] = middles[k] - seen_middles[i]
+            subject = SUBJECTS.index((thing.kind, thing.pose))
+            row = (
+                subject,
+                int(i),
+                number,
+                pixels[i],
+                centres[i],
+                view,
+                hidden,
+                blur_px,
+                confidences,
+                offsets,
+            )
+            self._notes.looks.append(row)
+
+    def _note_strays(
+        self,
+        found: Detections,
+        classes: I64,
+        middles: F64,
+        stray: NDArray[np.bool_],
+        follows: bool,
+        covered_m2: float,
+    ) -> None:
+        pose, size = found.camera, self._size_px
+        height = float(pose.position_enu_m[2])
+        corners = _on_ground(self._lens, pose, np.array([[0, 0], [size[0], 0], [*size], [0, size[1]]]))
+        x, y = corners.T
+        area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+        self._notes.pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4))
+        if follows:
+            for row, gx, gy in self._last:
+                stray_row = self._notes.strays[int(row)]
+                place, depth = project(self._lens, pose, [[gx, gy, 0.0]])
+                if depth[0] > 0.1 and ((place[0] >= 0) & (place[0] <= size)).all():
+                    gap = np.linalg.norm(middles - place[0], axis=1)
+                    same = (gap <= _AGAIN_PX) & (classes == stray_row[0])
+                    stray_row[4] = float(found.confidences[same].max()) if same.any() else 0.0
+        self._last = []
+        for k in np.flatnonzero(stray):
+            extent = float((found.boxes_xyxy_px[k, 2:] - found.boxes_xyxy_px[k, :2]).max())
+            ground = _on_ground(self._lens, pose, middles[k : k + 1])[0]
+            self._last.append([len(self._notes.strays), *ground])
+            self._notes.strays.append(
+                [float(classes[k]), height, float(found.confidences[k]), extent, np.nan]
+            )
+
+    def packed(self, job: WorldJob) -> tuple[Looks, Background]:
+        """Everything that was seen in this world."""
+        notes, n, c = self._notes, len(self._notes.looks), len(CLASSES)
+        columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 10
+        subject, index, number = (column.astype(int) for column in columns[:3])
+        pixels, centres, view, hidden, blur_px, confidences, offsets = columns[3:]
+        colour = np.array([np.mean(notes.colours.get(int(i), [np.nan])) for i in index], dtype=float)
+        looks = Looks(
+            subject=subject,
+            instance=1000 * job.index + index,
+            world=np.full(n, job.index),
+            surface=np.full(n, SURFACES.index(self._world.terrain.surface)),
+            picture=number,
+            pixels=pixels.astype(float),
+            places_px=centres.reshape(n, 2),
+            view=view.astype(float),
+            hidden=hidden.astype(float),
+            blur_px=blur_px.astype(float),
+            colour=colour,
+            confidences=confidences.reshape(n, c),
+            offsets_px=offsets.reshape(n, c, 2),
+        )
+        strays = np.array(notes.strays, dtype=float).reshape(-1, 5).T
+        pictures = np.array(notes.pictures, dtype=float).reshape(-1, 2).T
+        world = np.full(pictures.shape[1], job.index)
+        return looks, Background(*pictures, world, strays[0].astype(int), *strays[1:])
 
 
-def _pack(notes: _Notes) -> tuple[Looks, Empties]:
-    n, c = len(notes.looks), len(CLASSES)
-    looks = Looks(
-        np.array([row[0] for row in notes.looks], dtype=int),
-        np.array([row[1] for row in notes.looks], dtype=int),
-        np.array([row[2] for row in notes.looks], dtype=float),
-        np.array([row[3] for row in notes.looks], dtype=float).reshape(n, c),
-        np.array([row[4] for row in notes.looks], dtype=float).reshape(n, c, 2),
-    )
-    empties = Empties(
-        np.array(notes.altitudes, dtype=float),
-        np.array([s[0] for s in notes.strays], dtype=int),
-        np.array([s[1] for s in notes.strays], dtype=int),
-        np.array([s[2] for s in notes.strays], dtype=float),
-        np.array([s[3] for s in notes.strays], dtype=float),
-    )
-    return looks, empties
+def _on_ground(lens: Lens, pose: CameraPose, pixels: F64) -> F64:
+    """East and north (N, 2) of where pixels show level ground; flat rays are taken to fall a little."""
+    rays = rays_enu(lens, pose, pixels)
+    fall = np.maximum(-rays[:, 2], 0.2)
+    return np.asarray(pose.position_enu_m[:2] + rays[:, :2] * (pose.position_enu_m[2] / fall)[:, None])
 
 
 def _join_looks(parts: list[Looks]) -> Looks:
     return Looks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Looks)))
 
 
-def _join_empties(parts: list[Empties]) -> Empties:
-    starts = np.cumsum([0] + [len(p.altitude_agl_m) for p in parts[:-1]])
-    return Empties(
-        np.concatenate([p.altitude_agl_m for p in parts]),
-        np.concatenate([p.picture + s for p, s in zip(parts, starts, strict=True)]).astype(int),
-        np.concatenate([p.class_index for p in parts]),
-        np.concatenate([p.confidences for p in parts]),
-        np.concatenate([p.pixels for p in parts]),
-    )
+def _join_background(parts: list[Background]) -> Background:
+    return Background(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Background)))

@@ -15,6 +15,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
+from skysweep.sensing.statistical_model import model_for
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Detector, Sensor
@@ -52,13 +53,14 @@ def build_mission(
     if sensor_name == "statistical":
         sensor = StatisticalSensor(
             world,
-            camera.lens,
+            camera,
             vehicle.true_camera_pose,
+            vehicle.true_camera_motion,
             exposures,
-            camera.latency_s,
             scenario.target_classes,
             scenario.detector.confidence_min,
             seed,
+            model_for(scenario),
         )
     else:
         sensor = _imaging_sensor(scenario, world, vehicle, exposures, seed, renderer, threads)

@@ -70,7 +70,8 @@ def list_scenarios() -> list[str]:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by its name, or one from a YAML file.
 
-    A relative ``search.plan`` or ``detector.model`` path counts from the scenario file's folder.
+    Relative paths of ``search.plan``, ``detector.model`` and ``detector.statistical_model`` count from the
+    scenario file's folder.
 
     Raises:
         UserError: not found, not readable as plain YAML, or not a valid scenario.
@@ -248,9 +249,13 @@ def _with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
     if scenario.search.plan is not None:
         plan = str(folder / Path(scenario.search.plan).expanduser())
         updates["search"] = scenario.search.model_copy(update={"plan": plan})
-    if scenario.detector.model.lower().endswith(".onnx"):
-        model = str(folder / Path(scenario.detector.model).expanduser())
-        updates["detector"] = scenario.detector.model_copy(update={"model": model})
+    detector, beside = scenario.detector, {}
+    if detector.model.lower().endswith(".onnx"):
+        beside["model"] = str(folder / Path(detector.model).expanduser())
+    if detector.statistical_model is not None:
+        beside["statistical_model"] = str(folder / Path(detector.statistical_model).expanduser())
+    if beside:
+        updates["detector"] = detector.model_copy(update=beside)
     return scenario.model_copy(update=updates)
 
 

@@ -267,6 +267,10 @@ class DetectorModel(Model):
     confidence_min: float = Field(0.25, ge=0.01, le=0.99, description="Detections below are dropped")
     iou_max: float = Field(0.5, gt=0, le=1, description="Boxes of one class that overlap more are one thing")
     tiles: int = Field(1, ge=1, le=8, description="Split the picture into tiles x tiles")
+    statistical_model: str | None = Field(
+        None,
+        description="YAML file of 'skysweep calibrate', to fly without pictures; default: the shipped one",
+    )
 
 
 PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +15,16 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.sensing.classes import default_names
 from skysweep.sensing.layouts import Boxes, Layout, PixelFormat, Probe, recognise
+from skysweep.sensing.model_files import OWN_MODEL, model_file
 from skysweep.types import Detections, Frame
 
 U8 = NDArray[np.uint8]
 
-OWN_MODEL = "skysweep"
 PAD_GREY = 114
 STRIDE = 32
 PROBE_SIZE = (640, 640)
 TILE_OVERLAP = 0.2
 _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
-
-
-def own_model_path() -> Path:
-    """Where the model that the package ships lies."""
-    return Path(str(resources.files("skysweep") / "models" / "skysweep.onnx"))
 
 
 class YoloDetector:
@@ -69,7 +63,7 @@ class YoloDetector:
         tiles: int = 1,
         threads: int = 1,
     ) -> None:
-        self._path = own_model_path() if str(model_path) == OWN_MODEL else Path(model_path)
+        self._path = model_file(model_path)
         self._confidence_min, self._iou_max, self._tiles = confidence_min, iou_max, tiles
         self._session = _open(self._path, threads)
         self._network = _Network(self._session, self._path)

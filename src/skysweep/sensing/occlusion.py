@@ -1,29 +1,53 @@
-"""How much of an object a camera sees, from simple solids: crowns, trunks and buildings."""
+"""How much of an object a camera sees, from simple solids: crowns and buildings.
+
+The solids of a world are one array, so that compiled code can ask many times. A row is
+``x, y, z`` of the centre, the half axes ``a, b, c``, cosine and sine of the yaw, the height of the top, the
+reach (largest horizontal extent from the centre) and 1 for a box, 0 for an ellipsoid.
+"""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.geometry.camera import Lens
-from skysweep.scenarios.world import World, WorldBuilding, WorldObject
+from skysweep.scenarios.world import World, WorldObject
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+FLAT, STANDING, FLOATING = 0, 1, 2
 
 _STANDING_WIDTH_SHARE = 0.3  # shoulders against body height
 _FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
-_SAMPLES = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]) * 0.35
+_STEEP = 4.0  # tangent of the angle off nadir up to which the list of near solids is complete
+_POINT_HEIGHT_M = 0.1
+_POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # of the object's size
+
+
+def shape_of(thing: WorldObject) -> int:
+    """FLAT, STANDING or FLOATING: how the object's apparent size follows from where it is seen from."""
+    return {"standing": STANDING, "floating": FLOATING}.get(thing.pose, FLAT)
+
+
+@njit(cache=True)
+def apparent_size(shape: int, size_m: float, off_nadir_sine: float) -> float:
+    """The longest extent across the line of sight: what pixels on target are counted from."""
+    if shape == FLOATING:
+        return size_m * _FLOATING_SHARE
+    if shape == STANDING:
+        return size_m * max(off_nadir_sine, _STANDING_WIDTH_SHARE)
+    return size_m
 
 
 def apparent_size_m(thing: WorldObject, camera_enu_m: F64) -> float:
-    """The longest extent across the line of sight: what pixels on target are counted from."""
-    if thing.pose == "floating":
-        return thing.size_m * _FLOATING_SHARE
-    if thing.pose != "standing":
-        return thing.size_m
+    """:func:`apparent_size` of an object seen from a place."""
     ray = thing.position_enu_m - camera_enu_m
-    off_nadir_sine = float(np.hypot(ray[0], ray[1]) / max(np.linalg.norm(ray), 1e-9))
-    return thing.size_m * max(off_nadir_sine, _STANDING_WIDTH_SHARE)
+    sine = float(np.hypot(ray[0], ray[1]) / max(np.linalg.norm(ray), 1e-9))
+    return float(apparent_size(shape_of(thing), thing.size_m, sine))
 
 
 def pixels_on_target(lens: Lens, thing: WorldObject, camera_enu_m: F64, depth_m: float) -> float:
@@ -32,66 +56,84 @@ def pixels_on_target(lens: Lens, thing: WorldObject, camera_enu_m: F64, depth_m:
 
 
 class Occluders:
-    """The trees and buildings of one world, ready to be asked many times."""
+    """The trees and buildings of one world. ``solids`` (S, 11) as the module says."""
 
     def __init__(self, world: World) -> None:
-        trees, houses = world.trees, world.buildings
-        self._trees_enu_m = np.array([t.position_enu_m for t in trees]).reshape(-1, 3)
-        self._crown_radii_m = np.array([t.crown_radius_m for t in trees])
-        self._half_crowns_m = 0.325 * np.array([t.height_m for t in trees])
-        self._houses = houses
-        centres = [t.position_enu_m[:2] for t in trees] + [b.position_enu_m[:2] for b in houses]
-        self._centres_xy = np.array(centres).reshape(-1, 2)
-        self._reach_m = np.array([t.crown_radius_m for t in trees] + [max(b.size_m) for b in houses])
+        rows = []
+        for t in world.trees:
+            x, y, z = t.position_enu_m
+            half, r = 0.325 * t.height_m, t.crown_radius_m  # the crown fills the upper 65 % of the tree
+            rows.append((x, y, z + t.height_m - half, r, r, half, 1.0, 0.0, z + t.height_m, r, 0.0))
+        for b in world.buildings:
+            x, y, z = b.position_enu_m
+            half = b.height_m / 2
+            a, c = b.size_m[0] / 2, b.size_m[1] / 2
+            yaw = (math.cos(b.yaw_rad), math.sin(b.yaw_rad))
+            rows.append((x, y, z + half, a, c, half, *yaw, z + b.height_m, math.hypot(a, c), 1.0))
+        self.solids = np.array(rows, dtype=float).reshape(-1, 11)
+
+    def near(self, thing: WorldObject) -> I64:
+        """Indices of the solids that can hide any of ``thing`` from a camera that is not very low."""
+        if not len(self.solids):
+            return np.zeros(0, dtype=np.int64)
+        s = self.solids
+        away = np.hypot(s[:, 0] - thing.position_enu_m[0], s[:, 1] - thing.position_enu_m[1])
+        throw = np.maximum(s[:, 8] - thing.position_enu_m[2], 0.0) * _STEEP
+        return np.flatnonzero(away <= throw + s[:, 9] + thing.size_m)
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
-        """Share (0..1) of five points of the object that the camera sees."""
-        near = self._near_ray(camera_enu_m, thing)
-        if not len(near):
-            return 1.0
-        offsets = np.column_stack([_SAMPLES * thing.size_m, np.full(len(_SAMPLES), 0.1)])
-        points = thing.position_enu_m + offsets
-        n_trees = len(self._crown_radii_m)
-        hidden = self._behind_crowns(near[near < n_trees], camera_enu_m, points)
-        for k in near[near >= n_trees]:
-            hidden |= _behind_building(self._houses[k - n_trees], camera_enu_m, points)
-        return float(1.0 - hidden.mean())
-
-    def _near_ray(self, camera: F64, thing: WorldObject) -> NDArray[np.int64]:
-        """Which solids can touch the line from the object to the camera, seen from above."""
-        base = thing.position_enu_m[:2]
-        along = camera[:2] - base
-        gaps = self._centres_xy - base
-        share = np.clip(gaps @ along / max(float(along @ along), 1e-9), 0.0, 1.0)
-        away = gaps - share[:, None] * along
-        return np.flatnonzero((away * away).sum(axis=1) <= (self._reach_m + thing.size_m) ** 2)
-
-    def _behind_crowns(self, which: NDArray[np.int64], camera: F64, points: F64) -> NDArray[np.bool_]:
-        """Lines of sight against ellipsoids, which fill the upper 65 % of the trees."""
-        radii, half = self._crown_radii_m[which], self._half_crowns_m[which]
-        scale = np.column_stack([radii, radii, half])[:, None]
-        top_down = np.column_stack([np.zeros((len(which), 2)), half / 0.325 - half])
-        start = (points - (self._trees_enu_m[which] + top_down)[:, None]) / scale
-        ray = (camera - points) / scale
-        a = (ray * ray).sum(axis=-1)
-        b = (start * ray).sum(axis=-1)
-        c = (start * start).sum(axis=-1) - 1.0
-        root = b * b - a * c
-        leave = (-b + np.sqrt(np.maximum(root, 0.0))) / a
-        enter = (-b - np.sqrt(np.maximum(root, 0.0))) / a
-        return np.asarray(((root > 0) & (leave > 0) & (enter < 1)).any(axis=0))
+        """Share (0..1) of nine points of the object that the camera sees."""
+        place, near = np.asarray(thing.position_enu_m, dtype=float), self.near(thing)
+        return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
 
 
-def _behind_building(house: WorldBuilding, camera: F64, points: F64) -> NDArray[np.bool_]:
-    """Line of sight against the box of walls (slab test in the building's own axes)."""
-    c, s = np.cos(house.yaw_rad), np.sin(house.yaw_rad)
-    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    start = (points - house.position_enu_m) @ turn.T
-    ray = (camera - points) @ turn.T
-    ray = np.where(np.abs(ray) < 1e-12, 1e-12, ray)
-    low = np.array([-house.size_m[0] / 2, -house.size_m[1] / 2, 0.0])
-    high = np.array([house.size_m[0] / 2, house.size_m[1] / 2, house.height_m])
-    t0, t1 = (low - start) / ray, (high - start) / ray
-    enter = np.minimum(t0, t1).max(axis=1)
-    leave = np.maximum(t0, t1).min(axis=1)
-    return np.asarray((leave > np.maximum(enter, 0.0)) & (enter < 1.0))
+@njit(cache=True)
+def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64) -> float:
+    """Share (0..1) of the points of an object at ``place`` that no solid hides from the camera."""
+    if not len(solids):
+        return 1.0
+    dx, dy, dz = camera[0] - place[0], camera[1] - place[1], camera[2] - place[2]
+    along = dx * dx + dy * dy
+    steep = dz > 0.0 and along <= (_STEEP * dz) ** 2
+    hidden = np.zeros(len(_POINTS), dtype=np.bool_)
+    for k in range(len(near) if steep else len(solids)):
+        solid = solids[near[k]] if steep else solids[k]
+        gx, gy = solid[0] - place[0], solid[1] - place[1]
+        share = min(max((gx * dx + gy * dy) / max(along, 1e-9), 0.0), 1.0)
+        away_x, away_y = gx - share * dx, gy - share * dy
+        if away_x * away_x + away_y * away_y > (solid[9] + size_m) ** 2:
+            continue
+        for i in range(len(_POINTS)):
+            if not hidden[i]:
+                hidden[i] = _hides(
+                    solid,
+                    camera,
+                    place[0] + _POINTS[i, 0] * size_m,
+                    place[1] + _POINTS[i, 1] * size_m,
+                    place[2] + _POINT_HEIGHT_M,
+                )
+    return float(1.0 - hidden.mean())
+
+
+@njit(cache=True)
+def _hides(solid: F64, camera: F64, x: float, y: float, z: float) -> bool:
+    """Whether the line from (x, y, z) to the camera meets the solid, in its own unit axes."""
+    cos, sin = solid[6], solid[7]
+    sx, sy, sz = x - solid[0], y - solid[1], z - solid[2]
+    rx, ry, rz = camera[0] - x, camera[1] - y, camera[2] - z
+    start = ((cos * sx + sin * sy) / solid[3], (cos * sy - sin * sx) / solid[4], sz / solid[5])
+    ray = ((cos * rx + sin * ry) / solid[3], (cos * ry - sin * rx) / solid[4], rz / solid[5])
+    if solid[10] == 1.0:  # slabs
+        enter, leave = 0.0, 1.0
+        for k in range(3):
+            r = ray[k] if abs(ray[k]) > 1e-12 else 1e-12
+            t0, t1 = (-1.0 - start[k]) / r, (1.0 - start[k]) / r
+            enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+        return leave > enter
+    a = ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2
+    b = start[0] * ray[0] + start[1] * ray[1] + start[2] * ray[2]
+    root = b * b - a * (start[0] ** 2 + start[1] ** 2 + start[2] ** 2 - 1.0)
+    if root <= 0.0:
+        return False
+    reach = math.sqrt(root)
+    return (-b + reach) / a > 0.0 and (-b - reach) / a < 1.0

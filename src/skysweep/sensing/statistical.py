@@ -1,144 +1,91 @@
 """A sensor without pictures: it draws detections from a model fitted to renders and the real detector.
 
-The objects are projected through the true camera, detections are drawn from tables over pixels on target,
-and the result carries the pose that the mission believes. Georeferencing therefore suffers in turns for the
-same physical reasons as with pictures; only seeing is statistical.
+The objects are projected through the true camera, detections are drawn as ``statistical_model`` says, and the
+result carries the pose that the mission believes. Georeferencing therefore suffers in turns for the same
+physical reasons as with pictures; only seeing is statistical.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from importlib import resources
-from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy.special import ndtri
 
-from skysweep.errors import UserError
-from skysweep.geometry.camera import CameraPose, Lens, project
+from skysweep.geometry.camera import CameraPose
+from skysweep.scenarios.model import CameraModel
 from skysweep.scenarios.world import World, WorldObject
-from skysweep.sensing.occlusion import Occluders, pixels_on_target
+from skysweep.sensing.occlusion import Occluders, shape_of
 from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.statistical_draws import PLACES, WIDTH, draw_ghosts, draw_objects
+from skysweep.sensing.statistical_model import (
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    KindModel,
+    StatisticalModel,
+    confidence_of,
+    score_of,
+)
 from skysweep.types import Detections, VehicleState
 
 F64 = NDArray[np.float64]
-_Box = tuple[F64, float, str]  # corners (4,) px, confidence, class
 
 _EPS_S = 1e-6
-_MIN_VISIBLE = 0.25
+_OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
+_MAX_GHOSTS = 64  # in one picture
+_NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
 
 
-class KindModel(BaseModel):
-    """How one kind of object is reported as one class, over the model's grid of pixels on target."""
+class Motion(Protocol):
+    """How the camera moves, in its own optical axes."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    @property
+    def velocity_mps(self) -> F64: ...
 
-    kind: str = Field(description="What is out there")
-    pose: str = Field(description="How it lies or stands there")
-    reported_as: str = Field(description="What the detector calls it")
-    probability: list[float] = Field(description="Of a detection in one look")
-    confidence_logit_mean: list[float]
-    confidence_logit_std: list[float]
-    object_logit_std: float = Field(
-        ge=0, description="Some objects are seen better than others, in every look"
-    )
-
-
-class BackgroundModel(BaseModel):
-    """Detections where nothing is."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    reported_as: str
-    altitude_agl_m: list[float] = Field(min_length=1)
-    rate_per_picture: list[float]
-    confidence_logit_mean: float
-    confidence_logit_std: float
-    pixels: float
-
-
-class StatisticalModel(BaseModel):
-    """Everything the sensor draws from. Written by ``skysweep calibrate``, never by hand."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    version: int = 1
-    detector: str
-    pictures: int
-    seed: int
-    pixels: list[float] = Field(min_length=2, description="Grid of pixels on target, ascending")
-    kinds: list[KindModel]
-    background: list[BackgroundModel]
-    centre_std_fraction: float = Field(ge=0, description="Of the object's pixels")
-    centre_std_px: float = Field(ge=0)
-
-    @model_validator(mode="after")
-    def _tables_fit_grid(self) -> StatisticalModel:
-        for kind in self.kinds:
-            for table in (kind.probability, kind.confidence_logit_mean, kind.confidence_logit_std):
-                if len(table) != len(self.pixels):
-                    raise ValueError(f"kind '{kind.kind}': every list must have {len(self.pixels)} entries")
-        return self
-
-    @classmethod
-    def load(cls, path: Path | None = None) -> StatisticalModel:
-        """Read a model file; without a path the one that is shipped for the shipped detector."""
-        source = path or resources.files("skysweep.sensing") / "statistical_default.yaml"
-        try:
-            return cls.model_validate(yaml.safe_load(source.read_text()))
-        except ValidationError as error:
-            first = error.errors()[0]
-            reason = ": ".join([*(str(part) for part in first["loc"]), first["msg"]])
-        except (OSError, yaml.YAMLError) as error:
-            reason = str(error).splitlines()[0]
-        raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
+    @property
+    def rates_radps(self) -> F64: ...
 
 
 class StatisticalSensor:
     """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
 
-    ``truth`` gives the true camera pose of this moment; ``classes`` are those that the mission searches for.
+    ``pose`` and ``motion`` give the camera's truth of this moment; ``classes`` are those that the mission
+    searches for.
     """
 
     def __init__(
         self,
         world: World,
-        lens: Lens,
-        truth: Callable[[], CameraPose],
+        camera: CameraModel,
+        pose: Callable[[], CameraPose],
+        motion: Callable[[], Motion],
         exposures: Exposures,
-        latency_s: float,
         classes: Sequence[str],
         confidence_min: float,
         seed: int,
         model: StatisticalModel | None = None,
     ) -> None:
         self._model = model or StatisticalModel.load()
-        self._world, self._lens, self._truth = world, lens, truth
-        self._occluders = Occluders(world)
-        self._exposures, self._latency_s = exposures, latency_s
-        self._size_px = np.array([lens.width_px, lens.height_px], dtype=float)
-        self._confidence_min = confidence_min
-        self._rng = np.random.default_rng([seed, 23])
+        self._ground_m = world.terrain.height_m
+        self._lens, self._latency_s = camera.lens, camera.latency_s
+        self._optics = np.array(
+            [self._lens.focal_px, self._lens.width_px, self._lens.height_px, camera.exposure_s]
+        )
+        self._pose, self._motion, self._exposures = pose, motion, exposures
+        self._threshold = float(score_of(confidence_min))
         self._pending: deque[Detections] = deque()
-        self._background = [b for b in self._model.background if b.reported_as in classes]
-        self._log_pixels = np.log(self._model.pixels)
-        self._tabulate(classes)
-
-    def _tabulate(self, classes: Sequence[str]) -> None:
-        """One row for every object and every class that it can be reported as."""
-        wanted = [kind for kind in self._model.kinds if kind.reported_as in classes]
-        rows = [(i, kind) for i, thing in enumerate(self._world.objects) for kind in _kinds_of(thing, wanted)]
-        offsets = self._rng.normal(size=len(self._world.objects))
-        self._objects = np.array([i for i, _ in rows], dtype=int)
-        self._positions = np.array([self._world.objects[i].position_enu_m for i, _ in rows]).reshape(-1, 3)
-        self._names = [kind.reported_as for _, kind in rows]
-        self._tables = np.array(
-            [[k.probability, k.confidence_logit_mean, k.confidence_logit_std] for _, k in rows]
-        ).reshape(len(rows), 3, len(self._model.pixels))
-        self._offsets = np.array([offsets[i] * kind.object_logit_std for i, kind in rows])
+        once = np.random.default_rng([seed, 29])
+        self._tabulate_objects(world, classes, once)
+        self._tabulate_ghosts(world, classes, once)
+        self._key, self._look_number = int(np.random.default_rng([seed, 23]).integers(2**62)), 0
+        room = len(self._row_names) + _MAX_GHOSTS
+        self._boxes, self._scores = np.empty((room, 4)), np.empty(room)
+        self._rows = np.empty(room, dtype=np.int64)
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Draw a look if one is due; return the oldest result whose time has come."""
@@ -153,97 +100,150 @@ class StatisticalSensor:
         """Nothing is held open."""
 
     def _look(self, state: VehicleState) -> Detections:
-        """One picture's worth of draws. The number of draws does not depend on what is in view."""
-        true_pose = self._truth()
-        n = len(self._objects)
-        chance = self._rng.random(n)
-        noise = self._rng.normal(size=(n, 3))
-        background = self._rng.random(len(self._background)), self._rng.normal(size=len(self._background))
-        corner = self._rng.random((len(self._background), 2))
-
-        centres, depths = project(self._lens, true_pose, self._positions)
-        in_view = (depths > 0.1) & (centres >= 0).all(axis=1) & (centres <= self._size_px).all(axis=1)
-        seen = np.flatnonzero(in_view)
-        found = self._background_boxes(true_pose, background, corner)
-        if len(seen):
-            found = self._object_boxes(true_pose, seen, centres, depths, chance, noise) + found
+        """One picture's worth of draws."""
+        pose = self._pose()
+        n = self._object_boxes(pose)
+        names = [self._row_names[row] for row in self._rows[:n]]
+        if self._background:
+            m = self._ghost_boxes(pose, n)
+            names += [self._background[c].reported_as for c in self._rows[n : n + m]]
+            n += m
+        self._look_number += 1
+        if not n:
+            return Detections(state.time_s, *_NOTHING, state.camera, self._lens)
+        confidences = confidence_of(self._scores[:n])
         return Detections(
-            state.time_s,
-            np.array([box for box, _, _ in found]).reshape(-1, 4),
-            np.array([confidence for _, confidence, _ in found]),
-            tuple(name for _, _, name in found),
-            state.camera,
-            self._lens,
+            state.time_s, self._boxes[:n].copy(), confidences, tuple(names), state.camera, self._lens
         )
 
-    def _object_boxes(
-        self,
-        true_pose: CameraPose,
-        seen: NDArray[np.int64],
-        centres: F64,
-        depths: F64,
-        chance: F64,
-        noise: F64,
-    ) -> list[_Box]:
-        pixels = np.array([self._pixels(true_pose, row, centres[row], depths[row]) for row in seen])
-        probability, mean, std = self._interpolate(seen, pixels)
-        offsets = self._offsets[seen]
-        confidences = _sigmoid(mean + std * noise[seen, 2] + offsets)
-        found = (chance[seen] < _shift(probability, offsets)) & (confidences >= self._confidence_min)
-        spread = np.hypot(self._model.centre_std_px, self._model.centre_std_fraction * pixels)
-        middles = centres[seen] + noise[seen, :2] * spread[:, None]
-        return [
-            (self._box(middles[k], pixels[k]), float(confidences[k]), self._names[seen[k]])
-            for k in np.flatnonzero(found)
-        ]
+    def _object_boxes(self, pose: CameraPose) -> int:
+        """Write what is reported of objects; how many."""
+        if not self._row_names:
+            return 0
+        motion = self._motion()
+        return int(
+            draw_objects(
+                self._optics,
+                pose.position_enu_m,
+                pose.R_camera_to_enu,
+                motion.velocity_mps,
+                motion.rates_radps,
+                self._things,
+                self._solids,
+                self._near_start,
+                self._near,
+                self._row_starts,
+                self._row_table,
+                self._log_pixels,
+                self._box_model,
+                self._threshold,
+                self._places,
+                self._pass_state,
+                self._key,
+                self._look_number,
+                self._boxes,
+                self._scores,
+                self._rows,
+            )
+        )
 
-    def _pixels(self, true_pose: CameraPose, row: int, centre_px: F64, depth_m: float) -> float:
-        """Pixels on target, fewer for what is partly hidden or cut off by the picture's edge."""
-        thing = self._world.objects[self._objects[row]]
-        camera = true_pose.position_enu_m
-        whole = pixels_on_target(self._lens, thing, camera, depth_m)
-        share = self._occluders.visible_fraction(camera, thing) * self._share_inside(centre_px, whole)
-        return whole * float(np.sqrt(share)) if share >= _MIN_VISIBLE else 0.0
+    def _ghost_boxes(self, pose: CameraPose, n: int) -> int:
+        """Write what is reported where nothing is, from place ``n`` on; how many."""
+        ground = self._ground_m(pose.position_enu_m[None, :2])[0]
+        at = math.log(max(float(pose.position_enu_m[2] - ground), 1.0))
+        k = min(int(at / math.log(2.0)), _OCTAVES - 1)
+        first, last = self._octave_starts[k], self._octave_starts[k + 1]
+        for row, b in enumerate(self._background):
+            self._ghost_classes[row, 0] = np.interp(at, self._log_altitudes[row], b.per_hectare)
+        return int(
+            draw_ghosts(
+                self._optics,
+                pose.position_enu_m,
+                pose.R_camera_to_enu,
+                self._ghosts[first:last],
+                self._ghost_classes,
+                first,
+                self._threshold,
+                self._key,
+                self._look_number,
+                self._boxes[n:],
+                self._scores[n:],
+                self._rows[n:],
+            )
+        )
 
-    def _share_inside(self, centre_px: F64, extent_px: float) -> float:
-        """Share of a square around ``centre_px`` that lies in the picture."""
-        half = extent_px / 2
-        inside = np.minimum(centre_px + half, self._size_px) - np.maximum(centre_px - half, 0.0)
-        return float(inside[0] * inside[1]) / extent_px**2
+    def _tabulate_objects(self, world: World, classes: Sequence[str], once: np.random.Generator) -> None:
+        """Objects that can be reported, and for each one row for every class that it can be reported as."""
+        m = self._model
+        wanted = [kind for kind in m.kinds if kind.reported_as in classes]
+        luck = once.normal(size=(len(world.objects), 1 + len(classes)))
+        occluders, surface = Occluders(world), world.terrain.surface
+        things, near, starts, rows = [], [], [0], []
+        self._row_names: list[str] = []
+        for thing, (colour, *own) in zip(world.objects, luck, strict=True):
+            kinds = _kinds_of(thing, wanted)
+            if not kinds:
+                continue
+            contrast = self._contrast(thing, surface, float(colour))
+            things.append([*thing.position_enu_m, thing.size_m, shape_of(thing), contrast])
+            near.append(occluders.near(thing))
+            for kind in kinds:
+                offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
+                rest = max(1.0 - kind.object_share - kind.pass_share, 0.0)
+                shares = np.sqrt([kind.pass_share, rest])
+                lapse = ndtri(np.clip(kind.lapse, 1e-9, 1.0))
+                rows.append([*kind.score, *kind.spread, *lapse, *kind.factors, offset, *shares])
+                self._row_names.append(kind.reported_as)
+            starts.append(len(rows))
+        self._things = np.array(things, dtype=float).reshape(-1, 6)
+        self._solids = occluders.solids
+        self._near = np.concatenate(near) if near else np.zeros(0, dtype=np.int64)
+        self._near_start = np.cumsum([0] + [len(n) for n in near])
+        self._row_starts = np.array(starts)
+        self._row_table = np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH)
+        self._log_pixels = np.log(m.pixels)
+        self._box_model = np.array([m.box.pixels, m.box.of_object, m.box.of_blur, m.fade_px])
+        self._places = np.full((len(things), PLACES), np.nan)
+        self._pass_state = np.zeros(len(rows))
 
-    def _box(self, middle_px: F64, extent_px: float) -> F64:
-        """A square box (4,), cut off at the picture's edge."""
-        half = max(extent_px, 1.0) / 2
-        low, high = np.maximum(middle_px - half, 0.0), np.minimum(middle_px + half, self._size_px)
-        return np.concatenate([np.minimum(low, self._size_px), np.maximum(high, 0.0)])
+    def _contrast(self, thing: WorldObject, surface: str, draw: float) -> float:
+        """Of one object against this ground; the usual one where it was not measured."""
+        table = next((c for c in self._model.contrasts if (c.kind, c.pose) == (thing.kind, thing.pose)), None)
+        mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
+        return float(np.clip((mean + std * draw - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
 
-    def _interpolate(self, rows: NDArray[np.int64], pixels: F64) -> tuple[F64, F64, F64]:
-        """Probability, mean and standard deviation of the confidence logit at these pixels on target."""
-        x = np.log(np.maximum(pixels, 1e-3))
-        grid = self._log_pixels
-        left = np.clip(np.searchsorted(grid, x) - 1, 0, len(grid) - 2)
-        share = np.clip((x - grid[left]) / (grid[left + 1] - grid[left]), 0.0, 1.0)[:, None]
-        tables = self._tables[rows]
-        index = np.arange(len(rows))
-        values = tables[index, :, left] * (1 - share) + tables[index, :, left + 1] * share
-        too_small = pixels < self._model.pixels[0] * 0.8
-        return np.where(too_small, 0.0, values[:, 0]), values[:, 1], values[:, 2]
+    def _tabulate_ghosts(self, world: World, classes: Sequence[str], once: np.random.Generator) -> None:
+        """Places where the detector can report what is not there, other ones in every octave of altitude.
 
-    def _background_boxes(self, true_pose: CameraPose, draws: tuple[F64, F64], corner: F64) -> list[_Box]:
-        if not self._background:
-            return []
-        ground = self._world.terrain.height_m(true_pose.position_enu_m[None, :2])[0]
-        altitude = float(true_pose.position_enu_m[2] - ground)
-        found = []
-        for k, model in enumerate(self._background):
-            rate = float(np.interp(altitude, model.altitude_agl_m, model.rate_per_picture))
-            logit = model.confidence_logit_mean + model.confidence_logit_std * draws[1][k]
-            confidence = float(_sigmoid(logit))
-            if draws[0][k] < rate and confidence >= self._confidence_min:
-                found.append(
-                    (self._box(corner[k] * self._size_px, model.pixels), confidence, model.reported_as)
-                )
-        return found
+        Each has a level, in reports a hectare: it is there while the rate at this altitude exceeds it.
+        """
+        m = self._model
+        self._background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
+        self._log_altitudes = [np.log(b.altitude_agl_m) for b in self._background]
+        floor = float(score_of(m.experiment.confidence_floor))
+        self._ghost_classes = np.array(
+            [
+                [0.0, ndtri(b.again), floor, b.score_scale, math.sqrt(1.0 - b.same_share), b.pixels]
+                for b in self._background
+            ]
+        ).reshape(-1, 6)
+        west, south, east, north = world.terrain.bounds_enu_m
+        hectares = (east - west) * (north - south) / 1e4
+        parts, self._octave_starts = [np.zeros((0, 6))], [0]
+        for k in range(_OCTAVES):
+            for c, b in enumerate(self._background):
+                ends = np.log(2.0) * np.array([k, k + 1])
+                inside = self._log_altitudes[c][
+                    (self._log_altitudes[c] > ends[0]) & (self._log_altitudes[c] < ends[1])
+                ]
+                top = float(np.interp([*ends, *inside], self._log_altitudes[c], b.per_hectare).max())
+                n = int(once.poisson(hectares * top / b.again))
+                xy = once.uniform((west, south), (east, north), (n, 2))
+                z = world.terrain.height_m(xy) if n else np.zeros(0)
+                own = once.normal(size=n) * math.sqrt(b.same_share)
+                parts.append(np.column_stack([xy, z, np.full(n, c), once.uniform(0.0, top, n), own]))
+            self._octave_starts.append(sum(map(len, parts)))
+        self._ghosts = np.concatenate(parts)
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:
@@ -251,13 +251,3 @@ def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:
     of_kind = [k for k in kinds if k.kind == thing.kind]
     same_pose = [k for k in of_kind if k.pose == thing.pose]
     return same_pose or [k for k in of_kind if k.pose == of_kind[0].pose]
-
-
-def _sigmoid(x: F64 | float) -> F64:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.asarray(x, dtype=float))))
-
-
-def _shift(probability: F64, offset_logit: F64) -> F64:
-    """Probabilities moved by an offset in logits; 0 and 1 stay what they are."""
-    odds = probability / np.maximum(1.0 - probability, 1e-9) * np.exp(offset_logit)
-    return np.asarray(odds / (1.0 + odds))

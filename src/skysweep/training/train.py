@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.sensing.detector import OWN_MODEL, PAD_GREY, own_model_path
+from skysweep.sensing.detector import PAD_GREY
+from skysweep.sensing.model_files import model_file
 from skysweep.training.evaluate import read_picture
 from skysweep.training.labelled import LabelledDataset, LabelledImage, read_dataset
 
@@ -95,7 +96,7 @@ def train_detector(
     network = _network(len(data.class_names))
     network.head.initialize_biases(1e-2)
     if init is not None:
-        _load_weights(network, own_model_path() if str(init) == OWN_MODEL else Path(init), data.class_names)
+        _load_weights(network, model_file(init), data.class_names)
     peak = learning_rate or PEAK_LEARNING_RATE * (FINE_TUNING_SHARE if init is not None else 1.0)
     average, steps = _optimise(network, data, rng, peak, minutes * 60, threads, progress)
     network.load_state_dict(average)

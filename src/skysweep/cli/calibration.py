@@ -1,0 +1,144 @@
+"""Fit the statistical sensor, and compare missions flown with it to missions with pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from skysweep.cli.common import SeedOption, bar, console, errors, friendly, number_or_inf
+
+if TYPE_CHECKING:
+    from skysweep.sensing.statistical_model import HeldOut
+
+app = typer.Typer()
+
+
+@app.callback(invoke_without_command=True)
+@friendly
+def calibrate(
+    context: typer.Context,
+    detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    camera: Annotated[
+        str, typer.Option("--camera", "--camera-of", help="Scenario whose camera to fit: a name or a file.")
+    ] = "clusters",
+    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 3000,
+    seed: SeedOption = 0,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(
+        "sensor.yaml"
+    ),
+) -> None:
+    """Fit the statistical sensor to renders and a real detector, and print how well it fits.
+
+    Use it with detector.statistical_model in a scenario.
+
+    Examples:
+
+        skysweep calibrate --pictures 3000 --out sensor.yaml
+
+        skysweep calibrate --detector mine.onnx --camera my-scenario.yaml
+
+        skysweep calibrate validate --seeds 30
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from skysweep.experiments.calibrate import calibrate as fit
+    from skysweep.scenarios.files import load_scenario
+
+    with bar() as progress:
+        task = progress.add_task("looking", total=pictures)
+        model = fit(
+            detector,
+            load_scenario(camera).camera,
+            out,
+            pictures,
+            seed,
+            workers,
+            lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    _print_fit(model.held_out)
+    console.print(f"sensor model: {out}, picture: {out.with_suffix('.png')}", soft_wrap=True)
+
+
+def _print_fit(held_out: list[HeldOut]) -> None:
+    scores = Table("confidence ≥", "Brier", "of rates alone", "deviance explained", "calibration error")
+    for h in held_out:
+        scores.add_row(
+            f"{h.confidence:g}",
+            f"{h.brier:.4f}",
+            f"{h.brier_of_rates:.4f}",
+            f"{h.deviance_explained:.0%}",
+            f"{h.calibration_error:.3f}",
+        )
+    parts = Table("looks not seen by the fit", "looks", "reported", "drawn")
+    for part in [part for h in held_out for part in h.parts]:
+        parts.add_row(part.part, str(part.looks), f"{part.measured:.3f}", f"{part.drawn:.3f}")
+    console.print(parts, scores)
+
+
+@app.command()
+@friendly
+def validate(
+    seeds: Annotated[int, typer.Option(min=2, help="Missions with pictures for each scenario and n_c.")] = 30,
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(help="A name or a file; may be repeated. Default: clusters, abundance, sparse."),
+    ] = None,
+    n_c: Annotated[
+        list[float] | None,
+        typer.Option("--n-c", parser=number_or_inf, help="May be repeated. Default: 1, 5, inf."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for missions, validate.json and validate.md.")] = Path(
+        "validation"
+    ),
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+) -> None:
+    """Fly the same missions with pictures and without, and compare their means.
+
+    An interrupted validation goes on where it was when the same command is given again.
+
+    Examples:
+
+        skysweep calibrate validate --seeds 30
+
+        skysweep calibrate validate --seeds 5 --scenario clusters --n-c 5 --out quick
+    """
+    from skysweep.experiments.compare import PaperJob
+    from skysweep.experiments.validate import (
+        HEADER,
+        N_C,
+        SCENARIOS,
+        STATISTICAL_TIMES,
+        compare_tiers,
+        validation_text,
+    )
+
+    scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)
+    missions = len(scenarios) * len(values) * seeds
+    with Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=errors,
+    ) as progress:
+        tasks = {
+            "statistical": progress.add_task("without pictures", total=missions * STATISTICAL_TIMES),
+            "imaging": progress.add_task("with pictures", total=missions),
+        }
+
+        def on_done(job: PaperJob, _summary: dict[str, Any]) -> None:
+            progress.advance(tasks[job.sensor])
+
+        cells = compare_tiers(seeds, out, scenarios, values, workers, on_done)
+    table = Table(*HEADER)
+    for cell in cells:
+        table.add_row(*cell.row)
+    console.print(table)
+    console.print(validation_text(cells).splitlines()[0])
+    console.print(f"written: {out / 'validate.json'}, {out / 'validate.md'}", soft_wrap=True)

@@ -1,0 +1,31 @@
+"""Where a detector's model file lies, and which one it is. Light: nothing here opens a model."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+
+OWN_MODEL = "skysweep"
+
+
+def own_model_path() -> Path:
+    """Where the model that the package ships lies."""
+    return Path(str(resources.files("skysweep") / "models" / "skysweep.onnx"))
+
+
+def model_file(model: Path | str) -> Path:
+    """The file that a scenario's ``detector.model`` names: "skysweep" or a path."""
+    return own_model_path() if str(model) == OWN_MODEL else Path(model)
+
+
+def sha256_of(path: Path) -> str:
+    """The file's SHA-256 in hexadecimal; a file that did not change is read once. Raises OSError."""
+    status = path.stat()
+    return _digest(path, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(maxsize=16)
+def _digest(path: Path, _changed_ns: int, _size: int) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,265 @@
+"""The numbers of the statistical sensor: a small YAML file, made for one detector and one camera.
+
+A look at an object has a score, the confidence that the detector gives it on the scale -log(-log c). It is
+normal: its mean and spread follow the pixels on target, and four factors shift the mean. What reaches the
+threshold is reported, so that one score explains both how often and how surely things are seen (a Tobit
+model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains (Wichmann and Hill,
+Perception & Psychophysics 63, 2001).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from skysweep.errors import UserError
+from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
+from skysweep.sensing.model_files import model_file, sha256_of
+
+VERSION = 2
+FACTORS = ("view", "hidden", "blur", "contrast")
+VIEW_MAX = math.sin(math.radians(50.0)) ** 2
+HIDDEN_MAX = 0.75
+BLUR_MAX = 1.0
+CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
+
+
+def score_of(confidence: ArrayLike) -> NDArray[np.float64]:
+    """Confidences (0..1) on the scale on which looks at one object are closest to normal."""
+    return np.asarray(-np.log(-np.log(np.asarray(confidence, dtype=float))))
+
+
+def confidence_of(score: ArrayLike) -> NDArray[np.float64]:
+    """The other way round."""
+    return np.asarray(np.exp(-np.exp(-np.asarray(score, dtype=float))))
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class KindModel(_Part):
+    """How one kind of object in one pose is reported as one class.
+
+    The score's mean at some pixels is ``score`` there plus each factor times its number here:
+
+    - view: square of the sine of the line of sight's angle off the vertical;
+    - hidden: share of the object that trees, buildings and the picture's edge hide;
+    - blur: length of the motion blur over the object's pixels;
+    - contrast: difference in colour to the ground (CIE76), less 30, over 20.
+    """
+
+    kind: str
+    pose: str
+    reported_as: str
+    score: list[float] = Field(description="Over the grid: mean from straight above, whole and sharp")
+    spread: list[float] = Field(description="Over the grid: standard deviation")
+    lapse: list[float] = Field(
+        description="Over the grid: share of looks without a report whatever the score"
+    )
+    view: float
+    hidden: float
+    blur: float
+    contrast: float
+    object_share: float = Field(ge=0, le=1, description="Of the variance: the object's own, in every look")
+    pass_share: float = Field(
+        ge=0, le=1, description="Of the variance: common to looks from nearly one place"
+    )
+
+    @property
+    def factors(self) -> tuple[float, float, float, float]:
+        """In the order of FACTORS."""
+        return self.view, self.hidden, self.blur, self.contrast
+
+    @model_validator(mode="after")
+    def _shares(self) -> KindModel:
+        if self.object_share + self.pass_share > 1:
+            raise ValueError("object_share and pass_share are more than 1 together")
+        return self
+
+
+class ContrastModel(_Part):
+    """Difference in colour (CIE76) between objects of a kind and the ground: mean and spread by surface."""
+
+    kind: str
+    pose: str
+    surfaces: dict[str, tuple[float, float]]
+
+
+class BackgroundModel(_Part):
+    """Reports where nothing is."""
+
+    reported_as: str
+    altitude_agl_m: list[float] = Field(min_length=1)
+    per_hectare: list[float] = Field(description="In one look, with confidences from the floor on")
+    score_scale: float = Field(gt=0, description="Mean of what their score is above the floor")
+    again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")
+    same_share: float = Field(ge=0, le=1, description="Of the score's variance: the same in every look")
+    pixels: float = Field(gt=0)
+
+
+class BoxModel(_Part):
+    """Error of a box's centre an axis: square root of the sum of squares."""
+
+    pixels: float = Field(ge=0)
+    of_object: float = Field(ge=0, description="Times the object's pixels")
+    of_blur: float = Field(ge=0, description="Times the length of the motion blur")
+
+
+class Detecting(_Part):
+    """The detector that was measured."""
+
+    name: str
+    sha256: str = Field(description="Of the model's file")
+
+
+class Camera(_Part):
+    """The camera that was measured."""
+
+    width_px: int
+    height_px: int
+    hfov_rad: float
+    exposure_s: float
+    noise_std: float
+    jpeg_quality: int
+
+
+class Experiment(_Part):
+    """What was rendered."""
+
+    pictures: int
+    seed: int
+    looks: int
+    confidence_floor: float = Field(description="Reports below were not looked at")
+
+
+class Fit(_Part):
+    """How well looks at objects that the fit has not seen are told: one part of the looks."""
+
+    part: str
+    looks: int
+    measured: float = Field(description="Share reported")
+    drawn: float = Field(description="What the model says")
+
+
+class HeldOut(_Part):
+    """Goodness of fit by cross validation over worlds, at one threshold of confidence."""
+
+    confidence: float
+    folds: int
+    brier: float = Field(description="Mean squared error of the chance of a report")
+    brier_of_rates: float = Field(
+        description="The same for each kind's rate, whatever the pixels and factors"
+    )
+    deviance_explained: float = Field(description="Share of the deviance of those rates")
+    calibration_error: float = Field(description="Mean distance of drawn and measured over ten bins")
+    parts: list[Fit]
+
+
+class StatisticalModel(_Part):
+    """Everything the sensor draws from. Written by ``skysweep calibrate``, never by hand."""
+
+    version: int
+    detector: Detecting
+    camera: Camera
+    experiment: Experiment
+    pixels: list[float] = Field(min_length=2, description="Grid of pixels on target, ascending")
+    fade_px: float = Field(gt=0, description="Looks that an image moved apart by this are correlated by 1/e")
+    box: BoxModel
+    kinds: list[KindModel]
+    contrasts: list[ContrastModel]
+    background: list[BackgroundModel]
+    held_out: list[HeldOut] = []
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_version(cls, data: object) -> object:
+        if isinstance(data, dict) and data.get("version", VERSION) != VERSION:
+            raise ValueError(f"is of version {data['version']}, this package reads {VERSION}")
+        return data
+
+    @model_validator(mode="after")
+    def _tables_fit_grid(self) -> StatisticalModel:
+        for kind in self.kinds:
+            for table in (kind.score, kind.spread, kind.lapse):
+                if len(table) != len(self.pixels):
+                    raise ValueError(f"kind '{kind.kind}': every list must have {len(self.pixels)} entries")
+        return self
+
+    @classmethod
+    def load(cls, path: Path | None = None) -> StatisticalModel:
+        """Read a model file; without a path the one that is shipped for the shipped detector.
+
+        Raises UserError on a file that is missing or is none.
+        """
+        source = path or Path(str(resources.files("skysweep.sensing") / "statistical_default.yaml"))
+        try:
+            status = source.stat()
+            return _read(source, status.st_mtime_ns, status.st_size)
+        except ValidationError as error:
+            first = error.errors()[0]
+            reason = ": ".join([*(str(part) for part in first["loc"]), first["msg"]])
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            reason = str(error).splitlines()[0]
+        raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
+
+    def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
+        """What of this camera and detector the numbers do not hold for; one phrase each.
+
+        Pixels on target, view angle, blur and overlap of looks are in the model, so another field of view,
+        rate, latency or gimbal is no difference. What changes how a given number of pixels looks, is.
+        """
+        found = []
+        if detector.tiles != 1:
+            found.append(f"detector.tiles is {detector.tiles}, not 1")
+        if (other := _other_detector(self.detector, detector.model)) is not None:
+            found.append(other)
+        if detector.confidence_min < self.experiment.confidence_floor:
+            floor = self.experiment.confidence_floor
+            found.append(f"detector.confidence_min is {detector.confidence_min:g}, below {floor:g}")
+        for field in ("width_px", "height_px", "exposure_s", "noise_std", "jpeg_quality"):
+            here, there = getattr(camera, field), getattr(self.camera, field)
+            if not math.isclose(here, there, rel_tol=1e-3):
+                found.append(f"camera.{field} is {here:.4g}, not {there:.4g}")
+        return found
+
+
+def model_for(scenario: Scenario) -> StatisticalModel:
+    """The model that a scenario names, or the shipped one.
+
+    Raises UserError when it was made for another detector or camera, with what differs.
+    """
+    path = scenario.detector.statistical_model
+    model = StatisticalModel.load(Path(path) if path else None)
+    differences = model.differences(scenario.camera, scenario.detector)
+    if differences:
+        raise UserError(
+            f"{path or 'the shipped sensor model'}: was made for another detector or camera "
+            f"({'; '.join(differences)}); make one with 'skysweep calibrate' and write its path as "
+            "detector.statistical_model, or fly with --sensor imaging"
+        )
+    return model
+
+
+@lru_cache(maxsize=8)
+def _read(source: Path, _changed_ns: int, _size: int) -> StatisticalModel:
+    return StatisticalModel.model_validate(yaml.safe_load(source.read_text(encoding="utf-8")))
+
+
+def _other_detector(made_for: Detecting, model: str) -> str | None:
+    path = model_file(model)
+    try:
+        if sha256_of(path) == made_for.sha256:
+            return None
+    except OSError:
+        return f"detector.model '{model}' is no file, not {made_for.name}"
+    if model == made_for.name:
+        return f"detector.model '{model}' has changed since"
+    return f"detector.model is '{model}', not {made_for.name}"

@@ -1,0 +1,74 @@
+"""Missions without pictures against missions with them: the table, its ledger, and that the tiers agree."""
+
+import json
+import math
+
+import pytest
+
+from skysweep.experiments.compare import MISSIONS_FILE
+from skysweep.experiments.single import fly_in_memory
+from skysweep.experiments.validate import METRICS, STATISTICAL_TIMES, Cell, compare_tiers, validation_text
+from skysweep.scenarios.files import load_scenario
+
+TINY = """
+name: tiny
+area: {polygon_enu_m: [[0, 0], [36, 0], [36, 30], [0, 30]]}
+home: {position_enu_m: [-2, -2]}
+camera: {hfov_rad: 1.4}
+search: {n_c: 2, scan_altitude_agl_m: 20, check_altitude_agl_m: 4}
+targets:
+  - {class: stop sign, position_enu_m: [12, 16], size_m: 0.9}
+  - {class: stop sign, position_enu_m: [27, 19], size_m: 0.9}
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TINY)
+    return str(path)
+
+
+def cell(rendered=100.0, ci=(90.0, 110.0), statistical=100.0):
+    return Cell("tiny", math.inf, "mission_time_s", 5, rendered, ci, statistical)
+
+
+def test_agreement_is_inside_the_interval_or_within_five_percent():
+    assert cell(statistical=109.0).agrees == "inside CI"
+    assert cell(ci=(99.0, 101.0), statistical=104.9).agrees == "within 5 %"
+    assert cell(ci=(99.0, 101.0), statistical=94.0).agrees == "no"
+    assert cell(0.0, (0.0, 0.0), 0.0).agrees == "inside CI"
+    assert cell(0.0, (0.0, 0.0), 0.1).agrees == "no"
+
+
+def test_the_text_counts_and_shows_every_cell():
+    text = validation_text([cell(), cell(statistical=130.0)])
+    assert text.startswith("1 of 2 means")
+    assert "+30.0 %" in text
+    assert "90.0 to 110.0" in text
+
+
+def test_the_tiers_agree_on_a_small_mission(tiny):
+    """One mission with pictures lies within 15 % of the mean of six without; all find both signs."""
+    scenario = load_scenario(tiny)
+    rendered = fly_in_memory(scenario, 0, "imaging")
+    statistical = [fly_in_memory(scenario, seed, "statistical") for seed in range(6)]
+    mean = sum(s["mission_time_s"] for s in statistical) / 6
+    assert rendered["mission_time_s"] == pytest.approx(mean, rel=0.15)
+    assert {s["recall"] for s in [rendered, *statistical]} == {1.0}
+
+
+@pytest.mark.slow
+def test_a_validation_is_written_and_goes_on_where_it_was(tiny, tmp_path):
+    flown = []
+    out = tmp_path / "out"
+    first = compare_tiers(2, out, [tiny], [2.0], 2, lambda job, _: flown.append(job.sensor))
+    assert sorted(flown) == ["imaging"] * 2 + ["statistical"] * 2 * STATISTICAL_TIMES
+    assert [c.metric for c in first] == list(METRICS)
+    rows = json.loads((out / "validate.json").read_text())
+    assert [row["statistical_mean"] for row in rows] == [c.statistical_mean for c in first]
+    assert (out / "validate.md").read_text() == validation_text(first)
+    ledger = (out / MISSIONS_FILE).read_text().splitlines()
+    (out / MISSIONS_FILE).write_text("\n".join(ledger[:-1]) + "\n" + ledger[-1][:40])
+    assert compare_tiers(2, out, [tiny], [2.0], 2) == first
+    assert len((out / MISSIONS_FILE).read_text().splitlines()) == len(ledger)
