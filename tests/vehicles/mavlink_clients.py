@@ -74,26 +74,37 @@ class Program:
 
     def __init__(self, sky: Sky, port: int = 1, system: int = 245, component: int = 190, key=None) -> None:
         self.address = ("10.0.0.1", port)
-        self.heard: list = []
+        self._datagrams: list[bytes] = []
         self._sky, self._decoder = sky, m.MAVLink(None)
         self._voice = Voice(component, Signing(key))
         self._voice._encoder.srcSystem = system
         sky.programs[self.address] = self
 
-    def hear(self, datagram):
-        self.heard.append(self._decoder.decode(bytearray(datagram)))
+    def hear(self, datagram: bytes) -> None:
+        self._datagrams.append(datagram)
+
+    def forget(self) -> None:
+        """What was heard until now."""
+        self._datagrams.clear()
+
+    @property
+    def heard(self) -> list:
+        """Every message since the last ``forget``."""
+        return [self._decoder.decode(bytearray(d)) for d in self._datagrams]
 
     def say(self, message):
         self._sky.face.receive(self._voice.pack(message), self.address)
 
     def answers(self, message, kind: str) -> list:
         """Says something; the messages of a kind that come back at once."""
-        self.heard.clear()
+        self.forget()
         self.say(message)
         return self.of(kind)
 
     def of(self, kind: str) -> list:
-        return [h for h in self.heard if h.get_type() == kind]
+        number = getattr(m, f"MAVLINK_MSG_ID_{kind}").to_bytes(3, "little")
+        wanted = (d for d in self._datagrams if d[7:10] == number)
+        return [self._decoder.decode(bytearray(d)) for d in wanted]
 
     def texts(self) -> str:
         return " ".join(h.text for h in self.of("STATUSTEXT"))
@@ -127,7 +138,7 @@ class Program:
 
     def upload(self, items: list[Item], kind: int = 0) -> int:
         """The result of sending a mission, a fence or rally points."""
-        self.heard.clear()
+        self.forget()
         self.say(m.MAVLink_mission_count_message(1, 1, len(items), kind))
         while not self.of("MISSION_ACK"):
             asked = self.of("MISSION_REQUEST_INT")[-1]

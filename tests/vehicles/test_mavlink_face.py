@@ -51,7 +51,7 @@ def test_sequence_numbers_have_no_gap_for_any_listener(sky, gcs):
 def test_telemetry_tells_where_it_is_in_every_frame(sky, gcs):
     gcs.take_off(12.0)
     sky.fly(5.0)
-    gcs.heard.clear()
+    gcs.forget()
     sky.fly(2.5)
     last = {h.get_type(): h for h in gcs.heard}
     here, home = sky.vehicle.true_position_enu_m, sky.pilot.home_enu_m
@@ -82,14 +82,14 @@ def test_a_listener_sets_its_own_rates(sky, gcs):
     kind = m.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, 500_000) == 0
     for program in (gcs, other):
-        program.heard.clear()
+        program.forget()
     sky.fly(10.0)
     assert len(gcs.of("LOCAL_POSITION_NED")) == pytest.approx(20, abs=1)
     assert len(other.of("LOCAL_POSITION_NED")) == pytest.approx(250, abs=3)
     assert gcs.command(m.MAV_CMD_GET_MESSAGE_INTERVAL, kind) == 0
     assert gcs.of("MESSAGE_INTERVAL")[0].interval_us == 500_000
     assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, kind, -1) == 0
-    gcs.heard.clear()
+    gcs.forget()
     sky.fly(3.0)
     assert not gcs.of("LOCAL_POSITION_NED")
     assert gcs.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, 7777, 1e5) == m.MAV_RESULT_DENIED
@@ -125,7 +125,7 @@ def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
     assert gcs.command(*take) == 0
     assert gcs.command(*point) == 0
     assert other.command(*point) == m.MAV_RESULT_DENIED
-    gcs.heard.clear()
+    gcs.forget()
     sky.fly(2.5)
     status = gcs.of("GIMBAL_MANAGER_STATUS")[-1]
     assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
@@ -239,7 +239,7 @@ def test_the_oldest_listener_leaves_when_there_are_too_many(sky, gcs):
     for program in programs:
         sky.fly(0.1)
         program.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    gcs.heard.clear()
+    gcs.forget()
     sky.fly(2.0)
     assert not gcs.heard
     assert all(program.of("HEARTBEAT") for program in programs)

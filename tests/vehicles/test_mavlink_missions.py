@@ -119,7 +119,7 @@ def test_a_mission_is_flown_item_by_item_and_ends_disarmed_at_home(sky, gcs):
     assert gcs.upload(lap(sky)) == ACCEPTED
     assert gcs.arm() == 0
     assert gcs.mode(*MISSION) == 0
-    gcs.heard.clear()
+    gcs.forget()
     track, speeds = [], []
     while sky.pilot.armed:
         sky.fly(0.2)
