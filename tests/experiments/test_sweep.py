@@ -299,7 +299,7 @@ def test_a_long_sweep_needs_yes(tmp_path, option, code, said, monkeypatch):
     (tmp_path / "small.yaml").write_text(SPEC.replace("seeds: 10", "seeds: 6"))
     command = ["sweep", str(tmp_path / "small.yaml"), "--out", str(tmp_path / "out"), *option]
     result = CliRunner().invoke(app, command)
-    assert result.exit_code == code
+    assert result.exit_code == code, result.stderr
     assert "3 configurations x 6 seeds = 18 missions" in result.stderr
     assert said in result.stderr
     assert (tmp_path / "out" / "missions.parquet").exists() == (code == 0)
