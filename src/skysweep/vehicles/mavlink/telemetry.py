@@ -111,7 +111,7 @@ class Picture:
 
     @property
     def centiamperes(self) -> int:
-        return min(round(self.power_w / self.volts * 100.0), _MAX_I16)
+        return round(min(max(self.power_w / self.volts * 100.0, 0.0), _MAX_I16))
 
 
 def _heartbeat(p: Picture) -> Message:
