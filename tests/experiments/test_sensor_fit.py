@@ -192,7 +192,8 @@ def test_background_rates_follow_altitude():
     rng = np.random.default_rng(1)
     altitudes = np.exp(rng.uniform(np.log(3), np.log(100), 4000))
     hectares = altitudes**2 * 1e-4
-    counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0))
+    surface = rng.integers(0, 2, 4000)
+    counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0) * np.where(surface == 0, 0.2, 1.0))
     of_report = np.repeat(altitudes, counts)
     n = len(of_report)
     scores = score_of(CONFIDENCE_FLOOR) + rng.exponential(0.6, n)
@@ -200,6 +201,10 @@ def test_background_rates_follow_altitude():
         altitude_agl_m=altitudes,
         hectares=hectares,
         world=np.zeros(4000, dtype=int),
+        surface=surface,
+        wooded=np.zeros(4000, dtype=bool),
+        surface_of_report=np.repeat(surface, counts),
+        wooded_of_report=np.zeros(n, dtype=bool),
         class_index=np.full(n, 1),
         altitude_of_report_m=of_report,
         confidences=confidence_of(scores),
@@ -208,9 +213,12 @@ def test_background_rates_follow_altitude():
     )
     fitted = fit_background(seen, 1)
     assert fitted.reported_as == CLASSES[1]
-    assert fitted.per_hectare[-1] == pytest.approx(0.5, rel=0.2)
-    assert fitted.per_hectare[1] > 2.0
-    assert fitted.score_scale == pytest.approx(0.6, abs=0.05)
+    of_other = np.array(fitted.per_hectare) * fitted.surfaces[SURFACES[1]]
+    assert of_other[-1] == pytest.approx(0.5, rel=0.25)
+    assert of_other[1] > 2.0
+    assert fitted.surfaces[SURFACES[0]] / fitted.surfaces[SURFACES[1]] == pytest.approx(0.2, rel=0.3)
+    assert fitted.wooded == pytest.approx(1.0)
+    assert fitted.score_scale == pytest.approx(0.6, abs=0.08)
     assert fitted.again == pytest.approx(0.6, abs=0.05)
     assert fitted.same_share > 0.9
     assert fitted.pixels == 9.0

@@ -72,6 +72,7 @@ _MAX_PAIRS = 4000
 _SHARES = np.linspace(0.0, 0.9, 19)
 _SHARE_STD = 0.15
 _USUAL_SHARES = (0.3, 0.3)
+_GROUND_STD = 1.2  # prior of the log factors of a surface and of trees
 _FADES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
@@ -419,24 +420,31 @@ def fit_box(looks: Looks) -> BoxModel:
 def fit_background(seen: Background, class_index: int) -> BackgroundModel | None:
     """Reports of one class on no object; None where there are too few to tell a rate.
 
-    A rate a hectare, log-linear over log altitude (Poisson, smoothed); scores over the floor are exponential.
+    A rate a hectare, log-linear over log altitude (Poisson, smoothed), times a factor for the surface and one
+    for trees, both drawn towards 1 where little was seen; scores over the floor are exponential.
     """
     mine = seen.class_index == class_index
     found = seen.confidences[mine]
     if (found >= MISSION_CONFIDENCE_MIN).sum() < MIN_REPORTS:
         return None
     grid = np.log(ALTITUDES_M)
-    at = _hats(np.log(seen.altitude_of_report_m[mine]), grid)
-    ground = _hats(np.log(seen.altitude_agl_m), grid)
-    bends = np.diff(np.eye(len(grid)), 2, axis=0)
+    at = _background_design(
+        seen.altitude_of_report_m[mine], seen.surface_of_report[mine], seen.wooded_of_report[mine]
+    ).sum(axis=0)
+    ground = _background_design(seen.altitude_agl_m, seen.surface, seen.wooded)
+    n, bends = len(grid), np.diff(np.eye(len(grid)), 2, axis=0)
 
-    def cost(log_rates: F64) -> float:
-        bend = bends @ log_rates
-        expected = float((seen.hectares * np.exp(ground @ log_rates)).sum())
-        return expected - float((at @ log_rates).sum()) + 0.5 * float(bend @ bend)
+    def cost(logs: F64) -> tuple[float, F64]:
+        bend, factors = bends @ logs[:n], logs[n:] / _GROUND_STD
+        expected = seen.hectares * np.exp(ground @ logs)
+        value = float(expected.sum() - at @ logs + 0.5 * (bend @ bend + factors @ factors))
+        slope = ground.T @ expected - at
+        return value, slope + np.concatenate([bends.T @ bend, factors / _GROUND_STD])
 
-    start = np.full(len(grid), np.log(len(found) / seen.hectares.sum()))
-    rates = np.exp(minimize(cost, start, method="L-BFGS-B").x)
+    start = np.zeros(ground.shape[1])
+    start[:n] = np.log(len(found) / seen.hectares.sum())
+    logs = minimize(cost, start, method="L-BFGS-B", jac=True).x
+    rates, factors = np.exp(logs[:n]), np.exp(logs[n:])
     followed = mine & np.isfinite(seen.again)
     again = seen.again[followed]
     repeats = again > 0
@@ -448,11 +456,19 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         reported_as=CLASSES[class_index],
         altitude_agl_m=list(ALTITUDES_M),
         per_hectare=[float(f"{r:.3g}") for r in rates],
+        surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=False)},
+        wooded=float(f"{factors[-1]:.3g}"),
         score_scale=round(scale, 3),
         again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),
         same_share=round(float(np.clip((same + 0.5 * 5) / (len(excess) + 5), 0.0, 1.0)), 3),
         pixels=round(float(np.median(seen.pixels[mine])), 1),
     )
+
+
+def _background_design(altitude_agl_m: F64, surface: I64, wooded: NDArray[np.bool_]) -> F64:
+    """Rows of the log rate's regressors: altitude's hats, one column a surface, one for trees."""
+    altitude = _hats(np.log(altitude_agl_m), np.log(ALTITUDES_M))
+    return np.column_stack([altitude, np.eye(len(SURFACES))[surface], wooded.astype(float)])
 
 
 def _hats(x: F64, grid: F64) -> F64:

@@ -137,6 +137,10 @@ class Background:
     altitude_agl_m: F64  # (M,)
     hectares: F64  # (M,) of ground in the picture, away from objects
     world: I64  # (M,)
+    surface: I64  # (M,) index into SURFACES
+    wooded: NDArray[np.bool_]  # (M,) trees or bushes stand there
+    surface_of_report: I64  # (K,)
+    wooded_of_report: NDArray[np.bool_]  # (K,)
     class_index: I64  # (K,)
     altitude_of_report_m: F64  # (K,)
     confidences: F64  # (K,)
@@ -495,8 +499,18 @@ class _Scorer:
         )
         strays = np.array(notes.strays, dtype=float).reshape(-1, 5).T
         pictures = np.array(notes.pictures, dtype=float).reshape(-1, 2).T
-        world = np.full(pictures.shape[1], job.index)
-        return looks, Background(*pictures, world, strays[0].astype(int), *strays[1:])
+        m, k = pictures.shape[1], strays.shape[1]
+        surface, wooded = SURFACES.index(self._world.terrain.surface), bool(self._world.trees)
+        return looks, Background(
+            *pictures,
+            np.full(m, job.index),
+            np.full(m, surface),
+            np.full(m, wooded),
+            np.full(k, surface),
+            np.full(k, wooded),
+            strays[0].astype(int),
+            *strays[1:],
+        )
 
 
 def _on_ground(lens: Lens, pose: CameraPose, pixels: F64) -> F64:

@@ -229,6 +229,10 @@ class StatisticalSensor:
         ).reshape(-1, 6)
         west, south, east, north = world.terrain.bounds_enu_m
         hectares = (east - west) * (north - south) / 1e4
+        factors = [
+            b.surfaces.get(world.terrain.surface, 1.0) * (b.wooded if world.trees else 1.0)
+            for b in self._background
+        ]
         parts, self._octave_starts = [np.zeros((0, 6))], [0]
         for k in range(_OCTAVES):
             for c, b in enumerate(self._background):
@@ -237,7 +241,7 @@ class StatisticalSensor:
                     (self._log_altitudes[c] > ends[0]) & (self._log_altitudes[c] < ends[1])
                 ]
                 top = float(np.interp([*ends, *inside], self._log_altitudes[c], b.per_hectare).max())
-                n = int(once.poisson(hectares * top / b.again))
+                n = int(once.poisson(hectares * top * factors[c] / b.again))
                 xy = once.uniform((west, south), (east, north), (n, 2))
                 z = world.terrain.height_m(xy) if n else np.zeros(0)
                 own = once.normal(size=n) * math.sqrt(b.same_share)

@@ -99,6 +99,8 @@ class BackgroundModel(_Part):
     reported_as: str
     altitude_agl_m: list[float] = Field(min_length=1)
     per_hectare: list[float] = Field(description="In one look, with confidences from the floor on")
+    surfaces: dict[str, float] = Field(description="Factor on that rate by what the ground is")
+    wooded: float = Field(gt=0, description="Factor on that rate where trees or bushes stand")
     score_scale: float = Field(gt=0, description="Mean of what their score is above the floor")
     again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")
     same_share: float = Field(ge=0, le=1, description="Of the score's variance: the same in every look")
