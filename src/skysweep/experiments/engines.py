@@ -118,6 +118,8 @@ class RayEngine:
             self._ray.init(address=self._address or "local", **options)
         except Exception as error:
             reason = str(error).strip().split("\n")[0].rstrip(".")
+            if self._address is None:
+                raise UserError(f"Ray cannot be started here ({reason}); try --engine local") from None
             raise UserError(
                 f"--address {self._address}: Ray cannot be reached there ({reason}); start one with "
                 "'ray start --head', or leave --address out"
