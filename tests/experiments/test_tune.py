@@ -1,0 +1,442 @@
+"""Tuning: honest racing, constraints that are kept, studies that survive a kill, recommendations that fly."""
+
+import json
+import math
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+import numpy as np
+import polars as pl
+import psutil
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skysweep.errors import UserError
+from skysweep.experiments.tune import Problem, family_of, search
+from skysweep.experiments.tune_race import (
+    Flown,
+    Rules,
+    best_first,
+    blocks,
+    clearly_worse_by_s,
+    incumbents,
+    why_dropped,
+)
+from skysweep.experiments.tune_space import (
+    CHECK_SPEED,
+    D_C,
+    H_C,
+    H_S,
+    N_C,
+    TUNED,
+    Parameter,
+    changed_space,
+    default_space,
+    value_at,
+)
+from skysweep.experiments.tune_validate import (
+    candidates_of,
+    effects,
+    fly_candidates,
+    matters_candidates,
+    matters_table,
+    paired,
+    standings,
+)
+from skysweep.scenarios.advice import warnings_for
+from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario, parse_scenario
+
+TUNE = [sys.executable, "-m", "skysweep.cli", "tune"]
+TINY = """\
+name: tiny
+area: {polygon_enu_m: [[0, 0], [40, 0], [40, 25], [0, 25]]}
+camera: {hfov_rad: 1.4}
+search: {n_c: 1, scan_altitude_agl_m: 25, check_altitude_agl_m: 6, check_speed_mps: 4, sidelap: 0.1}
+targets:
+  - {class: stop sign, position_enu_m: [20, 12], size_m: 0.9}
+"""
+FEW = ["--fix", D_C, "--fix", "search.sidelap", "--fix", H_C, "--fix", H_S, "--fix", "search.scan_speed_mps"]
+QUICK = [*FEW, "--workers", "1", "--no-matters"]
+
+
+@pytest.fixture
+def scenario_file(tmp_path):
+    path = tmp_path / "tiny.yaml"
+    path.write_text(TINY)
+    return path
+
+
+def tiny(**changes):
+    return change_scenario(parse_scenario(TINY, "tiny.yaml"), changes)
+
+
+def tune(*arguments):
+    return subprocess.run([*TUNE, *map(str, arguments)], capture_output=True, text=True, timeout=900)
+
+
+def problem(*space, scenario=None, **others):
+    given_scenario = scenario or tiny()
+    settings = {"rules": Rules(), "seeds": 8} | others
+    overlays = ({"scenario": "tiny", "set": {}},)
+    return Problem("tiny", (family_of(given_scenario, None),), (given_scenario,), overlays, space, **settings)
+
+
+def flown(times_s, recall=1.0, false_positives=0.0, targets=8, completed=1.0):
+    n = len(times_s)
+    rows = np.column_stack(
+        [
+            times_s,
+            np.broadcast_to(recall, n),
+            np.broadcast_to(false_positives, n),
+            np.zeros(n),
+            np.full(n, targets),
+            np.round(np.broadcast_to(recall, n) * targets),
+            np.broadcast_to(completed, n),
+            np.zeros(n),
+        ]
+    )
+    return Flown(rows[:, None, :])
+
+
+# the space
+
+
+@pytest.mark.parametrize("name", list_scenarios())
+def test_default_values_are_sensible_and_hold_the_scenarios_own(name):
+    scenario = load_scenario(name)
+    space = {p.field: p.values for p in default_space([scenario])}
+    assert tuple(space) == TUNED
+    assert space[N_C][-1] == space[D_C][-1] == math.inf
+    assert space[H_C][-1] < space[H_S][0]
+    for field, values in space.items():
+        own = value_at(scenario, field)
+        assert own in values
+        assert list(values) == sorted(set(values))
+        assert len(values) > 5
+        if field in (H_S, H_C):
+            for value in values:
+                warned = warnings_for(change_scenario(scenario, {field: value}))
+                assert value == own or not any(w.startswith(field) for w in warned)
+
+
+def test_together_means_values_that_suit_all():
+    scenarios = [load_scenario("clusters"), load_scenario("person-wilderness")]
+    space = {p.field: p.values for p in default_space(scenarios)}
+    alone = [{p.field: p.values for p in default_space([s])} for s in scenarios]
+    assert space[H_S][0] == max(a[H_S][0] for a in alone)
+    assert space[H_S][-1] == min(a[H_S][-1] for a in alone)
+
+
+def test_ranges_and_fixed_values():
+    scenario = tiny()
+    ranges = ["search.n_c=1:4,inf", "search.c_t=0.5:0.7"]
+    space, settings = changed_space(
+        default_space([scenario]), [scenario], ranges, ["search.sidelap", "search.d_c_m=30"]
+    )
+    values = {p.field: p.values for p in space}
+    assert values[N_C] == (1, 2, 3, 4, math.inf)
+    assert values["search.c_t"][0] == 0.5
+    assert values["search.c_t"][-1] == 0.7
+    assert not {"search.sidelap", D_C} & set(values)
+    assert settings == {D_C: 30.0}
+
+
+@pytest.mark.parametrize(
+    ("ranges", "fixed", "words"),
+    [
+        (["search.nc=1:3"], [], ["search.nc", "did you mean 'search.n_c'?"]),
+        (["h_s=10:20"], [], ["h_s", "there is no parameter"]),
+        (["search.n_c=4:2"], [], ["search.n_c=4:2", "empty"]),
+        (["search.n_c=3"], [], ["empty", "--fix search.n_c"]),
+        (["search.n_c="], [], ["empty"]),
+        (["search.d_c_m=10:inf"], [], ["inf on its own"]),
+        (["search.n_c=one:two"], [], ["'one' is no number"]),
+        (["search.c_t=0.5:1.5"], [], ["search.c_t", "less than 1"]),
+        (["search.check_altitude_agl_m=3:60"], [], ["not below the lowest scan altitude"]),
+        ([], ["search.n_c=-2"], ["search.n_c", "greater than 0"]),
+        ([], list(TUNED), ["nothing is left to tune"]),
+    ],
+)
+def test_bad_ranges_are_one_clear_sentence(ranges, fixed, words):
+    scenario = tiny()
+    with pytest.raises(UserError) as refused:
+        changed_space(default_space([scenario]), [scenario], ranges, fixed)
+    for word in words:
+        assert word in str(refused.value)
+
+
+# the race
+
+
+def test_blocks_double_until_all_seeds():
+    assert blocks(32) == [4, 8, 16, 32]
+    assert blocks(20) == [4, 8, 16, 20]
+    assert blocks(4) == [4]
+
+
+@given(
+    st.lists(st.floats(100, 900), min_size=2, max_size=12),
+    st.floats(-50, 50),
+    st.integers(0, 1000),
+)
+def test_what_a_seed_makes_hard_for_both_drops_out(shared, gap, seed):
+    rng = np.random.default_rng(seed)
+    mine, best = rng.normal(gap, 5, len(shared)), rng.normal(0, 5, len(shared))
+    alone = clearly_worse_by_s(mine, best)
+    together = clearly_worse_by_s(mine + shared, best + shared)
+    assert together == pytest.approx(alone, abs=1e-6)
+
+
+def test_a_good_candidate_is_rarely_dropped_and_a_bad_one_soon():
+    rng = np.random.default_rng(1)
+    world = rng.normal(400, 60, (2000, 4))
+    best = world + rng.normal(0, 10, world.shape)
+    equal, bad = world + rng.normal(0, 10, world.shape), world + rng.normal(60, 10, world.shape)
+    dropped_equal = np.mean([clearly_worse_by_s(a, b) > 0 for a, b in zip(equal, best, strict=True)])
+    dropped_bad = np.mean([clearly_worse_by_s(a, b) > 0 for a, b in zip(bad, best, strict=True)])
+    assert dropped_equal < 0.02
+    assert dropped_bad > 0.85
+
+
+def test_why_dropped():
+    rules, best = Rules(), flown([300, 310, 290, 305, 300, 300, 300, 300])
+    assert why_dropped(flown([305, 300, 295, 300]), [best], rules) is None
+    assert "clearly worse" in why_dropped(flown([400, 412, 385, 405]), [best], rules)
+    assert "recall" in why_dropped(flown([200] * 4, recall=0.25), [best], rules)
+    assert why_dropped(flown([200] * 4, recall=7 / 8), [best], rules) is None, "4 missions prove nothing"
+    assert "before the search was finished" in why_dropped(flown([90] * 4, completed=0.0), [best], rules)
+    costly = flown([290, 301, 282, 294], false_positives=2.0)
+    assert "clearly worse" in why_dropped(costly, [best], rules)
+    assert why_dropped(costly, [best], Rules(false_positive_cost_s=0.0)) is None
+
+
+def test_with_recall_as_an_objective_a_slower_candidate_that_finds_more_stays():
+    rules = Rules(min_recall=None)
+    fast = flown([200, 210, 190, 205], recall=0.5)
+    thorough = flown([300, 312, 288, 303], recall=1.0)
+    assert why_dropped(thorough, [fast], rules) is None
+    assert "clearly worse" in why_dropped(flown([300, 312, 288, 303], recall=0.5), [fast], rules)
+    assert len(incumbents([fast, thorough], rules)) == 2
+    assert best_first([fast, thorough], rules) == [1, 0]
+
+
+def test_best_first_keeps_recall_before_time():
+    slow, fast = flown([400.0] * 4), flown([200.0] * 4, recall=0.5)
+    unfinished = flown([100.0] * 4, completed=0.0)
+    assert best_first([fast, unfinished, slow], Rules()) == [2, 0, 1]
+    assert incumbents([fast], Rules()) == []
+    poor, poorer = flown([400.0] * 4, recall=0.875), flown([100.0] * 4, recall=0.25)
+    assert best_first([poorer, poor], Rules()) == [1, 0], "nobody reaches 0.95: the most found comes first"
+
+
+def test_paired_says_how_sure():
+    same = paired(np.zeros(20))
+    assert same.probability_below == 0.5
+    assert not same.is_clear
+    better = paired(np.linspace(-12.0, -2.0, 20))
+    assert better.probability_below == 1.0
+    assert better.is_clear
+
+
+# real missions
+
+
+def test_a_clearly_bad_trial_is_dropped_early_and_repeats_are_not_flown_again(tmp_path):
+    wanted = problem(Parameter(CHECK_SPEED, (0.2, 4.0)), seeds=16)
+    trials = search(wanted, f"sqlite:///{tmp_path}/study.db", "tiny", 10, workers=1)
+    assert [t.number for t in trials] == list(range(10))
+    own, *others = trials
+    assert own.values == {CHECK_SPEED: 4.0}
+    assert len(own.missions) == 16
+    bad = next(t for t in others if t.values == {CHECK_SPEED: 0.2})
+    assert len(bad.missions) == 4
+    assert "clearly worse" in bad.dropped
+    assert all(t.same_as is not None for t in others if t is not bad)
+    assert sum(len(t.missions) for t in trials if t.same_as is None) == 20
+
+
+def test_the_recall_constraint_is_respected(tmp_path):
+    wanted = problem(Parameter(H_S, (25.0, 120.0)))
+    trials = search(wanted, f"sqlite:///{tmp_path}/study.db", "tiny", 10, workers=1)
+    by_altitude = {t.values[H_S]: t for t in trials if t.same_as is None}
+    assert set(by_altitude) == {25.0, 120.0}
+    low, high = (by_altitude[h].flown(1) for h in (25.0, 120.0))
+    assert high.mean("recall") < 0.5
+    assert "recall" in by_altitude[120.0].dropped
+    candidates = candidates_of(wanted, trials)
+    result = standings(candidates, fly_candidates(wanted.scenarios, candidates, 4, tmp_path, 1), wanted.rules)
+    assert result[0].recall.mean >= 0.95
+    assert all(s.candidate.changes.get(H_S, 25.0) == 25.0 for s in result)
+    assert low.mean("recall") >= 0.95
+
+
+def test_one_process_and_one_seed_repeat_themselves(tmp_path):
+    space = [p for p in default_space([tiny()]) if p.field in (CHECK_SPEED, H_C)]
+    first, second = (
+        search(problem(*space, seeds=4), f"sqlite:///{tmp_path}/{name}.db", "tiny", 15, workers=1)
+        for name in ("a", "b")
+    )
+    assert first == second
+    assert len({tuple(t.values.items()) for t in first}) > 10, "beyond the first random ones too"
+
+
+def test_when_it_matters(tmp_path):
+    scenario = tiny(**{"search.n_c": 5.0})
+    cells = matters_candidates(scenario)
+    cells = [c for c in cells if c.changes[N_C] in (1, 5) and c.changes[D_C] in (5, math.inf)]
+    table = matters_table(cells, fly_candidates([scenario], cells, 4, tmp_path, 1), scenario)
+    assert [(c.n_c, c.d_c_m) for c in table] == [(1, None), (5, 5), (5, math.inf)]
+    assert sum(c.time_over_best_s is None for c in table) == 1
+    assert all(c.time_over_best_s is None or c.time_over_best_s.test.mean >= 0 for c in table)
+    assert [(e.held, e.value) for e in effects(table)] == [("d_c", 5.0), ("d_c", math.inf), ("n_c", 5.0)]
+
+
+def test_the_command_end_to_end(tmp_path, scenario_file):
+    out = tmp_path / "out"
+    arguments = [scenario_file, *FEW, "--trials", 6, "--seeds", 4, "--validation-seeds", 3, "--out", out]
+    result = tune(*arguments, "--workers", 1)
+    assert result.returncode == 0, result.stderr
+    assert "Recommended for tiny" in result.stdout
+    assert "Runner-up" in result.stdout
+    folder = out / "tiny"
+    trials = pl.read_parquet(folder / "trials.parquet")
+    assert len(trials) == 6
+    assert trials["seeds_used"].is_between(1, 4).all()
+    told = json.loads((folder / "tuning.json").read_text())
+    recommended = load_scenario(folder / "recommended.yaml")
+    assert recommended.scatter_m == 0.0, "the scenario as given, only with other search parameters"
+    assert recommended.search.check_speed_mps == told["recommended"][CHECK_SPEED]
+    overlay = yaml.safe_load((folder / "overlay.yaml").read_text())
+    assert change_scenario(load_scenario(overlay["scenario"]), overlay["set"]) == recommended
+    for name in ("search.png", "search.csv", "matters-tiny.png", "matters-tiny.csv", "tuning.md"):
+        assert (folder / name).stat().st_size > 100
+    run = [sys.executable, "-m", "skysweep.cli", "run", folder / "recommended.yaml"]
+    flight = subprocess.run(
+        [*run, "--sensor", "statistical", "--out", tmp_path / "run"], capture_output=True, text=True
+    )
+    assert flight.returncode == 0, flight.stderr
+    ledger = (folder / "missions.jsonl").read_bytes()
+    again = tune(*arguments, "--workers", 1)
+    assert again.stdout == result.stdout
+    assert (folder / "missions.jsonl").read_bytes() == ledger, "nothing is flown twice"
+    other = tune(*arguments[:-2], "--out", out, "--min-recall", 0.5)
+    assert other.returncode == 2
+    assert "another problem" in other.stderr
+    assert "min-recall" in other.stderr
+
+
+def test_killed_and_continued_it_keeps_what_was_finished(tmp_path, scenario_file):
+    out = tmp_path / "out"
+    arguments = [scenario_file, *QUICK, "--trials", 6, "--seeds", 8, "--validation-seeds", 0, "--out", out]
+    process = subprocess.Popen([*TUNE, *map(str, arguments)], stderr=subprocess.DEVNULL)
+    before = _wait_for_trials(process, out / "tiny" / "study.db", 2)
+    children = psutil.Process(process.pid).children(recursive=True)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not psutil.wait_procs(children, timeout=20)[1], "workers end with the command that was killed"
+    result = tune(*arguments)
+    assert result.returncode == 0, result.stderr
+    assert "6 trials" in result.stderr
+    after = _trials(out / "tiny" / "study.db")
+    assert len(after) == 6
+    assert {number: after[number] for number in before} == before
+    states = {state for (state,) in _query(out / "tiny" / "study.db", "SELECT state FROM trials")}
+    assert states <= {"COMPLETE", "FAIL"}
+
+
+def test_two_commands_share_a_study(tmp_path, scenario_file):
+    storage = f"sqlite:///{tmp_path}/shared.db"
+    arguments = [scenario_file, *QUICK, "--trials", 6, "--seeds", 4, "--validation-seeds", 0]
+    processes = [
+        subprocess.Popen(
+            [*TUNE, *map(str, [*arguments, "--storage", storage, "--out", tmp_path / name])],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for name in ("a", "b")
+    ]
+    for process in processes:
+        _, stderr = process.communicate(timeout=900)
+        assert process.returncode == 0, stderr
+    assert len(_trials(tmp_path / "shared.db")) == 6
+    assert not (tmp_path / "a").exists(), "only what is asked for is written"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["clusterz"], ["clusterz", "did you mean 'clusters'?"]),
+        (["clusters", "clusters"], ["both called 'clusters'"]),
+        (["clusters", "--storage", "sqlite:////nowhere/at/all.db"], ["--storage", "cannot be used"]),
+        (["clusters", "--storage", "nonsense"], ["--storage nonsense", "check the URL"]),
+        (
+            ["clusters", "--storage", "oracle://me:secret@host/db"],
+            ["--storage oracle://me@host/db", "driver"],
+        ),
+    ],
+)
+def test_bad_input_is_one_clear_sentence(tmp_path, arguments, words):
+    result = tune(*arguments, "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    assert "secret" not in result.stderr
+    for word in words:
+        assert word in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_optuna_the_extra_is_named(tmp_path, scenario_file):
+    hide = "import sys; sys.modules['optuna'] = None; from skysweep.cli import app; app()"
+    result = subprocess.run(
+        [sys.executable, "-c", hide, "tune", str(scenario_file), "--out", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 2
+    assert "pip install 'skysweep[tune]'" in result.stderr
+
+
+def test_targets_are_needed(tmp_path):
+    path = tmp_path / "empty.yaml"
+    path.write_text(TINY.split("targets:")[0])
+    result = tune(path, *QUICK, "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert "no targets" in result.stderr
+
+
+def _query(database, sql):
+    with closing(sqlite3.connect(f"file:{database}?mode=ro", uri=True, timeout=30)) as connection:
+        return connection.execute(sql).fetchall()
+
+
+def _trials(database):
+    """(number, what was written down) of the finished ones."""
+    rows = _query(
+        database,
+        "SELECT number, key, value_json FROM trials JOIN trial_user_attributes USING (trial_id) "
+        "WHERE state = 'COMPLETE' ORDER BY number, key",
+    )
+    return {
+        number: [row[1:] for row in rows if row[0] == number] for number in dict.fromkeys(r[0] for r in rows)
+    }
+
+
+def _wait_for_trials(process, database, many):
+    deadline = time.monotonic() + 600
+    while time.monotonic() < deadline:
+        assert process.poll() is None, "it ended before it could be killed"
+        try:
+            found = _trials(database)
+        except sqlite3.OperationalError:  # the study is not made yet
+            found = {}
+        if len(found) >= many:
+            return found
+        time.sleep(0.2)
+    process.kill()
+    raise AssertionError("no trials in time")
