@@ -48,7 +48,8 @@ def draw_fit(looks: Looks, background: Background, told: Told, model: Statistica
     """
     rows = -(-len(SUBJECTS) // _COLUMNS)
     figure = Figure(figsize=(3.1 * _COLUMNS, 3.3 * rows + 8.2), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=[3.3 * rows, 8.0])
+    panels: Any = figure.subfigures(2, 1, height_ratios=[3.3 * rows, 8.0])
+    above, below = panels
     _draw_kinds(above, rows, looks, told, model)
     grid = below.subplots(2, _COLUMNS)
     _draw_checks(grid, told)

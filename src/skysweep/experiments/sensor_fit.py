@@ -451,7 +451,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
     scale = float((score_of(found) - FLOOR_SCORE).mean())
     above = np.column_stack([seen.confidences[followed][repeats], again[repeats]])
     excess = (score_of(np.minimum(above, 0.999)) - FLOOR_SCORE) / max(scale, 1e-6)
-    same = np.corrcoef(excess.T)[0, 1] * len(excess) if len(excess) >= 3 else 0.0
+    same = np.atleast_2d(np.corrcoef(excess.T))[0, -1] * len(excess) if len(excess) >= 3 else 0.0
     return BackgroundModel(
         reported_as=CLASSES[class_index],
         altitude_agl_m=list(ALTITUDES_M),

@@ -502,14 +502,18 @@ class _Scorer:
         m, k = pictures.shape[1], strays.shape[1]
         surface, wooded = SURFACES.index(self._world.terrain.surface), bool(self._world.trees)
         return looks, Background(
-            *pictures,
-            np.full(m, job.index),
-            np.full(m, surface),
-            np.full(m, wooded),
-            np.full(k, surface),
-            np.full(k, wooded),
-            strays[0].astype(int),
-            *strays[1:],
+            altitude_agl_m=pictures[0],
+            hectares=pictures[1],
+            world=np.full(m, job.index),
+            surface=np.full(m, surface),
+            wooded=np.full(m, wooded),
+            surface_of_report=np.full(k, surface),
+            wooded_of_report=np.full(k, wooded),
+            class_index=strays[0].astype(int),
+            altitude_of_report_m=strays[1],
+            confidences=strays[2],
+            pixels=strays[3],
+            again=strays[4],
         )
 
 
