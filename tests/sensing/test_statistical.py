@@ -320,6 +320,8 @@ def background(**other):
         reported_as="stop sign",
         altitude_agl_m=[8.0, 32.0],
         per_hectare=[0.001, 40.0],
+        surfaces={"grass": 1.0, "water": 0.1},
+        wooded=2.0,
         score_scale=0.5,
         again=0.5,
         same_share=0.5,
@@ -342,6 +344,17 @@ def test_background_reports_come_at_their_rate_a_hectare():
     views = moving(8.0, 1000)
     low = looks([], model(table(), background=[background()]), lambda: next(views), 1000, minimum=0.101)
     assert sum(map(len, low)) <= 2
+
+
+def test_background_depends_on_the_ground():
+    tables = model(table(), background=[background()])
+
+    def reports(surface):
+        views = moving(31.9, 1000)
+        return sum(map(len, looks([], tables, lambda: next(views), 1000, minimum=0.101, surface=surface)))
+
+    grass, wet = reports(FLAT), reports(replace(FLAT, surface="water"))
+    assert wet / grass == pytest.approx(0.1, rel=0.4)
 
 
 def test_background_scores_above_the_floor_are_exponential():
