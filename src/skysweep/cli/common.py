@@ -10,7 +10,14 @@ from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from skysweep.errors import UserError
 
@@ -77,11 +84,13 @@ def changes_of(assignments: list[str] | None) -> dict[str, Any]:
 
 
 def bar() -> Progress:
-    """A progress bar that counts, on standard error."""
+    """A progress bar that counts and says how long it will take, on standard error."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
         console=errors,
     )

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from skysweep.cli.common import (
@@ -15,6 +15,7 @@ from skysweep.cli.common import (
     SeedOption,
     SensorOption,
     SetOption,
+    bar,
     changes_of,
     console,
     errors,
@@ -141,13 +142,7 @@ def compare_paper_command(
     from skysweep.results.compare_report import write_compare_report
     from skysweep.results.tables import PAPER, print_tables
 
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=errors,
-    ) as progress:
+    with bar() as progress:
         task = progress.add_task("missions", total=seeds * len(PAPER))
 
         def on_done(job: PaperJob, summary: dict[str, Any]) -> None:

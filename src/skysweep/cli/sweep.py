@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
-from skysweep.cli.common import errors, friendly
+from skysweep.cli.common import bar, errors, friendly
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -76,15 +68,7 @@ def sweep(
         f"{flight.missions:,} missions" + (f", {done:,} of them flown already" if done else "")
     )
     failed = 0
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-        console=errors,
-    ) as progress:
+    with bar() as progress:
         task = progress.add_task("missions", total=flight.missions, completed=done)
 
         def on_done(error: str | None) -> None:

@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
-from skysweep.cli.common import SetOption, changes_of, console, errors, friendly
+from skysweep.cli.common import SetOption, bar, changes_of, console, errors, friendly
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -181,7 +173,7 @@ def _tune_one(
         _make(folder)
     _say_what_is_tuned(problem)
     database = storage or f"sqlite:///{(folder / 'study.db').absolute()}"
-    with _bar() as progress:
+    with bar() as progress:
         task = progress.add_task(f"{problem.name}: search", total=trials)
         seen: list[Trial] = []
 
@@ -198,7 +190,7 @@ def _tune_one(
         errors.print("searched only; give --validation-seeds for a recommendation", soft_wrap=True)
         return
     _make(folder)
-    with _bar() as progress:
+    with bar() as progress:
         task = progress.add_task(f"{problem.name}: validation", total=None)
 
         def on_mission(done: int, of: int) -> None:
@@ -278,18 +270,6 @@ def _search_sentence(trials: list[Trial]) -> str:
     return (
         f"{len(trials)} trials, {missions} missions; {dropped} were dropped before they had flown all seeds, "
         f"{repeated} repeated an earlier one"
-    )
-
-
-def _bar() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=20),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=errors,
     )
 
 

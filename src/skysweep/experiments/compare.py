@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_in_memory, fly_to_folder
-from skysweep.experiments.workers import run_jobs
-from skysweep.mission.journal import read_journal
 from skysweep.results.tables import PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
@@ -105,38 +103,7 @@ def compare_paper(
     out.mkdir(parents=True, exist_ok=True)
     for stale in (out / "runs").glob(f"*{UNFINISHED}"):
         shutil.rmtree(stale, ignore_errors=True)
-    return fly_missing(jobs, [job.key for job in jobs], out / MISSIONS_FILE, workers, on_done)
-
-
-def fly_missing(
-    jobs: Sequence[PaperJob],
-    keys: Sequence[str],
-    ledger: Path,
-    workers: int | None,
-    on_done: Callable[[PaperJob, dict[str, Any]], None],
-) -> list[dict[str, Any]]:
-    """Fly the jobs whose keys the ledger lacks; it grows by a line a mission. All summaries in order."""
-    known, key_of = _read_ledger(ledger), dict(zip(jobs, keys, strict=True))
-    summaries = {job: known[key] for job, key in key_of.items() if key in known}
-    for job, summary in summaries.items():
-        on_done(job, summary)
-    todo = [job for job in jobs if job not in summaries]
-    if todo:
-        with ledger.open("a", encoding="utf-8") as file:
-            for job, summary in run_jobs(fly_paper_job, todo, workers):
-                summaries[job] = summary
-                file.write(json.dumps({"key": key_of[job], "summary": summary}) + "\n")
-                file.flush()
-                on_done(job, summary)
-    return [summaries[job] for job in jobs]
-
-
-def _read_ledger(path: Path) -> dict[str, dict[str, Any]]:
-    """Summaries by key. A line that a kill tore is cut off, so that the next one starts on its own."""
-    if not path.exists():
-        return {}
-    lines = list(read_journal(path))
-    whole = path.with_suffix(".tmp")
-    whole.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    whole.replace(path)
-    return {line["key"]: line["summary"] for line in lines}
+    summaries = fly_missing(
+        fly_paper_job, {job.key: job for job in jobs}, out / MISSIONS_FILE, workers, on_done
+    )
+    return [summaries[job.key] for job in jobs]

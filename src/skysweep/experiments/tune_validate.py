@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
 
 from skysweep import __version__
+from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.tune import PAPER_N_C, Problem
 from skysweep.experiments.tune_race import F64, Flown, Outcome, Rules, best_first, outcome_of
 from skysweep.experiments.tune_space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune_study import Trial
-from skysweep.experiments.workers import run_jobs
-from skysweep.mission.journal import read_journal
 from skysweep.results.statistics import (
     SIGNIFICANCE,
     Estimate,
@@ -167,17 +165,15 @@ def fly_candidates(
         for configs in (_configs(scenarios, candidate) for candidate in candidates)
     ]
     wanted = {flight.key: flight for per_seed in zip(*flights, strict=True) for c in per_seed for flight in c}
-    ledger = folder / LEDGER_FILE
-    outcomes = {key: outcome for key, outcome in _read_ledger(ledger).items() if key in wanted}
-    on_mission(len(outcomes), len(wanted))
-    todo = [flight for key, flight in wanted.items() if key not in outcomes]
-    if todo:
-        with ledger.open("a", encoding="utf-8") as file:
-            for flight, outcome in run_jobs(_fly, todo, workers):
-                outcomes[flight.key] = outcome
-                file.write(json.dumps({"key": flight.key, "outcome": outcome}) + "\n")
-                file.flush()
-                on_mission(len(outcomes), len(wanted))
+    done = count(1)
+    on_mission(0, len(wanted))
+    outcomes = fly_missing(
+        _fly,
+        wanted,
+        folder / LEDGER_FILE,
+        workers,
+        lambda _flight, _outcome: on_mission(next(done), len(wanted)),
+    )
     return [
         Flown.of([outcomes[flight.key] for one in mine for flight in one], len(scenarios)) for mine in flights
     ]
@@ -274,17 +270,6 @@ def _key(text: str, seed: int) -> str:
 
 def _fly(flight: _Flight) -> Outcome:
     return outcome_of(fly_in_memory(flight.scenario, flight.seed))
-
-
-def _read_ledger(path: Path) -> dict[str, Outcome]:
-    """Outcomes by key. A line that a kill tore is cut off, so that the next one starts on its own."""
-    if not path.exists():
-        return {}
-    lines = list(read_journal(path))
-    whole = path.with_suffix(".tmp")
-    whole.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    whole.replace(path)
-    return {line["key"]: line["outcome"] for line in lines}
 
 
 def _distinct(values: Iterable[float | None]) -> list[float]:

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_missing
+from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
+from skysweep.experiments.ledger import fly_missing
 from skysweep.results.table_files import markdown
 from skysweep.sensing.model_files import model_file, sha256_of
 from skysweep.sensing.statistical_model import model_for
@@ -97,11 +98,11 @@ def compare_tiers(
         for scenario in scenarios
         for value in n_c
     }
-    flat = [job for some in jobs.values() for job in some]
-    keys = [_key(job) for job in flat]
+    key_of = {job: _key(job) for some in jobs.values() for job in some}
     out.mkdir(parents=True, exist_ok=True)
-    flown = fly_missing(flat, keys, out / MISSIONS_FILE, workers, on_done)
-    summaries = dict(zip(flat, flown, strict=True))
+    by_key = {key: job for job, key in key_of.items()}
+    flown = fly_missing(fly_paper_job, by_key, out / MISSIONS_FILE, workers, on_done)
+    summaries = {job: flown[key] for job, key in key_of.items()}
     cells = [
         _cell(
             scenario,
