@@ -58,8 +58,8 @@ N_TRAINING_LOOKS = GROUND_LOOKS * 3 // 4  # of the ground; the others are held o
 
 LAND = ("grass", "forest floor", "rock", "sand", "snow", "asphalt")
 ON_LAND = {
-    "stop sign": 0.34, "person": 0.2, "boat": 0.03, "red bucket": 0.1, "red round sign": 0.12, "rock": 0.07,
-    "stump": 0.06, "clothing": 0.08,
+    "stop sign": 0.32, "person": 0.2, "boat": 0.03, "red bucket": 0.08, "red round sign": 0.2, "rock": 0.05,
+    "stump": 0.04, "clothing": 0.08,
 }  # fmt: skip
 ON_WATER = {"person": 0.32, "boat": 0.34, "buoy": 0.18, "clothing": 0.09, "red bucket": 0.07}
 LAND_POSES = ("lying", "standing")
