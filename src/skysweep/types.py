@@ -6,6 +6,7 @@ were handed on. Frames: ENU metres; body FLU; camera optical (x right, y down, z
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from skysweep.geometry.camera import CameraPose, Lens
 
 F64 = NDArray[np.float64]
+XY = tuple[float, float]
 U8 = NDArray[np.uint8]
 
 
@@ -30,6 +32,9 @@ class VehicleState:
     battery_remaining: float  # 0..1
     energy_used_wh: float
     airborne: bool
+    position_std_m: float = 0.0  # horizontal, 1 sigma, that the estimator claims; inf: no position
+    silent_s: float = 0.0  # since telemetry was last heard
+    wind_enu_mps: F64 | None = None  # (3,) estimated mean wind; None: unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +111,9 @@ class Observation:
     altitude_agl_m: float  # believed
     sightings: tuple[Sighting, ...]  # since the last step, oldest first
     candidates: dict[int, Candidate]  # all that the tracker keeps, by id
+    looked_s: float | None = math.inf  # exposure of the look answered since the last step; None: none was
+    unsearched: tuple[tuple[XY, XY], ...] = ()  # legs that turned out, since then, to be flown blind
+    refused: bool = False  # the waypoint of the last command: too dangerous, do not ask for it again
 
     @property
     def time_s(self) -> float:
@@ -116,7 +124,7 @@ class Observation:
 @dataclass(frozen=True, slots=True)
 class Event:
     """Something the strategy decided, for the journal: kind is one of scanned, check_started,
-    confirmed, rejected, scan_resumed, waypoint_reached, finished."""
+    confirmed, rejected, unchecked, scan_resumed, waypoint_reached, finished."""
 
     kind: str
     candidate_id: int | None = None
@@ -127,7 +135,7 @@ class Event:
 class Waypoint:
     """Where a strategy wants to be: above the ground, because terrain is the loop's business."""
 
-    xy_enu_m: tuple[float, float]
+    xy_enu_m: XY
     altitude_agl_m: float
     speed_mps: float  # horizontal
 
@@ -153,6 +161,9 @@ class Vehicle(Protocol):
     def takeoff(self, altitude_agl_m: float) -> None: ...
 
     def land(self) -> None: ...
+
+    def hold(self) -> None:
+        """Stop and stay here until the next command. Called whenever our side ends early."""
 
 
 class Sensor(Protocol):

@@ -25,6 +25,8 @@ from skysweep.types import (
 )
 
 F64 = NDArray[np.float64]
+Watch = Callable[[VehicleState, str, Detections | None], None]
+Operator = Callable[[], str | None]
 
 STATE_PERIOD_S = 0.5  # between journal lines of the state
 LOW_BATTERY = 0.15  # PX4 BAT_LOW_THR: the search ends and the vehicle returns
@@ -52,14 +54,20 @@ class Mission:
 def fly(
     mission: Mission,
     journal: Journal,
-    watch: Callable[[VehicleState, str, Detections | None], None] = lambda _state, _mode, _new: None,
+    watch: Watch = lambda _state, _mode, _new: None,
+    operator: Operator = lambda: None,
 ) -> str:
     """Fly the mission from take-off to landing. Returns why the search ended: completed or low battery.
 
     ``watch`` sees every step (state, mode, new detections) for progress displays and recordings.
-    Mission time 0 is the take-off command.
+    ``operator`` is asked at every step and answers None, "hold", "continue" or "return".
+    Mission time 0 is the take-off command. Whatever ends it early, the vehicle is told to hold.
     """
-    return _Flight(mission, journal, watch).fly()
+    try:
+        return _Flight(mission, journal, watch, operator).fly()
+    except BaseException:
+        mission.vehicle.hold()
+        raise
 
 
 class _Flight:
@@ -67,9 +75,10 @@ class _Flight:
         self,
         mission: Mission,
         journal: Journal,
-        watch: Callable[[VehicleState, str, Detections | None], None],
+        watch: Watch,
+        operator: Operator,
     ) -> None:
-        self._m, self._journal, self._watch = mission, journal, watch
+        self._m, self._journal, self._watch, self._operator = mission, journal, watch, operator
         self._tick_s = 1.0 / mission.scenario.camera.rate_hz
         self._next_state_s = 0.0
 
@@ -113,9 +122,25 @@ class _Flight:
                 return "completed"
             if state.battery_remaining < LOW_BATTERY:
                 return "low battery"
+            if not self._operator_lets_go_on():
+                return "operator"
             m.vehicle.command(self._setpoint(state, command.waypoint))
             m.vehicle.advance(self._tick_s)
             state = m.vehicle.state()
+
+    def _operator_lets_go_on(self) -> bool:
+        """Hovers from "hold" to "continue"; False after "return"."""
+        word = self._operator()
+        if word == "hold":
+            self._m.vehicle.hold()
+
+            def released(_: VehicleState) -> bool:
+                nonlocal word
+                word = self._operator()
+                return word in ("continue", "return")
+
+            self._wait(released, "HOLD")
+        return word != "return"
 
     def _note_decisions(self, seen: Observation, events: tuple[Event, ...]) -> None:
         for s in seen.sightings:

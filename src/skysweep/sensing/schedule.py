@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from skysweep.sensing.believed import DelayedPose
 from skysweep.types import VehicleState
 
@@ -30,13 +32,4 @@ class Exposures:
         self._next_s += self._period_s
         if self._next_s <= state.time_s:
             self._next_s = state.time_s + self._period_s
-        return VehicleState(
-            state.time_s,
-            state.position_enu_m,
-            state.velocity_enu_mps,
-            state.R_body_to_enu,
-            self._poses.at(state.time_s),
-            state.battery_remaining,
-            state.energy_used_wh,
-            state.airborne,
-        )
+        return replace(state, camera=self._poses.at(state.time_s))

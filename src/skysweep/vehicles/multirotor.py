@@ -72,6 +72,7 @@ class Multirotor:
         q[d.GIMBAL_LAG] = camera.gimbal.lag_s
         q[d.HOVER_POWER] = limits.hover_power_w
         self._q = q
+        self._wind_enu_mps = np.array([*q[d.WIND : d.WIND + 2], 0.0])
         self._battery_wh = limits.battery_wh
         self._ground_height_m = ground_height_m
         self._rng = np.random.SeedSequence([seed, _VEHICLE_STREAM]).generate_state(1, np.uint64)
@@ -87,7 +88,10 @@ class Multirotor:
     # ---- what a mission uses -------------------------------------------------------------------------
 
     def state(self) -> VehicleState:
-        """What the vehicle believes: late by nothing, wrong by its GNSS and attitude errors."""
+        """What the vehicle believes: late by nothing, wrong by its GNSS and attitude errors.
+
+        Its estimate of the mean wind is exact.
+        """
         x, p = self._x, self._poses()
         energy_wh = float(x[d.ENERGY_WH])
         return VehicleState(
@@ -99,6 +103,7 @@ class Multirotor:
             max(0.0, 1.0 - energy_wh / self._battery_wh),
             energy_wh,
             bool(x[d.AIRBORNE]),
+            wind_enu_mps=self._wind_enu_mps,
         )
 
     def command(self, setpoint: Setpoint) -> None:
@@ -144,6 +149,12 @@ class Multirotor:
         """Descends where it is, slower near the ground; not airborne a second after touchdown."""
         self._hold_here()
         self._set_mode(d.LAND)
+
+    def hold(self) -> None:
+        """Hovers where it is; stays on the ground where it stands there."""
+        if self._x[d.MODE] != d.ON_GROUND:
+            self._hold_here()
+            self._set_mode(d.OFFBOARD)
 
     # ---- to resume -----------------------------------------------------------------------------------
 

@@ -50,6 +50,9 @@ class PointVehicle:
         ground = np.array([*self._position[:2], self._home[2]])
         self._target = Setpoint(ground, 0.0, self._target.yaw_rad)
 
+    def hold(self) -> None:
+        self._target = Setpoint(self._position.copy(), 0.0, self._target.yaw_rad)
+
     def advance(self, duration_s: float) -> None:
         self._time_s += duration_s
         if not self._airborne:
