@@ -16,6 +16,8 @@ from skysweep.experiments.single import fly_in_memory, fly_to_folder
 from skysweep.results.tables import PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.model_files import fingerprint
+from skysweep.sensing.statistical_model import model_for
 
 MISSIONS_FILE = "missions.jsonl"
 UNFINISHED = ".part"
@@ -40,8 +42,11 @@ class PaperJob:
 
     @property
     def key(self) -> str:
-        """Tells apart missions that may end differently."""
-        text = f"{dump_scenario(self.config)}|{self.seed}|{self.sensor}"
+        """Tells apart missions that may end differently, by the files too that decide how they see."""
+        config = self.config
+        text = f"{dump_scenario(config)}|{self.seed}|{self.sensor}|{fingerprint(config.detector.model)}"
+        if self.sensor == "statistical":
+            text += model_for(config).model_dump_json()
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -7,7 +7,6 @@ the one that it is compared with.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -21,8 +20,6 @@ from scipy.stats import t as student
 from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.experiments.ledger import fly_missing
 from skysweep.results.table_files import markdown
-from skysweep.sensing.model_files import model_file, sha256_of
-from skysweep.sensing.statistical_model import model_for
 
 SCENARIOS = ("clusters", "abundance", "sparse")
 N_C = (1.0, 5.0, math.inf)
@@ -98,9 +95,9 @@ def compare_tiers(
         for scenario in scenarios
         for value in n_c
     }
-    key_of = {job: _key(job) for some in jobs.values() for job in some}
+    key_of = {job: job.key for some in jobs.values() for job in some}
     out.mkdir(parents=True, exist_ok=True)
-    by_key = {key: job for job, key in key_of.items()}
+    by_key = {key: job for job, key in sorted(key_of.items(), key=lambda item: item[0].seed)}
     flown = fly_missing(fly_paper_job, by_key, out / MISSIONS_FILE, workers, on_done)
     summaries = {job: flown[key] for job, key in key_of.items()}
     cells = [
@@ -117,15 +114,6 @@ def compare_tiers(
     ]
     _write(cells, out)
     return cells
-
-
-def _key(job: PaperJob) -> str:
-    """The job's, and of the files that decide how it sees."""
-    config = job.config
-    seen_with = sha256_of(model_file(config.detector.model))
-    if job.sensor == "statistical":
-        seen_with += model_for(config).model_dump_json()
-    return f"{job.key}-{hashlib.sha256(seen_with.encode()).hexdigest()[:12]}"
 
 
 def _cell(

@@ -26,6 +26,12 @@ def sha256_of(path: Path) -> str:
     return _digest(path, status.st_mtime_ns, status.st_size)
 
 
+def fingerprint(model: str) -> str:
+    """What tells one detector from another: its file's SHA-256, or the name of one that is no file."""
+    path = model_file(model)
+    return sha256_of(path) if path.is_file() else model
+
+
 @lru_cache(maxsize=16)
 def _digest(path: Path, _changed_ns: int, _size: int) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
