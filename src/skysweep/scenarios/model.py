@@ -312,6 +312,58 @@ class Search(Model):
         return self
 
 
+class Safety(Model):
+    """When the mission holds, turns home or lands on its own account: docs/safety.md."""
+
+    no_fly_enu_m: list[list[PointXY]] = Field(
+        default_factory=list, description="Corners of each area that is not flown over"
+    )
+    fence_tolerance_m: float = Field(
+        5.0,
+        ge=0,
+        le=100,
+        description="Outside the fence, inside a no-fly area or above the ceiling by more: home",
+    )
+    altitude_max_agl_m: float = Field(120.0, gt=0, le=600, description="Ceiling above ground")
+    altitude_min_agl_m: float = Field(1.0, ge=0, le=100, description="Lower than this while searching: home")
+    battery_low: float = Field(0.15, ge=0, lt=1, description="Share of the battery left: home")
+    battery_critical: float = Field(0.05, ge=0, lt=1, description="Share of the battery left: land at once")
+    landing_reserve: float = Field(
+        0.1, ge=0, lt=1, description="Share of the battery that is still there after the way home and landing"
+    )
+    air_speed_max_mps: float = Field(
+        9.8, gt=0, le=50, description="What the vehicle can keep up in level flight"
+    )
+    wind_max_mps: float = Field(9.0, gt=0, le=50, description="Estimated mean wind above: hold")
+    wind_hold_s: float = Field(60.0, ge=0, le=3600, description="Wind above the limit for longer: home")
+    position_std_max_m: float = Field(
+        5.0, gt=0, le=100, description="Claimed horizontal standard deviation above: hold"
+    )
+    position_jump_m: float = Field(10.0, gt=0, le=1000, description="Not explained by the velocity: hold")
+    position_hold_s: float = Field(
+        30.0, ge=0, le=3600, description="No position for longer: land; position that stays displaced: home"
+    )
+    link_hold_s: float = Field(1.0, gt=0, le=60, description="Telemetry silent for longer: hold")
+    link_return_s: float = Field(60.0, gt=0, le=3600, description="Telemetry silent for longer: home")
+    detector_silent_s: float = Field(
+        2.0, gt=0, le=60, description="Answers missing for longer: what was flown is scanned again"
+    )
+    detector_dead_s: float = Field(60.0, gt=0, le=3600, description="No answer for longer: home")
+    detector_hang_s: float = Field(
+        20.0,
+        gt=0,
+        le=600,
+        description="Wall time that one picture may take before the mission goes on without",
+    )
+
+    @model_validator(mode="after")
+    def _areas_are_simple(self) -> Safety:
+        for index, corners in enumerate(self.no_fly_enu_m):
+            if len(corners) < 3 or not shapely.Polygon(corners).is_valid:
+                raise ValueError(f"no_fly_enu_m[{index}]: write at least 3 corners, in order around it")
+        return self
+
+
 class Scenario(Model):
     """One mission, whole."""
 
@@ -345,6 +397,7 @@ class Scenario(Model):
     camera: CameraModel = CameraModel()
     detector: DetectorModel = DetectorModel()
     search: Search = Search()
+    safety: Safety = Safety()
 
     @property
     def frame(self) -> LocalFrame:
@@ -410,6 +463,19 @@ class Scenario(Model):
                 )
             if not fence.covers(self.area_enu_m):
                 raise ValueError("geofence_enu_m: the search area reaches outside the fence; widen the fence")
+        return self
+
+    @model_validator(mode="after")
+    def _may_be_flown(self) -> Scenario:
+        home = shapely.Point(self.home.position_enu_m)
+        for index, corners in enumerate(self.safety.no_fly_enu_m):
+            if shapely.Polygon(corners).covers(home):
+                raise ValueError(f"home.position_enu_m: lies in safety.no_fly_enu_m[{index}]; move home")
+        if self.search.scan_altitude_agl_m > self.safety.altitude_max_agl_m:
+            raise ValueError(
+                f"search.scan_altitude_agl_m: is {self.search.scan_altitude_agl_m:g}; write at most "
+                f"safety.altitude_max_agl_m ({self.safety.altitude_max_agl_m:g}), or raise that"
+            )
         return self
 
     @model_validator(mode="after")
