@@ -1,6 +1,9 @@
 """The journal survives what missions do not."""
 
 import math
+import subprocess
+import sys
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ def test_lines_come_back_as_plain_rounded_data(tmp_path):
     journal = FileJournal(path)
     journal.write(1.23456789, "state", p=np.array([1.000049, 2.0, 3.0]), d_c_m=math.inf, mode="SCAN")
     journal.close()
-    assert list(read_journal(path)) == [
+    assert read_journal(path) == [
         {"t": 1.2346, "kind": "state", "p": [1.0, 2.0, 3.0], "d_c_m": "inf", "mode": "SCAN"}
     ]
 
@@ -29,7 +32,7 @@ def test_memory_and_file_say_the_same(tmp_path):
         journal.write(0.0, "start", seed=3)
         journal.write(0.5, "confirmed", candidate=2, p=(1.0, 2.0, 0.0))
     file.close()
-    assert list(read_journal(path)) == memory.lines
+    assert read_journal(path) == memory.lines
 
 
 @settings(deadline=None)
@@ -49,17 +52,51 @@ def test_infinity_in_an_array_is_said_in_words():
     assert journal.lines[0]["p"] == [1.0, "inf"]
 
 
-def test_a_torn_last_line_is_left_out(tmp_path):
+def test_looks_and_snapshots_keep_every_digit(tmp_path):
     path = tmp_path / "journal.jsonl"
-    path.write_text('{"t": 0, "kind": "start"}\n{"t": 1, "ki')
-    assert [line["kind"] for line in read_journal(path)] == ["start"]
+    third = np.array([[1.0, 2.0]]) / 3.0
+    with closing(FileJournal(path)) as journal:
+        journal.write(0.1, "look", boxes=third, names=("person",))
+        journal.write(0.1, "snapshot", strategy={"places": [1 / 3, None], "far": math.inf})
+    look, snapshot = read_journal(path)
+    assert look["boxes"] == third.tolist()
+    assert snapshot["strategy"] == {"places": [1 / 3, None], "far": "inf"}
 
 
-def test_a_broken_line_in_the_middle_says_what_is_sound(tmp_path):
+def test_a_damaged_line_in_the_middle_says_how_the_sound_ones_are_saved(tmp_path):
     path = tmp_path / "journal.jsonl"
-    path.write_text('{"t": 0, "kind": "start"}\n{"t": 1, "ki\n{"t": 2, "kind": "end"}\n')
-    with pytest.raises(UserError, match=r"line 2 cannot be read; the 1 lines before it are sound"):
-        list(read_journal(path))
+    with closing(FileJournal(path)) as journal:
+        for k in range(3):
+            journal.write(k, "state")
+    path.write_bytes(path.read_bytes().replace(b'"t": 1,', b'"t": 7,'))
+    with pytest.raises(
+        UserError, match=r"line 2 is damaged, 1 before it are sound; 'skysweep resume .*lines'"
+    ):
+        read_journal(path)
+    with pytest.raises(UserError, match="line 2 is damaged"):
+        FileJournal(path)
+
+
+def test_of_a_full_disk_the_journal_says_so_once_and_stays_sound(tmp_path):
+    """A limit on the file's size is what a full disk looks like to one process."""
+    path = tmp_path / "journal.jsonl"
+    program = """
+import resource, signal, sys
+from pathlib import Path
+from skysweep.mission.journal import FileJournal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+journal = FileJournal(Path(sys.argv[1]))
+told = [journal.write(k, "state", p=[1.0, 2.0, 3.0]) or journal.failed for k in range(40)]
+print(told[0], "|", told[-1], "|", len(set(told)))
+"""
+    run = subprocess.run([sys.executable, "-c", program, path], capture_output=True, text=True, check=True)
+    before, after, kinds = run.stdout.strip().split(" | ")
+    assert (before, kinds) == ("None", "2")
+    assert after == f"{path}: nothing more can be written (File too large); what it holds is sound"
+    assert [line["t"] for line in read_journal(path)] == list(range(len(read_journal(path))))
+    assert 900 < path.stat().st_size <= 1000
+    assert path.read_bytes().endswith(b"\n")
 
 
 def test_reopening_appends(tmp_path):

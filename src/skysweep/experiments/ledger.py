@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from skysweep.experiments.workers import run_jobs
-from skysweep.mission.journal import read_journal
+from skysweep.mission.line_file import LineFile
 
 Job = TypeVar("Job")
+
+_REMEDY = "delete that line and give the command again: what it held is done anew"
 
 
 def fly_missing(
@@ -24,32 +26,21 @@ def fly_missing(
     """Do the jobs whose keys the ledger lacks; it grows by a line a job. All results by key.
 
     ``on_done`` hears of every job: first of those that the ledger holds, then of each that finishes.
+
+    Raises UserError when another process works with the ledger, or a line in it is damaged.
     """
-    known = _read(ledger)
-    results = {key: known[key] for key in jobs if key in known}
-    for key, result in results.items():
-        on_done(jobs[key], result)
-    todo = [(key, job) for key, job in jobs.items() if key not in results]
-    if todo:
-        with ledger.open("a", encoding="utf-8") as file:
-            for (key, job), result in run_jobs(partial(_on_job, work), todo, workers):
-                results[key] = result
-                file.write(json.dumps({"key": key, "summary": result}) + "\n")
-                file.flush()
-                on_done(job, result)
+    with closing(LineFile(ledger, _REMEDY)) as file:
+        known = {line["key"]: line["summary"] for line in file.records}
+        results = {key: known[key] for key in jobs if key in known}
+        for key, result in results.items():
+            on_done(jobs[key], result)
+        todo = [(key, job) for key, job in jobs.items() if key not in results]
+        for (key, job), result in run_jobs(partial(_on_job, work), todo, workers) if todo else ():
+            results[key] = result
+            file.append({"key": key, "summary": result}, sync=False)
+            on_done(job, result)
     return results
 
 
 def _on_job(work: Callable[[Job], Any], keyed: tuple[str, Job]) -> Any:
     return work(keyed[1])
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """Results by key. A line that a kill tore is cut off, so that the next one starts on its own."""
-    if not path.exists():
-        return {}
-    lines = list(read_journal(path))
-    whole = path.with_suffix(".tmp")
-    whole.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    whole.replace(path)
-    return {line["key"]: line["summary"] for line in lines}

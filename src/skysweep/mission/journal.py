@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
-from collections.abc import Iterator
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,27 +13,47 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.mission.line_file import LineFile, read_lines
+
+_UNHURRIED = {"state", "look"}  # of these a power failure may take the newest: they are made again
+_EXACT = {"look", "snapshot"}  # these a mission goes on from, so their numbers are not rounded
 
 
 class Journal(Protocol):
-    """Takes down what happens. ``state_change`` lines must be on disk before the mission goes on."""
+    """Takes down what happens; what changes a mission's state is on the disk before it goes on.
+
+    ``failed`` says in a sentence why nothing can be taken down any more: it is time to fly home.
+    """
+
+    @property
+    def failed(self) -> str | None: ...
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None: ...
 
 
 class FileJournal:
-    """Appends to a file; every line but the periodic ``state`` lines is fsynced."""
+    """Appends to a run folder's journal; every line but states and looks is fsynced.
 
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("a", encoding="utf-8")
+    ``records`` is what it held when it was opened. When the disk takes no more, ``failed`` says so, what is
+    there stays sound and nothing more is written. ``set_aside`` is for a damaged one, see ``LineFile``.
+
+    Raises UserError where the journal cannot be written, is being written, or is damaged.
+    """
+
+    failed: str | None = None
+
+    def __init__(self, path: Path, set_aside: Path | None = None) -> None:
+        self._file = LineFile(path, _remedy(path), set_aside)
+        self.records = self._file.records
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Append one line. Numbers are rounded to a tenth of a millimetre or a tenth of a millisecond."""
-        line = {"t": round(time_s, 4), "kind": kind} | {k: _plain(v) for k, v in fields.items()}
-        self._file.write(json.dumps(line, allow_nan=False) + "\n")
-        self._file.flush()
-        if kind != "state":
-            os.fsync(self._file.fileno())
+        if self.failed is not None:
+            return
+        try:
+            self._file.append(line_of(time_s, kind, fields), sync=kind not in _UNHURRIED)
+        except UserError as error:
+            self.failed = str(error)
 
     def close(self) -> None:
         """Close the file."""
@@ -44,29 +63,43 @@ class FileJournal:
 class MemoryJournal:
     """Keeps the lines in memory, for missions by the thousand."""
 
+    failed: str | None = None
+
     def __init__(self) -> None:
         self.lines: list[dict[str, Any]] = []
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Keep one line."""
-        self.lines.append({"t": round(time_s, 4), "kind": kind} | {k: _plain(v) for k, v in fields.items()})
+        self.lines.append(line_of(time_s, kind, fields))
 
 
-def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+def read_journal(path: Path) -> list[dict[str, Any]]:
     """The lines of a journal. A torn last line is normal after a crash and is left out.
 
-    Raises UserError naming the line when one in the middle cannot be read.
+    Raises UserError naming the line when one in the middle is damaged, and how to save those before it.
     """
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    for number, line in enumerate(lines, start=1):
-        try:
-            yield json.loads(line)
-        except json.JSONDecodeError:
-            if number == len(lines):
-                return
-            raise UserError(
-                f"{path}: line {number} cannot be read; the {number - 1} lines before it are sound"
-            ) from None
+    return read_lines(path, _remedy(path))
+
+
+def line_of(time_s: float, kind: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """What a journal writes: plain data, rounded except where a mission goes on from it."""
+    plain = _exact if kind in _EXACT else _plain
+    return {"t": round(time_s, 4), "kind": kind} | {k: plain(v) for k, v in fields.items()}
+
+
+def _remedy(path: Path) -> str:
+    return f"'skysweep resume {shlex.quote(str(path.parent))} --from-sound-lines' goes on from those"
+
+
+def _exact(value: Any) -> Any:
+    """Plain data of arrays and tuples, every digit kept; what is not finite becomes a string."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else str(value)
+    if isinstance(value, list | tuple):
+        return [_exact(v) for v in value]
+    if isinstance(value, dict):
+        return {k: _exact(v) for k, v in value.items()}
+    return _exact(value.tolist()) if hasattr(value, "tolist") else value
 
 
 def _plain(value: Any) -> Any:
