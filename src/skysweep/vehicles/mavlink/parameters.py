@@ -94,6 +94,10 @@ class Parameters:
         self._values[name] = type(parameter.default)(value)
         return True
 
+    def stretch(self, name: str, factor: float) -> None:
+        """Makes a time longer, up to its limit."""
+        self.set(name, min(self._values[name] * factor, self._table[name].high))
+
     def message(self, name: str) -> Message:
         """PARAM_VALUE of one parameter."""
         value = self._values[name]

@@ -21,6 +21,7 @@ OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # where PX4's simulation send
 _LARGEST_DATAGRAM = 65_535
 _DATAGRAMS_IN_A_ROW = 200  # then the vehicle's turn
 _WATCH_EVERY_S = 0.2  # on the wall
+_WAITS_FOR_PROGRAMS = ("COM_OF_LOSS_T", "COM_DISARM_PRFLT")
 _MAX_LAG_S = 0.5  # on the wall; a machine that is slower than this lets vehicle time run slower
 
 
@@ -36,6 +37,8 @@ class VehicleServer:
     """Flies ``vehicle`` for whoever speaks MAVLink to it.
 
     Sends from ``local_port`` (0: any free one) on ``host`` to the ``listeners`` and to whoever speaks to it.
+    Where vehicle time runs faster than the wall clock, the times that it waits for programs are longer by as
+    much, as in PX4's own simulations.
     Use it as a context manager, which runs it in a thread, or call ``run`` in the thread that may be blocked.
     Raises UserError when the port is taken.
 
@@ -67,6 +70,8 @@ class VehicleServer:
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self.face = Face(vehicle, scenario, self._transmit, listeners, signing_key, time.time())
+        for name in _WAITS_FOR_PROGRAMS if speed > 1.0 else ():
+            self.face.parameters.stretch(name, speed)
 
     @property
     def address(self) -> Address:

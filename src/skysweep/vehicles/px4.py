@@ -1,0 +1,365 @@
+"""A PX4 that a mission flies over MAVLink, simulated or real. Implements ``types.Vehicle``.
+
+Needs the extra ``px4``. What PX4 does with each order: docs/px4.md.
+"""
+
+from __future__ import annotations
+
+import atexit
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from mavsdk.exceptions import MavsdkError
+from mavsdk.plugins.param.param import Param
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.scenarios.model import Home, Scenario
+from skysweep.types import Setpoint, VehicleState
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.px4 import Mode
+from skysweep.vehicles.px4_link import CONNECT_S, Link
+from skysweep.vehicles.px4_offboard import Offboard
+from skysweep.vehicles.px4_telemetry import SILENCE_S, Anchor, Telemetry
+
+F64 = NDArray[np.float64]
+
+MAX_FROM_HOME_M = 200.0  # between the vehicle and the home that a scenario names on Earth
+_MULTICOPTERS = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
+_RATES_HZ = {"LOCAL_POSITION_NED": 30.0, "ATTITUDE_QUATERNION": 30.0, "EXTENDED_SYS_STATE": 5.0}
+_RATES_HZ |= {"BATTERY_STATUS": 2.0, "ESTIMATOR_STATUS": 2.0, "WIND_COV": 1.0, "HOME_POSITION": 1.0}
+_GIMBAL_RATE_HZ = 20.0
+# At several times real time PX4's telemetry thread cannot keep up with its usual streams.
+_SPARED = (
+    "ATTITUDE",
+    "ATTITUDE_TARGET",
+    "ALTITUDE",
+    "DISTANCE_SENSOR",
+    "GLOBAL_POSITION_INT",
+    "HIGHRES_IMU",
+    "ODOMETRY",
+    "POSITION_TARGET_LOCAL_NED",
+    "SCALED_PRESSURE",
+    "SERVO_OUTPUT_RAW",
+    "VFR_HUD",
+    "VIBRATION",
+)
+_FAST = 1.5  # times real time: a simulator
+_LOST_US_S = 5.0  # on the wall: a silence that ended so recently explains why it left Offboard
+_TAKE_OFF_TRIES = 3
+_LEFT_GROUND_S = 30.0  # on the wall
+_HELLO_S = 1.0
+_POSITION_GAIN = 0.95  # MPC_XY_P
+_FOLLOWS = {
+    Mode.TAKEOFF: (Mode.TAKEOFF, Mode.HOLD),
+    Mode.OFFBOARD: (Mode.OFFBOARD,),
+    Mode.HOLD: (Mode.HOLD,),
+    Mode.LAND: (Mode.LAND,),
+}
+_ON_GROUND = (Mode.LAND, Mode.HOLD)
+_WAITING = (Mode.HOLD, None)  # where COM_OBL_RC_ACT leaves a vehicle that lost us: Hold, or Position
+
+
+class Px4Vehicle:
+    """Connects, and flies what it is told; nothing moves before ``takeoff``.
+
+    Time is the vehicle's own and begins with ``takeoff``. A scenario that names no latitude and longitude is
+    flown where the vehicle stands: the scenario's home is the vehicle's. ``scenario`` is the one to fly: it
+    says where on Earth. Heights are above the vehicle's home, on the scenario's ground there.
+
+    Raises UserError when nothing answers in ``timeout_s``, when it is no multicopter that PX4 flies, when it
+    has no position, or stands far from the scenario's home. ``close`` hands it over to Hold; so does the end
+    of the program, whatever ends it.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        scenario: Scenario,
+        ground_height_m: Callable[[F64], F64],
+        timeout_s: float = CONNECT_S,
+    ) -> None:
+        self.scenario = scenario
+        self._ground_height_m = ground_height_m
+        self._since_boot_s = 0.0
+        self._due_s = -math.inf
+        self._wanted: Mode | None = None  # the mode that we put it in
+        self._taken = False  # someone else flies it now
+        self._closed = False
+        self.link = Link(url, timeout_s)
+        try:
+            self._identify()
+            self.telemetry = Telemetry(
+                self.link, math.radians(scenario.camera.gimbal.pitch_deg), scenario.vehicle.battery_wh
+            )
+            self._ask_for_telemetry(timeout_s)
+            self.anchor = self._anchored()
+            self.gimbal = self._take_gimbal()
+            self.parameters = Param(self.link.system)
+            gain = self.parameter("MPC_XY_P")
+            self._offboard = Offboard(self.link, self.telemetry, gain or _POSITION_GAIN)
+        except BaseException:
+            self.link.close()
+            raise
+        self._state = self._look()
+        atexit.register(self.close)
+
+    # ---- what a mission uses -------------------------------------------------------------------------
+
+    def state(self) -> VehicleState:
+        """What the vehicle believed when time last moved."""
+        return self._state
+
+    def command(self, setpoint: Setpoint) -> None:
+        """Flies to the setpoint in Offboard, entering it where need be.
+
+        Raises UserError when someone else took the vehicle over, or it refuses.
+        """
+        if not all(map(math.isfinite, setpoint.position_enu_m)):
+            raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
+        self._offboard.aim(setpoint, self.anchor)
+        self._check_in_command()
+        if self.telemetry.mode is not Mode.OFFBOARD and self.telemetry.silent_s < SILENCE_S:
+            self._offboard.start()
+            self._change_mode(Mode.OFFBOARD, "go into Offboard")
+
+    def advance(self, duration_s: float) -> None:
+        """Waits until the vehicle's clock has moved by that much; not longer than it is silent."""
+        told = self.telemetry
+        self._due_s = max(self._due_s + duration_s, told.boot_s)
+        while not self.link.wait(lambda: told.boot_s >= self._due_s, SILENCE_S):
+            if told.silent_s >= SILENCE_S:
+                self._due_s = told.boot_s
+                break
+        if told.restarted:
+            raise UserError(
+                "the vehicle's clock went back: it was restarted in flight; look after it by hand"
+            )
+        self._check_in_command()
+        self._state = self._look()
+
+    def takeoff(self, altitude_agl_m: float) -> None:
+        """Arms, has PX4 take off, and returns when it left the ground; in the air it climbs in Offboard.
+
+        ``altitude_agl_m`` is above the ground below. Time begins here.
+        """
+        told = self.telemetry
+        if told.airborne:
+            self._start_clock()
+            here = self._state.position_enu_m
+            up = float(self._ground_height_m(here[None, :2])[0]) + altitude_agl_m
+            self.command(Setpoint(np.array([here[0], here[1], up]), 1.0, told.yaw_rad))
+            return
+        for left in reversed(range(_TAKE_OFF_TRIES)):
+            self._arm()
+            self._start_clock()
+            self._anchor_height()
+            try:
+                self._order_take_off(altitude_agl_m)
+                break
+            except UserError:
+                if left == 0 or told.armed:
+                    raise
+        if not self.link.wait(lambda: told.airborne, _LEFT_GROUND_S):
+            raise UserError(f"the vehicle did not leave the ground in {_LEFT_GROUND_S:g} s; look after it")
+        self._state = self._look()
+
+    def land(self) -> None:
+        """PX4 lands where it is."""
+        self._change_mode(Mode.LAND, "land", lambda: not self.telemetry.airborne)
+        self._offboard.stop()
+
+    def hold(self) -> None:
+        """PX4 stops and stays. Nothing where someone else flies it, or nobody does."""
+        ours = self._wanted is not None and not self._taken
+        if ours and self.telemetry.airborne and self.telemetry.mode is not Mode.HOLD:
+            with suppress(UserError):  # a silent vehicle does what COM_OBL_RC_ACT says
+                self._change_mode(Mode.HOLD, "hold")
+        self._offboard.stop()
+        self._wanted = Mode.HOLD if ours else self._wanted
+
+    def look(self, pitch_rad: float) -> None:
+        """Points the gimbal, where there is one, above (+) or below the horizon; yaw stays the vehicle's."""
+        self.telemetry.gimbal_pitch_rad = pitch_rad
+        if self.gimbal:
+            pitch_deg = math.degrees(pitch_rad)
+            self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, pitch_deg, 0.0, None, None, 0, 0, 0)
+
+    # ---- around a mission ----------------------------------------------------------------------------
+
+    def parameter(self, name: str) -> float | None:
+        """One of PX4's parameters, None where it does not say; asked twice, because radios lose."""
+        for get in (self.parameters.get_param_float, self.parameters.get_param_int) * 2:
+            with suppress(MavsdkError):
+                return float(get(name))
+        return None
+
+    def wait_disarmed(self, seconds: float) -> bool:
+        """Whether the motors stand still within so many seconds on the wall."""
+        return self.link.wait(lambda: not self.telemetry.armed, seconds)
+
+    def close(self) -> None:
+        """Hands over to Hold where it flies on our orders, and lets go of the link."""
+        if not self._closed:
+            self._closed = True
+            atexit.unregister(self.close)
+            self.hold()
+            for name in self._spared:
+                self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, _number(name), 0.0)
+            self.link.close()
+
+    # ---- inside: getting to know it ------------------------------------------------------------------
+
+    def _identify(self) -> None:
+        heartbeat = self.link.newest("HEARTBEAT") or {}
+        if heartbeat.get("autopilot") != m.MAV_AUTOPILOT_PX4:
+            raise UserError(
+                f"--connection {self.link.url}: the vehicle's firmware is not PX4 (MAV_AUTOPILOT "
+                f"{heartbeat.get('autopilot')}); give the address of a PX4"
+            )
+        if heartbeat.get("type") not in _MULTICOPTERS:
+            raise UserError(
+                f"--connection {self.link.url}: the vehicle is no multicopter (MAV_TYPE "
+                f"{heartbeat.get('type')}); this mission stops and hovers, fly it with one that can"
+            )
+        self.kind = _MULTICOPTERS[heartbeat["type"]]
+
+    def _ask_for_telemetry(self, timeout_s: float) -> None:
+        """Rates, and fewer streams for one that runs faster than the wall clock."""
+        told = self.telemetry
+        self._spared: tuple[str, ...] = ()
+        if self.link.wait(lambda: told.has_position, _HELLO_S):
+            boot_s, wall_s = told.boot_s, time.monotonic()
+            self.link.wait(lambda: time.monotonic() - wall_s > 0.5, 0.6)
+            if told.boot_s - boot_s > _FAST * (time.monotonic() - wall_s):
+                self._spared = _SPARED
+        for name in self._spared:
+            self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, _number(name), -1.0)
+        for name, rate_hz in _RATES_HZ.items():
+            self.link.every(name, rate_hz)
+
+        def ready() -> bool:
+            return told.has_position and told.has_attitude and told.home is not None
+
+        if not self.link.wait(ready, timeout_s):
+            missing = "home" if told.has_position else "position"
+            raise UserError(f"the vehicle has no {missing} ({timeout_s:g} s); wait for its GNSS fix")
+
+    def _anchored(self) -> Anchor:
+        said = self.telemetry.home or {}
+        latitude, longitude = said["latitude"] * 1e-7, said["longitude"] * 1e-7
+        if not names_its_place(self.scenario):
+            self.scenario = placed(self.scenario, latitude, longitude, said["altitude"] * 1e-3)
+        frame, home = self.scenario.frame, self.scenario.home
+        stands = frame.enu_from_geodetic([latitude, longitude, home.altitude_amsl_m])[0][:2]
+        away_m = math.dist(stands, home.position_enu_m)
+        if away_m > MAX_FROM_HOME_M:
+            raise UserError(
+                f"the vehicle stands {away_m:.0f} m from the scenario's home; carry it within "
+                f"{MAX_FROM_HOME_M:g} m, or write home.latitude_deg: {latitude:.6f} and home.longitude_deg: "
+                f"{longitude:.6f}"
+            )
+        ground = float(self._ground_height_m(stands[None])[0])
+        home_ned = np.array([said["x"], said["y"], said["z"]], dtype=float)
+        return Anchor(frame, np.array([*stands, ground]), home_ned)
+
+    def _anchor_height(self) -> None:
+        """What it stands on now is the ground: its barometer has drifted since home was set."""
+        a, ned = self.anchor, self.telemetry.ned_m
+        here_xy = a.enu(ned)[:2]
+        below = float(self._ground_height_m(here_xy[None])[0]) - a.home_enu_m[2]
+        self.anchor = Anchor(a.frame, a.home_enu_m, np.array([*a.home_ned_m[:2], ned[2] + below]))
+
+    def _take_gimbal(self) -> bool:
+        """Whether there is a gimbal that is ours now, looking where the scenario wants it."""
+        if self.link.ask("GIMBAL_MANAGER_INFORMATION", _HELLO_S) is None:
+            return False
+        self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
+        self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -3, -3)
+        self.gimbal = True
+        self.look(self.telemetry.gimbal_pitch_rad)
+        return True
+
+    # ---- inside: orders ------------------------------------------------------------------------------
+
+    def _arm(self) -> None:
+        if not self.telemetry.armed:
+            self.link.order("arm", m.MAV_CMD_COMPONENT_ARM_DISARM, [1.0], lambda: self.telemetry.armed)
+
+    def _order_take_off(self, altitude_agl_m: float) -> None:
+        told = self.telemetry
+        above_home_m = -(told.ned_m[2] - (told.home or {})["z"])
+        up_amsl_m = (told.home or {})["altitude"] * 1e-3 + above_home_m + altitude_agl_m
+        self._wanted = Mode.TAKEOFF
+        self.link.order(
+            "take off",
+            m.MAV_CMD_NAV_TAKEOFF,
+            [0.0, 0.0, 0.0, None, None, None, up_amsl_m],
+            lambda: told.airborne or (told.armed and told.mode is Mode.TAKEOFF),
+        )
+
+    def _change_mode(self, mode: Mode, what: str, or_else: Callable[[], bool] = lambda: False) -> None:
+        if self._taken:
+            raise UserError("someone else took the vehicle over; it is theirs")
+        main, sub = mode.value
+        custom = float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        self.link.order(
+            what,
+            m.MAV_CMD_DO_SET_MODE,
+            [custom, main, sub],
+            lambda: self.telemetry.mode is mode or or_else(),
+        )
+        self._wanted = mode
+
+    def _check_in_command(self) -> None:
+        """Raises UserError where it does not do what we ordered: someone else or a failsafe flies it."""
+        told, wanted = self.telemetry, self._wanted
+        landed = wanted in _ON_GROUND and not told.airborne
+        if wanted is None or self._taken or landed:
+            return
+        lost_us = told.silent_s > SILENCE_S or time.monotonic() - told.silence_ended_s < _LOST_US_S
+        if told.armed and (told.mode in _FOLLOWS[wanted] or (lost_us and told.mode in _WAITING)):
+            return
+        self._taken = True
+        self._offboard.stop()
+        now = f"is in {told.mode.name.title() if told.mode else 'a mode with sticks'}"
+        raise UserError(
+            f"the vehicle {now if told.armed else 'disarmed'} at {told.boot_s - self._since_boot_s:.0f} s: "
+            "its pilot or a failsafe flies it now, and this program keeps out"
+        )
+
+    def _start_clock(self) -> None:
+        self._since_boot_s = self._due_s = self.telemetry.boot_s
+
+    def _look(self) -> VehicleState:
+        return self.telemetry.state(self.anchor, self._since_boot_s)
+
+
+def names_its_place(scenario: Scenario) -> bool:
+    """Whether a scenario says where on Earth it lies, instead of leaving it to the vehicle."""
+    home, nowhere = scenario.home, Home()
+    named = (home.latitude_deg, home.longitude_deg) != (nowhere.latitude_deg, nowhere.longitude_deg)
+    return named or scenario.area.polygon_lat_lon_deg is not None or scenario.search.plan is not None
+
+
+def placed(scenario: Scenario, latitude_deg: float, longitude_deg: float, altitude_amsl_m: float) -> Scenario:
+    """The scenario with its home at a place on Earth."""
+    x, y = scenario.home.position_enu_m
+    at_home = LocalFrame(latitude_deg, longitude_deg, altitude_amsl_m)
+    latitude, longitude, _ = at_home.geodetic_from_enu([[-x, -y, 0.0]])[0]
+    home = scenario.home.model_copy(
+        update={
+            "latitude_deg": float(latitude),
+            "longitude_deg": float(longitude),
+            "altitude_amsl_m": altitude_amsl_m,
+        }
+    )
+    return scenario.model_copy(update={"home": home})
+
+
+def _number(name: str) -> int:
+    return int(getattr(m, f"MAVLINK_MSG_ID_{name}"))

@@ -1,0 +1,107 @@
+"""Setpoints to a PX4 in Offboard, at least 20 times a second of the vehicle's time, from a thread."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.frames import heading_from_yaw, ned_from_enu
+from skysweep.types import Setpoint
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.px4_link import Link
+from skysweep.vehicles.px4_telemetry import Anchor, Telemetry
+
+F64 = NDArray[np.float64]
+
+_LATEST_S = 0.05  # on the wall: a setpoint goes out even when no position comes in
+_NO_XY = m.POSITION_TARGET_TYPEMASK_X_IGNORE | m.POSITION_TARGET_TYPEMASK_Y_IGNORE
+_POSITION_VELOCITY_YAW = (
+    m.POSITION_TARGET_TYPEMASK_AX_IGNORE
+    | m.POSITION_TARGET_TYPEMASK_AY_IGNORE
+    | m.POSITION_TARGET_TYPEMASK_AZ_IGNORE
+    | m.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+)
+
+
+def horizontal_velocity_enu_mps(setpoint: Setpoint, position_enu_m: F64, gain_per_s: float) -> F64 | None:
+    """The velocity (2,) to fly to the setpoint with; None near it, where the position alone will do.
+
+    PX4 flies to a position at ``feed-forward + gain (sent - position)`` (MPC_XY_P) and as fast as
+    MPC_XY_VEL_MAX lets it. Where that is more than ``Setpoint.speed_mps`` the velocity is sent, cut to
+    it: the wanted speed without writing a parameter, however old the position is by then.
+    """
+    ahead = np.zeros(2) if setpoint.velocity_enu_mps is None else setpoint.velocity_enu_mps[:2]
+    velocity: F64 = ahead + gain_per_s * (setpoint.position_enu_m[:2] - position_enu_m[:2])
+    speed = math.hypot(velocity[0], velocity[1])
+    return velocity * (setpoint.speed_mps / speed) if speed > setpoint.speed_mps else None
+
+
+class Offboard:
+    """Streams the newest setpoint from ``start`` to ``stop``: with every position that comes in."""
+
+    def __init__(self, link: Link, telemetry: Telemetry, gain_per_s: float) -> None:
+        self._link, self._telemetry, self._gain_per_s = link, telemetry, gain_per_s
+        self._goal: tuple[Setpoint, Anchor] | None = None
+        self._running = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def aim(self, setpoint: Setpoint, anchor: Anchor) -> None:
+        """Flies there from the next message on."""
+        self._goal = setpoint, anchor
+
+    def start(self) -> None:
+        """Begins to stream; ``aim`` first."""
+        if self._thread is None:
+            self._running.set()
+            self._thread = threading.Thread(target=self._stream, name="offboard", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Says nothing more. Then PX4 does what COM_OBL_RC_ACT says, unless it was told another mode."""
+        self._running.clear()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def _stream(self) -> None:
+        sent_s = -math.inf
+
+        def news() -> bool:
+            return self._telemetry.boot_s > sent_s
+
+        while self._running.is_set():
+            self._link.wait(news, _LATEST_S)
+            sent_s = self._telemetry.boot_s
+            self._send()
+
+    def _send(self) -> None:
+        goal, told = self._goal, self._telemetry
+        if goal is None:
+            return
+        setpoint, anchor = goal
+        x, y, z = anchor.ned(setpoint.position_enu_m).tolist()
+        velocity = np.zeros(3) if setpoint.velocity_enu_mps is None else setpoint.velocity_enu_mps.copy()
+        cruise = horizontal_velocity_enu_mps(setpoint, anchor.enu(told.ned_m), self._gain_per_s)
+        if cruise is not None:
+            velocity[:2] = cruise
+        vx, vy, vz = ned_from_enu(velocity).tolist()
+        self._link.send(
+            "SET_POSITION_TARGET_LOCAL_NED",
+            time_boot_ms=round(told.boot_s * 1e3),
+            coordinate_frame=m.MAV_FRAME_LOCAL_NED,
+            type_mask=_POSITION_VELOCITY_YAW | (0 if cruise is None else _NO_XY),
+            x=x,
+            y=y,
+            z=z,
+            vx=vx,
+            vy=vy,
+            vz=vz,
+            afx=0.0,
+            afy=0.0,
+            afz=0.0,
+            yaw=math.radians(heading_from_yaw(setpoint.yaw_rad)),
+            yaw_rate=0.0,
+        )

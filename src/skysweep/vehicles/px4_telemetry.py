@@ -1,0 +1,228 @@
+"""What a PX4 says about itself, as a ``VehicleState``: read defensively, by the vehicle's clock."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.frames import (
+    LocalFrame,
+    enu_from_ned,
+    ned_from_enu,
+    rotation_camera_to_enu,
+    rotation_flu_to_enu,
+    wrap_angle,
+)
+from skysweep.types import VehicleState
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.px4 import Mode, mode_of
+from skysweep.vehicles.px4_link import Fields, Link
+
+F64 = NDArray[np.float64]
+
+SILENCE_S = 0.5  # on the wall, without a position
+_POSITION_GOOD = m.ESTIMATOR_POS_HORIZ_ABS | m.ESTIMATOR_POS_HORIZ_REL
+_IN_AIR = (m.MAV_LANDED_STATE_IN_AIR, m.MAV_LANDED_STATE_TAKEOFF, m.MAV_LANDED_STATE_LANDING)
+_CAMERA_BELOW_M = 0.1  # as on the embedded vehicle
+_LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """Where the vehicle's local NED lies in the scenario's ENU."""
+
+    frame: LocalFrame
+    home_enu_m: F64  # (3,)
+    home_ned_m: F64  # (3,)
+
+    def enu(self, ned_m: F64) -> F64:
+        """A position (3,) of local NED."""
+        return enu_from_ned(ned_m - self.home_ned_m) + self.home_enu_m
+
+    def ned(self, enu_m: F64) -> F64:
+        """A position (3,) in local NED."""
+        return ned_from_enu(enu_m - self.home_enu_m) + self.home_ned_m
+
+    def latitude_longitude(self, xy_enu_m: F64) -> F64:
+        """(N, 2) degrees of (N, 2) metres."""
+        level = np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))])
+        return self.frame.geodetic_from_enu(level)[:, :2]
+
+
+class Telemetry:
+    """Keeps what the link hears. ``gimbal_pitch_rad`` is where a gimbal looks that does not report."""
+
+    def __init__(self, link: Link, gimbal_pitch_rad: float, battery_wh: float) -> None:
+        self._link = link
+        self.gimbal_pitch_rad = gimbal_pitch_rad
+        self._battery_wh = battery_wh
+        self._boot_s = 0.0
+        self._used_wh, self._power_at_s = 0.0, math.nan
+        self.ned_m = np.zeros(3)
+        self.velocity_ned_mps = np.zeros(3)
+        self.R_body_to_enu = np.eye(3)
+        self.has_position = self.has_attitude = False
+        self.restarted = False
+        self.silence_ended_s = -math.inf  # on the wall's monotonic clock
+        self._heard_s = math.inf
+        link.on("LOCAL_POSITION_NED", self._position)
+        link.on("ATTITUDE_QUATERNION", self._attitude)
+        link.on("BATTERY_STATUS", self._power)
+
+    # ---- now -----------------------------------------------------------------------------------------
+
+    @property
+    def boot_s(self) -> float:
+        """The vehicle's clock: of the newest position."""
+        return self._boot_s
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds on the wall without a position."""
+        return self._link.silent_s("LOCAL_POSITION_NED")
+
+    @property
+    def armed(self) -> bool:
+        heartbeat = self._link.newest("HEARTBEAT") or {}
+        return bool(heartbeat.get("base_mode", 0) & m.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    @property
+    def mode(self) -> Mode | None:
+        """The mode of the last heartbeat; None for one that is not ours (those with sticks, for example)."""
+        custom = int((self._link.newest("HEARTBEAT") or {}).get("custom_mode", 0))
+        return mode_of(custom >> 16 & 0xFF, custom >> 24 & 0xFF)
+
+    @property
+    def airborne(self) -> bool:
+        """What the land detector says, the motors where it says nothing."""
+        landed = (self._link.newest("EXTENDED_SYS_STATE") or {}).get("landed_state", 0)
+        if landed == m.MAV_LANDED_STATE_UNDEFINED:
+            return self.armed
+        return landed in _IN_AIR
+
+    @property
+    def battery_remaining(self) -> float:
+        """0..1; 1 where the vehicle does not know."""
+        percent = (self._link.newest("BATTERY_STATUS") or {}).get("battery_remaining", -1)
+        return 1.0 if percent < 0 else min(percent / 100.0, 1.0)
+
+    @property
+    def yaw_rad(self) -> float:
+        """ENU."""
+        return math.atan2(self.R_body_to_enu[1, 0], self.R_body_to_enu[0, 0])
+
+    @property
+    def position_std_m(self) -> float:
+        """Horizontal, 1 sigma; inf where the estimator has no position."""
+        status = self._link.newest("ESTIMATOR_STATUS")
+        if status is None:
+            return 0.0 if self.has_position else math.inf
+        accuracy = status.get("pos_horiz_accuracy")
+        if not status["flags"] & _POSITION_GOOD or accuracy is None:
+            return math.inf
+        return float(accuracy)
+
+    @property
+    def wind_enu_mps(self) -> F64 | None:
+        """(3,) where it is estimated."""
+        wind = self._link.newest("WIND_COV")
+        if wind is None or wind.get("wind_x") is None or wind.get("wind_y") is None:
+            return None
+        return enu_from_ned([wind["wind_x"], wind["wind_y"], wind.get("wind_z") or 0.0])
+
+    @property
+    def home(self) -> Fields | None:
+        """The newest HOME_POSITION."""
+        return self._link.newest("HOME_POSITION")
+
+    def state(self, anchor: Anchor, since_boot_s: float) -> VehicleState:
+        """The vehicle now; time begins ``since_boot_s`` after its boot."""
+        position, R = anchor.enu(self.ned_m), self.R_body_to_enu
+        return VehicleState(
+            self._boot_s - since_boot_s,
+            position,
+            enu_from_ned(self.velocity_ned_mps),
+            R,
+            CameraPose(position - _CAMERA_BELOW_M * R[:, 2], self._camera_to_enu()),
+            self.battery_remaining,
+            self._used_wh,
+            self.airborne,
+            self.position_std_m,
+            self.silent_s,
+            self.wind_enu_mps,
+        )
+
+    # ---- hearing -------------------------------------------------------------------------------------
+
+    def _position(self, said: Fields) -> None:
+        numbers = [said.get(k) for k in ("x", "y", "z", "vx", "vy", "vz")]
+        if not all(isinstance(v, int | float) and math.isfinite(v) for v in numbers):
+            return
+        boot_s = said["time_boot_ms"] * 1e-3
+        if boot_s < self._boot_s:
+            self.restarted = self.restarted or boot_s < self._boot_s - 1.0
+            return
+        values = np.array(numbers, dtype=float)
+        if np.abs(values[3:]).max() > _LAWLESS_MPS:
+            return
+        now_s = time.monotonic()
+        if now_s - self._heard_s > SILENCE_S:
+            self.silence_ended_s = now_s
+        self._heard_s = now_s
+        self._boot_s, self.ned_m, self.velocity_ned_mps = boot_s, values[:3], values[3:]
+        self.has_position = True
+
+    def _attitude(self, said: Fields) -> None:
+        q = [said.get(k) for k in ("q1", "q2", "q3", "q4")]
+        R = _rotation(q)
+        if R is not None:
+            self.R_body_to_enu = rotation_flu_to_enu(R)
+            self.has_attitude = True
+
+    def _power(self, said: Fields) -> None:
+        """Energy from voltage and current, from the charge where there is no current."""
+        now_s, before_s = self._boot_s, self._power_at_s
+        self._power_at_s = now_s
+        cells = [v for v in said.get("voltages", ()) if 0 < v < 65535]
+        current_a = said.get("current_battery", -1) * 1e-2
+        if current_a > 0.0 and cells:
+            if math.isfinite(before_s):
+                self._used_wh += sum(cells) * 1e-3 * current_a * max(now_s - before_s, 0.0) / 3600.0
+        elif said.get("battery_remaining", -1) >= 0:
+            self._used_wh = max(self._used_wh, (1.0 - self.battery_remaining) * self._battery_wh)
+
+    def _camera_to_enu(self) -> F64:
+        """Where the gimbal says that it looks, else the pitch it was told and the vehicle's nose."""
+        said = self._link.newest("GIMBAL_DEVICE_ATTITUDE_STATUS")
+        R = None if said is None else _rotation(said.get("q") or [])
+        if said is None or R is None:
+            return rotation_camera_to_enu(self.yaw_rad, self.gimbal_pitch_rad)
+        forward = R[:, 0]
+        pitch = math.asin(max(-1.0, min(1.0, -forward[2])))
+        turn = math.atan2(-R[0, 1], R[1, 1])  # clockwise from above, also when it looks straight down
+        if said["flags"] & m.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME:
+            return rotation_camera_to_enu(wrap_angle(0.5 * math.pi - turn), pitch)
+        return rotation_camera_to_enu(wrap_angle(self.yaw_rad - turn), pitch)
+
+
+def _rotation(q: list[float | None]) -> F64 | None:
+    """(3, 3) of a quaternion (w, x, y, z); None where it is none."""
+    if len(q) != 4 or not all(isinstance(v, int | float) and math.isfinite(v) for v in q):
+        return None
+    wxyz = np.array(q, dtype=float)
+    norm = np.linalg.norm(wxyz)
+    if not 0.5 < norm < 2.0:
+        return None
+    w, x, y, z = wxyz / norm
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
