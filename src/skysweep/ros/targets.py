@@ -1,0 +1,81 @@
+"""What was found so far, as markers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.ros.messages import CYLINDER, TEXT, Mark
+
+F64 = NDArray[np.float64]
+
+_RGBA = {
+    "seen": (0.94, 0.89, 0.26, 0.6),
+    "scanned": (0.90, 0.62, 0.0, 0.7),
+    "confirmed": (0.0, 0.62, 0.45, 0.8),
+    "rejected": (0.84, 0.37, 0.0, 0.5),
+}
+_SEEN_RADIUS_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A candidate and what is known of it: seen, scanned, confirmed or rejected."""
+
+    id: int
+    class_name: str
+    standing: str
+    position_enu_m: F64  # (3,)
+    radius_95_m: float
+
+
+class TargetBoard:
+    """Keeps the targets that the records of a journal tell of."""
+
+    def __init__(self) -> None:
+        self.targets: dict[int, Target] = {}
+
+    def note(self, record: Mapping[str, Any]) -> bool:
+        """Take in one record; True when a target is new or its standing changed."""
+        kind, identity, place = record["kind"], record.get("candidate"), record.get("p")
+        standing = "seen" if kind == "sighting" else kind
+        if identity is None or standing not in _RGBA:
+            return False
+        known = self.targets.get(identity)
+        if known is None:
+            if place is None:
+                return False
+            name = str(record.get("class_name", "target"))
+            known = Target(identity, name, "", np.array(place, dtype=float), _SEEN_RADIUS_M)
+        elif standing == "seen":
+            return False
+        spread = record.get("covariance_m2")
+        self.targets[identity] = replace(
+            known,
+            standing=standing,
+            position_enu_m=known.position_enu_m if place is None else np.array(place, dtype=float),
+            radius_95_m=known.radius_95_m if spread is None else _radius_95_m(spread),
+        )
+        return True
+
+    def marks(self) -> list[Mark]:
+        """A disc, as large as the circle that holds it with 95 %, and a label for every target."""
+        marks = []
+        for t in self.targets.values():
+            rgba = _RGBA[t.standing]
+            size = (2 * t.radius_95_m, 2 * t.radius_95_m, 0.2)
+            marks.append(Mark(t.standing, t.id, CYLINDER, t.position_enu_m, size, rgba))
+            label = f"{t.id} {t.class_name} {t.standing}"
+            above = t.position_enu_m + np.array([0.0, 0.0, 2.0])
+            marks.append(Mark("labels", t.id, TEXT, above, (0.0, 0.0, 1.5), (1.0, 1.0, 1.0, 1.0), label))
+        return marks
+
+
+def _radius_95_m(covariance_m2: Any) -> float:
+    """Of the circle around the 95 % error ellipse (chi-square, 2 degrees of freedom: 5.991)."""
+    matrix = np.asarray(covariance_m2, dtype=float).reshape(2, 2)
+    return float(np.sqrt(5.991 * np.linalg.eigvalsh(matrix)[-1]))
