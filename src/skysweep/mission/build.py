@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.loop import Mission
 from skysweep.planning.flight_plan import plan_scenario
@@ -18,23 +21,28 @@ from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_model import model_for
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
-from skysweep.types import Detector, Sensor
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.types import Camera, Detector, Sensor, Vehicle
+from skysweep.vehicles.multirotor import CameraMotion, Multirotor
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
-    from skysweep.sensing.rendered_camera import TruePose
 
 SENSORS = ("imaging", "statistical")
 
 
 def build_mission(
-    scenario: Scenario, seed: int, sensor_name: str = "imaging", renderer: Backend = "auto", threads: int = 2
+    scenario: Scenario,
+    seed: int,
+    sensor_name: str = "imaging",
+    renderer: Backend = "auto",
+    threads: int = 2,
+    vehicle: Vehicle | None = None,
+    camera: Camera | None = None,
 ) -> Mission:
-    """A mission with the embedded vehicle, ready to fly.
+    """A mission ready to fly, with the embedded vehicle or the one given.
 
-    ``renderer`` is auto, gl or embree; ``threads`` is for the detector. Raises UserError on what the
-    scenario asks for and is not there.
+    ``renderer`` is auto, gl or embree; ``threads`` is for the detector. Without a ``camera`` the pictures are
+    rendered as the vehicle's would be. Raises UserError on what the scenario asks for and is not there.
     """
     if sensor_name not in SENSORS:
         raise UserError(f"sensor: there is no sensor '{sensor_name}'; write one of {', '.join(SENSORS)}")
@@ -43,19 +51,23 @@ def build_mission(
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
     plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
-    home_xy = np.array(scenario.home.position_enu_m, dtype=float)
-    home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
-    vehicle = Multirotor(scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed)
-    camera = scenario.camera
-    detector_rate_hz = min(scenario.detector.rate_hz, camera.rate_hz)
-    exposures = Exposures(detector_rate_hz, camera.pose_delay_s)
+    if vehicle is None:
+        home_xy = np.array(scenario.home.position_enu_m, dtype=float)
+        home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
+        vehicle = Multirotor(
+            scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed
+        )
+    eye = _eye(vehicle)
+    camera_model = scenario.camera
+    detector_rate_hz = min(scenario.detector.rate_hz, camera_model.rate_hz)
+    exposures = Exposures(detector_rate_hz, camera_model.pose_delay_s)
     sensor: Sensor
     if sensor_name == "statistical":
         sensor = StatisticalSensor(
             world,
-            camera,
-            vehicle.true_camera_pose,
-            vehicle.true_camera_motion,
+            camera_model,
+            eye.pose,
+            eye.motion,
             exposures,
             scenario.target_classes,
             scenario.detector.confidence_min,
@@ -63,8 +75,12 @@ def build_mission(
             model_for(scenario),
         )
     else:
-        sensor = _imaging_sensor(scenario, world, vehicle, exposures, seed, renderer, threads)
-    look_s = camera.latency_s + camera.pose_delay_s + 2.0 / detector_rate_hz
+        from skysweep.sensing.imaging import ImagingSensor
+
+        detector = _detector(scenario, threads)
+        pictures = camera or _rendered_camera(scenario, world, eye, seed, renderer)
+        sensor = ImagingSensor(pictures, detector, exposures, camera_model.latency_s)
+    look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
     return Mission(
         scenario,
@@ -81,22 +97,36 @@ def build_mission(
     )
 
 
-def _imaging_sensor(
-    scenario: Scenario,
-    world: World,
-    vehicle: Multirotor,
-    exposures: Exposures,
-    seed: int,
-    renderer: Backend,
-    threads: int,
-) -> Sensor:
-    """Renderer and detector are imported here, so that missions without pictures stay small."""
-    from skysweep.sensing.imaging import ImagingSensor
-    from skysweep.sensing.rendered_camera import RenderedCamera
+@dataclass(frozen=True, slots=True)
+class _Eye:
+    """Where a simulated camera is and how it moves, now."""
 
-    detector = _detector(scenario, threads)
-    pictures = RenderedCamera(world, scenario.camera, lambda: _true_camera(vehicle), seed, renderer)
-    return ImagingSensor(pictures, detector, exposures, scenario.camera.latency_s)
+    pose: Callable[[], CameraPose]
+    motion: Callable[[], CameraMotion]
+
+
+def _eye(vehicle: Vehicle) -> _Eye:
+    """The truth, where the vehicle is simulated here; else what it believes, its camera held steady."""
+    if isinstance(vehicle, Multirotor):
+        return _Eye(vehicle.true_camera_pose, vehicle.true_camera_motion)
+
+    def motion() -> CameraMotion:
+        state = vehicle.state()
+        return CameraMotion(state.camera.R_camera_to_enu.T @ state.velocity_enu_mps, np.zeros(3))
+
+    return _Eye(lambda: vehicle.state().camera, motion)
+
+
+def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, renderer: Backend) -> Camera:
+    """The renderer is imported here, so that missions without pictures stay small."""
+    from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+
+    def truth() -> TruePose:
+        pose, motion = eye.pose(), eye.motion()
+        R = pose.R_camera_to_enu
+        return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
+
+    return RenderedCamera(world, scenario.camera, truth, seed, renderer)
 
 
 def _detector(scenario: Scenario, threads: int) -> Detector:
@@ -119,12 +149,3 @@ def _detector(scenario: Scenario, threads: int) -> Detector:
         tiles=d.tiles,
         threads=threads,
     )
-
-
-def _true_camera(vehicle: Multirotor) -> TruePose:
-    """Where the camera really is and how it moves, in ENU."""
-    from skysweep.sensing.rendered_camera import TruePose
-
-    pose, motion = vehicle.true_camera_pose(), vehicle.true_camera_motion()
-    R = pose.R_camera_to_enu
-    return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
