@@ -65,7 +65,7 @@ def _messages(run: Run) -> Iterable[Timed]:
     yield 0.0, topics.TF_STATIC, m.fixed_transforms()
     yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, run.scenario.camera.lens)
     yield 0.0, topics.WORLD, m.markers(0.0, _still_life(run))
-    yield 0.0, topics.PLANNED_PATH, m.path(0.0, run.plan_enu_m)
+    yield 0.0, topics.PLANNED_PATH, m.planned_path(run.plan_enu_m)
     yield from _flight(run)
     board = TargetBoard()
     for record in run.records:
@@ -82,21 +82,22 @@ def _flight(run: Run) -> Iterable[Timed]:
         return
     fixes = run.scenario.frame.geodetic_from_enu(states.position_enu_m)
     times = states.time_s.tolist()
+    flown: list[Any] = []
     mode = None
     for k, time_s in enumerate(times):
         position = states.position_enu_m[k]
         camera = CameraPose(states.camera_position_enu_m[k], states.R_camera_to_enu[k])
         R = _level_body(camera.R_camera_to_enu)
         yield time_s, topics.TF, m.transforms(time_s, position, R, camera)
-        yield time_s, topics.POSE, m.pose_stamped(time_s, position, R)
+        flown.append(m.pose_stamped(time_s, position, R))
+        yield time_s, topics.POSE, flown[-1]
         yield time_s, topics.FIX, m.fix(time_s, fixes[k])
         yield time_s, topics.BATTERY, m.battery(time_s, float(states.battery[k]))
         if states.mode[k] != mode:
             mode = states.mode[k]
             yield time_s, topics.STATE, m.text(mode)
         if (k + 1) % _PATH_EVERY == 0 or k + 1 == len(times):
-            flown = m.path(time_s, states.position_enu_m[: k + 1], times[: k + 1])
-            yield time_s, topics.FLOWN_PATH, flown
+            yield time_s, topics.FLOWN_PATH, m.path(time_s, flown)
 
 
 def _level_body(R_camera_to_enu: F64) -> F64:

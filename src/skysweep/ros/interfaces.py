@@ -42,12 +42,16 @@ def typestore() -> Typestore:
 
 def make(type_name: str, **fields: Any) -> Any:
     """A message such as ``make("geometry_msgs/msg/Point", x=1.0)``; fields not given are zero or empty."""
-    definitions = dict(typestore().fielddefs[type_name][1])
-    unknown = fields.keys() - definitions.keys()
-    if unknown:
-        raise TypeError(f"{type_name} has no field {', '.join(sorted(unknown))}")
-    given = {name: fields[name] if name in fields else _zero(kind) for name, kind in definitions.items()}
-    return typestore().types[type_name](**given)
+    message_type, definitions = _parts(type_name)
+    for name, kind in definitions:
+        if name not in fields:
+            fields[name] = _zero(kind)
+    return message_type(**fields)
+
+
+@cache
+def _parts(type_name: str) -> tuple[type, list[tuple[str, Any]]]:
+    return typestore().types[type_name], list(typestore().fielddefs[type_name][1])
 
 
 def to_cdr(message: Any) -> bytes:

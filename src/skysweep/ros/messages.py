@@ -126,15 +126,15 @@ def pose_stamped(time_s: float, position_enu_m: ArrayLike, R_body_to_enu: F64) -
     )
 
 
-def path(time_s: float, points_enu_m: ArrayLike, times_s: Sequence[float] | None = None) -> Any:
-    """``nav_msgs/Path`` through points (N, 3) in ``map``, each with its time where ``times_s`` says it."""
-    points = np.asarray(points_enu_m, dtype=float).reshape(-1, 3)
-    level = make("geometry_msgs/msg/Quaternion", w=1.0)
-    poses = [
-        make("geometry_msgs/msg/PoseStamped", header=header(t, MAP), pose=_pose(point, level))
-        for point, t in zip(points, times_s or [time_s] * len(points), strict=True)
-    ]
-    return make(PATH, header=header(time_s, MAP), poses=poses)
+def path(time_s: float, poses: Sequence[Any]) -> Any:
+    """``nav_msgs/Path`` through poses of ``pose_stamped``."""
+    return make(PATH, header=header(time_s, MAP), poses=list(poses))
+
+
+def planned_path(waypoints_enu_m: ArrayLike) -> Any:
+    """``nav_msgs/Path`` through waypoints (N, 3), level and heading east."""
+    waypoints = np.asarray(waypoints_enu_m, dtype=float).reshape(-1, 3)
+    return path(0.0, [pose_stamped(0.0, waypoint, np.eye(3)) for waypoint in waypoints])
 
 
 def odometry(state: VehicleState) -> Any:
