@@ -31,6 +31,7 @@ def main() -> None:
 
 
 app.command()(missions.run)
+app.command()(missions.resume)
 app.command()(planning.plan)
 app.add_typer(scenarios.app, name="scenarios")
 

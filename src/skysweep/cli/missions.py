@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -73,13 +75,52 @@ def run(
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or _free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
+    with _flying(chosen.name, folder) as watch:
+        summary = fly_to_folder(chosen, seed, folder, sensor, renderer, watch=watch)
+    _print_summary(summary)
+    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+
+
+@friendly
+def resume(
+    run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
+    from_sound_lines: Annotated[
+        bool, typer.Option("--from-sound-lines", help="Of a damaged journal, go on from before the damage.")
+    ] = False,
+) -> None:
+    """Go on with a mission that was killed, stopped, or ran out of disk.
+
+    It ends as if nothing had happened: same journal, same results. A complete mission is left alone.
+
+    Examples:
+
+        skysweep resume runs/clusters-scan-check-seed0
+
+        skysweep resume my-run --from-sound-lines
+    """
+    from skysweep.experiments.resume import resume_folder, summary_of_complete
+
+    if summary_of_complete(run_dir) is not None:
+        console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
+        return
+    with _flying(run_dir.name, run_dir) as watch:
+        summary = resume_folder(run_dir, watch, from_sound_lines)
+    _print_summary(summary)
+    console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
+
+
+@contextmanager
+def _flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
+    """A status line that watches a mission; Ctrl-C says how to go on."""
+    from skysweep.mission.journal import resume_command
+
     with Progress(
         TextColumn("{task.description}"),
         TextColumn("{task.fields[doing]}"),
         TimeElapsedColumn(),
         console=errors,
     ) as progress:
-        task = progress.add_task(chosen.name, doing="preparing", total=None)
+        task = progress.add_task(name, doing="preparing", total=None)
 
         def watch(state: Any, mode: str, _new: Any) -> None:
             progress.update(
@@ -88,9 +129,12 @@ def run(
                 f"battery {state.battery_remaining:4.0%}",
             )
 
-        summary = fly_to_folder(chosen, seed, folder, sensor, renderer, watch=watch)
-    _print_summary(summary)
-    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+        try:
+            yield watch
+        except KeyboardInterrupt:
+            progress.stop()
+            errors.print(f"stopped; go on with:  {resume_command(folder)}", soft_wrap=True, highlight=False)
+            raise typer.Exit(130) from None
 
 
 def _free_folder(parent: Path, name: str) -> Path:

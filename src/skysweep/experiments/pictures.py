@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -39,12 +40,19 @@ class PictureBook:
         if look is None or self._kept == MAX_PICTURES:
             return
         frame, answer = look
-        self._folder.mkdir(exist_ok=True)
         height = f"{state.position_enu_m[2]:.0f}m"
-        name = f"{int(frame.time_s):04d}s-{mode.lower()}-{height}.jpg"
-        cv2.imwrite(str(self._folder / name), drawn(frame, answer)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+        self._write(f"{int(frame.time_s):04d}s-{mode.lower()}-{height}.jpg", frame, answer)
         self._wanted = False
         self._kept += 1
+
+    def _write(self, name: str, frame: Frame, answer: Detections) -> None:
+        """A frame of a mission flown again is empty: its picture is there. A full disk costs the picture."""
+        if not frame.image.size:
+            return
+        _, jpeg = cv2.imencode(".jpg", drawn(frame, answer)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+        with suppress(OSError):
+            self._folder.mkdir(exist_ok=True)
+            (self._folder / name).write_bytes(jpeg.tobytes())
 
 
 def drawn(frame: Frame, detections: Detections) -> np.ndarray:

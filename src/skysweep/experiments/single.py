@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skysweep import __version__
 from skysweep.errors import UserError
 from skysweep.mission.build import build_mission
-from skysweep.mission.journal import FileJournal, MemoryJournal
-from skysweep.mission.loop import fly
+from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
+from skysweep.mission.loop import Mission, fly
+from skysweep.mission.resume import RecordedSensor
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, Run, load_run
-from skysweep.scenarios.files import write_scenario
+from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
+from skysweep.sensing.model_files import fingerprint
+from skysweep.sensing.statistical_model import model_for
 from skysweep.types import Detections, VehicleState
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
 
+SETUP = "setup"  # kind of a journal's first line
 Watch = Callable[[VehicleState, str, Detections | None], None]
 
 
@@ -37,29 +44,26 @@ def fly_to_folder(
 ) -> dict[str, Any]:
     """Fly one mission, write its run folder and return its summary.
 
-    Raises UserError when ``out`` already holds a mission: nothing is ever overwritten.
+    Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
+    was full: then the vehicle has come home, and ``resume_folder`` goes on when there is room.
     """
-    from skysweep.experiments.pictures import PictureBook
-    from skysweep.results.writing import write_results
-
+    started = time.perf_counter()
     journal_path = out / JOURNAL_FILE
     if journal_path.exists():
-        raise UserError(f"{out}: holds a mission already; write another --out")
+        _refuse_flown(out, read_journal(journal_path))
+    scenario = with_paths_beside(scenario, Path.cwd())
     mission = build_mission(scenario, seed, sensor_name, renderer, threads)
-    out.mkdir(parents=True, exist_ok=True)
-    write_scenario(scenario, out / CONFIG_FILE)
-    watchers = [watch] if watch else []
-    if isinstance(mission.sensor, ImagingSensor):
-        watchers.append(PictureBook(out / "pictures", mission.sensor).watch)
-
-    def watch_all(state: VehicleState, mode: str, new: Detections | None) -> None:
-        for watcher in watchers:
-            watcher(state, mode, new)
-
-    started = time.perf_counter()
-    with closing(FileJournal(journal_path)) as journal, closing(mission.sensor):
-        fly(mission, journal, watch_all)
-    return write_results(load_run(out), time.perf_counter() - started)
+    with closing(mission.sensor):
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"{out}: cannot be made ({error.strerror}); write another --out") from None
+        with closing(FileJournal(journal_path)) as journal:
+            _refuse_flown(out, journal.records)
+            write_scenario(scenario, out / CONFIG_FILE)
+            journal.write(0.0, SETUP, **setup_of(mission, threads))
+            fly_in(out, mission, journal, watch)
+            return finish(out, started)
 
 
 def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> dict[str, Any]:
@@ -75,3 +79,72 @@ def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical
         scan_only_time_s=plan_scenario(scenario)[1].search_time_s,
         wall_time_s=time.perf_counter() - started,
     )
+
+
+def fly_in(folder: Path, mission: Mission, journal: Journal, watch: Watch | None) -> None:
+    """Fly a mission whose run folder is made.
+
+    Raises UserError when the disk was full; the vehicle has come home then.
+    """
+    from skysweep.experiments.pictures import PictureBook
+
+    watchers = [watch] if watch else []
+    if isinstance(mission.sensor, ImagingSensor):
+        watchers.append(PictureBook(folder / "pictures", mission.sensor).watch)
+        mission = replace(mission, sensor=RecordedSensor(mission.sensor, journal))
+
+    def watch_all(state: VehicleState, mode: str, new: Detections | None) -> None:
+        for watcher in watchers:
+            watcher(state, mode, new)
+
+    fly(mission, journal, watch_all)
+    if journal.failed is not None:
+        raise UserError(
+            f"{journal.failed}, and the vehicle has come home; make room, then  {resume_command(folder)}  "
+            "goes on"
+        )
+
+
+def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
+    """With what a mission is flown, beside its scenario; a mission can go on with the same only."""
+    if isinstance(mission.sensor, ImagingSensor):
+        renderer = getattr(mission.sensor.camera, "backend", None)
+        sees_with = fingerprint(mission.scenario.detector.model)
+    else:
+        renderer = None
+        model = model_for(mission.scenario).model_dump_json()
+        sees_with = hashlib.sha256(model.encode()).hexdigest()
+    return {
+        "version": __version__,
+        "seed": mission.seed,
+        "sensor": mission.sensor_name,
+        "renderer": renderer,
+        "threads": threads,
+        "model": sees_with,
+    }
+
+
+def finish(folder: Path, started: float | None) -> dict[str, Any]:
+    """Write the results of a flown mission; its summary.
+
+    ``started`` is when flying began by ``time.perf_counter``; None: nobody knows.
+
+    Raises UserError where they cannot be written.
+    """
+    from skysweep.results.writing import write_results
+
+    try:
+        return write_results(load_run(folder), None if started is None else time.perf_counter() - started)
+    except OSError as error:
+        raise UserError(
+            f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "
+            f"room, then  {resume_command(folder)}  writes them"
+        ) from None
+
+
+def _refuse_flown(folder: Path, records: list[dict[str, Any]]) -> None:
+    if records:
+        raise UserError(
+            f"{folder}: holds a mission already; write another --out, or go on with it:  "
+            f"{resume_command(folder)}"
+        )

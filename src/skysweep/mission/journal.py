@@ -43,6 +43,7 @@ class FileJournal:
     failed: str | None = None
 
     def __init__(self, path: Path, set_aside: Path | None = None) -> None:
+        self.path = path
         self._file = LineFile(path, _remedy(path), set_aside)
         self.records = self._file.records
 
@@ -87,8 +88,13 @@ def line_of(time_s: float, kind: str, fields: Mapping[str, Any]) -> dict[str, An
     return {"t": round(time_s, 4), "kind": kind} | {k: plain(v) for k, v in fields.items()}
 
 
+def resume_command(folder: Path) -> str:
+    """What goes on with the mission in a run folder, to be typed."""
+    return f"skysweep resume {shlex.quote(str(folder))}"
+
+
 def _remedy(path: Path) -> str:
-    return f"'skysweep resume {shlex.quote(str(path.parent))} --from-sound-lines' goes on from those"
+    return f"'{resume_command(path.parent)} --from-sound-lines' goes on from those"
 
 
 def _exact(value: Any) -> Any:

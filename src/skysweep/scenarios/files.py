@@ -81,7 +81,23 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         return parse_scenario(_shipped().joinpath(f"{name}.yaml").read_text("utf-8"), f"{name}.yaml")
     path = Path(name).expanduser()
     scenario = parse_scenario(_read_text(path), str(path))
-    return _with_paths_beside(scenario, path.parent)
+    return with_paths_beside(scenario, path.parent)
+
+
+def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
+    """The scenario with its relative paths counted from ``folder``."""
+    updates: dict[str, Any] = {}
+    if scenario.search.plan is not None:
+        plan = str(folder / Path(scenario.search.plan).expanduser())
+        updates["search"] = scenario.search.model_copy(update={"plan": plan})
+    detector, beside = scenario.detector, {}
+    if detector.model.lower().endswith(".onnx"):
+        beside["model"] = str(folder / Path(detector.model).expanduser())
+    if detector.statistical_model is not None:
+        beside["statistical_model"] = str(folder / Path(detector.statistical_model).expanduser())
+    if beside:
+        updates["detector"] = detector.model_copy(update=beside)
+    return scenario.model_copy(update=updates)
 
 
 def parse_scenario(text: str, source: str) -> Scenario:
@@ -242,21 +258,6 @@ def _forbidden(text: str) -> Iterator[tuple[str, int]]:
                 yield "lists are nested too deeply; check the brackets", line
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
-
-
-def _with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
-    updates: dict[str, Any] = {}
-    if scenario.search.plan is not None:
-        plan = str(folder / Path(scenario.search.plan).expanduser())
-        updates["search"] = scenario.search.model_copy(update={"plan": plan})
-    detector, beside = scenario.detector, {}
-    if detector.model.lower().endswith(".onnx"):
-        beside["model"] = str(folder / Path(detector.model).expanduser())
-    if detector.statistical_model is not None:
-        beside["statistical_model"] = str(folder / Path(detector.statistical_model).expanduser())
-    if beside:
-        updates["detector"] = detector.model_copy(update=beside)
-    return scenario.model_copy(update=updates)
 
 
 def _without_infinity(node: Any) -> Any:

@@ -3,12 +3,55 @@
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as TookTooLong
+from dataclasses import dataclass
+from queue import SimpleQueue
+from threading import Thread
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import Camera, Detections, Detector, Frame, VehicleState
 
 _EPS_S = 1e-6
+PATIENCE_S = 60.0  # of wall time, for an answer
+_LITTLE_PATIENCE_S = 1.0  # with a detector that did not answer last time
+_FAREWELL_S = 5.0
+
+
+class DetectorError(Exception):
+    """The detector failed on one picture; the next may be answered."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the detector said to one picture, without the pose, which a mission knows."""
+
+    boxes_xyxy_px: NDArray[np.float64]  # (N, 4)
+    confidences: NDArray[np.float64]  # (N,)
+    class_names: tuple[str, ...]  # (N,)
+    failure: str | None = None  # instead of an answer
+
+    def to(self, frame: Frame) -> Detections:
+        """The detections of ``frame``. Raises DetectorError where there was no answer."""
+        if self.failure is not None:
+            raise DetectorError(self.failure)
+        return Detections(
+            frame.time_s, self.boxes_xyxy_px, self.confidences, self.class_names, frame.camera, frame.lens
+        )
+
+
+@runtime_checkable
+class SkippingCamera(Camera, Protocol):
+    """A camera that can leave out a picture and still take the next as if it had taken this one."""
+
+    def skip(self, state: VehicleState) -> Frame:
+        """The frame with an empty picture (0, 0, 3)."""
+        ...
 
 
 class ImagingSensor:
@@ -16,31 +59,105 @@ class ImagingSensor:
 
     The detector works in a thread of its own while the next picture is rendered. Results are released by
     the vehicle's time alone, so that nothing depends on how fast the machine is. Implements ``types.Sensor``.
-    ``last_look`` is the newest frame that was answered, with the answer.
+    ``camera`` is what it looks through; ``last_look`` the newest frame that was answered, with the answer.
+
+    ``patience_s`` is how long, in wall time, a due answer is waited for. With 0, for vehicles whose time does
+    not wait, it is handed on when it is there, and no picture is taken while one is late.
     """
 
-    def __init__(self, camera: Camera, detector: Detector, exposures: Exposures, latency_s: float) -> None:
-        self._camera = camera
+    def __init__(
+        self,
+        camera: Camera,
+        detector: Detector,
+        exposures: Exposures,
+        latency_s: float,
+        patience_s: float = PATIENCE_S,
+    ) -> None:
+        self.camera = camera
         self._detector = detector
         self._exposures = exposures
         self._latency_s = latency_s
+        self._patience_s = patience_s
+        self._usual_patience_s = patience_s
         self._pending: deque[tuple[Frame, Future[Detections]]] = deque()
+        self._recalled: deque[Answer] = deque()
         self.last_look: tuple[Frame, Detections] | None = None
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="detector")
+        self._asked: SimpleQueue[tuple[Frame, Future[Detections]] | None] = SimpleQueue()
+        self._worker = Thread(target=self._answer_all, name="detector", daemon=True)
+        self._worker.start()
+
+    def recall(self, answers: Iterable[Answer]) -> None:
+        """Give these answers to the first pictures instead of asking the detector, as in an earlier flight.
+
+        Of these pictures only the last is taken; the frames of the others are empty. The camera must be a
+        ``SkippingCamera``.
+        """
+        self._recalled = deque(answers)
 
     def sense(self, state: VehicleState) -> Detections | None:
-        """Take a picture if one is due; return the oldest result whose time has come."""
+        """Take a picture if one is due; return the oldest result whose time has come.
+
+        Raises DetectorError where the detector failed on that picture, or did not answer.
+        """
         exposed = self._exposures.due(state)
-        if exposed is not None:
-            frame = self._camera.capture(exposed)
-            self._pending.append((frame, self._worker.submit(self._detector.detect, frame)))
-        if self._pending and state.time_s >= self._pending[0][0].time_s + self._latency_s - _EPS_S:
-            frame, answer = self._pending.popleft()
-            self.last_look = frame, answer.result()
-            return self.last_look[1]
-        return None
+        if exposed is not None and not self._is_late(state):
+            self._pending.append(self._remember(exposed) if self._recalled else self._look(exposed))
+        if not self._is_due(state) or (self._patience_s == 0.0 and not self._pending[0][1].done()):
+            return None
+        frame, answer = self._pending.popleft()
+        self.last_look = frame, self._result(answer)
+        return self.last_look[1]
 
     def close(self) -> None:
-        """Stop the worker and let go of the camera."""
-        self._worker.shutdown(wait=True, cancel_futures=True)
-        self._camera.close()
+        """Let go of detector and camera; a detector that does not answer is left alone after a while."""
+        for _, answer in self._pending:
+            answer.cancel()
+        self._asked.put(None)
+        self._worker.join(_FAREWELL_S)
+        self.camera.close()
+
+    def _look(self, exposed: VehicleState) -> tuple[Frame, Future[Detections]]:
+        look = self.camera.capture(exposed), Future[Detections]()
+        self._asked.put(look)
+        return look
+
+    def _remember(self, exposed: VehicleState) -> tuple[Frame, Future[Detections]]:
+        assert isinstance(self.camera, SkippingCamera)
+        known = self._recalled.popleft()
+        frame = self.camera.skip(exposed) if self._recalled else self.camera.capture(exposed)
+        answer: Future[Detections] = Future()
+        try:
+            answer.set_result(known.to(frame))
+        except DetectorError as error:
+            answer.set_exception(error)
+        return frame, answer
+
+    def _answer_all(self) -> None:
+        """The detector's thread. It is a daemon, so that one that hangs does not keep the program alive."""
+        while (look := self._asked.get()) is not None:
+            frame, answer = look
+            if answer.set_running_or_notify_cancel():
+                try:
+                    answer.set_result(self._detector.detect(frame))
+                except Exception as error:
+                    answer.set_exception(error)
+
+    def _is_due(self, state: VehicleState) -> bool:
+        return bool(self._pending) and state.time_s >= self._pending[0][0].time_s + self._latency_s - _EPS_S
+
+    def _is_late(self, state: VehicleState) -> bool:
+        return self._patience_s == 0.0 and self._is_due(state) and not self._pending[0][1].done()
+
+    def _result(self, answer: Future[Detections]) -> Detections:
+        try:
+            found = answer.result(self._patience_s)
+        except DetectorError:
+            raise
+        except TookTooLong:
+            answer.cancel()
+            self._patience_s = min(self._patience_s, _LITTLE_PATIENCE_S)
+            raise DetectorError("no answer") from None
+        except Exception as error:
+            raise DetectorError(f"{type(error).__name__}: {error}") from error
+        self._patience_s = self._usual_patience_s
+        return found

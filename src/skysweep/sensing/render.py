@@ -21,6 +21,9 @@ log = logging.getLogger(__name__)
 class Renderer(Protocol):
     """Draws one world. The same lens, pose and time give the same bytes."""
 
+    @property
+    def backend(self) -> Backend: ...
+
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
         """The picture (H, W, 3) RGB. Time moves the waves, nothing else."""
         ...

@@ -5,7 +5,7 @@ One ray a pixel, four where parts meet; one shadow ray. Shading is compiled with
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -28,6 +28,8 @@ _SUBPIXELS = np.array([[-0.375, -0.125], [0.125, -0.375], [0.375, 0.125], [-0.12
 
 class EmbreeRenderer:
     """Casts rays. Raises MissingExtraError where embreex is not installed."""
+
+    backend: Final = "embree"
 
     def __init__(self, scene: Scene) -> None:
         parts = [(scene.ground, 0)] + [(s.mesh, s.id) for s in scene.solids]

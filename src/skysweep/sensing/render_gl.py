@@ -6,7 +6,7 @@ tiles, instanced plants. Colours are squared to approximate linear light and squ
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import moderngl
@@ -31,6 +31,8 @@ SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground,
 
 class GLRenderer:
     """Draws a scene with OpenGL 3.3 without a window. Raises UserError where EGL is not available."""
+
+    backend: Final = "gl"
 
     def __init__(self, scene: Scene) -> None:
         self._context = gl = _open_context()

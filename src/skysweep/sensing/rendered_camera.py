@@ -34,7 +34,7 @@ class RenderedCamera:
 
     ``truth`` gives the true pose at the time of the state passed to ``capture``; the frame carries the
     camera pose of that state (see :class:`skysweep.sensing.schedule.Exposures` for its delay). One seed gives
-    the same frame bytes.
+    the same frame bytes. ``backend`` is the renderer's name.
     """
 
     def __init__(
@@ -49,6 +49,7 @@ class RenderedCamera:
         self._lens = camera.lens
         self._truth = truth
         self._renderer = make_renderer(world, backend)
+        self.backend = self._renderer.backend
         self._effects = CameraEffects(
             camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, seed
         )
@@ -68,6 +69,11 @@ class RenderedCamera:
         )
         self._frame_index += 1
         return Frame(state.time_s, image, state.camera, self._lens)
+
+    def skip(self, state: VehicleState) -> Frame:
+        """The frame of this moment with an empty picture; the next ones are as if it had been taken."""
+        self._frame_index += 1
+        return Frame(state.time_s, np.empty((0, 0, 3), np.uint8), state.camera, self._lens)
 
     def close(self) -> None:
         """Let go of the renderer."""

@@ -1,0 +1,98 @@
+"""Going on with the mission of a run folder that was broken off."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from skysweep import __version__
+from skysweep.errors import UserError
+from skysweep.experiments.single import SETUP, Watch, finish, fly_in, setup_of
+from skysweep.mission.build import build_mission
+from skysweep.mission.journal import FileJournal
+from skysweep.mission.resume import ReplayJournal, recorded_answers
+from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
+from skysweep.scenarios.files import load_scenario
+from skysweep.sensing.imaging import ImagingSensor
+
+SUMMARY_FILE = "summary.json"
+_END = "end"  # kind of a whole journal's last line
+
+
+def resume_folder(folder: Path, watch: Watch | None = None, from_sound_lines: bool = False) -> dict[str, Any]:
+    """Go on with the mission of a run folder where it was broken off; its summary.
+
+    All is as if it had never been broken off, but for the wall time. A complete mission is left alone. With
+    ``from_sound_lines`` a journal that is damaged in the middle is set aside and the lines before the damage
+    are gone on from.
+
+    Raises UserError when there is no mission, it still flies, its journal is damaged, or what it was begun
+    with is not what there is now.
+    """
+    started = time.perf_counter()
+    summary = summary_of_complete(folder)
+    if summary is not None:
+        return summary
+    path = folder / JOURNAL_FILE
+    if not (folder / CONFIG_FILE).is_file() or not path.is_file():
+        raise UserError(f"{folder}: {_nothing_begun(folder)}")
+    with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
+        if not journal.records:
+            raise UserError(f"{folder}: {_nothing_begun(folder)}")
+        if journal.records[-1]["kind"] == _END:
+            return finish(folder, None)
+        _fly_again(folder, journal, watch)
+        return finish(folder, started)
+
+
+def summary_of_complete(folder: Path) -> dict[str, Any] | None:
+    """The summary of a mission that has ended and whose results are written, else None."""
+    try:
+        summary: dict[str, Any] = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return summary
+
+
+def _fly_again(folder: Path, journal: FileJournal, watch: Watch | None) -> None:
+    begun = journal.records[0]
+    if begun["kind"] != SETUP or begun["version"] != __version__:
+        version = begun.get("version", "0.1.0")
+        raise UserError(
+            f"{folder}: the mission was begun by skysweep {version}, and this is {__version__}; install that "
+            "one to go on, or fly it again into a new folder"
+        )
+    scenario = load_scenario(folder / CONFIG_FILE)
+    mission = build_mission(
+        scenario, begun["seed"], begun["sensor"], begun["renderer"] or "auto", begun["threads"]
+    )
+    with closing(mission.sensor):
+        for field, now in setup_of(mission, begun["threads"]).items():
+            if begun.get(field) != now:
+                raise UserError(
+                    f"{folder}: the mission was begun with {field} {begun.get(field)}, and now it is {now}; "
+                    "put back what it was, or fly it again into a new folder"
+                )
+        if isinstance(mission.sensor, ImagingSensor):
+            mission.sensor.recall(recorded_answers(journal.records))
+        replayed = ReplayJournal(journal)
+        replayed.write(0.0, SETUP, **setup_of(mission, begun["threads"]))
+        fly_in(folder, mission, replayed, watch)
+
+
+def _nothing_begun(folder: Path) -> str:
+    if (folder / CONFIG_FILE).is_file():
+        config = shlex.quote(str(folder / CONFIG_FILE))
+        return (
+            f"its mission was broken off before take-off; fly it with  skysweep run {config} --out NEW_FOLDER"
+        )
+    return f"has no {CONFIG_FILE}; give a folder that 'skysweep run' wrote"
+
+
+def _free_name(path: Path) -> Path:
+    names = (path.with_name(f"{path.name}.damaged{k or ''}") for k in range(10_000))
+    return next(name for name in names if not name.exists())
