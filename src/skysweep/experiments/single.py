@@ -14,7 +14,7 @@ from skysweep import __version__
 from skysweep.errors import UserError
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
-from skysweep.mission.loop import Mission, fly
+from skysweep.mission.loop import Mission, Operator, fly
 from skysweep.mission.resume import RecordedSensor
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import compute_summary
@@ -24,7 +24,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.sensing.model_files import fingerprint
 from skysweep.sensing.statistical_model import model_for
-from skysweep.types import Detections, VehicleState
+from skysweep.types import Camera, Detections, Vehicle, VehicleState
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
@@ -41,8 +41,13 @@ def fly_to_folder(
     renderer: Backend = "auto",
     threads: int = 2,
     watch: Watch | None = None,
+    vehicle: Vehicle | None = None,
+    camera: Camera | None = None,
+    operator: Operator = lambda: None,
 ) -> dict[str, Any]:
     """Fly one mission, write its run folder and return its summary.
+
+    ``vehicle``, ``camera`` and ``operator`` are as in ``build_mission`` and ``fly``.
 
     Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
     was full: then the vehicle has come home, and ``resume_folder`` goes on when there is room.
@@ -52,7 +57,7 @@ def fly_to_folder(
     if journal_path.exists():
         _refuse_flown(out, read_journal(journal_path))
     scenario = with_paths_beside(scenario, Path.cwd())
-    mission = build_mission(scenario, seed, sensor_name, renderer, threads)
+    mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera)
     with closing(mission.sensor):
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -62,7 +67,7 @@ def fly_to_folder(
             _refuse_flown(out, journal.records)
             write_scenario(scenario, out / CONFIG_FILE)
             journal.write(0.0, SETUP, **setup_of(mission, threads))
-            fly_in(out, mission, journal, watch)
+            fly_in(out, mission, journal, watch, operator)
             return finish(out, started)
 
 
@@ -81,7 +86,13 @@ def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical
     )
 
 
-def fly_in(folder: Path, mission: Mission, journal: Journal, watch: Watch | None) -> None:
+def fly_in(
+    folder: Path,
+    mission: Mission,
+    journal: Journal,
+    watch: Watch | None,
+    operator: Operator = lambda: None,
+) -> None:
     """Fly a mission whose run folder is made.
 
     Raises UserError when the disk was full; the vehicle has come home then.
@@ -97,7 +108,7 @@ def fly_in(folder: Path, mission: Mission, journal: Journal, watch: Watch | None
         for watcher in watchers:
             watcher(state, mode, new)
 
-    fly(mission, journal, watch_all)
+    fly(mission, journal, watch_all, operator)
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  {resume_command(folder)}  "
