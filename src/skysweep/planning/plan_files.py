@@ -1,0 +1,107 @@
+"""A QGroundControl plan as a mission of its own, and a mission's plan as a vehicle keeps it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.area_files import scenario_from_area
+from skysweep.planning.coverage import CoveragePlan
+from skysweep.planning.qgc import FencePolygon, GeoFence, QgcPlan, plan_for_qgc, read_plan, survey_polygons
+from skysweep.scenarios.files import change_scenario
+from skysweep.scenarios.model import Area, Home, Scenario
+
+F64 = NDArray[np.float64]
+Ring = list[tuple[float, float]]
+
+_SLACK_M = 1.0  # between the heights of a plan's waypoints
+_BESIDE_PATH_M = 5.0  # of a plan that draws no area: the surroundings of its path are it
+
+
+def scenario_from_plan(path: str | Path) -> Scenario:
+    """A scenario that flies the plan as drawn, at its height, inside its fence, from where it has home.
+
+    What a plan does not say, such as camera and targets, is the default. Raises UserError where the plan has
+    no path, no height or several, or a fence that leaves out home or the path.
+    """
+    plan = read_plan(path)
+    latitude, longitude, altitude_amsl_m = plan.mission.plannedHomePosition
+    frame = LocalFrame(latitude, longitude, altitude_amsl_m)
+    if survey_polygons(plan):
+        drawn = scenario_from_area(path)
+    else:
+        home = Home(latitude_deg=latitude, longitude_deg=longitude, altitude_amsl_m=altitude_amsl_m)
+        drawn = Scenario(name=Path(path).stem, area=Area(polygon_enu_m=_around(path, plan, frame)), home=home)
+    polygons = plan.geoFence.polygons
+    fences = [_enu(p.polygon, frame) for p in polygons if p.inclusion]
+    if len(fences) > 1:
+        raise UserError(f"{path}: geoFence has {len(fences)} inclusion polygons; draw one around the mission")
+    return change_scenario(
+        drawn,
+        {
+            "search.plan": str(path),
+            "search.scan_altitude_agl_m": _height_m(path, plan),
+            "geofence_enu_m": fences[0] if fences else None,
+            "safety.no_fly_enu_m": [_enu(p.polygon, frame) for p in polygons if not p.inclusion],
+        },
+    )
+
+
+def plan_of_mission(scenario: Scenario, coverage: CoveragePlan) -> QgcPlan:
+    """What a vehicle should keep of a mission: fence with no-fly areas, rally points, survey.
+
+    Fence and rally points are those of ``search.plan`` where it has some.
+    """
+    plan = plan_for_qgc(scenario, coverage)
+    drawn = read_plan(scenario.search.plan) if scenario.search.plan is not None else None
+    if drawn is not None and (drawn.geoFence.polygons or drawn.geoFence.circles):
+        fence = drawn.geoFence
+    else:
+        frame = scenario.frame
+        no_fly = [
+            FencePolygon(inclusion=False, polygon=_lat_lon(ring, frame))
+            for ring in scenario.safety.no_fly_enu_m
+        ]
+        fence = GeoFence(polygons=[*plan.geoFence.polygons, *no_fly])
+    rally = plan.rallyPoints if drawn is None else drawn.rallyPoints
+    return plan.model_copy(update={"geoFence": fence, "rallyPoints": rally})
+
+
+def _height_m(path: str | Path, plan: QgcPlan) -> float:
+    """Above home, of every waypoint."""
+    sea_level_m = plan.mission.plannedHomePosition[2]
+    points = plan.waypoints
+    heights = [p.altitude_m - (sea_level_m if p.above == "sea level" else 0.0) for p in points]
+    if len(heights) < 2:
+        raise UserError(f"{path}: mission.items: there is no path to fly; draw a Survey or 2 waypoints")
+    low, high = min(heights), max(heights)
+    if not low > 0.0:
+        raise UserError(f"{path}: a waypoint has no altitude above home; write one for every waypoint")
+    if high - low > _SLACK_M:
+        raise UserError(
+            f"{path}: its waypoints are {low:g} to {high:g} m above home; write one height for all of them"
+        )
+    return round(float(np.median(heights)), 2)
+
+
+def _around(path: str | Path, plan: QgcPlan, frame: LocalFrame) -> Ring:
+    corners = _enu([(p.latitude_deg, p.longitude_deg) for p in plan.waypoints], frame)
+    if len(corners) < 2:
+        raise UserError(f"{path}: mission.items: there is no path to fly; draw a Survey or 2 waypoints")
+    around = shapely.MultiPoint(corners).convex_hull.buffer(_BESIDE_PATH_M, join_style="mitre")
+    return [(float(x), float(y)) for x, y in shapely.get_coordinates(around)[:-1]]
+
+
+def _enu(lat_lon_deg: list[tuple[float, float]], frame: LocalFrame) -> Ring:
+    points = np.array([(latitude, longitude, frame.altitude_m) for latitude, longitude in lat_lon_deg])
+    return [(float(x), float(y)) for x, y, _ in frame.enu_from_geodetic(points)] if len(points) else []
+
+
+def _lat_lon(ring: Ring, frame: LocalFrame) -> Ring:
+    places = frame.geodetic_from_enu(np.column_stack([np.array(ring), np.zeros(len(ring))]))
+    return [(float(latitude), float(longitude)) for latitude, longitude, _ in places]
