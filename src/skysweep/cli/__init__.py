@@ -8,6 +8,7 @@ from skysweep.cli import (
     benchmark,
     calibration,
     detectors,
+    fly,
     missions,
     planning,
     report,
@@ -15,6 +16,7 @@ from skysweep.cli import (
     serve_vehicle,
     sweep,
     tune,
+    world,
 )
 
 app = typer.Typer(
@@ -32,6 +34,7 @@ def main() -> None:
 
 app.command()(missions.run)
 app.command()(missions.resume)
+app.command()(fly.fly)
 app.command()(planning.plan)
 app.add_typer(scenarios.app, name="scenarios")
 
@@ -50,3 +53,4 @@ detect.command("evaluate")(detectors.detect_evaluate)
 app.add_typer(detect, name="detect")
 app.add_typer(calibration.app, name="calibrate")
 app.command()(benchmark.bench)
+app.add_typer(world.app, name="world")

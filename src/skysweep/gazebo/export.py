@@ -1,0 +1,301 @@
+"""A scenario's world as a self-contained folder for Gazebo: the same meshes, textures and light as ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.gazebo.look import TILE_M, WATER_TILE_M, Look, ground_tile, water_tile
+from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
+from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
+from skysweep.scenarios.model import Home, Scenario, Wind
+from skysweep.scenarios.world import World, build_world
+from skysweep.sensing.meshes import Mesh, merge, yaw_rotation
+from skysweep.sensing.scene import PLANT_TEXTURE_M, Planting, Scene, build_scene
+from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
+
+F64 = NDArray[np.float64]
+Format = Literal["gazebo-classic", "gz"]
+
+FORMATS: tuple[Format, ...] = ("gazebo-classic", "gz")
+MODELS_FOLDER = "models"
+PLANT_TILE_M = 48.0  # plants of such a square are one mesh
+PLANT_FACES_MAX = 200_000  # of all plants; more makes them coarser
+TREES_MAX = 5000
+STEP_S = 0.004
+GZ_SYSTEMS = (
+    ("gz-sim-physics-system", "gz::sim::systems::Physics"),
+    ("gz-sim-user-commands-system", "gz::sim::systems::UserCommands"),
+    ("gz-sim-scene-broadcaster-system", "gz::sim::systems::SceneBroadcaster"),
+    ("gz-sim-contact-system", "gz::sim::systems::Contact"),
+    ("gz-sim-imu-system", "gz::sim::systems::Imu"),
+    ("gz-sim-air-pressure-system", "gz::sim::systems::AirPressure"),
+    ("gz-sim-magnetometer-system", "gz::sim::systems::Magnetometer"),
+    ("gz-sim-navsat-system", "gz::sim::systems::NavSat"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How Gazebo's time runs. ``rate_hz`` is of steps in real time; 0: as fast as it can."""
+
+    step_s: float = STEP_S
+    rate_hz: float = 1.0 / STEP_S
+
+
+def export_world(scenario: Scenario, seed: int, folder: Path, fmt: Format) -> Path:
+    """Writes the world of ``scenario`` and ``seed`` into a new folder; returns the path of the world file.
+
+    The world's frame is ENU with the scenario's origin; Gazebo knows its latitude and longitude. Raises
+    UserError for a folder that is not empty, and for more trees than Gazebo takes.
+    """
+    if fmt not in FORMATS:
+        raise UserError(f"--format {fmt}: there is no such format; write one of {', '.join(FORMATS)}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder}: is not an empty folder; write another --out")
+    return write_world(
+        build_world(scenario, seed), scenario.name, scenario.home, scenario.wind, folder, fmt, Clock()
+    )
+
+
+def write_world(
+    world: World,
+    name: str,
+    home: Home,
+    wind: Wind,
+    folder: Path,
+    fmt: Format,
+    clock: Clock,
+    extras: Iterable[ET.Element] = (),
+) -> Path:
+    """Writes models and world file; ``extras`` (models, plugins) are put into the world as they are."""
+    if len(world.trees) > TREES_MAX:
+        raise UserError(
+            f"{name}: has {len(world.trees)} trees, and Gazebo takes at most {TREES_MAX}; "
+            "write a smaller forests.trees_per_hectare"
+        )
+    scene = build_scene(world)
+    look = Look.of(scene.sun)
+    models = folder / MODELS_FOLDER
+    includes = [_write_ground(models / f"{name}_ground", scene, look, fmt)]
+    includes += _write_things(models, name, world, scene, look)
+    if world.trees:
+        includes.append(_write_plants(models / f"{name}_plants", world, scene, look))
+    content = tag(
+        "world",
+        None,
+        *(_systems() if fmt == "gz" else ()),
+        _physics(clock),
+        _coordinates(home),
+        _wind(wind),
+        _scene(look, fmt),
+        _sun(scene, look, fmt),
+        *includes,
+        *extras,
+        name=name if fmt == "gz" else "default",
+    )
+    path = folder / f"{name}.{'sdf' if fmt == 'gz' else 'world'}"
+    write_sdf(path, content)
+    return path
+
+
+def _write_ground(folder: Path, scene: Scene, look: Look, fmt: Format) -> ET.Element:
+    """Classic blends the three scales of the ground; gz, and water, have one texture that holds them."""
+    meshes, textures = folder / "meshes", folder / "materials" / "textures"
+    meshes.mkdir(parents=True)
+    script: list[ET.Element] = []
+    ground = scene.ground_textures
+    if scene.terrain.surface == "water":
+        tile_m, picture = WATER_TILE_M, water_tile(ground, scene.sun)
+    elif fmt == "gz":
+        tile_m, picture = TILE_M, ground_tile(ground, look)
+    else:
+        tile_m, picture = DETAIL_M, look.texture(ground.detail)
+        textures.mkdir(parents=True)
+        for scale, image in (("middle", ground.middle), ("macro", ground.macro)):
+            write_picture(textures / f"{folder.name}_{scale}.png", image)
+        write_picture(textures / f"{folder.name}_detail.png", picture)
+        (folder / "materials" / "scripts").mkdir()
+        (folder / "materials" / "scripts" / "ground.material").write_text(_ground_script(folder.name))
+        uri = f"model://{folder.name}/materials"
+        names = [tag("uri", f"{uri}/scripts"), tag("uri", f"{uri}/textures"), tag("name", folder.name)]
+        script = [tag("material", None, tag("script", None, *names))]
+    uv = scene.ground.vertices[:, :2] / tile_m
+    write_obj(meshes / "ground.obj", scene.ground, uv, np.zeros(len(scene.ground.faces), dtype=int))
+    if not script:
+        write_picture(meshes / "ground.png", picture)
+    (meshes / "ground.mtl").write_text(material("m0", np.ones(3), None if script else "ground.png"))
+    shape = mesh(f"model://{folder.name}/meshes/ground.obj")
+    solid = shape
+    if scene.terrain.is_flat:
+        solid = tag("geometry", None, tag("plane", None, tag("normal", [0, 0, 1]), tag("size", [8000, 8000])))
+    level = float(scene.terrain.heights_m[0, 0]) if scene.terrain.is_flat else 0.0
+    parts = [
+        tag("collision", None, pose((0, 0, level)), solid, name="collision"),
+        tag("visual", None, tag("cast_shadows", False), shape, *script, name="visual"),
+    ]
+    write_model(folder, static_model(folder.name, parts), f"Ground: {scene.terrain.surface}")
+    return include(folder.name)
+
+
+def _ground_script(name: str) -> str:
+    """Detail in the units of the texture coordinates, the other two stretched; 0.5 is neutral in both."""
+    wide = "".join(
+        f"""
+      texture_unit
+      {{
+        texture {name}_{scale}.png
+        scale {size_m / DETAIL_M:.4g} {size_m / DETAIL_M:.4g}
+        filtering trilinear
+        colour_op_ex modulate_x2 src_texture src_current
+      }}"""
+        for scale, size_m in (("middle", MIDDLE_M), ("macro", MACRO_M))
+    )
+    return f"""material {name}
+{{
+  technique
+  {{
+    pass
+    {{
+      ambient 1 1 1 1
+      diffuse 1 1 1 1
+      specular 0 0 0 1 0
+      texture_unit
+      {{
+        texture {name}_detail.png
+        filtering trilinear
+      }}{wide}
+    }}
+  }}
+}}
+"""
+
+
+def _write_things(models: Path, name: str, world: World, scene: Scene, look: Look) -> Iterator[ET.Element]:
+    """One model for each object and building, about its own origin."""
+    counts: dict[str, int] = {}
+    places = [(o.kind, o.position_enu_m) for o in world.objects]
+    places += [("building", b.position_enu_m) for b in world.buildings]
+    for (kind, position), solid in zip(places, scene.solids, strict=True):
+        counts[kind] = counts.get(kind, 0) + 1
+        folder = models / f"{name}_{kind.replace(' ', '_')}_{counts[kind]}"
+        write_mesh(folder / "meshes", "mesh", solid.mesh.moved(-position), scene.layers, look)
+        shape = mesh(f"model://{folder.name}/meshes/mesh.obj")
+        parts = [tag("visual", None, shape, name="visual")]
+        if kind == "building":
+            parts.append(tag("collision", None, shape, name="collision"))
+        write_model(folder, static_model(folder.name, parts), kind.capitalize())
+        yield include(folder.name, position)
+
+
+def _write_plants(folder: Path, world: World, scene: Scene, look: Look) -> ET.Element:
+    """All plants as one model: a mesh for each square of ground, a cylinder to hit for each trunk."""
+    detail = _affordable_detail(scene.plantings)
+    tiles: dict[tuple[int, int], list[Mesh]] = {}
+    for planting in scene.plantings:
+        unit = planting.meshes[detail]
+        for place in planting.places.astype(float):
+            key = (int(place[0] // PLANT_TILE_M), int(place[1] // PLANT_TILE_M))
+            tiles.setdefault(key, []).append(_planted(unit, place))
+    parts = []
+    for index, key in enumerate(sorted(tiles)):
+        write_mesh(folder / "meshes", f"tile{index}", merge(tiles[key]), scene.layers, look)
+        shape = mesh(f"model://{folder.name}/meshes/tile{index}.obj")
+        parts.append(tag("visual", None, shape, name=f"tile{index}"))
+    for index, tree in enumerate(t for t in world.trees if t.kind != "bush"):
+        x, y, z = tree.position_enu_m
+        size = tag("radius", 0.07 * tree.crown_radius_m), tag("length", tree.height_m)
+        cylinder = tag("geometry", None, tag("cylinder", None, *size))
+        at = pose((x, y, z + tree.height_m / 2))
+        parts.append(tag("collision", None, at, cylinder, name=f"trunk{index}"))
+    write_model(folder, static_model(folder.name, parts), "Trees and bushes")
+    return include(folder.name)
+
+
+def _affordable_detail(plantings: tuple[Planting, ...]) -> int:
+    """The finest detail at which all plants together stay under PLANT_FACES_MAX, or the coarsest."""
+    finest = len(plantings[0].meshes) - 1
+    for detail in range(finest, 0, -1):
+        if sum(len(p.meshes[detail].faces) * len(p.places) for p in plantings) <= PLANT_FACES_MAX:
+            return detail
+    return 0
+
+
+def _planted(unit: Mesh, place: F64) -> Mesh:
+    """A unit mesh at x, y, z, yaw, radius, height, shade, its texture in metres."""
+    x, y, z, yaw, radius, height, shade = place.tolist()
+    sized = unit.vertices * [radius, radius, height]
+    plant = unit.moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade)
+    uv = (sized[:, :2] + sized[:, 2:] * [0.61, 0.73]) / PLANT_TEXTURE_M
+    texture = np.column_stack([uv, unit.texture[:, 2]]).astype(np.float32)
+    return Mesh(plant.vertices, plant.normals, plant.colours, texture, plant.faces)
+
+
+def _systems() -> Iterator[ET.Element]:
+    for filename, name in GZ_SYSTEMS:
+        yield tag("plugin", None, filename=filename, name=name)
+    engine = tag("render_engine", "ogre2")
+    yield tag("plugin", None, engine, filename="gz-sim-sensors-system", name="gz::sim::systems::Sensors")
+
+
+def _physics(clock: Clock) -> ET.Element:
+    return tag(
+        "physics",
+        None,
+        tag("max_step_size", clock.step_s),
+        tag("real_time_factor", 1.0),
+        tag("real_time_update_rate", clock.rate_hz),
+        name="physics",
+        type="ode",
+        default="true",
+    )
+
+
+def _coordinates(home: Home) -> ET.Element:
+    return tag(
+        "spherical_coordinates",
+        None,
+        tag("surface_model", "EARTH_WGS84"),
+        tag("world_frame_orientation", "ENU"),
+        tag("latitude_deg", home.latitude_deg),
+        tag("longitude_deg", home.longitude_deg),
+        tag("elevation", home.altitude_amsl_m),
+        tag("heading_deg", 0.0),
+    )
+
+
+def _wind(wind: Wind) -> ET.Element:
+    towards = np.radians(wind.from_heading_deg + 180.0)
+    velocity = wind.mean_speed_mps * np.array([np.sin(towards), np.cos(towards), 0.0])
+    return tag("wind", None, tag("linear_velocity", np.round(velocity, 6)))
+
+
+def _scene(look: Look, fmt: Format) -> ET.Element:
+    return tag(
+        "scene",
+        None,
+        tag("ambient", [*look.ambient_rgb, 1.0]),
+        tag("background", [*look.sky_rgb, 1.0]),
+        tag("shadows", fmt == "gz"),
+    )
+
+
+def _sun(scene: Scene, look: Look, fmt: Format) -> ET.Element:
+    return tag(
+        "light",
+        None,
+        tag("cast_shadows", fmt == "gz"),
+        pose((0, 0, 500)),
+        tag("diffuse", [*look.diffuse_rgb, 1.0]),
+        tag("specular", [0, 0, 0, 1]),
+        tag("direction", -scene.sun.direction_enu),
+        name="sun",
+        type="directional",
+    )

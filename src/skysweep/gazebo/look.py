@@ -1,0 +1,93 @@
+"""How our light looks in Gazebo, whose shading is linear and has no film.
+
+Our renderer shows albedo ``a`` in light ``L`` as ``film(a^2 L)``. Gazebo shows ``texture * tint * (ambient +
+diffuse * cos)``. Textures and tints are therefore exported as they look on level ground in the sun, where
+Gazebo's light is made 1, and the ambient light is what level ground in the shade keeps of that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skysweep.sensing.render_gl import film
+from skysweep.sensing.scene import Sun
+from skysweep.sensing.textures import GroundTextures
+
+F64 = NDArray[np.float64]
+U8 = NDArray[np.uint8]
+
+TILE_M = 25.0  # of a ground texture that holds every scale
+TILE_PX = 2048
+WATER_TILE_M = 47.0  # the longest of the waves that the water is made of
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Gazebo's light, and the film that goes into its textures."""
+
+    level_rgb: F64  # (3,) our light on level ground in the sun
+    ambient_rgb: F64  # (3,) Gazebo's
+    diffuse_rgb: F64  # (3,) of Gazebo's sun
+    sky_rgb: F64  # (3,) background
+
+    @classmethod
+    def of(cls, sun: Sun) -> Look:
+        """The look of a scene's light."""
+        level = sun.sky_rgb + sun.sun_rgb * sun.direction_enu[2]
+        ambient = np.sqrt(sun.sky_rgb / level)
+        return cls(level, ambient, (1.0 - ambient) / sun.direction_enu[2], film(sun.haze_rgb))
+
+    def shown(self, albedo: ArrayLike) -> F64:
+        """Colours (..., 3) in 0..1 of albedos (..., 3) on level ground in the sun."""
+        a = np.asarray(albedo, dtype=float)
+        return np.minimum(film(a * a * self.level_rgb), 1.0)
+
+    def texture(self, image: U8) -> U8:
+        """A texture (H, W, 3) as it looks."""
+        return _bytes(self.shown(image / 255.0))
+
+    def tint(self, colour: ArrayLike, image: U8) -> F64:
+        """The colour (..., 3) to multiply ``texture(image)`` with; right where that has its mean tone."""
+        mean = np.maximum(image.reshape(-1, 3).mean(axis=0) / 255.0, 1e-3)
+        return np.clip(self.shown(np.asarray(colour) * mean) / self.shown(mean), 0.0, 1.0)
+
+
+def ground_tile(textures: GroundTextures, look: Look) -> U8:
+    """One texture over ``TILE_M`` with the detail and the middle scale of the ground."""
+    y, x = np.mgrid[0:TILE_PX, 0:TILE_PX]
+    detail = _stretched(textures.detail, 5, x, y) / 255.0
+    middle = _stretched(textures.middle, 1, x, y) / 127.5
+    return _bytes(look.shown(detail * middle))
+
+
+def water_tile(textures: GroundTextures, sun: Sun) -> U8:
+    """Still water from above over ``WATER_TILE_M``: three waves, tint, the sky's reflection and foam."""
+    y, x = np.mgrid[0:TILE_PX, 0:TILE_PX]
+    waves = [_stretched(textures.detail, repeats, x, y) / 255.0 for repeats in (16, 4, 1)]
+    slope = sum((w[..., :2] - 0.5) * strength for w, strength in zip(waves, (0.32, 0.42, 0.40), strict=True))
+    crest = (waves[1] + waves[2])[..., 2:]
+    normal = np.concatenate([-np.asarray(slope), np.ones_like(crest)], axis=2)
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    facing = normal[..., 2:]
+    tint = _stretched(textures.macro, 1, x, y) / 127.5
+    lit = np.maximum(normal @ sun.direction_enu, 0.0)[..., None]
+    body = np.array([0.012, 0.052, 0.062]) * tint**2 * (0.6 + 0.7 * crest)
+    body = body * (1.6 * sun.sky_rgb + sun.sun_rgb * (0.35 + 0.65 * lit))
+    fresnel = 0.02 + 0.98 * (1.0 - facing) ** 5
+    rgb = body * (1.0 - fresnel) + sun.sky_rgb * np.array([0.45, 0.62, 0.9]) * fresnel
+    foam = _stretched(textures.middle, 2, x, y)[..., :1] / 255.0 * np.clip((crest - 1.0) / 0.3, 0.0, 1.0)
+    rgb = rgb * (1.0 - foam) + 0.75 * (sun.sky_rgb + 0.7 * sun.sun_rgb) * foam
+    return _bytes(film(rgb))
+
+
+def _stretched(image: U8, repeats: int, x: NDArray[np.int_], y: NDArray[np.int_]) -> F64:
+    n = len(image)
+    rows, columns = (y * repeats * n // TILE_PX) % n, (x * repeats * n // TILE_PX) % n
+    return np.asarray(image[rows, columns], dtype=float)
+
+
+def _bytes(colours: F64) -> U8:
+    return np.asarray(np.clip(colours * 255.0, 0, 255).round(), dtype=np.uint8)
