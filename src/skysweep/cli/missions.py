@@ -74,10 +74,10 @@ def run(
     chosen = change_scenario(load_scenario(scenario), changes_of(change) | given)
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
-    folder = out or _free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
+    folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
     with _flying(chosen.name, folder) as watch:
         summary = fly_to_folder(chosen, seed, folder, sensor, renderer, watch=watch)
-    _print_summary(summary)
+    print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 
 
@@ -105,7 +105,7 @@ def resume(
         return
     with _flying(run_dir.name, run_dir) as watch:
         summary = resume_folder(run_dir, watch, from_sound_lines)
-    _print_summary(summary)
+    print_summary(summary)
     console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
 
 
@@ -137,12 +137,14 @@ def _flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]
             raise typer.Exit(130) from None
 
 
-def _free_folder(parent: Path, name: str) -> Path:
+def free_folder(parent: Path, name: str) -> Path:
+    """A folder of that name, or with a number behind it, that is not there yet."""
     candidates = [parent / name] + [parent / f"{name}-{k}" for k in range(2, 10_000)]
     return next(c for c in candidates if not c.exists())
 
 
-def _print_summary(summary: dict[str, Any]) -> None:
+def print_summary(summary: dict[str, Any]) -> None:
+    """The figures of a mission as a table."""
     table = Table(show_header=False, box=None)
     for key in (
         "mission_time_s",

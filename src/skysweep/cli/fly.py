@@ -1,0 +1,142 @@
+"""Fly a mission on a PX4."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from rich.markup import escape
+from rich.progress import Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from skysweep.cli.common import SeedOption, SensorOption, SetOption, changes_of, console, errors, friendly
+from skysweep.cli.missions import free_folder, print_summary
+from skysweep.errors import UserError
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.px4_preflight import Check
+
+
+@friendly
+def fly(
+    source: Annotated[str, typer.Argument(help="Scenario (name or YAML) or QGroundControl .plan.")],
+    connection: Annotated[
+        str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")
+    ] = "udpin://127.0.0.1:14540",
+    sensor: SensorOption = "imaging",
+    camera: Annotated[
+        str, typer.Option(help="rendered, or a video: rtsp://HOST/STREAM, /dev/video0, a file.")
+    ] = "rendered",
+    change: SetOption = None,
+    seed: SeedOption = 0,
+    yes: Annotated[bool, typer.Option("--yes", help="Arm without asking.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Stop after the preflight list.")] = False,
+    timeout: Annotated[float, typer.Option(min=1, help="Seconds to wait for the vehicle.")] = 10.0,
+    renderer: Annotated[
+        Literal["auto", "gl", "embree"], typer.Option(help="Of the rendered camera.")
+    ] = "auto",
+    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
+) -> None:
+    """Fly a mission on a PX4: a simulated one, or an aircraft.
+
+    Shows the preflight list and asks before arming. In flight: Ctrl-C holds, Enter goes on, Ctrl-C again goes
+    home and lands. However this program ends, the vehicle is left in Hold.
+
+    Examples:
+
+        skysweep fly clusters --dry-run
+
+        skysweep fly clusters --sensor statistical --yes
+
+        skysweep fly field.plan --connection serial:///dev/ttyUSB0:57600 --camera rtsp://10.0.0.5/live
+    """
+    from skysweep.experiments.px4_flight import Px4Flight
+    from skysweep.planning.plan_files import scenario_from_plan
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    is_plan = Path(source).suffix.lower() == ".plan"
+    chosen = change_scenario(
+        scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
+    )
+    signal.signal(signal.SIGTERM, _end)
+    with Px4Flight(chosen, connection, timeout) as flight:
+        checks = flight.preflight(upload=not dry_run)
+        _print_checks(checks)
+        failed = [check for check in checks if check.passed is False]
+        if failed:
+            raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
+        if dry_run:
+            return
+        if not yes and not typer.confirm("Arm and take off?", err=True):
+            raise typer.Exit(1)
+        name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
+        folder = out or free_folder(Path("runs"), name)
+        columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
+        with Progress(*columns, console=errors) as progress, _Operator() as operator:
+            task = progress.add_task(chosen.name, doing="arming", total=None)
+
+            def watch(state: Any, mode: str, _new: Any) -> None:
+                silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
+                progress.update(
+                    task,
+                    doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+                    f"battery {state.battery_remaining:4.0%}   {operator.hint}{silent}",
+                )
+
+            summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator)
+    print_summary(summary)
+    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+
+
+class _Operator:
+    """Whoever sits before the keyboard: the first Ctrl-C holds, Enter goes on, the second returns.
+
+    A third one ends the program, and that leaves the vehicle in Hold.
+    """
+
+    def __init__(self) -> None:
+        self._word: str | None = None
+        self._presses = 0
+        self._before: Any = None
+
+    @property
+    def hint(self) -> str:
+        """What the keys do now."""
+        return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
+
+    def __call__(self) -> str | None:
+        if self._presses == 1 and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+            sys.stdin.readline()
+            self._presses, self._word = 0, "continue"
+        word, self._word = self._word, None
+        return word
+
+    def __enter__(self) -> _Operator:
+        self._before = signal.signal(signal.SIGINT, self._interrupt)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        signal.signal(signal.SIGINT, self._before)
+
+    def _interrupt(self, _number: int, _frame: FrameType | None) -> None:
+        self._presses += 1
+        if self._presses > 2:
+            raise KeyboardInterrupt
+        self._word = "hold" if self._presses == 1 else "return"
+
+
+def _end(_number: int, _frame: FrameType | None) -> None:
+    raise typer.Exit(143)
+
+
+def _print_checks(checks: tuple[Check, ...]) -> None:
+    marks = {True: "[green]ok[/]", None: "[yellow]note[/]", False: "[bold red]no[/]"}
+    table = Table(show_header=False, box=None)
+    for check in checks:
+        table.add_row(marks[check.passed], check.name, escape(check.said))
+    errors.print(table)

@@ -1,0 +1,70 @@
+"""A mission on a PX4, into a run folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skysweep.experiments.single import Watch, fly_to_folder
+from skysweep.mission.loop import Operator
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.plan_files import plan_of_mission
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import build_terrain
+from skysweep.sensing.video_camera import VideoCamera
+from skysweep.strategies import strategy_spec
+from skysweep.vehicles.px4 import Px4Vehicle
+from skysweep.vehicles.px4_preflight import Check, preflight
+
+if TYPE_CHECKING:
+    from skysweep.sensing.render import Backend
+
+RENDERED = "rendered"
+_MOTORS_STOP_S = 20.0  # on the wall, after landing
+
+
+class Px4Flight:
+    """A scenario and the PX4 that will fly it. A context manager: its end hands the vehicle over to Hold.
+
+    Raises UserError, before anything is connected, where the scenario cannot be flown, and where no fitting
+    vehicle answers at ``url`` in ``timeout_s``.
+    """
+
+    def __init__(self, scenario: Scenario, url: str, timeout_s: float) -> None:
+        self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
+        plan_scenario(scenario, self._altitude_agl_m)
+        self.vehicle = Px4Vehicle(url, scenario, build_terrain(scenario).height_m, timeout_s)
+        self.scenario = self.vehicle.scenario
+
+    def preflight(self, upload: bool) -> tuple[Check, ...]:
+        """The list to read before arming; with ``upload`` the fence and the rally points are sent."""
+        coverage, estimate = plan_scenario(self.scenario, self._altitude_agl_m)
+        share = estimate.energy_wh / self.scenario.vehicle.battery_wh
+        return preflight(self.vehicle, plan_of_mission(self.scenario, coverage), share, upload)
+
+    def fly(
+        self,
+        seed: int,
+        out: Path,
+        sensor_name: str,
+        camera_source: str,
+        renderer: Backend,
+        threads: int,
+        watch: Watch,
+        operator: Operator,
+    ) -> dict[str, Any]:
+        """Arm, fly the mission and land; the summary of its run folder."""
+        camera = None
+        if sensor_name == "imaging" and camera_source != RENDERED:
+            camera = VideoCamera(camera_source, self.scenario.camera.lens)
+        summary = fly_to_folder(
+            self.scenario, seed, out, sensor_name, renderer, threads, watch, self.vehicle, camera, operator
+        )
+        self.vehicle.wait_disarmed(_MOTORS_STOP_S)
+        return summary
+
+    def __enter__(self) -> Px4Flight:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.vehicle.close()
