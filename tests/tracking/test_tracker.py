@@ -1,5 +1,7 @@
 """Pixels to ground and one candidate per thing."""
 
+import json
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -108,3 +110,28 @@ def test_nothing_seen_is_nothing_tracked():
     tracker = GroundTracker(flat)
     assert tracker.update(look(pose(), np.zeros((0, 3)))) == ()
     assert tracker.candidates() == {}
+
+
+def test_a_restored_tracker_goes_on_as_if_it_had_never_stopped():
+    rng = np.random.default_rng(5)
+    frames = []
+    for k in range(12):
+        camera = pose(2.0 * k, 0.0)
+        points = rng.uniform([2.0 * k - 8, -8, 0], [2.0 * k + 8, 8, 0], (3, 3))
+        frames.append(look(camera, points, 0.2 * k, name="person" if k % 3 else "boat"))
+    whole, first, second = (GroundTracker(hilly) for _ in range(3))
+    expected = [whole.update(frame) for frame in frames]
+    for frame in frames[:6]:
+        first.update(frame)
+    text = json.dumps(first.snapshot())
+    second.restore(json.loads(text))
+    held = second.candidates()
+    assert repr([second.update(frame) for frame in frames[6:]]) == repr(expected[6:])
+    assert repr(second.candidates()) == repr(whole.candidates())
+    assert repr(held) == repr(first.candidates()), "what was handed on is not written to"
+
+
+def test_a_new_tracker_is_restored_too():
+    tracker = GroundTracker(flat)
+    tracker.restore(GroundTracker(flat).snapshot())
+    assert tracker.update(look(pose(), np.array([[1.0, 2.0, 0.0]])))[0].is_new

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -52,6 +53,41 @@ class GroundTracker:
     def candidates(self) -> dict[int, Candidate]:
         """All candidates by id (a copy)."""
         return dict(self._candidates)
+
+    def snapshot(self) -> dict[str, Any]:
+        """All candidates as plain data."""
+        return {
+            "candidates": [
+                {
+                    "class_name": c.class_name,
+                    "p": c.position_enu_m.tolist(),
+                    "covariance_m2": c.covariance_m2.tolist(),
+                    "first_seen_s": c.first_seen_s,
+                    "last_seen_s": c.last_seen_s,
+                    "confidences": list(c.confidences),
+                }
+                for c in self._candidates.values()
+            ]
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        told = snapshot["candidates"]
+        self._positions_enu_m = np.array([c["p"] for c in told]).reshape(-1, 3)
+        self._covariances_m2 = np.array([c["covariance_m2"] for c in told]).reshape(-1, 2, 2)
+        self._classes = np.array([self._class_number(c["class_name"]) for c in told], dtype=np.int64)
+        self._candidates = {
+            k + 1: Candidate(
+                k + 1,
+                c["class_name"],
+                self._positions_enu_m[k].copy(),
+                self._covariances_m2[k].copy(),
+                c["first_seen_s"],
+                c["last_seen_s"],
+                tuple(c["confidences"]),
+            )
+            for k, c in enumerate(told)
+        }
 
     def update(self, detections: Detections) -> tuple[Sighting, ...]:
         """Assign one frame's detections; each candidate takes at most one of them."""
