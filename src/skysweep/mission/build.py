@@ -38,11 +38,13 @@ def build_mission(
     threads: int = 2,
     vehicle: Vehicle | None = None,
     camera: Camera | None = None,
+    detector: Detector | None = None,
 ) -> Mission:
     """A mission ready to fly, with the embedded vehicle or the one given.
 
     ``renderer`` is auto, gl or embree; ``threads`` is for the detector. Without a ``camera`` the pictures are
-    rendered as the vehicle's would be. Raises UserError on what the scenario asks for and is not there.
+    rendered as the vehicle's would be; without a ``detector`` the scenario's looks at them. Raises UserError
+    on what the scenario asks for and is not there.
     """
     if sensor_name not in SENSORS:
         raise UserError(f"sensor: there is no sensor '{sensor_name}'; write one of {', '.join(SENSORS)}")
@@ -77,9 +79,9 @@ def build_mission(
     else:
         from skysweep.sensing.imaging import ImagingSensor
 
-        detector = _detector(scenario, threads)
+        looks_with = detector or make_detector(scenario, threads)
         pictures = camera or _rendered_camera(scenario, world, eye, seed, renderer)
-        sensor = ImagingSensor(pictures, detector, exposures, camera_model.latency_s)
+        sensor = ImagingSensor(pictures, looks_with, exposures, camera_model.latency_s)
     look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
     return Mission(
@@ -107,8 +109,9 @@ class _Eye:
 
 def _eye(vehicle: Vehicle) -> _Eye:
     """The truth, where the vehicle is simulated here; else what it believes, its camera held steady."""
-    if isinstance(vehicle, Multirotor):
-        return _Eye(vehicle.true_camera_pose, vehicle.true_camera_motion)
+    simulated = getattr(vehicle, "carrier", vehicle)
+    if isinstance(simulated, Multirotor):
+        return _Eye(simulated.true_camera_pose, simulated.true_camera_motion)
 
     def motion() -> CameraMotion:
         state = vehicle.state()
@@ -129,7 +132,7 @@ def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, ren
     return RenderedCamera(world, scenario.camera, truth, seed, renderer)
 
 
-def _detector(scenario: Scenario, threads: int) -> Detector:
+def make_detector(scenario: Scenario, threads: int) -> Detector:
     """Ours, an ONNX file, or what a third party registered as ``skysweep.detectors`` under this name.
 
     A registered detector is a callable that takes the scenario and returns a ``types.Detector``.
