@@ -36,6 +36,22 @@ class VehicleState:
     silent_s: float = 0.0  # since telemetry was last heard
     wind_enu_mps: F64 | None = None  # (3,) estimated mean wind; None: unknown
 
+    def with_camera(self, camera: CameraPose) -> VehicleState:
+        """The same with another camera pose (``dataclasses.replace`` would take six times as long)."""
+        return VehicleState(
+            self.time_s,
+            self.position_enu_m,
+            self.velocity_enu_mps,
+            self.R_body_to_enu,
+            camera,
+            self.battery_remaining,
+            self.energy_used_wh,
+            self.airborne,
+            self.position_std_m,
+            self.silent_s,
+            self.wind_enu_mps,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
@@ -191,11 +207,15 @@ class Detector(Protocol):
 
 
 class Tracker(Protocol):
-    """Puts detections on the ground and keeps one candidate per thing seen."""
+    """Puts detections on the ground and keeps one candidate per thing seen. Its state is plain data."""
 
     def update(self, detections: Detections) -> tuple[Sighting, ...]: ...
 
     def candidates(self) -> dict[int, Candidate]: ...
+
+    def snapshot(self) -> dict[str, Any]: ...
+
+    def restore(self, snapshot: dict[str, Any]) -> None: ...
 
 
 class Strategy(Protocol):

@@ -100,11 +100,23 @@ def test_hills_are_followed():
     assert min(low) > 2.0
 
 
-def test_an_empty_battery_ends_the_search_and_brings_it_home():
+def test_a_check_that_the_battery_does_not_allow_is_refused_and_reported():
     reason, lines = flown(vehicle={"battery_wh": 10.0}, search={"n_c": 1, "check_speed_mps": 0.05})
-    assert reason == "low battery"
+    assert reason == "completed"
+    unchecked = {line["candidate"] for line in of_kind(lines, "unchecked")}
+    assert unchecked == {line["candidate"] for line in of_kind(lines, "scanned")}
+    assert {(line["cause"], line["action"]) for line in of_kind(lines, "safety")} == {
+        ("return energy", "REFUSE_CHECK")
+    }
+
+
+def test_it_comes_home_while_the_battery_lasts():
+    reason, lines = flown(vehicle={"battery_wh": 7.0}, search={"n_c": 1, "check_speed_mps": 0.6})
+    assert reason == "return energy"
     assert of_kind(lines, "finished") == []
-    assert len(of_kind(lines, "landed")) == 1
+    last = of_kind(lines, "state")[-1]
+    assert last["battery"] > 0.09
+    assert np.hypot(last["p"][0] + 5, last["p"][1] + 5) < 2.0
 
 
 def test_one_seed_one_journal_in_any_process():

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.errors import UserError
+from skysweep.mission.energy import ReturnEnergy, wind_xy
+from skysweep.mission.fence import Fence, Router
 from skysweep.mission.journal import Journal
+from skysweep.mission.looks import Looks
+from skysweep.mission.notes import Notes
+from skysweep.mission.safety import CHECK_PERIOD_S, Action, Alarm, Guard, Phase
 from skysweep.scenarios.model import Scenario
 from skysweep.types import (
+    Command,
     Detections,
     Event,
     Observation,
     Sensor,
     Setpoint,
+    Sighting,
     Strategy,
     Tracker,
     Vehicle,
@@ -28,10 +37,10 @@ F64 = NDArray[np.float64]
 Watch = Callable[[VehicleState, str, Detections | None], None]
 Operator = Callable[[], str | None]
 
-STATE_PERIOD_S = 0.5  # between journal lines of the state
-LOW_BATTERY = 0.15  # PX4 BAT_LOW_THR: the search ends and the vehicle returns
 _LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
+_TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
+_ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +58,12 @@ class Mission:
     cover_altitude_agl_m: float
     yaw_rad: float
     ground_height_m: Callable[[F64], F64]
+    replays: bool = True  # flown again it does the same; else snapshots are taken of it
+
+    @property
+    def return_altitude_agl_m(self) -> float:
+        """Height above ground on the way home."""
+        return max(self.cover_altitude_agl_m, self.scenario.search.scan_altitude_agl_m)
 
 
 def fly(
@@ -56,15 +71,21 @@ def fly(
     journal: Journal,
     watch: Watch = lambda _state, _mode, _new: None,
     operator: Operator = lambda: None,
+    before: Sequence[Mapping[str, Any]] = (),
 ) -> str:
-    """Fly the mission from take-off to landing. Returns why the search ended: completed or low battery.
+    """Fly the mission from take-off to landing. Returns why the search ended: completed or a cause of safety.
 
     ``watch`` sees every step (state, mode, new detections) for progress displays and recordings.
     ``operator`` is asked at every step and answers None, "hold", "continue" or "return".
     Mission time 0 is the take-off command. Whatever ends it early, the vehicle is told to hold.
+    ``before`` is what the journal says of the part that was flown before the mission was broken off.
+
+    Raises UserError, with the vehicle untouched, where the mission must not take off.
     """
+    flight = _Flight(mission, journal, watch, operator, before)
+    flight.refuse_before_take_off()
     try:
-        return _Flight(mission, journal, watch, operator).fly()
+        return flight.fly()
     except BaseException:
         mission.vehicle.hold()
         raise
@@ -77,95 +98,192 @@ class _Flight:
         journal: Journal,
         watch: Watch,
         operator: Operator,
+        before: Sequence[Mapping[str, Any]],
     ) -> None:
-        self._m, self._journal, self._watch, self._operator = mission, journal, watch, operator
-        self._tick_s = 1.0 / mission.scenario.camera.rate_hz
-        self._next_state_s = 0.0
+        scenario = mission.scenario
+        self._m, self._watch, self._operator, self._before = mission, watch, operator, before
+        self._notes = Notes(journal)
+        self._tick_s = 1.0 / scenario.camera.rate_hz
+        self._looks = Looks(scenario)
+        self._fence = Fence(scenario)
+        self._router = Router(self._fence)
+        energy = ReturnEnergy(
+            scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
+        )
+        self._guard = Guard(scenario, self._fence, energy, self._looks)
+        self._worst = _ALL_WELL
+        self._next_check_s = 0.0
+        self._mode = "TAKEOFF"
+        self._holding = False
+        self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
+
+    def refuse_before_take_off(self) -> None:
+        """Raises UserError."""
+        limit_mps = self._m.scenario.safety.wind_max_mps
+        wind_mps = math.hypot(*wind_xy(self._m.vehicle.state()))
+        if wind_mps > limit_mps:
+            raise UserError(
+                f"wind: blows at {wind_mps:.1f} m/s, above safety.wind_max_mps ({limit_mps:g}); wait, or "
+                "write a higher limit"
+            )
+        home = self._m.scenario.home.position_enu_m
+        for x, y in self._m.waypoints_xy_enu_m.tolist():
+            if not self._fence.way(home, (x, y)):
+                raise UserError(
+                    f"safety.no_fly_enu_m: the path's waypoint [{x:.1f}, {y:.1f}] cannot be flown to; cut "
+                    "the no-fly area out of the search area (area.holes_enu_m), or widen geofence_enu_m"
+                )
 
     def fly(self) -> str:
-        mission, journal = self._m, self._journal
-        altitude = mission.cover_altitude_agl_m
-        search = mission.scenario.search
-        journal.write(
-            0.0,
-            "start",
-            scenario=mission.scenario.name,
-            strategy=search.strategy,
-            n_c=search.n_c,
-            d_c_m=search.d_c_m,
-            seed=mission.seed,
-            sensor=mission.sensor_name,
-        )
-        xy = mission.waypoints_xy_enu_m
-        z = mission.ground_height_m(xy) + altitude
-        journal.write(0.0, "plan", waypoints_enu_m=np.column_stack([xy, z]))
-        mission.vehicle.takeoff(altitude)
-        self._wait(lambda state: self._altitude_agl_m(state) >= altitude - 1.0, "TAKEOFF")
-        reason = self._search()
-        self._return(max(altitude, search.scan_altitude_agl_m))
-        journal.write(mission.vehicle.state().time_s, "landed")
-        journal.write(mission.vehicle.state().time_s, "end", reason=reason)
-        return reason
+        if self._before:
+            self._notes.go_on(self._before)
+        else:
+            self._notes.start(self._m)
+        end = self._take_off()
+        if end is _ALL_WELL:
+            end = self._search()
+        state = self._m.vehicle.state()
+        if end is not _ALL_WELL:
+            self._notes.left_behind(state.time_s, self._m.tracker.candidates(), self._looks.blind_legs())
+        if end.action < Action.LAND:
+            self._return()
+        self._land()
+        self._notes.end(self._m.vehicle.state().time_s, end.cause)
+        return end.cause
 
-    def _search(self) -> str:
+    # ---- the four parts of a mission; each returns what ended it early -----------------------------------
+
+    def _take_off(self) -> Alarm:
+        altitude, vehicle = self._m.cover_altitude_agl_m, self._m.vehicle
+        vehicle.takeoff(altitude)
+        state = vehicle.state()
+        longest_s = _TAKE_OFF_LONGEST_S + 2.0 * altitude / self._m.scenario.vehicle.climb_speed_mps
+        latest_s = state.time_s + longest_s
+        while self._altitude_agl_m(state) < altitude - 1.0:
+            alarm = self._look_after(state, "TAKEOFF")
+            if state.time_s + state.silent_s > latest_s:
+                alarm = Alarm(Action.LAND, "take-off", f"Not up after {longest_s:.0f} s: landing.")
+                self._notes.safety(state.time_s, alarm)
+            if alarm.action > Action.HOLD:
+                return alarm
+            state = self._pass_time(state, "TAKEOFF")
+        return _ALL_WELL
+
+    def _search(self) -> Alarm:
         m = self._m
         state = m.vehicle.state()
+        self._mode = "SCAN"
+        self._looks.begin(state.time_s)
+        refused = False
+        done_s = math.inf  # when the strategy had nothing more to do
         while True:
-            detections = m.sensor.sense(state)
-            sightings = m.tracker.update(detections) if detections is not None else ()
-            observation = Observation(state, self._altitude_agl_m(state), sightings, m.tracker.candidates())
+            alarm = self._look_after(state, "SEARCH")
+            if alarm.action > Action.HOLD:
+                return alarm
+            detections = self._look(state)
+            if alarm.action is Action.HOLD:
+                self._hold()
+                state = self._pass_time(state, "HOLD", detections)
+                continue
+            self._holding = False
+            observation = self._observation(state, detections, refused)
             command = m.strategy.step(observation)
-            self._note_decisions(observation, command.events)
-            self._note_state(state, command.mode)
-            self._watch(state, command.mode, detections)
-            if command.waypoint is None:
-                return "completed"
-            if state.battery_remaining < LOW_BATTERY:
-                return "low battery"
-            if not self._operator_lets_go_on():
-                return "operator"
-            m.vehicle.command(self._setpoint(state, command.waypoint))
-            m.vehicle.advance(self._tick_s)
-            state = m.vehicle.state()
+            self._mode = command.mode
+            done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
+            if command.waypoint is None and self._looks.are_due(state.time_s, done_s):
+                command = replace(command, events=tuple(e for e in command.events if e.kind != "finished"))
+            elif command.waypoint is None:
+                self._note(observation, command.events)
+                self._notes.state(state, command.mode)
+                self._watch(state, command.mode, detections)
+                return _ALL_WELL
+            self._note(observation, command.events)
+            refused = self._refuses(observation, command)
+            if command.waypoint is not None and not refused:
+                m.vehicle.command(self._setpoint(state, command.waypoint))
+            state = self._pass_time(state, command.mode, detections)
 
-    def _operator_lets_go_on(self) -> bool:
-        """Hovers from "hold" to "continue"; False after "return"."""
+    def _return(self) -> None:
+        m = self._m
+        home = m.scenario.home.position_enu_m
+        back = Waypoint(home, m.return_altitude_agl_m, m.scenario.vehicle.cruise_speed_mps)
+        self._mode = "RETURN"
+        state = m.vehicle.state()
+        while math.dist(state.position_enu_m[:2].tolist(), home) > _HOME_ACCEPTANCE_M:
+            alarm = self._look_after(state, "RETURN")
+            if alarm.action is Action.LAND:
+                return
+            if alarm.action is Action.HOLD:
+                self._hold()
+            else:
+                self._holding = False
+                m.vehicle.command(self._setpoint(state, back))
+            state = self._pass_time(state, "RETURN")
+
+    def _land(self) -> None:
+        self._m.vehicle.land()
+        state = self._m.vehicle.state()
+        while state.airborne:
+            state = self._pass_time(state, "LAND")
+
+    # ---- the steps ---------------------------------------------------------------------------------------
+
+    def _look_after(self, state: VehicleState, phase: Phase) -> Alarm:
+        """The worst of what is wrong; every rule looks once a second, and at once when it is urgent."""
         word = self._operator()
-        if word == "hold":
-            self._m.vehicle.hold()
+        now_s = state.time_s + state.silent_s
+        if not self._guard.is_urgent(state) and now_s < self._next_check_s and word is None:
+            return self._worst
+        self._next_check_s = now_s + CHECK_PERIOD_S
+        self._guard.heed(word)
+        alarms = self._guard.alarms(state, self._altitude_agl_m(state), phase)
+        if alarms or self._worst is not _ALL_WELL:
+            self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
+            self._notes.alarms(now_s, alarms)
+        self._looks.keep_track(state, self._mode == "SCAN")
+        return self._worst
 
-            def released(_: VehicleState) -> bool:
-                nonlocal word
-                word = self._operator()
-                return word in ("continue", "return")
+    def _look(self, state: VehicleState) -> Detections | None:
+        """What the sensor has found; None also where it fails. What was sighted waits for the strategy."""
+        try:
+            detections = self._m.sensor.sense(state)
+        except UserError:
+            raise
+        except Exception as error:  # a detector of anybody's make: the mission goes on without this look
+            self._looks.failure = f"{type(error).__name__}: {error}"
+            return None
+        if detections is None or not self._looks.take(state.time_s, detections):
+            return None
+        self._waiting += self._m.tracker.update(detections)
+        return detections
 
-            self._wait(released, "HOLD")
-        return word != "return"
+    def _observation(self, state: VehicleState, detections: Detections | None, refused: bool) -> Observation:
+        sightings, self._waiting = self._waiting, ()
+        return Observation(
+            state,
+            self._altitude_agl_m(state),
+            sightings,
+            self._m.tracker.candidates(),
+            None if detections is None else detections.time_s,
+            self._looks.blind_legs(),
+            refused,
+        )
 
-    def _note_decisions(self, seen: Observation, events: tuple[Event, ...]) -> None:
-        for s in seen.sightings:
-            self._journal.write(
-                s.time_s,
-                "sighting",
-                candidate=s.candidate_id,
-                class_name=seen.candidates[s.candidate_id].class_name,
-                new=s.is_new,
-                p=s.position_enu_m,
-                confidence=s.confidence,
-                altitude_agl_m=s.camera_altitude_agl_m,
-            )
-        for event in events:
-            fields: dict[str, object] = {}
-            if event.candidate_id is not None:
-                fields["candidate"] = event.candidate_id
-                fields["p"] = event.position_enu_m
-                fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
-            self._journal.write(seen.time_s, event.kind, **fields)
+    def _note(self, seen: Observation, events: tuple[Event, ...]) -> None:
+        self._notes.step(seen, events)
+        if not self._m.replays and (seen.sightings or seen.unsearched or events):
+            self._notes.snapshot(seen.time_s, self._m.strategy, self._m.tracker)
+
+    def _refuses(self, seen: Observation, command: Command) -> bool:
+        alarm = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, command)
+        if alarm is not None:
+            self._notes.safety(seen.time_s, alarm)
+        return alarm is not None
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: the height above the highest of the ground here and soon."""
         x, y, _ = state.position_enu_m.tolist()
-        to_x, to_y = waypoint.xy_enu_m
+        to_x, to_y = self._router.next_xy((x, y), waypoint.xy_enu_m)
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
         here_and_soon = np.array((x, y, x + (to_x - x) * share, y + (to_y - y) * share))
@@ -174,41 +292,20 @@ class _Flight:
             np.array([to_x, to_y, ground + waypoint.altitude_agl_m]), waypoint.speed_mps, self._m.yaw_rad
         )
 
-    def _return(self, altitude_agl_m: float) -> None:
-        m = self._m
-        home = np.array(m.scenario.home.position_enu_m, dtype=float)
-        back = Waypoint((float(home[0]), float(home[1])), altitude_agl_m, m.scenario.vehicle.cruise_speed_mps)
+    def _hold(self) -> None:
+        if not self._holding:
+            self._m.vehicle.hold()
+            self._holding = True
 
-        def near_home(state: VehicleState) -> bool:
-            m.vehicle.command(self._setpoint(state, back))
-            return bool(np.linalg.norm(state.position_enu_m[:2] - home) <= _HOME_ACCEPTANCE_M)
-
-        self._wait(near_home, "RETURN")
-        m.vehicle.land()
-        self._wait(lambda state: not state.airborne, "LAND")
-
-    def _wait(self, until: Callable[[VehicleState], bool], mode: str) -> None:
-        vehicle = self._m.vehicle
-        while not until(state := vehicle.state()):
-            self._note_state(state, mode)
-            self._watch(state, mode, None)
-            vehicle.advance(self._tick_s)
+    def _pass_time(
+        self, state: VehicleState, mode: str, detections: Detections | None = None
+    ) -> VehicleState:
+        """Let one tick pass; the state after it."""
+        self._notes.state(state, mode)
+        self._watch(state, mode, detections)
+        self._m.vehicle.advance(self._tick_s)
+        return self._m.vehicle.state()
 
     def _altitude_agl_m(self, state: VehicleState) -> float:
         position = state.position_enu_m
         return position.item(2) - self._m.ground_height_m(position[None, :2]).item()
-
-    def _note_state(self, state: VehicleState, mode: str) -> None:
-        if state.time_s < self._next_state_s - 1e-6:
-            return
-        self._next_state_s = state.time_s + STATE_PERIOD_S
-        self._journal.write(
-            state.time_s,
-            "state",
-            p=state.position_enu_m,
-            v=state.velocity_enu_mps,
-            mode=mode,
-            battery=state.battery_remaining,
-            energy_wh=state.energy_used_wh,
-            cam={"p": state.camera.position_enu_m, "R": state.camera.R_camera_to_enu.ravel()},
-        )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from skysweep.sensing.believed import DelayedPose
 from skysweep.types import VehicleState
 
@@ -32,4 +30,4 @@ class Exposures:
         self._next_s += self._period_s
         if self._next_s <= state.time_s:
             self._next_s = state.time_s + self._period_s
-        return replace(state, camera=self._poses.at(state.time_s))
+        return state.with_camera(self._poses.at(state.time_s))

@@ -12,8 +12,8 @@ from importlib.metadata import entry_points
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Search
 from skysweep.strategies.baselines import SingleAltitude
-from skysweep.strategies.scan_check import XY, ScanCheck
-from skysweep.types import Strategy
+from skysweep.strategies.scan_check import ScanCheck
+from skysweep.types import XY, Strategy
 
 
 @dataclass(frozen=True, slots=True)

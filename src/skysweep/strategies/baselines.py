@@ -7,15 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 from skysweep.scenarios.model import Search
-from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M, XY
-from skysweep.types import Command, Event, Observation, Waypoint
+from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
+from skysweep.types import XY, Command, Event, Observation, Waypoint
 
 
 class SingleAltitude:
     """Cover F at one altitude; a candidate is confirmed by the first sighting with confidence >= c_t.
 
     At h_S this is ``scan-only``, the quickest search; at h_C ``low-only``, the most careful one. Both fly at
-    the scan speed. Implements ``types.Strategy``.
+    the scan speed. Legs that were flown blind are flown again at the end. Implements ``types.Strategy``.
     """
 
     def __init__(self, search: Search, waypoints_xy_enu_m: Sequence[XY], altitude_agl_m: float) -> None:
@@ -39,6 +39,8 @@ class SingleAltitude:
             if sighting.confidence >= self._c_t and candidate not in self._confirmed:
                 self._confirmed.append(candidate)
                 events.append(Event("confirmed", candidate, place))
+        for leg in observation.unsearched:
+            self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         vehicle = observation.vehicle.position_enu_m
         if self._to_scan and math.dist(vehicle[:2], self._to_scan[0]) <= SCAN_ACCEPTANCE_M:
             self._to_scan.pop(0)

@@ -18,7 +18,9 @@ Where the paper is silent, this is how we read it (each line has a test):
   waypoints of F count as reached at h_S only.
 - In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
   confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
-  for ``look_s`` and it was not confirmed.
+  for ``look_s``, two looks from there were answered, and it was not confirmed.
+- A candidate that must not be flown to (``Observation.refused``) leaves C as unchecked: it is reported, and
+  it is not scanned again. Legs that were flown blind are put at the end of F.
 """
 
 from __future__ import annotations
@@ -28,13 +30,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from skysweep.scenarios.model import Search
-from skysweep.types import Command, Event, Observation, Waypoint
+from skysweep.types import XY, Command, Event, Observation, Waypoint
 
 ALTITUDE_TOLERANCE_M = 0.8  # PX4 NAV_MC_ALT_RAD
 SCAN_ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD
 CHECK_ACCEPTANCE_M = 0.7
-
-XY = tuple[float, float]
+LOOKS_TO_REJECT = 2
 
 
 class ScanCheck:
@@ -50,12 +51,16 @@ class ScanCheck:
         self._to_check: list[int] = []  # C
         self._confirmed: list[int] = []  # R
         self._rejected: list[int] = []
+        self._unchecked: list[int] = []
         self._last_target_xy: XY | None = None
         self._arrived_s: float | None = None
+        self._looks_there = 0
 
     def step(self, observation: Observation) -> Command:
         """One pass of the algorithm's loop."""
         events: list[Event] = []
+        for leg in observation.unsearched:
+            self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         if self._mode == "CHECK":
             self._check(observation, events)
         if self._mode == "SCAN":
@@ -101,10 +106,18 @@ class ScanCheck:
             sure = sighting.confidence >= self._search.c_t
             if low and sure and sighting.candidate_id in self._to_check:
                 self._settle(sighting.candidate_id, self._confirmed, "confirmed", seen, events)
-        if self._to_check and self._is_above(seen, self._to_check[0]):
-            if self._arrived_s is None:
-                self._arrived_s = seen.time_s
-            elif seen.time_s - self._arrived_s >= self._look_s:
+        if self._to_check and seen.refused:
+            self._settle(self._to_check[0], self._unchecked, "unchecked", seen, events)
+        above = bool(self._to_check) and self._is_above(seen, self._to_check[0])
+        if above and self._arrived_s is None:
+            self._arrived_s, self._looks_there = seen.time_s, 0
+        if self._arrived_s is not None:
+            self._looks_there += seen.looked_s is not None and seen.looked_s >= self._arrived_s
+            if (
+                above
+                and seen.time_s - self._arrived_s >= self._look_s
+                and self._looks_there >= LOOKS_TO_REJECT
+            ):
                 self._settle(self._to_check[0], self._rejected, "rejected", seen, events)
         if not self._to_check:
             self._mode = "SCAN"
@@ -130,7 +143,7 @@ class ScanCheck:
     def _is_unknown(self, candidate_id: int) -> bool:
         return not any(
             candidate_id in known
-            for known in (self._scanned, self._to_check, self._confirmed, self._rejected)
+            for known in (self._scanned, self._to_check, self._confirmed, self._rejected, self._unchecked)
         )
 
     def _waypoint(self, seen: Observation) -> Waypoint | None:
@@ -152,8 +165,10 @@ class ScanCheck:
             "to_check": list(self._to_check),
             "confirmed": list(self._confirmed),
             "rejected": list(self._rejected),
+            "unchecked": list(self._unchecked),
             "last_target_xy": list(self._last_target_xy) if self._last_target_xy else None,
             "arrived_s": self._arrived_s,
+            "looks_there": self._looks_there,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -164,9 +179,11 @@ class ScanCheck:
         self._to_check = list(snapshot["to_check"])
         self._confirmed = list(snapshot["confirmed"])
         self._rejected = list(snapshot["rejected"])
+        self._unchecked = list(snapshot["unchecked"])
         self._left_xy = _pair(snapshot["left_xy"])
         self._last_target_xy = _pair(snapshot["last_target_xy"])
         self._arrived_s = snapshot["arrived_s"]
+        self._looks_there = snapshot["looks_there"]
 
 
 def _pair(xy: Sequence[float] | None) -> XY | None:

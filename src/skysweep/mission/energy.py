@@ -1,0 +1,71 @@
+"""What the way home costs from anywhere, and a CHECK before it.
+
+Times as in ``planning/flight_plan.py``; speed over ground is what the wind leaves of the air speed; power
+grows with the thrust that drag asks for (momentum theory: thrust to the power of 1.5).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skysweep.mission.fence import Fence
+from skysweep.planning.flight_plan import DRAG_PER_S, LEG_LAG_S, landing_time_s
+from skysweep.scenarios.model import Scenario
+from skysweep.types import XY, VehicleState, Waypoint
+
+_G = 9.81
+_SLOWEST_MPS = 0.1  # over ground: slower is no way home
+
+
+class ReturnEnergy:
+    """Energy in Wh that the vehicle needs to come home and land."""
+
+    def __init__(self, scenario: Scenario, fence: Fence, return_altitude_agl_m: float, look_s: float) -> None:
+        self._vehicle, self._air_speed_max_mps = scenario.vehicle, scenario.safety.air_speed_max_mps
+        self._home, self._fence = scenario.home.position_enu_m, fence
+        self._altitude_agl_m = return_altitude_agl_m
+        self._landing_s = landing_time_s(return_altitude_agl_m, scenario.vehicle.descent_speed_mps)
+        self._look_s = look_s
+
+    def home_wh(self, xy: XY, altitude_agl_m: float, wind_xy_mps: XY) -> float:
+        """From a place: the climb to the return altitude, the way and the landing. inf: no way home."""
+        climb_s = max(0.0, self._altitude_agl_m - altitude_agl_m) / self._vehicle.climb_speed_mps
+        upright_wh = self._power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
+        way = self._fence.way(xy, self._home)
+        speed_mps = self._vehicle.cruise_speed_mps
+        legs = zip([xy, *way], way, strict=False)
+        return upright_wh + sum(self._leg_wh(a, b, speed_mps, wind_xy_mps) for a, b in legs)
+
+    def check_wh(self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint) -> float:
+        """From here: go to the waypoint, come down, look twice, and come home from there."""
+        x, y, _ = state.position_enu_m.tolist()
+        wind = wind_xy(state)
+        down_s = max(0.0, altitude_agl_m - waypoint.altitude_agl_m) / self._vehicle.descent_speed_mps
+        there_wh = self._leg_wh((x, y), waypoint.xy_enu_m, waypoint.speed_mps, wind)
+        there_wh += self._power_w(math.hypot(*wind)) * (down_s + self._look_s) / 3600.0
+        return there_wh + self.home_wh(waypoint.xy_enu_m, waypoint.altitude_agl_m, wind)
+
+    def _leg_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
+        east, north = end[0] - start[0], end[1] - start[1]
+        distance = math.hypot(east, north)
+        if distance < 1.0:
+            return 0.0
+        tail = (wind[0] * east + wind[1] * north) / distance
+        cross = (wind[1] * east - wind[0] * north) / distance
+        left = self._air_speed_max_mps**2 - cross**2
+        over_ground = min(speed_mps, tail + math.sqrt(left)) if left > 0.0 else 0.0
+        if over_ground < _SLOWEST_MPS:
+            return math.inf
+        seconds = distance / over_ground + LEG_LAG_S
+        return self._power_w(math.hypot(over_ground - tail, cross)) * seconds / 3600.0
+
+    def _power_w(self, air_speed_mps: float) -> float:
+        return self._vehicle.hover_power_w * math.hypot(1.0, DRAG_PER_S * air_speed_mps / _G) ** 1.5
+
+
+def wind_xy(state: VehicleState) -> XY:
+    """The estimated mean wind over ground; none where it is unknown."""
+    if state.wind_enu_mps is None:
+        return 0.0, 0.0
+    east, north, _ = state.wind_enu_mps.tolist()
+    return east, north

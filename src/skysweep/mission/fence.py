@@ -1,0 +1,117 @@
+"""Where the vehicle may be, and the way from one place to another inside it."""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.scenarios.model import Scenario
+from skysweep.types import XY
+
+F64 = NDArray[np.float64]
+
+_MARGIN_M = 2.0  # that a way round keeps from fence and no-fly areas
+_SLACK_M = 0.05
+_REACHED_M = 2.0  # PX4 NAV_ACC_RAD
+
+
+class Fence:
+    """The geofence without the no-fly areas. Without either of them everything is inside."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        forbidden = shapely.union_all([shapely.Polygon(c) for c in scenario.safety.no_fly_enu_m])
+        self.exists = scenario.geofence_enu_m is not None or not forbidden.is_empty
+        if not self.exists:
+            return
+        if scenario.geofence_enu_m is not None:
+            inside = shapely.Polygon(scenario.geofence_enu_m)
+        else:
+            everything = shapely.union_all([scenario.area_enu_m, shapely.Point(scenario.home.position_enu_m)])
+            inside = shapely.union(everything, forbidden).envelope.buffer(1e5)
+        self._free = shapely.difference(inside, forbidden).buffer(_SLACK_M)
+        shapely.prepare(self._free)
+        roomy = shapely.difference(inside.buffer(-_MARGIN_M), forbidden.buffer(_MARGIN_M, join_style="mitre"))
+        corners = shapely.get_coordinates(roomy)
+        self._corners = corners[shapely.contains_xy(self._free, corners)]
+        self._graph: dict[int, list[tuple[int, float]]] | None = None
+
+    def allows(self, xy: XY) -> bool:
+        """Whether a place is inside."""
+        return not self.exists or bool(shapely.intersects_xy(self._free, *xy))
+
+    def outside_m(self, xy: XY) -> float:
+        """How far a place is from being inside; 0 inside."""
+        return 0.0 if self.allows(xy) else float(shapely.distance(self._free, shapely.Point(xy)))
+
+    def way(self, start: XY, goal: XY) -> list[XY]:
+        """Places to fly to, one after another, ``goal`` the last; straight where nothing is in the way.
+
+        From outside it leads back inside first. Empty where there is no way.
+        """
+        if not self.exists or self._sees(start, goal):
+            return [goal]
+        if not self.allows(goal):
+            return []
+        if not self.allows(start):
+            x, y = shapely.get_coordinates(shapely.shortest_line(self._free, shapely.Point(start)))[0]
+            entry = (float(x), float(y))
+            return [entry, *self.way(entry, goal)]
+        return self._way_round(start, goal)
+
+    def _sees(self, a: XY, b: XY) -> bool:
+        return bool(shapely.covers(self._free, shapely.LineString([a, b])))
+
+    def _visible(self, xy: XY) -> list[tuple[int, float]]:
+        """Corners that can be flown to straight, with their distances."""
+        ends = np.broadcast_to(np.array(xy), self._corners.shape)
+        clear = shapely.covers(self._free, shapely.linestrings(np.stack([ends, self._corners], axis=1)))
+        distances = np.linalg.norm(self._corners - ends, axis=1)
+        return [(int(k), float(distances[k])) for k in np.flatnonzero(clear)]
+
+    def _way_round(self, start: XY, goal: XY) -> list[XY]:
+        """Shortest way over the corners: Dijkstra (1959) on the visibility graph."""
+        if self._graph is None:
+            self._graph = {k: self._visible((x, y)) for k, (x, y) in enumerate(self._corners.tolist())}
+        to_goal = dict(self._visible(goal))
+        queue: list[tuple[float, int, tuple[int, ...]]] = [
+            (length, k, (k,)) for k, length in self._visible(start)
+        ]
+        heapq.heapify(queue)
+        done: set[int] = set()
+        best: tuple[float, tuple[int, ...]] = (math.inf, ())
+        while queue and queue[0][0] < best[0]:
+            length, k, path = heapq.heappop(queue)
+            if k in done:
+                continue
+            done.add(k)
+            if k in to_goal:
+                best = min(best, (length + to_goal[k], path))
+            for other, step in self._graph[k]:
+                if other not in done:
+                    heapq.heappush(queue, (length + step, other, (*path, other)))
+        if not best[1]:
+            return []
+        return [*((float(x), float(y)) for x, y in self._corners[list(best[1])]), goal]
+
+
+class Router:
+    """Which place to fly to now, on the way to a goal."""
+
+    def __init__(self, fence: Fence) -> None:
+        self._fence = fence
+        self._goal: XY | None = None
+        self._way: list[XY] = []
+
+    def next_xy(self, here: XY, goal: XY) -> XY:
+        """The goal, or the corner that comes before it. The goal too where there is no way."""
+        if not self._fence.exists:
+            return goal
+        if goal != self._goal:
+            self._goal, self._way = goal, self._fence.way(here, goal) or [goal]
+        while len(self._way) > 1 and math.dist(here, self._way[0]) <= _REACHED_M:
+            self._way.pop(0)
+        return self._way[0]

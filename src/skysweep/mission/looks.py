@@ -1,0 +1,119 @@
+"""What the mission knows of its eyes: which looks were answered, how old they are, what was flown blind."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.scenarios.model import Scenario
+from skysweep.types import XY, Detections, VehicleState
+
+F64 = NDArray[np.float64]
+
+_STRAIGHT_M = 2.0  # a flown path is told in legs that are this near to it
+_CLOCK_SLACK_S = 0.5  # a picture from a later future is a wrong clock
+_REMEMBERED = 64  # looks, to know one that comes twice
+
+
+class Looks:
+    """Takes every answer of the sensor and the track flown meanwhile.
+
+    A stretch of a SCAN is blind when no look that was exposed on it was answered, and it took longer than a
+    look does and ``safety.detector_silent_s``.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        camera, safety = scenario.camera, scenario.safety
+        period_s = 1.0 / min(scenario.detector.rate_hz, camera.rate_hz)
+        self.usual_age_s = camera.latency_s + camera.pose_delay_s + period_s
+        self.silent_age_s = self.usual_age_s + safety.detector_silent_s
+        self.dead_age_s = self.usual_age_s + safety.detector_dead_s
+        self._longest_gap_s = period_s + safety.detector_silent_s
+        self.newest_s = -math.inf  # exposure of the newest look that was answered
+        self._excused_s = -math.inf
+        self._pose_delay_s = camera.pose_delay_s
+        self._lost = self._silent = False
+        self._distrusted = (math.inf, math.inf)
+        self._recent: deque[float] = deque(maxlen=_REMEMBERED)
+        self._track: deque[tuple[float, F64, bool]] = deque()
+        self._blind: list[tuple[XY, XY]] = []
+        self.failure = ""  # of the newest look that was no answer
+
+    def begin(self, time_s: float) -> None:
+        """Looking begins now."""
+        self.newest_s = self._excused_s = time_s
+
+    def take(self, now_s: float, detections: Detections) -> bool:
+        """Whether an answer counts: not one that came before, nor one with a wrong clock or a wrong place."""
+        exposed_s = detections.time_s
+        if exposed_s > now_s + _CLOCK_SLACK_S or exposed_s < now_s - self.dead_age_s:
+            self.failure = f"its picture is dated {exposed_s - now_s:+.0f} s from now"
+            return False
+        if self._distrusted[0] <= exposed_s <= self._distrusted[1]:
+            return False
+        if exposed_s <= self.newest_s and exposed_s in self._recent:
+            return False
+        self._recent.append(exposed_s)
+        if exposed_s > self.newest_s:
+            if exposed_s - self.newest_s > self._longest_gap_s:
+                self._note_blind(self.newest_s, exposed_s)
+            self.newest_s = exposed_s
+            self._forget_track()
+        return True
+
+    def keep_track(self, state: VehicleState, scanning: bool) -> None:
+        """Where the vehicle is now, and whether it scans."""
+        if not self._lost:
+            self._track.append((state.time_s, state.position_enu_m, scanning))
+
+    def trust(self, now_s: float, lost: bool, silent: bool) -> None:
+        """What is known of the vehicle: whether its position is lost, or its telemetry silent.
+
+        A picture taken nobody knows where is no look, and a silence of the vehicle is not the detector's.
+        """
+        if lost and not self._lost:
+            self._distrusted = (now_s, math.inf)
+        elif self._lost and not lost:
+            self._distrusted = (self._distrusted[0], now_s + self._pose_delay_s)
+        if lost or silent or self._silent:
+            self._excused_s = now_s
+        self._lost, self._silent = lost, silent
+
+    def are_due(self, now_s: float, until_s: float) -> bool:
+        """Whether the answers are late, and some to what was exposed until ``until_s`` is still to come."""
+        return self.newest_s < until_s and now_s - self.newest_s > 2.0 * self.usual_age_s
+
+    def age_s(self, now_s: float) -> float:
+        """How long ago the newest answered look was exposed, without a time without position or link."""
+        return now_s - max(self.newest_s, self._excused_s)
+
+    def blind_legs(self) -> tuple[tuple[XY, XY], ...]:
+        """Legs that turned out, since the last call, to be flown blind."""
+        legs, self._blind = tuple(self._blind), []
+        return legs
+
+    def _note_blind(self, since_s: float, until_s: float) -> None:
+        path: list[XY] = []
+        for t, position, scanning in [*self._track, (math.inf, np.zeros(3), False)]:
+            if scanning and since_s - 1.0 <= t <= until_s + 1.0:
+                path.append((position.item(0), position.item(1)))
+            elif path:
+                self._blind += _legs(path)
+                path = []
+
+    def _forget_track(self) -> None:
+        while len(self._track) > 1 and self._track[1][0] <= self.newest_s:
+            self._track.popleft()
+
+
+def _legs(path: list[XY]) -> list[tuple[XY, XY]]:
+    """A path as few straight legs."""
+    if len(path) < 2:
+        return []
+    corners = [(x, y) for x, y in shapely.LineString(path).simplify(_STRAIGHT_M).coords]
+    return list(pairwise(corners))

@@ -1,0 +1,144 @@
+"""What a mission writes into its journal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from skysweep.mission.journal import Journal
+from skysweep.mission.safety import Action, Alarm
+from skysweep.types import XY, Candidate, Event, Observation, Strategy, Tracker, VehicleState
+
+if TYPE_CHECKING:
+    from skysweep.mission.loop import Mission
+
+STATE_PERIOD_S = 0.5  # between lines of the state
+_SETTLING = ("confirmed", "rejected", "unchecked")
+
+
+class Notes:
+    """Writes the lines of one mission, and remembers which candidates nobody has checked."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+        self._next_state_s = 0.0
+        self._listed: set[int] = set()  # candidates that were scanned
+        self._settled: set[int] = set()
+        self._alarms: dict[str, Action] = {}
+
+    def start(self, mission: Mission) -> None:
+        """Who flies what, and F."""
+        search = mission.scenario.search
+        self._journal.write(
+            0.0,
+            "start",
+            scenario=mission.scenario.name,
+            strategy=search.strategy,
+            n_c=search.n_c,
+            d_c_m=search.d_c_m,
+            seed=mission.seed,
+            sensor=mission.sensor_name,
+        )
+        xy = mission.waypoints_xy_enu_m
+        z = mission.ground_height_m(xy) + mission.cover_altitude_agl_m
+        self._journal.write(0.0, "plan", waypoints_enu_m=np.column_stack([xy, z]))
+
+    def go_on(self, before: Sequence[Mapping[str, Any]]) -> None:
+        """The mission goes on from where it was broken off; ``before`` is what the journal holds."""
+        for record in before:
+            if record["kind"] in _SETTLING:
+                self._settled.add(record["candidate"])
+            elif record["kind"] == "scanned":
+                self._listed.add(record["candidate"])
+        self._journal.write(max(r["t"] for r in before), "resumed")
+
+    def snapshot(self, time_s: float, strategy: Strategy, tracker: Tracker) -> None:
+        """What a mission that cannot be flown again goes on from; belongs after ``step``."""
+        self._journal.write(time_s, "snapshot", strategy=strategy.snapshot(), tracker=tracker.snapshot())
+
+    def step(self, seen: Observation, events: tuple[Event, ...]) -> None:
+        """What was seen and decided in one step."""
+        for s in seen.sightings:
+            self._journal.write(
+                s.time_s,
+                "sighting",
+                candidate=s.candidate_id,
+                class_name=seen.candidates[s.candidate_id].class_name,
+                new=s.is_new,
+                p=s.position_enu_m,
+                confidence=s.confidence,
+                altitude_agl_m=s.camera_altitude_agl_m,
+            )
+        self._unsearched(seen.time_s, seen.unsearched)
+        for event in events:
+            fields: dict[str, object] = {}
+            if event.candidate_id is not None:
+                if event.kind in _SETTLING:
+                    self._settled.add(event.candidate_id)
+                else:
+                    self._listed.add(event.candidate_id)
+                fields["candidate"] = event.candidate_id
+                fields["p"] = event.position_enu_m
+                fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
+            self._journal.write(seen.time_s, event.kind, **fields)
+
+    def state(self, state: VehicleState, mode: str) -> None:
+        """Where the vehicle believes to be, every ``STATE_PERIOD_S``."""
+        if state.time_s < self._next_state_s - 1e-6:
+            return
+        self._next_state_s = state.time_s + STATE_PERIOD_S
+        self._journal.write(
+            state.time_s,
+            "state",
+            p=state.position_enu_m,
+            v=state.velocity_enu_mps,
+            mode=mode,
+            battery=state.battery_remaining,
+            energy_wh=state.energy_used_wh,
+            cam={"p": state.camera.position_enu_m, "R": state.camera.R_camera_to_enu.ravel()},
+        )
+
+    def alarms(self, time_s: float, alarms: tuple[Alarm, ...]) -> None:
+        """What is newly wrong, or asks for another action than before; and what has passed."""
+        current = {a.cause: a.action for a in alarms}
+        for alarm in alarms:
+            if self._alarms.get(alarm.cause) is not alarm.action:
+                self.safety(time_s, alarm)
+        for cause, action in self._alarms.items():
+            if cause not in current and action <= Action.HOLD:
+                self.safety(time_s, Alarm(Action.CONTINUE, cause, f"Over: {cause}."))
+        self._alarms = current
+
+    def safety(self, time_s: float, alarm: Alarm) -> None:
+        """One alarm."""
+        self._journal.write(
+            time_s, "safety", cause=alarm.cause, action=alarm.action.name, sentence=alarm.sentence
+        )
+
+    def left_behind(
+        self, time_s: float, candidates: dict[int, Candidate], blind: tuple[tuple[XY, XY], ...]
+    ) -> None:
+        """What a mission that ends early did not do: candidates scanned or seen again, legs flown blind."""
+        self._unsearched(time_s, blind)
+        for k, candidate in candidates.items():
+            if k not in self._settled and (k in self._listed or len(candidate.confidences) > 1):
+                self._journal.write(
+                    time_s,
+                    "unchecked",
+                    candidate=k,
+                    p=candidate.position_enu_m,
+                    covariance_m2=candidate.covariance_m2,
+                )
+
+    def end(self, time_s: float, reason: str) -> None:
+        """Landed, and why the search ended."""
+        self._journal.write(time_s, "landed")
+        self._journal.write(time_s, "end", reason=reason)
+
+    def _unsearched(self, time_s: float, legs: tuple[tuple[XY, XY], ...]) -> None:
+        if legs:
+            length_m = sum(math.dist(a, b) for a, b in legs)
+            self._journal.write(time_s, "unsearched", legs_enu_m=legs, length_m=length_m)

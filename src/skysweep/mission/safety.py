@@ -1,0 +1,267 @@
+"""When a mission holds, turns home or lands on its own account. docs/safety.md has the table.
+
+Every rule looks at what the mission believes and answers an alarm or nothing; the most severe action wins.
+Nothing here flies: ``mission/loop.py`` does what the alarms say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+from skysweep.mission.energy import ReturnEnergy, wind_xy
+from skysweep.mission.fence import Fence
+from skysweep.mission.looks import Looks
+from skysweep.scenarios.model import Scenario
+from skysweep.types import XY, Command, VehicleState
+
+Phase = Literal["TAKEOFF", "SEARCH", "RETURN"]
+
+CHECK_PERIOD_S = 1.0
+_ENERGY_PERIOD_S = 5.0
+_NO_WAY_HOME_S = 60.0  # without coming nearer
+_STEP_HOME_M = 1.0
+_LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
+_MOVED_M = 3.0  # a waypoint that moves less is the same one
+
+
+class Action(IntEnum):
+    """What to do, from mild to severe."""
+
+    CONTINUE = 0
+    REFUSE_CHECK = 1
+    HOLD = 2
+    RETURN = 3
+    LAND = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """Something is wrong: what to do about it, its name, and what a person is told."""
+
+    action: Action
+    cause: str
+    sentence: str
+
+
+class Guard:
+    """Watches over one mission. What it remembers: since when causes last, and the last position."""
+
+    def __init__(self, scenario: Scenario, fence: Fence, energy: ReturnEnergy, looks: Looks) -> None:
+        self._limits, self._battery_wh = scenario.safety, scenario.vehicle.battery_wh
+        self._home = scenario.home.position_enu_m
+        self._fence, self._energy, self._looks = fence, energy, looks
+        self._since: dict[str, float] = {}
+        self._word: str | None = None
+        self._last: tuple[float, float, float, float, float] | None = None  # time, position, velocity
+        self._jumped_m = (0.0, 0.0)
+        self._nearest_home: tuple[float, float] | None = None  # metres, since
+        self._allowed: tuple[str, XY] | None = None  # mode and place of the newest waypoint let through
+        self._x = self._y = math.inf
+        self._energy_due_s = 0.0
+
+    def alarms(self, state: VehicleState, altitude_agl_m: float, phase: Phase) -> tuple[Alarm, ...]:
+        """All that is wrong now. Only a search has all rules; going up and home, those that keep from it.
+
+        Must see the states of the mission in their order.
+        """
+        now_s = state.time_s + state.silent_s
+        self._add_up_jumps(state)
+        if self._is_calm(state, altitude_agl_m) and phase == "SEARCH":
+            return ()
+        found = [*self._link(state, now_s), *self._position(state, now_s), *self._battery(state, phase)]
+        lost = any(a.cause in ("position lost", "position jump") for a in found)
+        silent = any(a.cause == "telemetry silent" for a in found)
+        self._looks.trust(state.time_s, lost, silent)
+        if self._word == "hold":
+            found.append(Alarm(Action.HOLD, "operator", "The operator holds the vehicle."))
+        if phase == "RETURN":
+            found += self._progress_home(state, now_s, bool(found))
+        if phase != "SEARCH":
+            return tuple(found)
+        if self._word == "return":
+            found.append(Alarm(Action.RETURN, "operator", "The operator calls the vehicle home."))
+        if not lost and not silent:
+            found += self._place(state, altitude_agl_m)
+            found += self._energy_left(state, altitude_agl_m)
+            found += self._detector(state.time_s)
+        return (*found, *self._wind(state, now_s))
+
+    def is_urgent(self, state: VehicleState) -> bool:
+        """Whether link or position ask for a look at all rules now. To be asked at every step."""
+        x, y, _ = state.position_enu_m.tolist()
+        step_m = abs(x - self._x) + abs(y - self._y)
+        self._x, self._y = x, y
+        limits = self._limits
+        return (
+            step_m > limits.position_jump_m
+            or state.silent_s > limits.link_hold_s
+            or state.position_std_m > limits.position_std_max_m
+        )
+
+    def heed(self, word: str | None) -> None:
+        """What the operator says: hold, continue, return; None is nothing new."""
+        if word is not None:
+            self._word = None if word == "continue" else word
+
+    def refusal(self, state: VehicleState, altitude_agl_m: float, command: Command) -> Alarm | None:
+        """Why the waypoint of a command must not be flown to. What was allowed once is not asked again."""
+        waypoint = command.waypoint
+        if waypoint is None or self._was_allowed(command.mode, waypoint.xy_enu_m):
+            return None
+        here = (state.position_enu_m.item(0), state.position_enu_m.item(1))
+        cause, limits = "", self._limits
+        if not limits.altitude_min_agl_m <= waypoint.altitude_agl_m <= limits.altitude_max_agl_m:
+            cause, why = "altitude", f"{waypoint.altitude_agl_m:.1f} m above ground is not between the limits"
+        elif not self._fence.allows(waypoint.xy_enu_m):
+            cause, why = "geofence", "it lies outside the geofence or in a no-fly area"
+        elif not self._fence.way(here, waypoint.xy_enu_m):
+            cause, why = "geofence", "no way leads there inside the geofence"
+        elif command.mode == "CHECK":
+            left_wh = self._usable_wh(state)
+            needed_wh = self._energy.check_wh(state, altitude_agl_m, waypoint)
+            if needed_wh > left_wh:
+                cause = "return energy"
+                why = (
+                    f"with the way home it takes {needed_wh:.1f} Wh, and {max(left_wh, 0.0):.1f} Wh are left"
+                )
+        if not cause:
+            self._allowed = (command.mode, waypoint.xy_enu_m)
+            return None
+        x, y = waypoint.xy_enu_m
+        return Alarm(
+            Action.REFUSE_CHECK, cause, f"The place {x:.0f} m east, {y:.0f} m north is not flown to: {why}."
+        )
+
+    def _is_calm(self, state: VehicleState, altitude_agl_m: float) -> bool:
+        """A quick look that spares most looks at the rules: nothing is, was or may soon be wrong."""
+        limits = self._limits
+        energy_due = state.time_s >= self._energy_due_s
+        if energy_due:
+            self._energy_due_s = state.time_s + _ENERGY_PERIOD_S
+        return not (
+            energy_due
+            or self._since
+            or self._word
+            or self._jumped_m != (0.0, 0.0)
+            or self._fence.exists
+            or state.silent_s > limits.link_hold_s
+            or state.position_std_m > limits.position_std_max_m
+            or state.battery_remaining < limits.battery_low
+            or not limits.altitude_min_agl_m < altitude_agl_m < limits.altitude_max_agl_m
+            or self._looks.age_s(state.time_s) > self._looks.silent_age_s
+            or math.hypot(*wind_xy(state)) > limits.wind_max_mps
+        )
+
+    # ---- the rules -----------------------------------------------------------------------------------
+
+    def _link(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        silent_s = state.silent_s
+        self._lasting_s("telemetry silent", silent_s > self._limits.link_hold_s, now_s)
+        if silent_s > self._limits.link_return_s:
+            yield Alarm(
+                Action.RETURN, "telemetry silent", f"No telemetry for {silent_s:.0f} s: home when it is back."
+            )
+        elif silent_s > self._limits.link_hold_s:
+            yield Alarm(Action.HOLD, "telemetry silent", f"No telemetry for {silent_s:.1f} s.")
+
+    def _position(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        limits = self._limits
+        unsure = state.position_std_m > limits.position_std_max_m
+        lost_s = self._lasting_s("position lost", unsure, now_s)
+        if lost_s is not None:
+            action = Action.HOLD if lost_s < limits.position_hold_s else Action.LAND
+            claim = "no position" if math.isinf(state.position_std_m) else f"{state.position_std_m:.0f} m"
+            yield Alarm(action, "position lost", f"The position is not known well enough ({claim}).")
+        offset_m = math.hypot(*self._jumped_m)
+        displaced_s = self._lasting_s("position jump", offset_m > limits.position_jump_m, now_s)
+        if displaced_s is not None:
+            action = Action.HOLD if displaced_s < limits.position_hold_s else Action.RETURN
+            yield Alarm(action, "position jump", f"The position jumped by {offset_m:.0f} m.")
+
+    def _battery(self, state: VehicleState, phase: Phase) -> Iterator[Alarm]:
+        left = state.battery_remaining
+        if left < self._limits.battery_critical:
+            yield Alarm(Action.LAND, "battery critical", f"The battery is at {left:.0%}: landing at once.")
+        elif phase == "SEARCH" and left < self._limits.battery_low:
+            yield Alarm(Action.RETURN, "low battery", f"The battery is at {left:.0%}.")
+
+    def _energy_left(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
+        x, y, _ = state.position_enu_m.tolist()
+        needed_wh = self._energy.home_wh((x, y), altitude_agl_m, wind_xy(state))
+        if needed_wh > self._usable_wh(state):
+            yield Alarm(
+                Action.RETURN,
+                "return energy",
+                f"The way home takes {needed_wh:.1f} Wh and the battery is at {state.battery_remaining:.0%}.",
+            )
+
+    def _usable_wh(self, state: VehicleState) -> float:
+        return (state.battery_remaining - self._limits.landing_reserve) * self._battery_wh
+
+    def _place(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
+        limits, tolerance_m = self._limits, self._limits.fence_tolerance_m
+        if self._fence.exists:
+            x, y, _ = state.position_enu_m.tolist()
+            outside_m = self._fence.outside_m((x, y))
+            if outside_m > tolerance_m:
+                yield Alarm(Action.RETURN, "geofence", f"The vehicle is {outside_m:.0f} m beyond the fence.")
+        too_high = altitude_agl_m > limits.altitude_max_agl_m + tolerance_m
+        if too_high or altitude_agl_m < limits.altitude_min_agl_m:
+            yield Alarm(Action.RETURN, "altitude", f"The vehicle is {altitude_agl_m:.1f} m above the ground.")
+
+    def _detector(self, time_s: float) -> Iterator[Alarm]:
+        age_s = self._looks.age_s(time_s)
+        if age_s > self._looks.silent_age_s:
+            dead = age_s > self._looks.dead_age_s
+            sentence = f"The detector's newest answer is {age_s:.0f} s old"
+            if self._looks.failure:
+                sentence += f" ({self._looks.failure})"
+            yield Alarm(Action.RETURN if dead else Action.CONTINUE, "detector silent", f"{sentence}.")
+
+    def _wind(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        speed_mps = math.hypot(*wind_xy(state))
+        blown_s = self._lasting_s("wind", speed_mps > self._limits.wind_max_mps, now_s)
+        if blown_s is not None:
+            action = Action.HOLD if blown_s < self._limits.wind_hold_s else Action.RETURN
+            yield Alarm(action, "wind", f"The wind blows at {speed_mps:.0f} m/s.")
+
+    def _progress_home(self, state: VehicleState, now_s: float, kept: bool) -> Iterator[Alarm]:
+        """Land where it is if the way home leads nowhere, as in too much wind."""
+        distance_m = math.dist(state.position_enu_m[:2].tolist(), self._home)
+        nearest = self._nearest_home
+        if nearest is None or kept or distance_m < nearest[0] - _STEP_HOME_M:
+            self._nearest_home = (distance_m, now_s)
+        elif now_s - nearest[1] > _NO_WAY_HOME_S:
+            yield Alarm(Action.LAND, "no way home", f"Home stays {distance_m:.0f} m away: landing here.")
+
+    # ---- what it remembers ---------------------------------------------------------------------------
+
+    def _was_allowed(self, mode: str, xy: XY) -> bool:
+        allowed = self._allowed
+        return allowed is not None and allowed[0] == mode and math.dist(allowed[1], xy) < _MOVED_M
+
+    def _lasting_s(self, cause: str, present: bool, now_s: float) -> float | None:
+        """For how long a cause has been there; None while it is not."""
+        if not present:
+            self._since.pop(cause, None)
+            return None
+        return now_s - self._since.setdefault(cause, now_s)
+
+    def _add_up_jumps(self, state: VehicleState) -> None:
+        """A position that jumps back is good again."""
+        x, y, _ = state.position_enu_m.tolist()
+        vx, vy, _ = state.velocity_enu_mps.tolist()
+        if self._last is not None:
+            t0, x0, y0, vx0, vy0 = self._last
+            mean_s = 0.5 * (state.time_s - t0)
+            jump = (x - x0 - mean_s * (vx + vx0), y - y0 - mean_s * (vy + vy0))
+            steady = state.time_s - t0 <= _LONGEST_STEP_S
+            least_m = 0.5 * self._limits.position_jump_m
+            if steady and math.hypot(*jump) > least_m:
+                jumped = (self._jumped_m[0] + jump[0], self._jumped_m[1] + jump[1])
+                self._jumped_m = jumped if math.hypot(*jumped) > least_m else (0.0, 0.0)
+        self._last = (state.time_s, x, y, vx, vy)
