@@ -12,6 +12,7 @@ from skysweep.cli import (
     missions,
     planning,
     report,
+    ros,
     scenarios,
     serve_vehicle,
     sweep,
@@ -45,6 +46,7 @@ app.command()(sweep.sweep)
 app.command()(report.report)
 app.command()(tune.tune)
 app.command()(serve_vehicle.serve_vehicle)
+app.add_typer(ros.app, name="ros")
 
 app.command()(detectors.dataset)
 app.command()(detectors.train)

@@ -1,0 +1,175 @@
+"""ROS 2: a mission as a node, a detector as a node, and what both cost."""
+
+from __future__ import annotations
+
+import os
+from contextlib import closing
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from typer.core import TyperCommand
+
+from skysweep.cli.common import (
+    SeedOption,
+    SensorOption,
+    SetOption,
+    changes_of,
+    console,
+    errors,
+    friendly,
+)
+from skysweep.cli.missions import free_folder, print_summary
+
+app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
+
+_ROS_ARGUMENTS = "skysweep.ros_arguments"
+
+
+class _RosCommand(TyperCommand):
+    """A command that leaves what follows ``--ros-args`` to ROS."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        begin = args.index("--ros-args") if "--ros-args" in args else len(args)
+        ctx.meta[_ROS_ARGUMENTS] = tuple(args[begin:])
+        return super().parse_args(ctx, args[:begin])
+
+
+PatienceOption = Annotated[
+    float, typer.Option("--patience", min=0.1, help="Seconds to wait for the other nodes to appear.")
+]
+
+
+@app.command("fly", cls=_RosCommand)
+@friendly
+def ros_fly(
+    context: typer.Context,
+    scenario: Annotated[
+        str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")
+    ] = "clusters",
+    change: SetOption = None,
+    seed: SeedOption = 0,
+    sensor: SensorOption = "imaging",
+    speed: Annotated[float, typer.Option(min=0.01, help="Vehicle time over wall time, at most.")] = 1.0,
+    wait: Annotated[bool, typer.Option("--wait", help="Begin when the service ~/start is called.")] = False,
+    camera: Annotated[str, typer.Option(help="Topic of pictures. Default: rendered.")] = "",
+    detector: Annotated[
+        str, typer.Option(help="Topic of another node's detections. Default: the scenario's detector.")
+    ] = "",
+    pose: Annotated[str, typer.Option(help="Topic of odometry. Default: the vehicle's own.")] = "",
+    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
+) -> None:
+    """Fly one mission with pictures, poses, paths, detections and targets on topics.
+
+    Services of the node: ~/start, ~/pause, ~/abort (std_srvs/Trigger). ROS arguments follow --ros-args; every
+    option is a parameter too.
+
+    Examples:
+
+        skysweep ros fly clusters
+
+        skysweep ros fly clusters --sensor statistical --speed 5 --wait
+
+        skysweep ros fly clusters --detector /my_model/detections
+
+        skysweep ros fly --ros-args -r __ns:=/uav1 -p scenario:=clusters -p seed:=3
+    """
+    from skysweep.experiments.ros_mission import Settings, fly_on_ros
+
+    folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
+    settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    with Progress(*columns, console=errors) as progress:
+        task = progress.add_task("preparing")
+
+        def watch(state: Any, mode: str, _new: Any) -> None:
+            progress.update(
+                task,
+                description=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+                f"battery {state.battery_remaining:4.0%}",
+            )
+
+        summary = fly_on_ros(
+            settings,
+            changes_of(change),
+            context.meta[_ROS_ARGUMENTS],
+            watch,
+            lambda words: progress.update(task, description=words),
+        )
+    print_summary(summary)
+
+
+@app.command("detect", cls=_RosCommand)
+@friendly
+def ros_detect(
+    context: typer.Context,
+    images: Annotated[str, typer.Option(help="Topic of pictures.")] = "camera/image_raw",
+    model: Annotated[str, typer.Option(help="'skysweep' (ours) or the path of an ONNX file.")] = "skysweep",
+    confidence_min: Annotated[float, typer.Option(min=0.0, max=1.0, help="Boxes below are dropped.")] = 0.25,
+    threads: Annotated[int, typer.Option(min=1, help="Of the detector.")] = 1,
+    patience: PatienceOption = 30.0,
+) -> None:
+    """Look for targets in the pictures of a topic; publish detections until Ctrl-C.
+
+    Examples:
+
+        skysweep ros detect
+
+        skysweep ros detect --images /camera/color/image_raw --model my-yolo.onnx --threads 4
+    """
+    from skysweep.ros.detector_node import serve_detector
+    from skysweep.ros.link import Link
+    from skysweep.sensing.detector import YoloDetector
+
+    finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
+    columns = SpinnerColumn(), TextColumn("{task.description}")
+    with (
+        closing(Link("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
+        Progress(*columns, console=errors, transient=True) as progress,
+    ):
+        task = progress.add_task(f"waiting for {link.node.resolve_topic_name(images)}")
+
+        def count(pictures: int, boxes: int) -> None:
+            progress.update(task, description=f"{pictures} pictures answered, {boxes} boxes")
+
+        try:
+            serve_detector(link, finder, images, patience, count)
+        except KeyboardInterrupt:
+            errors.print("stopped")
+
+
+@app.command("measure", cls=_RosCommand)
+@friendly
+def ros_measure(
+    context: typer.Context,
+    width: Annotated[int, typer.Option(min=16, help="Pixels.")] = 640,
+    height: Annotated[int, typer.Option(min=16, help="Pixels.")] = 360,
+    rate: Annotated[float, typer.Option(min=0.1, max=200, help="Pictures a second.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=1.0, help="How long.")] = 20.0,
+    patience: PatienceOption = 10.0,
+) -> None:
+    """Publish pictures; say what that costs and how long another node's detections take.
+
+    Needs a detector that listens: skysweep ros detect, in another terminal.
+
+    Examples:
+
+        skysweep ros measure
+
+        skysweep ros measure --width 1280 --height 720 --rate 30
+    """
+    from skysweep.ros.link import Link
+    from skysweep.ros.measure import measure
+
+    errors.print(f"publishing for {seconds:g} s", highlight=False)
+    with closing(Link("measure", arguments=context.meta[_ROS_ARGUMENTS])) as link:
+        figures = measure(link, width, height, rate, seconds, patience)
+    console.print(
+        f"{width}x{height} at {rate:g} Hz: publishing takes {figures.core_share:.1%} of a core\n"
+        f"{figures.answered} of {figures.pictures} pictures answered; from picture to detections "
+        f"{figures.latency_median_s * 1e3:.0f} ms (median), {figures.latency_p95_s * 1e3:.0f} ms (95 %)\n"
+        f"machine: {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
+        highlight=False,
+        soft_wrap=True,
+    )

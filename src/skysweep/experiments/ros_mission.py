@@ -1,0 +1,130 @@
+"""A mission as a ROS 2 node."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from skysweep.errors import UserError
+from skysweep.experiments.single import SETUP, Watch, finish, fly_in, setup_of
+from skysweep.mission.build import build_mission, make_detector
+from skysweep.mission.journal import FileJournal, line_of
+from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
+from skysweep.ros.face import MissionFace, RealTime
+from skysweep.ros.link import Link
+from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPoseVehicle
+from skysweep.scenarios.files import change_scenario, load_scenario, write_scenario
+from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
+from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+
+_DETECTOR_THREADS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What is flown, and how. Each is a parameter of the node with the same name."""
+
+    scenario: str = "clusters"
+    seed: int = 0
+    sensor: str = "imaging"
+    speed: float = 1.0  # vehicle time over wall time, at most
+    autostart: bool = True  # else the service ~/start begins
+    out: str = ""  # run folder
+    camera: str = ""  # topic of pictures; empty: rendered
+    detector: str = ""  # topic of detections; empty: the scenario's detector
+    pose: str = ""  # topic of odometry; empty: the vehicle's own
+
+
+def fly_on_ros(
+    settings: Settings,
+    changes: Mapping[str, Any] | None = None,
+    arguments: tuple[str, ...] = (),
+    watch: Watch = lambda _state, _mode, _new: None,
+    say: Callable[[str], None] = lambda _words: None,
+) -> dict[str, Any]:
+    """Fly one mission with everything on topics; write its run folder and return its summary.
+
+    ``changes`` are to the scenario's fields; ``arguments`` ROS arguments, whose parameters win over
+    ``settings``. Raises UserError, before take-off, on what is not there or not as it should be.
+    """
+    with closing(Link("mission", arguments=arguments)) as link:
+        settings = _parameters(link, settings)
+        if settings.speed <= 0.0:
+            raise UserError("speed: must be above 0; 1 is real time")
+        folder = Path(settings.out)
+        if not settings.out or (folder / JOURNAL_FILE).exists():
+            raise UserError(f"out: '{settings.out}' holds a mission already or is empty; write a new folder")
+        scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
+        face = MissionFace(link)
+        vehicle, camera, detector = ros_parts(link, scenario, settings)
+        if settings.sensor == "imaging" and not settings.detector:
+            detector = PublishedDetector(link, make_detector(scenario, _DETECTOR_THREADS))
+        mission = build_mission(
+            scenario,
+            settings.seed,
+            settings.sensor,
+            threads=_DETECTOR_THREADS,
+            vehicle=vehicle,
+            camera=camera,
+            detector=detector,
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        write_scenario(scenario, folder / CONFIG_FILE)
+        face.prepare(mission)
+        pace = RealTime(settings.speed)
+
+        def watch_all(state: VehicleState, mode: str, new: Detections | None) -> None:
+            face.watch(state, mode, new)
+            watch(state, mode, new)
+            pace.keep(state.time_s)
+
+        journal = _PublishedJournal(folder / JOURNAL_FILE, face.note)
+        with closing(mission.sensor), closing(journal):
+            if not settings.autostart:
+                say(f"waiting for {link.node.get_fully_qualified_name()}/start")
+                face.wait_for_start()
+            started = time.perf_counter()
+            journal.write(0.0, SETUP, **setup_of(mission, _DETECTOR_THREADS))
+            fly_in(folder, mission, journal, watch_all, face.operator)
+            summary = finish(folder, started)
+        face.end(summary["end_reason"])
+        return summary
+
+
+def ros_parts(
+    link: Link, scenario: Any, settings: Settings
+) -> tuple[Vehicle | None, Camera | None, Detector | None]:
+    """The parts that come from topics; None for what does not. Raises UserError."""
+    if settings.sensor != "imaging" and (settings.camera or settings.detector):
+        raise UserError("sensor: a camera or a detector on a topic needs the sensor 'imaging'")
+    camera = RosCamera(link, settings.camera, scenario.camera.lens) if settings.camera else None
+    detector = (
+        RosDetector(link, settings.detector, scenario.target_classes, scenario.detector.confidence_min)
+        if settings.detector
+        else None
+    )
+    if not settings.pose:
+        return None, camera, detector
+    return RosPoseVehicle(embedded_vehicle(scenario, settings.seed), link, settings.pose), camera, detector
+
+
+class _PublishedJournal(FileJournal):
+    """A journal whose lines are also told to ``note``."""
+
+    def __init__(self, path: Path, note: Callable[[Mapping[str, Any]], None]) -> None:
+        super().__init__(path)
+        self._note = note
+
+    def write(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Append one line and tell it."""
+        super().write(time_s, kind, **fields)
+        self._note(line_of(time_s, kind, fields))
+
+
+def _parameters(link: Link, settings: Settings) -> Settings:
+    given = {f.name: link.parameter(f.name, getattr(settings, f.name)) for f in fields(settings)}
+    return replace(settings, **given)

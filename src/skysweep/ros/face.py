@@ -1,0 +1,138 @@
+"""A mission on topics and services: what everybody else in a ROS 2 graph sees of it."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from skysweep.mission.loop import Mission
+from skysweep.ros import messages as m
+from skysweep.ros import topics
+from skysweep.ros.link import Link
+from skysweep.ros.parts import publish_detections
+from skysweep.ros.targets import TargetBoard
+from skysweep.types import Detections, VehicleState
+
+_STATUS_PERIOD_S = 1.0  # of the vehicle's time: battery, fix, flown path
+
+
+class MissionFace:
+    """Publishes a mission and takes the operator's word.
+
+    Give ``watch`` and ``operator`` to ``mission.loop.fly`` and every line of the journal to ``note``. The
+    services ``~/start``, ``~/pause`` and ``~/abort`` (``std_srvs/Trigger``) begin or go on, hold, and return.
+    Stamps are the vehicle's time, which ``/clock`` publishes too unless ``publish_clock`` is false.
+    """
+
+    def __init__(self, link: Link, publish_clock: bool = True) -> None:
+        from std_srvs.srv import Trigger
+
+        self._link, self._publish_clock = link, publish_clock
+        self._board = TargetBoard()
+        self._flown: list[Any] = []
+        self._next_status_s = 0.0
+        self._mode = ""
+        self._time_s = 0.0
+        self._mission: Mission | None = None
+        self._begun = threading.Event()
+        self._words: deque[str] = deque()
+        for name, word in (("start", "continue"), ("pause", "hold"), ("abort", "return")):
+            link.node.create_service(Trigger, f"~/{name}", self._answer(word))
+        link.advertise(topics.STATE, topics.PLANNED_PATH, topics.FLOWN_PATH, topics.TARGETS, topics.JOURNAL)
+        link.publish(topics.TF_STATIC, m.fixed_transforms())
+        self._say_mode("READY")
+
+    def prepare(self, mission: Mission) -> None:
+        """Show the plan of the mission that is about to fly."""
+        self._mission = mission
+        xy = mission.waypoints_xy_enu_m
+        z = mission.ground_height_m(xy) + mission.cover_altitude_agl_m
+        self._link.publish(topics.PLANNED_PATH, m.planned_path(np.column_stack([xy, z])))
+        self._link.publish(topics.TARGETS, m.markers(0.0, ()))
+
+    def wait_for_start(self) -> None:
+        """Return when ``~/start`` was called, or ``~/abort``."""
+        while not self._begun.wait(0.2):
+            pass
+
+    def operator(self) -> str | None:
+        """The operator's next word."""
+        return self._words.popleft() if self._words else None
+
+    def watch(self, state: VehicleState, mode: str, new: Detections | None) -> None:
+        """Publish one step."""
+        link, time_s = self._link, state.time_s
+        self._time_s = time_s
+        if self._publish_clock:
+            link.publish(topics.CLOCK, m.clock(time_s))
+        pose = m.pose_stamped(time_s, state.position_enu_m, state.R_body_to_enu)
+        link.publish(topics.TF, m.transforms(time_s, state.position_enu_m, state.R_body_to_enu, state.camera))
+        link.publish(topics.ODOMETRY, m.odometry(state))
+        link.publish(topics.POSE, pose)
+        if mode != self._mode:
+            self._say_mode(mode)
+        if new is not None and self._mission is not None and self._mission.sensor_name == "statistical":
+            publish_detections(link, new)
+        if time_s >= self._next_status_s:
+            self._next_status_s = time_s + _STATUS_PERIOD_S
+            self._flown.append(pose)
+            link.publish(topics.FLOWN_PATH, m.path(time_s, self._flown))
+            link.publish(topics.BATTERY, m.battery(time_s, state.battery_remaining))
+            if self._mission is not None:
+                frame = self._mission.scenario.frame
+                fix = m.fix(time_s, frame.geodetic_from_enu(state.position_enu_m)[0])
+                link.publish(topics.FIX, fix)
+
+    def note(self, record: Mapping[str, Any]) -> None:
+        """Publish a line of the journal, and the targets when it changes them."""
+        if record["kind"] != "state":
+            self._link.publish(topics.JOURNAL, m.text(json.dumps(record)))
+        if self._board.note(record):
+            self._link.publish(topics.TARGETS, m.markers(self._time_s, self._board.marks(), clear=True))
+
+    def end(self, reason: str) -> None:
+        """Say that the mission is over, and why."""
+        self._say_mode(f"DONE: {reason}")
+
+    def _say_mode(self, mode: str) -> None:
+        self._mode = mode
+        self._link.publish(topics.STATE, m.text(mode))
+
+    def _answer(self, word: str) -> Callable[[Any, Any], Any]:
+        def answer(_request: Any, response: Any) -> Any:
+            begun = self._begun.is_set()
+            if word == "return" and not begun:
+                response.success, response.message = False, "the mission has not begun: end its node instead"
+            elif word == "hold" and not begun:
+                response.success, response.message = False, "the mission has not begun"
+            else:
+                self._begun.set()
+                if begun:
+                    self._words.append(word)
+                response.success, response.message = True, word if begun else "begun"
+            return response
+
+        return answer
+
+
+class RealTime:
+    """Lets a simulated vehicle's time pass no faster than the wall's times ``speed``."""
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._start: tuple[float, float] | None = None
+
+    def keep(self, time_s: float) -> None:
+        """Sleep until ``time_s`` of the vehicle has come."""
+        now = time.monotonic()
+        if self._start is None:
+            self._start = now, time_s
+        ahead_s = (time_s - self._start[1]) / self._speed - (now - self._start[0])
+        if ahead_s > 0.0:
+            time.sleep(ahead_s)

@@ -1,0 +1,244 @@
+"""Other people's nodes as parts of a mission: a camera, a detector, a source of poses.
+
+Each is looked for when it is made, and what is wrong then is a UserError, before take-off. Later a picture or
+an answer that does not come is an exception of that one look: the mission goes on by its safety rules.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.geometry.frames import euler_from_rotation
+from skysweep.ros import messages as m
+from skysweep.ros import topics
+from skysweep.ros.link import Arrival, Inlet, Link
+from skysweep.sensing.believed import DelayedPose
+from skysweep.types import Detections, Detector, Frame, Setpoint, Vehicle, VehicleState
+
+F64 = NDArray[np.float64]
+
+PATIENCE_S = 10.0  # for a part to appear
+ANSWER_S = 5.0  # for an answer to one picture
+_NEXT_PICTURE_S = 1.0
+_OLD_PICTURE_S = 2.0  # what is older by its stamp has a stamp of another clock
+_SAME_TIME_S = 1e-6
+_FOCAL_TOLERANCE = 0.02
+
+
+class NoMessageError(Exception):
+    """What was waited for did not come; the next may."""
+
+
+class RosCamera:
+    """A camera whose pictures come from a topic. Implements ``types.Camera``.
+
+    A frame is as old as its stamp says (by the node's clock), or as its arrival where the stamp is of another
+    clock, and carries the camera pose that the mission believed then. Raises UserError when the topic has no
+    picture of the scenario's size within ``patience_s``, or in an encoding that is not read.
+    """
+
+    def __init__(self, link: Link, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
+        self._link, self._lens = link, lens
+        self._pictures = link.listen(topic, [m.IMAGE], patience_s)
+        self._poses = DelayedPose(_OLD_PICTURE_S)
+        self._last = 0
+        first = _first(self._pictures, patience_s)
+        height, width, _ = m.read_image(first.message, self._pictures.name).shape
+        if (width, height) != (lens.width_px, lens.height_px):
+            raise UserError(
+                f"{self._pictures.name}: the pictures are {width}x{height}, the scenario's camera is "
+                f"{lens.width_px}x{lens.height_px}; write --set camera.width_px={width} --set "
+                f"camera.height_px={height}"
+            )
+
+    def capture(self, state: VehicleState) -> Frame:
+        """The newest picture; waits for one that was not given before. Raises NoMessageError."""
+        self._poses.push(state.time_s, state.camera)
+        arrival = self._pictures.newest()
+        if arrival is None or arrival.number <= self._last:
+            arrival = self._pictures.wait(lambda a: a.number > self._last, _NEXT_PICTURE_S)
+        if arrival is None:
+            raise NoMessageError(f"{self._pictures.name}: no picture for {_NEXT_PICTURE_S:g} s")
+        self._last = arrival.number
+        message = arrival.message
+        taken_s = state.time_s - self._age_s(m.seconds(message.header.stamp))
+        pose = self._poses.at(taken_s + self._poses.delay_s)
+        try:
+            return Frame(taken_s, m.read_image(message, self._pictures.name), pose, self._lens)
+        except UserError as error:
+            raise NoMessageError(str(error)) from None
+
+    def close(self) -> None:
+        """The link belongs to whoever made it."""
+
+    def _age_s(self, stamp_s: float) -> float:
+        age_s = self._link.now_s() - stamp_s
+        return age_s if 0.0 <= age_s <= _OLD_PICTURE_S else 0.0
+
+
+class RosDetector:
+    """A detector in another process. Implements ``types.Detector``.
+
+    Publishes every frame on ``camera/image_raw`` (with ``camera/camera_info``) and takes the detections with
+    the same stamp, ``vision_msgs/Detection2DArray`` or their standard form, from a topic. Classes that the
+    mission does not look for are left out.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        topic: str,
+        classes: tuple[str, ...],
+        confidence_min: float,
+        patience_s: float = PATIENCE_S,
+        answer_s: float = ANSWER_S,
+    ) -> None:
+        self.class_names = classes
+        self._link, self._confidence_min = link, confidence_min
+        self._answer_s = self._patience_s = answer_s
+        link.advertise(topics.IMAGE, topics.CAMERA_INFO)
+        self._answers = link.listen(topic, [m.DETECTIONS, m.MARKERS], patience_s)
+        if not link.wait_for_listener(topics.IMAGE, patience_s):
+            raise UserError(
+                f"{link.node.resolve_topic_name(topics.IMAGE.name)}: nobody subscribed to the pictures "
+                f"within {patience_s:g} s; start the detector's node and point it at this topic"
+            )
+
+    def detect(self, frame: Frame) -> Detections:
+        """Ask and wait. Raises NoMessageError when no answer comes, UserError when it is not sound."""
+        publish_frame(self._link, frame)
+
+        def answers(arrival: Arrival) -> bool:
+            stamp_s = m.detections_stamp(arrival.message)
+            return stamp_s is not None and abs(stamp_s - frame.time_s) < _SAME_TIME_S
+
+        arrival = self._answers.wait(answers, self._patience_s)
+        if arrival is None:
+            waited_s, self._patience_s = self._patience_s, min(self._patience_s, _NEXT_PICTURE_S)
+            raise NoMessageError(f"{self._answers.name}: no answer to a picture for {waited_s:g} s")
+        self._patience_s = self._answer_s
+        found = m.read_detections(arrival.message, frame, self._answers.name)
+        keep = [
+            k
+            for k, name in enumerate(found.class_names)
+            if name in self.class_names and found.confidences[k] >= self._confidence_min
+        ]
+        return replace(
+            found,
+            boxes_xyxy_px=found.boxes_xyxy_px[keep],
+            confidences=found.confidences[keep],
+            class_names=tuple(found.class_names[k] for k in keep),
+        )
+
+
+class PublishedDetector:
+    """A detector of this process whose pictures and answers are published. Implements ``types.Detector``."""
+
+    def __init__(self, link: Link, detector: Detector) -> None:
+        self.class_names = detector.class_names
+        self._link, self._detector = link, detector
+        link.advertise(topics.IMAGE, topics.CAMERA_INFO, topics.DETECTIONS, topics.STANDARD_DETECTIONS)
+
+    def detect(self, frame: Frame) -> Detections:
+        """What the detector says."""
+        publish_frame(self._link, frame)
+        found = self._detector.detect(frame)
+        publish_detections(self._link, found)
+        return found
+
+
+class RosPoseVehicle:
+    """A vehicle whose pose comes from a ``nav_msgs/Odometry`` topic. Implements ``types.Vehicle``.
+
+    For a localisation that is better than the vehicle's own (RTK, visual, motion capture). What the mission
+    believes is the topic's; setpoints are moved by the difference, so that the vehicle arrives where the
+    topic says. A topic that falls silent, or is not sound, is a vehicle that falls silent.
+    """
+
+    def __init__(self, vehicle: Vehicle, link: Link, topic: str, patience_s: float = PATIENCE_S) -> None:
+        self.carrier = vehicle
+        self._link = link
+        self._poses = link.listen(topic, [m.ODOMETRY], patience_s)
+        self._newest = _first(self._poses, patience_s)
+        self._pose = m.read_odometry(self._newest.message, self._poses.name)
+        self._heard_s = vehicle.state().time_s
+
+    def state(self) -> VehicleState:
+        """The vehicle's own, moved to where the topic says."""
+        own = self.carrier.state()
+        pose = self._read(own.time_s)
+        turn = pose.R_body_to_enu @ own.R_body_to_enu.T
+        arm_m = own.camera.position_enu_m - own.position_enu_m
+        return replace(
+            own,
+            position_enu_m=pose.position_enu_m,
+            velocity_enu_mps=pose.velocity_enu_mps,
+            R_body_to_enu=pose.R_body_to_enu,
+            camera=CameraPose(pose.position_enu_m + turn @ arm_m, turn @ own.camera.R_camera_to_enu),
+            position_std_m=pose.position_std_m,
+            silent_s=max(own.silent_s, own.time_s - self._heard_s),
+        )
+
+    def command(self, setpoint: Setpoint) -> None:
+        """Fly there, by the topic's word."""
+        own, pose = self.carrier.state(), self._pose
+        drift_m = own.position_enu_m - pose.position_enu_m
+        drift_rad = euler_from_rotation(own.R_body_to_enu)[2] - euler_from_rotation(pose.R_body_to_enu)[2]
+        self.carrier.command(
+            replace(
+                setpoint,
+                position_enu_m=setpoint.position_enu_m + drift_m,
+                yaw_rad=setpoint.yaw_rad + drift_rad,
+            )
+        )
+
+    def advance(self, duration_s: float) -> None:
+        self.carrier.advance(duration_s)
+
+    def takeoff(self, altitude_agl_m: float) -> None:
+        self.carrier.takeoff(altitude_agl_m)
+
+    def land(self) -> None:
+        self.carrier.land()
+
+    def hold(self) -> None:
+        self.carrier.hold()
+
+    def _read(self, now_s: float) -> m.Pose:
+        newest = self._poses.newest()
+        if newest is not None and newest.number != self._newest.number:
+            self._newest = newest
+            with suppress(UserError):
+                self._pose = m.read_odometry(newest.message, self._poses.name)
+                self._heard_s = now_s
+        return self._pose
+
+
+def publish_frame(link: Link, frame: Frame) -> None:
+    """Picture and camera_info, where somebody listens."""
+    if link.listeners(topics.IMAGE):
+        link.publish(topics.IMAGE, m.image(frame))
+    if link.listeners(topics.CAMERA_INFO):
+        link.publish(topics.CAMERA_INFO, m.camera_info(frame.time_s, frame.lens))
+
+
+def publish_detections(link: Link, found: Detections) -> None:
+    """Both forms."""
+    link.publish(topics.DETECTIONS, m.detections(found))
+    link.publish(topics.STANDARD_DETECTIONS, m.standard_detections(found))
+
+
+def _first(inlet: Inlet, patience_s: float) -> Arrival:
+    arrival = inlet.wait(lambda _: True, patience_s)
+    if arrival is None:
+        raise UserError(
+            f"{inlet.name}: has a publisher but no message came for {patience_s:g} s; look with "
+            f"'ros2 topic hz {inlet.name}'"
+        )
+    return arrival
