@@ -12,7 +12,7 @@ from skysweep.results.exports import FoundTarget, found_targets
 from skysweep.results.html import Grid, Section, picture, write_page
 from skysweep.results.metrics import MATCH_DISTANCE_M, Summary, horizontal_distance_m, match
 from skysweep.results.run_folder import Run
-from skysweep.results.wording import clock, definitions, parameters
+from skysweep.results.wording import clock, definitions, parameters, safety_words
 from skysweep.scenarios.files import dump_scenario
 
 MAX_PICTURES = 8
@@ -97,7 +97,9 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         kind, time_s = record["kind"], run.since_start(record)
         if kind == "check_started":
             check, started_s = [], time_s
-        elif kind in ("confirmed", "rejected"):
+        elif kind in ("safety", "unsearched"):
+            steps.append((time_s, safety_words(record)))
+        elif kind in ("confirmed", "rejected", "unchecked"):
             if check is None:
                 steps.append((time_s, _verdicts([record], names)))
             else:
@@ -116,12 +118,13 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((time_s, f"The mission ended early: {record['reason']}."))
     if not run.events("end"):
         steps.append((run.last_s, "The journal ends here: the mission was broken off."))
-    return [(clock(time_s), text) for time_s, text in steps]
+    return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
 
 
 def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
     confirmed = [names[r["candidate"]] for r in records if r["kind"] == "confirmed"]
     nothing = sum(r["kind"] == "rejected" for r in records)
+    unchecked = sum(r["kind"] == "unchecked" for r in records)
     parts = []
     if confirmed:
         parts.append(f"Confirmed {', '.join(confirmed)}")
@@ -129,6 +132,8 @@ def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
         parts.append(
             f"{'nothing' if confirmed else 'Nothing'} at {nothing} {'place' if nothing == 1 else 'places'}"
         )
+    if unchecked:
+        parts.append(f"{'left' if parts else 'Left'} unchecked: {unchecked}")
     return f"{'; '.join(parts)}."
 
 
@@ -167,10 +172,24 @@ def _found_section(run: Run, found: Sequence[FoundTarget]) -> Section:
         grids.append(
             Grid(("Missed", "East (m)", "North (m)", "Why"), lost, "Targets that were not confirmed")
         )
+    unchecked = run.events("unchecked")
+    if unchecked:
+        grids.append(_unchecked_grid(run, unchecked))
     text = "The same places are in targets.geojson, targets.kml, targets.gpx and targets.csv (WGS 84)."
     if not found:
         text = "No target was confirmed."
     return Section("Found positions", paragraphs=[text], grids=grids)
+
+
+def _unchecked_grid(run: Run, records: Sequence[Any]) -> Grid:
+    places = run.scenario.frame.geodetic_from_enu([r["p"] for r in records])
+    rows = [
+        (f"candidate {r['candidate']}", f"{p[0]:.7f}", f"{p[1]:.7f}")
+        for r, p in zip(records, places, strict=True)
+    ]
+    return Grid(
+        ("Unchecked", "Latitude (°)", "Longitude (°)"), rows, "Candidates that were not checked: have a look"
+    )
 
 
 def _how_missed(run: Run, target: Any) -> str:

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from skysweep.results.html import Grid
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.scenarios.model import Scenario
+
+_ACTIONS = {
+    "CONTINUE": "The mission goes on",
+    "REFUSE_CHECK": "A check is refused",
+    "HOLD": "The vehicle holds",
+    "RETURN": "The vehicle turns home",
+    "LAND": "The vehicle lands where it is",
+}
 
 
 def parameters(scenario: Scenario) -> Grid:
@@ -72,6 +83,13 @@ def definitions() -> Grid:
         ("Area seen", "Share of the area that lay in the camera's picture while scanning."),
     ]
     return Grid(("Word", "Meaning"), rows, words=True)
+
+
+def safety_words(record: Mapping[str, Any]) -> str:
+    """One sentence for a ``safety`` or ``unsearched`` line of a journal."""
+    if record["kind"] == "unsearched":
+        return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; they are scanned again."
+    return f"{_ACTIONS[record['action']]}: {record['sentence']}"
 
 
 def clock(seconds: float) -> str:

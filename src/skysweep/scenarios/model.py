@@ -349,12 +349,6 @@ class Safety(Model):
         2.0, gt=0, le=60, description="Answers missing for longer: what was flown is scanned again"
     )
     detector_dead_s: float = Field(60.0, gt=0, le=3600, description="No answer for longer: home")
-    detector_hang_s: float = Field(
-        20.0,
-        gt=0,
-        le=600,
-        description="Wall time that one picture may take before the mission goes on without",
-    )
 
     @model_validator(mode="after")
     def _areas_are_simple(self) -> Safety:
