@@ -114,7 +114,7 @@ def test_camera_and_gimbal_introduce_themselves(sky, gcs):
     assert hfov == pytest.approx(sky.scenario.camera.hfov_rad)
     assert gcs.command(m.MAV_CMD_REQUEST_MESSAGE, m.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == 0
     (gimbal,) = gcs.of("GIMBAL_MANAGER_INFORMATION")
-    assert gimbal.pitch_min == gimbal.pitch_max == pytest.approx(-np.pi / 2)
+    assert (gimbal.pitch_min, gimbal.pitch_max) == pytest.approx((-np.pi / 2, np.pi / 4))
 
 
 def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
@@ -131,6 +131,17 @@ def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
     assert (status.primary_control_sysid, status.primary_control_compid) == (245, 190)
     w, x, y, z = gcs.of("GIMBAL_DEVICE_ATTITUDE_STATUS")[-1].q
     assert (w, x, y, z) == pytest.approx((np.sqrt(0.5), 0.0, -np.sqrt(0.5), 0.0), abs=1e-3)
+
+
+def test_the_camera_looks_where_the_gimbal_was_told(sky, gcs):
+    gcs.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -3, -3)
+    for asked, pitch in ((-30.0, -30.0), (80.0, 45.0), (NAN, 45.0)):
+        assert gcs.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, asked, 0, NAN, NAN, 0, 0, 0) == 0
+        sky.fly(2.0)
+        forward_up = sky.vehicle.true_camera_pose().R_camera_to_enu[2, 2]
+        assert forward_up == pytest.approx(np.sin(np.radians(pitch)), abs=0.02)
+        q = gcs.of("GIMBAL_DEVICE_ATTITUDE_STATUS")[-1].q
+        assert 2.0 * np.degrees(np.arctan2(q[2], q[0])) == pytest.approx(pitch, abs=0.1)
 
 
 def test_parameters_are_listed_read_and_written(sky, gcs):

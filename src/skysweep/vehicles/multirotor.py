@@ -156,6 +156,10 @@ class Multirotor:
             self._hold_here()
             self._set_mode(d.OFFBOARD)
 
+    def look(self, pitch_rad: float) -> None:
+        """Points the gimbal above (+) or below the horizon, at its own rate; yaw stays the body's."""
+        self._q[d.GIMBAL_PITCH] = pitch_rad
+
     # ---- to resume -----------------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
@@ -165,6 +169,7 @@ class Multirotor:
             "random": int(self._rng[0]),
             "time_s": self._time_s,
             "ground_at_step": self._ground_at_step,
+            "gimbal_pitch_rad": float(self._q[d.GIMBAL_PITCH]),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -173,6 +178,7 @@ class Multirotor:
         self._rng[0] = snapshot["random"]
         self._time_s = snapshot["time_s"]
         self._ground_at_step = snapshot["ground_at_step"]
+        self._q[d.GIMBAL_PITCH] = snapshot["gimbal_pitch_rad"]
 
     # ---- simulation only -----------------------------------------------------------------------------
 

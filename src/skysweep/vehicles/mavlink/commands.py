@@ -257,7 +257,7 @@ class Commands:
 
     def _point_gimbal(self, order: Order) -> int | None:
         who = (order.sender.system, order.sender.component)
-        return None if self._face.payload.point(who) else _DENIED
+        return None if self._face.payload.point(order.params[0], who) else _DENIED
 
 
 _NOT_GIVEN = 255  # progress

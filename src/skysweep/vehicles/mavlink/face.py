@@ -44,7 +44,7 @@ class Face:
         unix_start_s: float = 0.0,
     ) -> None:
         self.signing = Signing(signing_key)
-        self.payload = Payload(scenario.camera)
+        self.payload = Payload(scenario.camera, getattr(vehicle, "look", None))
         self.parameters = Parameters(scenario.vehicle)
         site = Site(scenario.frame, vehicle.state().position_enu_m)
         self.pilot = Autopilot(vehicle, site, self.parameters, self.say)

@@ -1,12 +1,13 @@
 """Gimbal and camera as they look from outside.
 
-The gimbal of the embedded vehicle keeps the pitch of its scenario and the vehicle's heading: its limits say
-so, and what is asked beyond them is cut to them, as a gimbal manager does.
+The gimbal keeps the vehicle's heading, and the scenario's pitch until it is pointed elsewhere, where the
+vehicle can. Its limits say so, and what is asked beyond them is cut to them, as a gimbal manager does.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -20,15 +21,20 @@ _DEVICE = 1  # a gimbal that is part of the autopilot's component
 _SENSOR_WIDTH_MM = 6.3
 _FLAGS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
 _IN_VEHICLE_FRAME = m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+_PITCH_LIMITS_DEG = -90.0, 45.0
 _TAKE, _LEAVE, _RELEASE = -2.0, -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE
 
 
 class Payload:
-    """Answers about the gimbal and the camera, and who controls the gimbal."""
+    """Answers about the gimbal and the camera, and who controls the gimbal.
 
-    def __init__(self, camera: CameraModel) -> None:
-        self._camera = camera
-        self._pitch_rad = math.radians(camera.gimbal.pitch_deg)
+    ``look`` points it to a pitch in rad; None where the vehicle cannot.
+    """
+
+    def __init__(self, camera: CameraModel, look: Callable[[float], None] | None = None) -> None:
+        self._camera, self._look = camera, look
+        pitch = camera.gimbal.pitch_deg
+        self._limits_rad = tuple(map(math.radians, (pitch, pitch) if look is None else _PITCH_LIMITS_DEG))
         self.control = (0, 0)  # system and component in control
 
     def configure(self, params: tuple[float, ...], sender: tuple[int, int]) -> bool:
@@ -44,9 +50,14 @@ class Payload:
             return (system, component) == (_LEAVE, _LEAVE)
         return True
 
-    def point(self, sender: tuple[int, int]) -> bool:
-        """DO_GIMBAL_MANAGER_PITCHYAW: whether the sender may, which is all that a fixed gimbal has to say."""
-        return self.control == sender
+    def point(self, pitch_deg: float, sender: tuple[int, int]) -> bool:
+        """DO_GIMBAL_MANAGER_PITCHYAW: points it; NaN leaves it. Whether the sender may."""
+        if self.control != sender:
+            return False
+        if self._look is not None and math.isfinite(pitch_deg):
+            low, high = self._limits_rad
+            self._look(min(max(math.radians(pitch_deg), low), high))
+        return True
 
     def manager_information(self, boot_ms: int) -> Message:
         return m.MAVLink_gimbal_manager_information_message(
@@ -58,8 +69,7 @@ class Payload:
             _DEVICE,
             0.0,
             0.0,
-            self._pitch_rad,
-            self._pitch_rad,
+            *self._limits_rad,
             0.0,
             0.0,
         )
@@ -68,7 +78,6 @@ class Payload:
         return m.MAVLink_gimbal_manager_status_message(boot_ms, _FLAGS, _DEVICE, *self.control, 0, 0)
 
     def device_information(self, boot_ms: int) -> Message:
-        pitch = self._pitch_rad
         return m.MAVLink_gimbal_device_information_message(
             boot_ms,
             b"skysweep",
@@ -81,8 +90,7 @@ class Payload:
             0,
             0.0,
             0.0,
-            pitch,
-            pitch,
+            *self._limits_rad,
             0.0,
             0.0,
             _DEVICE,
