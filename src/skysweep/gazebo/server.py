@@ -1,0 +1,95 @@
+"""One gzserver process: started on one world, and gone when we are, however we end."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+from skysweep.errors import UserError
+from skysweep.gazebo.install import Install
+
+LOG_FILE = "gzserver.log"
+_SERVE = Path(__file__).parent / "serve.sh"
+_SGR = re.compile(r"\x1b\[[0-9;]*m")
+
+
+class GazeboServer:
+    """gzserver with a screen of its own, in its own process namespace.
+
+    The kernel ends that whole namespace when this object is closed or when our process dies, a kill -9
+    included. The log is beside the world file.
+    """
+
+    def __init__(self, install: Install, world_file: Path) -> None:
+        self.port = _free_port()
+        self._folder = world_file.parent.resolve()
+        as_root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+        command = ["setpriv", "--pdeathsig", "KILL", "--", "unshare", *as_root, "--mount", "--pid", "--ipc"]
+        command += ["--fork", "--kill-child=KILL", "--propagation", "private", "--", "bash", str(_SERVE)]
+        command += [str(install.root), str(self._folder), world_file.name, str(self.port)]
+        command += [str(install.plugin.parent)]
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,  # Ctrl-C is ours to handle
+            )
+
+    @property
+    def log(self) -> Path:
+        """What gzserver said."""
+        return self._folder / LOG_FILE
+
+    @property
+    def pid(self) -> int:
+        """Of the process whose end ends everything."""
+        return self._process.pid
+
+    def is_running(self) -> bool:
+        """Whether it has not ended by itself."""
+        return self._process.poll() is None
+
+    def complaint(self) -> str | None:
+        """The last error in the log, in one line."""
+        text = _SGR.sub("", self.log.read_text(errors="replace")) if self.log.exists() else ""
+        errors = [line.strip() for line in text.splitlines() if re.search(r"\[Err\]|Error|error:", line)]
+        return errors[-1][:300] if errors else None
+
+    def close(self) -> None:
+        """End it and all that it started. Returns when it is gone."""
+        if self._process.poll() is None:
+            os.kill(self._first_of_namespace() or self.pid, signal.SIGKILL)
+        self._process.wait()
+
+    def _first_of_namespace(self) -> int | None:
+        """The process whose end the kernel answers by ending the namespace; our child waits for that."""
+        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        return int(children[0]) if children else None
+
+
+def wait_for_port(server: GazeboServer, timeout_s: float) -> bool:
+    """Whether the master listens before ``timeout_s`` is over; raises UserError when gzserver ended."""
+    give_up = time.monotonic() + timeout_s
+    while time.monotonic() < give_up:
+        if not server.is_running():
+            why = server.complaint() or "it said nothing"
+            raise UserError(f"gzserver ended at once ({why}); the whole log: {server.log}")
+        with socket.socket() as probe:
+            probe.settimeout(0.2)
+            if probe.connect_ex(("127.0.0.1", server.port)) == 0:
+                return True
+        time.sleep(0.05)
+    return False
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
