@@ -192,7 +192,7 @@ class Guard:
     def _energy_left(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
         x, y, _ = state.position_enu_m.tolist()
         needed_wh = self._energy.home_wh((x, y), altitude_agl_m, wind_xy(state))
-        if needed_wh > self._usable_wh(state):
+        if self._usable_wh(state) < needed_wh < math.inf:  # in too much wind the wind's own rule decides
             yield Alarm(
                 Action.RETURN,
                 "return energy",

@@ -1,0 +1,100 @@
+"""Geofence and no-fly areas: what is inside, and the way round."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skysweep.mission.fence import Fence, Router
+from skysweep.scenarios.model import Scenario
+
+SQUARE = [(0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0)]
+POND = [(40.0, -10.0), (60.0, -10.0), (60.0, 80.0), (40.0, 80.0)]
+TOWER = [(20.0, 40.0), (30.0, 40.0), (30.0, 50.0), (20.0, 50.0)]
+
+
+def fence(geofence=None, no_fly=()):
+    data = {
+        "name": "fence",
+        "area": {"polygon_enu_m": [[5, 5], [15, 5], [15, 15], [5, 15]]},
+        "home": {"position_enu_m": [2, 2]},
+        "geofence_enu_m": geofence,
+        "safety": {"no_fly_enu_m": list(no_fly)},
+    }
+    return Fence(Scenario.model_validate(data))
+
+
+def test_without_fence_everything_is_inside_and_straight():
+    everywhere = fence()
+    assert not everywhere.exists
+    assert everywhere.allows((1e5, -1e5))
+    assert everywhere.outside_m((1e5, 0.0)) == 0.0
+    assert everywhere.way((0, 0), (900, 900)) == [(900, 900)]
+
+
+def test_a_no_fly_area_is_outside_even_without_a_geofence():
+    f = fence(no_fly=[TOWER])
+    assert not f.allows((25, 45))
+    assert math.isclose(f.outside_m((25, 43)), 3.0, abs_tol=0.1)
+    assert f.allows((5000, 5000))
+
+
+def test_how_far_outside():
+    f = fence(SQUARE)
+    assert f.outside_m((50, 50)) == 0.0
+    assert math.isclose(f.outside_m((107, 50)), 7.0, abs_tol=0.1)
+
+
+def test_the_way_leads_round_a_no_fly_area_and_keeps_away_from_it():
+    f = fence(SQUARE, [POND])
+    way = f.way((20, 20), (80, 20))
+    assert way[-1] == (80, 20)
+    assert len(way) == 3
+    assert all(y > 80.0 for _, y in way[:-1])
+    assert shapely.LineString([(20, 20), *way]).distance(shapely.Polygon(POND)) > 1.0
+
+
+def test_from_outside_it_leads_back_inside_first():
+    way = fence(SQUARE).way((120, 50), (50, 50))
+    assert np.allclose(way[0], (100, 50), atol=0.1)
+    assert way[-1] == (50, 50)
+
+
+def test_no_way_to_a_place_outside_or_cut_off():
+    f = fence(SQUARE, [[(40.0, -10.0), (60.0, -10.0), (60.0, 110.0), (40.0, 110.0)]])
+    assert f.way((20, 20), (150, 20)) == []
+    assert f.way((20, 20), (80, 20)) == []
+
+
+def test_the_router_gives_one_corner_after_another():
+    f = fence(SQUARE, [POND])
+    router, here, visited = Router(f), (20.0, 20.0), []
+    for _ in range(10):
+        here = router.next_xy(here, (80.0, 20.0))
+        visited.append(here)
+        if here == (80.0, 20.0):
+            break
+    assert visited == f.way((20, 20), (80, 20))
+
+
+xy = st.tuples(st.floats(-20, 120), st.floats(-20, 120))
+
+
+@settings(max_examples=60, deadline=None)
+@given(xy, xy)
+def test_every_way_stays_inside(start, goal):
+    f = fence(SQUARE, [POND, TOWER])
+    way = f.way(start, goal)
+    free = shapely.difference(
+        shapely.Polygon(SQUARE), shapely.union_all([shapely.Polygon(POND), shapely.Polygon(TOWER)])
+    ).buffer(0.2)
+    if not f.allows(goal):
+        assert way == []
+        return
+    assert way[-1] == goal
+    inside = way if not f.allows(start) else [start, *way]
+    for a, b in pairwise(inside):
+        assert free.covers(shapely.LineString([a, b]))

@@ -1,0 +1,250 @@
+"""The rules one by one, on hand-written states."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose
+from skysweep.mission.build import build_mission
+from skysweep.mission.energy import ReturnEnergy
+from skysweep.mission.fence import Fence
+from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.looks import Looks
+from skysweep.mission.loop import fly
+from skysweep.mission.safety import Action, Guard
+from skysweep.scenarios.model import Scenario
+from skysweep.types import Command, VehicleState, Waypoint
+
+BASE = {"name": "rules", "area": {"polygon_enu_m": [[0, 0], [200, 0], [200, 200], [0, 200]]}}
+
+
+def scenario(**changes):
+    return Scenario.model_validate(BASE | changes)
+
+
+def state(t=100.0, x=0.0, y=0.0, z=30.0, v=(0.0, 0.0, 0.0), **changes):
+    position = np.array([x, y, z])
+    pose = CameraPose(position, np.eye(3))
+    plain = VehicleState(t, position, np.array(v), np.eye(3), pose, 0.9, 10.0, True)
+    return replace(plain, **changes)
+
+
+class Watched:
+    """A guard whose detector has answered until ``looked_s``."""
+
+    def __init__(self, looked_s=100.0, **changes):
+        s = scenario(**changes)
+        self.looks, self.fence = Looks(s), Fence(s)
+        self.looks.begin(looked_s)
+        self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
+        self.guard = Guard(s, self.fence, self.energy, self.looks)
+
+    def __call__(self, seen, agl=30.0, phase="SEARCH"):
+        return {a.cause: a.action for a in self.guard.alarms(seen, agl, phase)}
+
+
+def test_nothing_wrong():
+    assert Watched()(state()) == {}
+
+
+@pytest.mark.parametrize(
+    "silent_s, action", [(0.9, None), (1.1, Action.HOLD), (59.0, Action.HOLD), (61.0, Action.RETURN)]
+)
+def test_telemetry_silence(silent_s, action):
+    assert Watched()(state(silent_s=silent_s)).get("telemetry silent") is action
+
+
+@pytest.mark.parametrize(
+    "left, alarms",
+    [
+        (0.16, {}),
+        (0.14, {"low battery": Action.RETURN}),
+        (0.04, {"battery critical": Action.LAND, "return energy": Action.RETURN}),
+    ],
+)
+def test_battery(left, alarms):
+    assert Watched(vehicle={"battery_wh": 300.0})(state(battery_remaining=left)) == alarms
+
+
+def test_the_reserve_grows_with_distance_and_head_wind():
+    calm, breezy = (0.0, 0.0), (7.0, 0.0)
+    energy = Watched().energy
+    near, far = energy.home_wh((50, 0), 30.0, calm), energy.home_wh((500, 0), 30.0, calm)
+    assert far - near == pytest.approx(450 / 5.0 * 190 * math.hypot(1, 5 / 9.81) ** 1.5 / 3600, rel=1e-6)
+    assert energy.home_wh((500, 0), 30.0, breezy) > 1.5 * energy.home_wh((-500, 0), 30.0, breezy)
+    assert energy.home_wh((500, 0), 4.0, calm) > far
+    assert energy.home_wh((500, 0), 30.0, (12.0, 0.0)) == math.inf
+
+
+def test_the_reserve_counts_the_way_round_a_no_fly_area():
+    wall = [[90.0, -100.0], [110.0, -100.0], [110.0, 100.0], [90.0, 100.0]]
+    straight, round_it = Watched().energy, Watched(safety={"no_fly_enu_m": [wall]}).energy
+    assert round_it.home_wh((200, 0), 30.0, (0, 0)) > straight.home_wh((280, 0), 30.0, (0, 0))
+
+
+def test_far_from_home_the_way_back_is_reserved():
+    watched = Watched(looked_s=100.0)
+    assert watched(state(x=2000.0, battery_remaining=0.5)) == {}
+    assert Watched()(state(x=2000.0, battery_remaining=0.3)) == {"return energy": Action.RETURN}
+
+
+def test_a_check_that_would_eat_the_reserve_is_refused():
+    guard = Watched().guard
+    far = Command("CHECK", Waypoint((400.0, 0.0), 4.0, 1.0))
+    assert guard.refusal(state(battery_remaining=0.9), 30.0, far) is None
+    alarm = Watched().guard.refusal(state(battery_remaining=0.3), 30.0, far)
+    assert (alarm.action, alarm.cause) == (Action.REFUSE_CHECK, "return energy")
+    assert "400 m east" in alarm.sentence
+    scan = Command("SCAN", Waypoint((400.0, 0.0), 30.0, 5.0))
+    assert Watched().guard.refusal(state(battery_remaining=0.3), 30.0, scan) is None
+
+
+@pytest.mark.parametrize(
+    "waypoint, cause",
+    [
+        (Waypoint((250.0, 50.0), 30.0, 5.0), "geofence"),
+        (Waypoint((105.0, 105.0), 30.0, 5.0), "geofence"),
+        (Waypoint((50.0, 50.0), 130.0, 5.0), "altitude"),
+        (Waypoint((50.0, 50.0), 0.5, 5.0), "altitude"),
+    ],
+)
+def test_setpoints_are_checked_before_they_are_sent(waypoint, cause):
+    fenced = {
+        "geofence_enu_m": [[-10, -10], [210, -10], [210, 210], [-10, 210]],
+        "safety": {"no_fly_enu_m": [[[100, 100], [110, 100], [110, 110], [100, 110]]]},
+    }
+    guard = Watched(**fenced).guard
+    assert guard.refusal(state(), 30.0, Command("SCAN", waypoint)).cause == cause
+    assert guard.refusal(state(), 30.0, Command("SCAN", Waypoint((50.0, 50.0), 30.0, 5.0))) is None
+
+
+@pytest.mark.parametrize("x, alarmed", [(204.0, False), (214.0, False), (216.0, True)])
+def test_the_position_is_checked_too(x, alarmed):
+    fenced = Watched(geofence_enu_m=[[-10, -10], [210, -10], [210, 210], [-10, 210]])
+    assert fenced(state(x=x)) == ({"geofence": Action.RETURN} if alarmed else {})
+
+
+@pytest.mark.parametrize("agl, alarmed", [(119.0, False), (124.0, False), (126.0, True), (0.9, True)])
+def test_altitude_above_terrain(agl, alarmed):
+    assert Watched()(state(), agl) == ({"altitude": Action.RETURN} if alarmed else {})
+
+
+@pytest.mark.parametrize("looked_s, action", [(98.0, None), (97.0, Action.CONTINUE), (30.0, Action.RETURN)])
+def test_detector(looked_s, action):
+    assert Watched(looked_s)(state(t=100.0)).get("detector silent") is action
+
+
+def test_wind_holds_then_turns_home():
+    watched = Watched()
+    gale = np.array([8.0, 5.0, 0.0])
+    actions = []
+    for t in (0.0, 30.0, 59.0, 61.0):
+        watched.looks.begin(t)
+        actions.append(watched(state(t=t, wind_enu_mps=gale)).get("wind"))
+    assert actions == [Action.HOLD] * 3 + [Action.RETURN]
+    assert "wind" not in watched(state(t=62.0, wind_enu_mps=gale), phase="RETURN")
+
+
+def test_a_turn_at_speed_is_no_jump():
+    watched = Watched()
+    assert watched(state(t=0.0, x=0.0, v=(5.0, 0.0, 0.0))) == {}
+    assert watched(state(t=1.0, x=2.0, y=2.0, v=(0.0, 5.0, 0.0))) == {}
+
+
+def test_a_jump_holds_until_it_is_taken_back():
+    watched = Watched()
+    places = [(0.0, 0.0, None), (1.0, 50.0, Action.HOLD), (2.0, 50.0, Action.HOLD), (3.0, 1.0, None)]
+    for t, x, action in places:
+        watched.looks.begin(t)
+        assert watched(state(t=t, x=x)).get("position jump") is action
+
+
+def test_the_most_severe_action_wins():
+    watched = Watched()
+    alarms = watched.guard.alarms(state(battery_remaining=0.03, silent_s=2.0), 30.0, "SEARCH")
+    assert max(a.action for a in alarms) is Action.LAND
+    assert list(Action) == sorted(Action)
+
+
+def test_on_the_way_home_only_what_keeps_from_it_counts():
+    watched = Watched(looked_s=0.0)
+    assert watched(state(battery_remaining=0.12), agl=200.0, phase="RETURN") == {}
+    assert watched(state(t=101.0, silent_s=5.0), phase="RETURN") == {"telemetry silent": Action.HOLD}
+    assert watched(state(t=110.0, battery_remaining=0.02), phase="RETURN") == {
+        "battery critical": Action.LAND
+    }
+
+
+def test_no_progress_home_means_landing():
+    watched = Watched()
+    actions = [watched(state(t=t, x=80.0), phase="RETURN").get("no way home") for t in (0.0, 59.0, 61.0)]
+    assert actions == [None, None, Action.LAND]
+
+
+def test_every_alarm_is_one_sentence():
+    watched = Watched(looked_s=0.0)
+    seen = state(battery_remaining=0.03, wind_enu_mps=np.array([30.0, 0.0, 0.0]))
+    for alarm in watched.guard.alarms(seen, 200.0, "SEARCH"):
+        assert alarm.sentence.endswith(".")
+        assert "\n" not in alarm.sentence
+
+
+# ---- in a whole mission ------------------------------------------------------------------------------
+
+SMALL = {
+    "name": "small",
+    "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]},
+    "home": {"position_enu_m": [-5, -5]},
+    "targets": [{"class": "stop sign", "position_enu_m": [45, 12], "size_m": 0.9}],
+    "camera": {"hfov_rad": 1.2},
+}
+
+
+def flown(**changes):
+    journal = MemoryJournal()
+    reason = fly(build_mission(Scenario.model_validate(SMALL | changes), 0, "statistical"), journal)
+    return reason, journal.lines
+
+
+def test_a_candidate_in_a_no_fly_area_is_reported_and_not_flown_to():
+    around = [[40.0, 7.0], [50.0, 7.0], [50.0, 17.0], [40.0, 17.0]]
+    reason, lines = flown(safety={"no_fly_enu_m": [around]})
+    assert reason == "completed"
+    unchecked = [line["p"] for line in lines if line["kind"] == "unchecked"]
+    assert min(math.dist(p[:2], (45, 12)) for p in unchecked) < 2.0
+    assert [line for line in lines if line["kind"] == "confirmed"] == []
+    flown_xy = np.array([line["p"] for line in lines if line["kind"] == "state"])
+    inside = (abs(flown_xy[:, 0] - 45) < 5) & (abs(flown_xy[:, 1] - 12) < 5)
+    assert not inside.any()
+
+
+def test_the_way_to_a_candidate_and_home_leads_round_a_no_fly_area():
+    wall = [[22.0, -8.0], [30.0, -8.0], [30.0, 17.0], [22.0, 17.0]]
+    reason, lines = flown(safety={"no_fly_enu_m": [wall]})
+    assert reason == "completed"
+    assert any(line["kind"] == "confirmed" for line in lines)
+    xy = np.array([line["p"][:2] for line in lines if line["kind"] == "state"])
+    inside = (xy[:, 0] > 22.5) & (xy[:, 0] < 29.5) & (xy[:, 1] < 16.5)
+    assert not inside.any()
+    assert math.dist(xy[-1], (-5, -5)) < 2.0
+
+
+def test_a_path_over_a_no_fly_area_is_refused_on_the_ground():
+    with pytest.raises(UserError, match=r"safety\.no_fly_enu_m: .*area\.holes_enu_m"):
+        flown(safety={"no_fly_enu_m": [[[1.0, 1.0], [59.0, 1.0], [59.0, 39.0], [1.0, 39.0]]]})
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"safety": {"no_fly_enu_m": [[[0, 0], [1, 1]]]}}, "at least 3 corners"),
+        ({"safety": {"no_fly_enu_m": [[[-9, -9], [0, -9], [0, 0], [-9, 0]]]}}, "move home"),
+        ({"search": {"scan_altitude_agl_m": 130.0}}, "altitude_max_agl_m"),
+    ],
+)
+def test_scenarios_that_cannot_be_flown_safely(changes, message):
+    with pytest.raises(ValueError, match=message):
+        Scenario.model_validate(SMALL | changes)
