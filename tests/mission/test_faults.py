@@ -3,6 +3,7 @@
 No target is lost: it is confirmed, or its place is reported as unchecked.
 """
 
+import itertools
 import math
 import time
 from dataclasses import replace
@@ -11,10 +12,14 @@ import numpy as np
 import pytest
 
 from skysweep.errors import UserError
+from skysweep.geometry.camera import Lens, project
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.imaging import ImagingSensor
+from skysweep.sensing.schedule import Exposures
+from skysweep.types import Detections, Frame
 
 SCENARIO = {
     "name": "faults",
@@ -27,6 +32,7 @@ SCENARIO = {
     "camera": {"hfov_rad": 1.2},
     "search": {"n_c": 1, "check_speed_mps": 2.0},
 }
+LENS = Lens(640, 360, 1.2)
 HOME = np.array(SCENARIO["home"]["position_enu_m"], dtype=float)
 
 
@@ -223,7 +229,7 @@ def test_duplicated_and_swapped_frames_count_once():
     flown.assert_found()
     exposures = [(line["t"], line["candidate"]) for line in flown.of_kind("sighting")]
     assert len(exposures) == len(set(exposures))
-    assert any(a[0] > b[0] for a, b in zip(exposures, exposures[1:], strict=False)), "nothing was swapped"
+    assert any(a[0] > b[0] for a, b in itertools.pairwise(exposures)), "nothing was swapped"
 
 
 def test_a_picture_with_a_wrong_date_does_not_count():
@@ -240,11 +246,76 @@ def test_a_picture_with_a_wrong_date_does_not_count():
     flown.assert_found()
 
 
+class BlankCamera:
+    """Takes pictures that show nothing, in no time."""
+
+    def capture(self, state):
+        return Frame(state.time_s, np.zeros((2, 2, 3), np.uint8), state.camera, LENS)
+
+    def close(self):
+        pass
+
+
+class Detector:
+    """Knows where the targets are, and goes wrong in its own way in a span of time."""
+
+    class_names = ("stop sign",)
+
+    def __init__(self, wrong, since_s=20.0, until_s=40.0):
+        self.wrong, self.span = wrong, (since_s, until_s)
+
+    def detect(self, frame):
+        if self.span[0] <= frame.time_s < self.span[1]:
+            boxes = self.wrong()
+            return Detections(
+                frame.time_s, boxes, np.full(len(boxes), 0.9), ("stop sign",) * len(boxes), frame.camera, LENS
+            )
+        places = np.array([[*target["position_enu_m"], 0.0] for target in SCENARIO["targets"]])
+        pixels, depth = project(LENS, frame.camera, places)
+        seen = pixels[(depth > 0) & (np.abs(pixels - (320, 180)) < (310, 170)).all(axis=1)]
+        return Detections(
+            frame.time_s,
+            np.column_stack([seen - 5.0, seen + 5.0]),
+            np.full(len(seen), 0.9),
+            ("stop sign",) * len(seen),
+            frame.camera,
+            LENS,
+        )
+
+
+def runs_out_of_memory():
+    raise MemoryError("out of memory")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (runs_out_of_memory, "MemoryError: out of memory"),
+        (lambda: np.full((1, 4), np.nan), "not finite"),
+        (lambda: np.zeros((2, 3)), "do not match"),
+        (lambda: time.sleep(1.2), "no answer"),
+    ],
+    ids=["raises", "NaN boxes", "no boxes", "hangs"],
+)
+def test_a_detector_that_goes_wrong_in_its_own_thread(wrong, says):
+    def imaging(_):
+        scenario = Scenario.model_validate(SCENARIO)
+        exposures = Exposures(scenario.detector.rate_hz, scenario.camera.pose_delay_s)
+        detector = Detector(wrong, 20.0, 20.5 if says == "no answer" else 40.0)
+        return ImagingSensor(BlankCamera(), detector, exposures, scenario.camera.latency_s, patience_s=0.1)
+
+    flown = Flown(sensor=imaging)
+    assert flown.reason == "completed"
+    assert says in flown.of_kind("safety")[0]["sentence"]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
 # ---- link and clock ----------------------------------------------------------------------------------
 
 
 class LosesLink(Around):
-    """A vehicle that is cut off: telemetry stays as it was, commands are lost, and it holds after a second."""
+    """A vehicle that is cut off: telemetry stands still, commands are lost, and it holds after a second."""
 
     def __init__(self, inner, since_s, for_s):
         super().__init__(inner)
@@ -280,7 +351,7 @@ class LosesLink(Around):
 
 
 @pytest.mark.parametrize(
-    "lost_s, events",
+    ("lost_s", "events"),
     [
         (0.5, []),
         (1.5, [("telemetry silent", "HOLD"), ("telemetry silent", "CONTINUE")]),
@@ -353,7 +424,7 @@ def test_a_position_that_stays_displaced_brings_the_vehicle_home():
     assert flown.reason == "position jump"
     assert flown.safety[:2] == [("position jump", "HOLD"), ("position jump", "RETURN")]
     assert len(flown.of_kind("landed")) == 1
-    believed = flown.embedded.true_position_enu_m[:2] + (30.0, -40.0)
+    believed = flown.embedded.true_position_enu_m[:2] + np.array([30.0, -40.0])
     assert np.linalg.norm(believed - HOME) < 2.5
 
 
@@ -427,7 +498,7 @@ def test_a_wind_that_carries_it_away_makes_it_land():
         def command(self, setpoint):
             if self.inner.state().time_s > 25.0:
                 here = self.inner.state().position_enu_m
-                setpoint = replace(setpoint, position_enu_m=here + (5.0, 0.0, 0.0))
+                setpoint = replace(setpoint, position_enu_m=here + np.array([5.0, 0.0, 0.0]))
             self.inner.command(setpoint)
 
     flown = Flown(vehicle=CarriedAway)
@@ -448,7 +519,7 @@ class Drained(Around):
         return replace(state, battery_remaining=self.left) if self.low else state
 
 
-@pytest.mark.parametrize("left, action", [(0.14, "RETURN"), (0.04, "LAND")])
+@pytest.mark.parametrize(("left", "action"), [(0.14, "RETURN"), (0.04, "LAND")])
 def test_a_battery_that_gets_low_in_the_middle_of_a_check(left, action):
     flown = Flown(vehicle=lambda inner: Drained(inner, left), search={"n_c": math.inf})
     cause = "low battery" if action == "RETURN" else "battery critical"

@@ -51,14 +51,14 @@ def test_nothing_wrong():
 
 
 @pytest.mark.parametrize(
-    "silent_s, action", [(0.9, None), (1.1, Action.HOLD), (59.0, Action.HOLD), (61.0, Action.RETURN)]
+    ("silent_s", "action"), [(0.9, None), (1.1, Action.HOLD), (59.0, Action.HOLD), (61.0, Action.RETURN)]
 )
 def test_telemetry_silence(silent_s, action):
     assert Watched()(state(silent_s=silent_s)).get("telemetry silent") is action
 
 
 @pytest.mark.parametrize(
-    "left, alarms",
+    ("left", "alarms"),
     [
         (0.16, {}),
         (0.14, {"low battery": Action.RETURN}),
@@ -103,7 +103,7 @@ def test_a_check_that_would_eat_the_reserve_is_refused():
 
 
 @pytest.mark.parametrize(
-    "waypoint, cause",
+    ("waypoint", "cause"),
     [
         (Waypoint((250.0, 50.0), 30.0, 5.0), "geofence"),
         (Waypoint((105.0, 105.0), 30.0, 5.0), "geofence"),
@@ -121,18 +121,20 @@ def test_setpoints_are_checked_before_they_are_sent(waypoint, cause):
     assert guard.refusal(state(), 30.0, Command("SCAN", Waypoint((50.0, 50.0), 30.0, 5.0))) is None
 
 
-@pytest.mark.parametrize("x, alarmed", [(204.0, False), (214.0, False), (216.0, True)])
+@pytest.mark.parametrize(("x", "alarmed"), [(204.0, False), (214.0, False), (216.0, True)])
 def test_the_position_is_checked_too(x, alarmed):
     fenced = Watched(geofence_enu_m=[[-10, -10], [210, -10], [210, 210], [-10, 210]])
     assert fenced(state(x=x)) == ({"geofence": Action.RETURN} if alarmed else {})
 
 
-@pytest.mark.parametrize("agl, alarmed", [(119.0, False), (124.0, False), (126.0, True), (0.9, True)])
+@pytest.mark.parametrize(("agl", "alarmed"), [(119.0, False), (124.0, False), (126.0, True), (0.9, True)])
 def test_altitude_above_terrain(agl, alarmed):
     assert Watched()(state(), agl) == ({"altitude": Action.RETURN} if alarmed else {})
 
 
-@pytest.mark.parametrize("looked_s, action", [(98.0, None), (97.0, Action.CONTINUE), (30.0, Action.RETURN)])
+@pytest.mark.parametrize(
+    ("looked_s", "action"), [(98.0, None), (97.0, Action.CONTINUE), (30.0, Action.RETURN)]
+)
 def test_detector(looked_s, action):
     assert Watched(looked_s)(state(t=100.0)).get("detector silent") is action
 
@@ -238,7 +240,7 @@ def test_a_path_over_a_no_fly_area_is_refused_on_the_ground():
 
 
 @pytest.mark.parametrize(
-    "changes, message",
+    ("changes", "message"),
     [
         ({"safety": {"no_fly_enu_m": [[[0, 0], [1, 1]]]}}, "at least 3 corners"),
         ({"safety": {"no_fly_enu_m": [[[-9, -9], [0, -9], [0, 0], [-9, 0]]]}}, "move home"),

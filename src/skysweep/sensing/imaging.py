@@ -138,7 +138,7 @@ class ImagingSensor:
             frame, answer = look
             if answer.set_running_or_notify_cancel():
                 try:
-                    answer.set_result(self._detector.detect(frame))
+                    answer.set_result(_sound(self._detector.detect(frame)))
                 except Exception as error:
                     answer.set_exception(error)
 
@@ -161,3 +161,11 @@ class ImagingSensor:
             raise DetectorError(f"{type(error).__name__}: {error}") from error
         self._patience_s = self._usual_patience_s
         return found
+
+
+def _sound(found: Detections) -> Detections:
+    """What a detector found. Raises ValueError where it is no list of boxes."""
+    numbers = np.column_stack([found.boxes_xyxy_px, found.confidences])
+    if numbers.shape != (len(found.class_names), 5) or not np.isfinite(numbers).all():
+        raise ValueError("boxes, confidences and names do not match, or are not finite")
+    return found
