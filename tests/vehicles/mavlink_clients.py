@@ -1,6 +1,10 @@
-"""A vehicle behind its MAVLink face in virtual time, and programs that talk to it."""
+"""A vehicle behind its MAVLink face, in virtual time or over UDP, and programs that talk to it."""
 
 from __future__ import annotations
+
+import contextlib
+import socket
+import time
 
 import numpy as np
 from pymavlink.dialects.v20 import common as m
@@ -10,6 +14,7 @@ from skysweep.vehicles.mavlink.embedded import embedded_vehicle
 from skysweep.vehicles.mavlink.face import Face
 from skysweep.vehicles.mavlink.items import Item
 from skysweep.vehicles.mavlink.px4 import TICK_S
+from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
 
@@ -26,6 +31,30 @@ POSITION_ONLY, VELOCITY_ONLY = 0b1101_1111_1000, 0b1101_1100_0111
 
 def scenario(**changes) -> Scenario:
     return Scenario.model_validate(CALM | changes)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((LOOPBACK, 0))
+        return probe.getsockname()[1]
+
+
+def wait(condition, seconds: float = 60.0, what: str = "it never came true"):
+    """Until ``condition`` gives something true, on the wall clock."""
+    end = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < end, what
+        time.sleep(0.02)
+    return value
+
+
+@contextlib.contextmanager
+def served(of: Scenario | None = None, speed: float = 20.0, ports: int = 1):
+    """A server and the URLs at which programs hear it."""
+    of = of or scenario()
+    chosen = [free_port() for _ in range(ports)]
+    with VehicleServer(embedded_vehicle(of, 0), of, [(LOOPBACK, p) for p in chosen], speed) as server:
+        yield server, [f"udpin://{LOOPBACK}:{p}" for p in chosen]
 
 
 class Sky:

@@ -2,17 +2,14 @@
 
 import contextlib
 import json
-import socket
 import time
 
 import numpy as np
 import pytest
-from mavlink_clients import scenario
+from mavlink_clients import scenario, served, wait
 
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.qgc import plan_for_qgc, write_plan
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer
 
 mavsdk = pytest.importorskip("mavsdk.mavsdk")
 
@@ -29,23 +26,7 @@ from mavsdk.plugins.offboard.offboard import (  # noqa: E402
 from mavsdk.plugins.param.param import Param  # noqa: E402
 from mavsdk.plugins.telemetry.telemetry import FlightMode, Telemetry  # noqa: E402
 
-SPEED = 20.0
 PATIENT_S = 10.0  # COM_OF_LOSS_T where a busy machine may let a program stutter
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((LOOPBACK, 0))
-        return probe.getsockname()[1]
-
-
-def wait(condition, seconds: float = 60.0, what: str = "it never came true"):
-    """Until ``condition`` gives something true, on the wall clock."""
-    end = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < end, what
-        time.sleep(0.02)
-    return value
 
 
 @contextlib.contextmanager
@@ -58,15 +39,6 @@ def client(url: str):
         yield system
     finally:
         program.destroy()
-
-
-@contextlib.contextmanager
-def served(of=None, speed=SPEED, ports=1):
-    """A server and the URLs at which MAVSDK programs hear it."""
-    of = of or scenario()
-    chosen = [free_port() for _ in range(ports)]
-    with VehicleServer(embedded_vehicle(of, 0), of, [(LOOPBACK, p) for p in chosen], speed) as server:
-        yield server, [f"udpin://{LOOPBACK}:{p}" for p in chosen]
 
 
 def test_it_is_found_healthy_as_px4_at_its_home():

@@ -22,7 +22,7 @@ from skysweep.scenarios.model import Home, Scenario
 from skysweep.types import Setpoint, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.px4 import Mode
-from skysweep.vehicles.px4_link import CONNECT_S, Link
+from skysweep.vehicles.px4_link import CONNECT_S, ORDER_S, Link
 from skysweep.vehicles.px4_offboard import Offboard
 from skysweep.vehicles.px4_telemetry import SILENCE_S, Anchor, Telemetry
 
@@ -50,6 +50,7 @@ _SPARED = (
 )
 _FAST = 1.5  # times real time: a simulator
 _LOST_US_S = 5.0  # on the wall: a silence that ended so recently explains why it left Offboard
+_HOLD_S = 3.0  # on the wall: more is of no use to a mission that must go on
 _TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
 _HELLO_S = 1.0
@@ -61,6 +62,7 @@ _FOLLOWS = {
     Mode.LAND: (Mode.LAND,),
 }
 _ON_GROUND = (Mode.LAND, Mode.HOLD)
+_LEFT_OVER = (Mode.OFFBOARD, Mode.LAND, Mode.RETURN, Mode.MISSION, Mode.TAKEOFF)
 _WAITING = (Mode.HOLD, None)  # where COM_OBL_RC_ACT leaves a vehicle that lost us: Hold, or Position
 
 
@@ -86,7 +88,6 @@ class Px4Vehicle:
         self.scenario = scenario
         self._ground_height_m = ground_height_m
         self._since_boot_s = 0.0
-        self._due_s = -math.inf
         self._wanted: Mode | None = None  # the mode that we put it in
         self._taken = False  # someone else flies it now
         self._closed = False
@@ -105,6 +106,7 @@ class Px4Vehicle:
         except BaseException:
             self.link.close()
             raise
+        self._due_s = self.telemetry.boot_s
         self._state = self._look()
         atexit.register(self.close)
 
@@ -178,7 +180,7 @@ class Px4Vehicle:
         ours = self._wanted is not None and not self._taken
         if ours and self.telemetry.airborne and self.telemetry.mode is not Mode.HOLD:
             with suppress(UserError):  # a silent vehicle does what COM_OBL_RC_ACT says
-                self._change_mode(Mode.HOLD, "hold")
+                self._change_mode(Mode.HOLD, "hold", timeout_s=_HOLD_S)
         self._offboard.stop()
         self._wanted = Mode.HOLD if ours else self._wanted
 
@@ -199,8 +201,18 @@ class Px4Vehicle:
         return None
 
     def wait_disarmed(self, seconds: float) -> bool:
-        """Whether the motors stand still within so many seconds on the wall."""
-        return self.link.wait(lambda: not self.telemetry.armed, seconds)
+        """Whether the motors stand still within so many seconds on the wall; then it stands by."""
+        disarmed = self.link.wait(lambda: not self.telemetry.armed, seconds)
+        if disarmed:
+            self.stand_by()
+        return disarmed
+
+    def stand_by(self) -> None:
+        """Hold, on the ground: a PX4 left in the mode of another flight (Offboard, Land) does not arm."""
+        told = self.telemetry
+        if not (told.armed or told.airborne) and told.mode in _LEFT_OVER:
+            self._change_mode(Mode.HOLD, "go into Hold")
+            self._wanted = None
 
     def close(self) -> None:
         """Hands over to Hold where it flies on our orders, and lets go of the link."""
@@ -302,7 +314,13 @@ class Px4Vehicle:
             lambda: told.airborne or (told.armed and told.mode is Mode.TAKEOFF),
         )
 
-    def _change_mode(self, mode: Mode, what: str, or_else: Callable[[], bool] = lambda: False) -> None:
+    def _change_mode(
+        self,
+        mode: Mode,
+        what: str,
+        or_else: Callable[[], bool] = lambda: False,
+        timeout_s: float = ORDER_S,
+    ) -> None:
         if self._taken:
             raise UserError("someone else took the vehicle over; it is theirs")
         main, sub = mode.value
@@ -312,6 +330,7 @@ class Px4Vehicle:
             m.MAV_CMD_DO_SET_MODE,
             [custom, main, sub],
             lambda: self.telemetry.mode is mode or or_else(),
+            timeout_s,
         )
         self._wanted = mode
 

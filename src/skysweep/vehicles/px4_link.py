@@ -18,7 +18,7 @@ from skysweep.vehicles.mavlink.dialect import mavlink as m
 
 try:
     from mavsdk.component_type import ComponentType
-    from mavsdk.exceptions import MavsdkError
+    from mavsdk.connection_result import ConnectionResult
     from mavsdk.logging import log_subscribe
     from mavsdk.mavsdk import Configuration, Mavsdk
     from mavsdk.plugins.mavlink_direct.mavlink_direct import MavlinkDirect, MavlinkMessage
@@ -78,13 +78,13 @@ class Link:
             raise
 
     def _connect(self, url: str, timeout_s: float) -> None:
-        try:
-            self._mavsdk.add_any_connection(url)
-        except MavsdkError as error:
+        opened = self._mavsdk.add_any_connection(url)
+        if opened is not ConnectionResult.SUCCESS:
+            why = opened.name.lower().replace("_", " ")
             raise UserError(
-                f"--connection {url}: cannot be opened ({error}); write udpin://0.0.0.0:14540, "
+                f"--connection {url}: cannot be opened ({why}); write udpin://0.0.0.0:14540, "
                 "tcpout://HOST:PORT or serial:///dev/ttyUSB0:57600"
-            ) from None
+            )
         self.system = self._mavsdk.first_autopilot(timeout_s)
         if self.system is None:
             raise UserError(

@@ -33,10 +33,12 @@ def preflight(
 ) -> tuple[Check, ...]:
     """The list for a flight that needs a share of a full battery. Waits ``ready_s`` for the vehicle.
 
-    ``upload``: send the plan's fence and rally points, when nothing else speaks against the flight. Nothing
-    else of the vehicle is changed.
+    ``upload``: have it stand by in Hold, and send the plan's fence and rally points when nothing else speaks
+    against the flight. Without, nothing of the vehicle is changed.
     """
     told = vehicle.telemetry
+    if upload:
+        vehicle.stand_by()
     vehicle.link.wait(lambda: _is_ready(vehicle) and told.position_std_m < _MAX_STD_M, ready_s)
     checks = [
         Check("vehicle", True, f"{_version(vehicle)}, {vehicle.kind}"),

@@ -1,0 +1,382 @@
+"""A PX4 as a vehicle: the embedded one behind its MAVLink face, over UDP, flown through MAVSDK."""
+
+import contextlib
+import math
+import select
+import socket
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mavlink_clients import free_port, scenario, served, wait
+from pymavlink.dialects.v20 import common as m
+
+pytest.importorskip("mavsdk.mavsdk")
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.plan_files import plan_of_mission
+from skysweep.types import Setpoint
+from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+from skysweep.vehicles.mavlink.px4 import Mode
+from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer
+from skysweep.vehicles.px4 import Px4Vehicle, names_its_place, placed
+from skysweep.vehicles.px4_offboard import horizontal_velocity_enu_mps
+from skysweep.vehicles.px4_preflight import preflight
+from skysweep.vehicles.px4_telemetry import Anchor, Telemetry
+
+SPEED = 5.0
+metres = st.floats(-500.0, 500.0)
+
+
+def flat(xy):
+    return np.zeros(len(xy))
+
+
+def setpoint(x, y, z, speed=5.0):
+    return Setpoint(np.array([x, y, z], dtype=float), speed, 0.0)
+
+
+@contextlib.contextmanager
+def connected(of=None, speed=SPEED):
+    """The vehicle, and the server with its truth."""
+    of = of or scenario()
+    with served(of, speed) as (server, (url,)):
+        vehicle = Px4Vehicle(url, of, flat, 30.0)
+        try:
+            yield vehicle, server
+        finally:
+            vehicle.close()
+
+
+def fly_until(vehicle, condition, longest_s=120.0):
+    """Lets vehicle time pass."""
+    end_s = vehicle.state().time_s + longest_s
+    while not condition(vehicle.state()):
+        vehicle.advance(0.1)
+        assert vehicle.state().time_s < end_s, vehicle.state()
+
+
+def hovering(vehicle, up=8.0):
+    vehicle.takeoff(up)
+    fly_until(vehicle, lambda s: s.position_enu_m[2] > up - 1.0)
+
+
+def distance(state, *xyz):
+    return float(np.linalg.norm(state.position_enu_m - xyz))
+
+
+# ---- setpoints and frames --------------------------------------------------------------------------------
+
+
+@given(metres, metres, metres, metres, st.floats(0.5, 12.0))
+def test_it_cruises_no_faster_than_the_setpoint_says(x, y, to_x, to_y, speed):
+    here, gain = np.array([x, y, 10.0]), 0.95
+    velocity = horizontal_velocity_enu_mps(setpoint(to_x, to_y, 10.0, speed), here, gain)
+    way = np.array([to_x - x, to_y - y])
+    if velocity is None:
+        assert gain * math.hypot(*way) <= speed + 1e-9
+    else:
+        assert math.hypot(*velocity) == pytest.approx(speed)
+        assert velocity @ way > 0.999 * speed * math.hypot(*way)
+
+
+@given(metres, metres, metres)
+def test_a_place_goes_to_ned_and_back(x, y, z):
+    anchor = Anchor(LocalFrame(60.0, 22.0), np.array([-5.0, -5.0, 2.0]), np.array([0.3, -0.2, 0.1]))
+    place = np.array([x, y, z])
+    assert anchor.enu(anchor.ned(place)) == pytest.approx(place, abs=1e-9)
+
+
+def test_a_scenario_without_a_place_is_flown_where_the_vehicle_stands():
+    nowhere = scenario(home={"position_enu_m": [-5.0, 20.0]})
+    assert not names_its_place(nowhere)
+    there = placed(nowhere, 47.4, 8.5, 489.0)
+    assert names_its_place(there)
+    x, y, _ = there.frame.enu_from_geodetic([47.4, 8.5, 489.0])[0]
+    assert (x, y) == pytest.approx((-5.0, 20.0), abs=0.01)
+
+
+class Radio:
+    """A link that hears what a test says."""
+
+    def __init__(self):
+        self.said, self._listeners = {}, {}
+
+    def on(self, name, listener):
+        self._listeners[name] = listener
+
+    def newest(self, name):
+        return self.said.get(name)
+
+    def silent_s(self, name):
+        return 0.0
+
+    def say(self, name, **fields):
+        self.said[name] = fields
+        if name in self._listeners:
+            self._listeners[name](fields)
+
+
+def position(time_ms, x=1.0, **changes):
+    said = {"time_boot_ms": time_ms, "x": x, "y": 2.0, "z": -3.0, "vx": 0.0, "vy": 0.0, "vz": 0.0}
+    return said | changes
+
+
+@pytest.mark.parametrize("broken", [{"x": None}, {"z": math.inf}, {"vx": 1e9}, {"y": math.nan}])
+def test_broken_positions_are_not_believed(broken):
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    radio.say("LOCAL_POSITION_NED", **position(1000))
+    radio.say("LOCAL_POSITION_NED", **(position(1100, x=9.0) | broken))
+    assert (told.boot_s, told.ned_m[0]) == (1.0, 1.0)
+
+
+def test_late_positions_change_nothing_and_a_restart_is_noticed():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    radio.say("LOCAL_POSITION_NED", **position(60_000))
+    radio.say("LOCAL_POSITION_NED", **position(59_900, x=7.0))
+    assert (told.boot_s, told.ned_m[0], told.restarted) == (60.0, 1.0, False)
+    radio.say("LOCAL_POSITION_NED", **position(500))
+    assert told.restarted
+
+
+def test_what_is_not_said_is_not_made_up():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    assert told.position_std_m == math.inf
+    assert told.wind_enu_mps is None
+    radio.say("ESTIMATOR_STATUS", flags=m.ESTIMATOR_ATTITUDE, pos_horiz_accuracy=0.2)
+    assert told.position_std_m == math.inf
+    radio.say("ESTIMATOR_STATUS", flags=m.ESTIMATOR_POS_HORIZ_ABS, pos_horiz_accuracy=0.2)
+    assert told.position_std_m == 0.2
+    radio.say("WIND_COV", wind_x=3.0, wind_y=1.0, wind_z=None)
+    assert told.wind_enu_mps == pytest.approx([1.0, 3.0, 0.0])
+
+
+def test_energy_is_voltage_times_current():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    anchor = Anchor(LocalFrame(60.0, 22.0), np.zeros(3), np.zeros(3))
+    for time_ms in (0, 36_000):
+        radio.say("LOCAL_POSITION_NED", **position(time_ms))
+        radio.say(
+            "BATTERY_STATUS", voltages=[4000] * 4 + [65535] * 6, current_battery=1000, battery_remaining=90
+        )
+    assert told.state(anchor, 0.0).energy_used_wh == pytest.approx(1.6)
+
+
+# ---- flying ----------------------------------------------------------------------------------------------
+
+
+def test_it_takes_off_flies_waits_lands_and_stands_by():
+    with connected() as (vehicle, server):
+        pilot = server.face.pilot
+        assert not vehicle.state().airborne
+        hovering(vehicle)
+        assert vehicle.state().time_s < 20.0
+        start_s = vehicle.state().time_s
+        vehicle.command(setpoint(20.0, 0.0, 8.0))
+        fly_until(
+            vehicle, lambda s: not vehicle.command(setpoint(20.0, 0.0, 8.0)) and s.position_enu_m[0] > 19
+        )
+        assert vehicle.state().time_s - start_s > 4.0
+        truth = pilot.state.position_enu_m
+        assert np.linalg.norm(vehicle.state().position_enu_m - truth) < 2.0
+        vehicle.hold()
+        assert pilot.mode is Mode.HOLD
+        vehicle.command(setpoint(20.0, 10.0, 8.0))
+        assert pilot.mode is Mode.OFFBOARD
+        fly_until(vehicle, lambda s: distance(s, 20.0, 10.0, 8.0) < 1.0)
+        vehicle.land()
+        fly_until(vehicle, lambda s: not s.airborne)
+        assert vehicle.wait_disarmed(20.0)
+        assert pilot.mode is Mode.HOLD
+
+
+def test_time_is_the_vehicles_and_advances_by_as_much_as_asked():
+    with connected(speed=10.0) as (vehicle, _):
+        before_s, wall_s = vehicle.state().time_s, time.monotonic()
+        for _ in range(30):
+            vehicle.advance(0.5)
+        assert vehicle.state().time_s - before_s >= 15.0 - 0.1
+        assert time.monotonic() - wall_s < 12.0
+
+
+def test_the_gimbal_is_pointed_and_believed():
+    with connected() as (vehicle, server):
+        assert vehicle.gimbal
+        vehicle.look(-0.5)
+        vehicle.advance(3.0)
+        fly_until(vehicle, lambda s: abs(s.camera.R_camera_to_enu[2, 2] - math.sin(-0.5)) < 0.02)
+        true = server.face.pilot._vehicle.true_camera_pose().R_camera_to_enu
+        assert true[2, 2] == pytest.approx(math.sin(-0.5), abs=0.03)
+
+
+def test_whoever_takes_it_over_keeps_it():
+    with connected() as (vehicle, server):
+        pilot = server.face.pilot
+        hovering(vehicle)
+        vehicle.command(setpoint(15.0, 0.0, 8.0))
+        vehicle.advance(1.0)
+        pilot.change_mode(Mode.RETURN)
+        with pytest.raises(UserError, match=r"is in Return .* keeps out"):
+            fly_until(vehicle, lambda _: False, 20.0)
+        vehicle.hold()
+        with pytest.raises(UserError, match="theirs"):
+            vehicle.command(setpoint(15.0, 0.0, 8.0))
+        vehicle.close()
+        time.sleep(0.5)
+        assert pilot.mode in (Mode.RETURN, Mode.LAND)
+
+
+def test_its_end_hands_over_to_hold():
+    with served(speed=SPEED) as (server, (url,)):
+        vehicle = Px4Vehicle(url, scenario(), flat, 30.0)
+        hovering(vehicle)
+        vehicle.command(setpoint(50.0, 0.0, 8.0))
+        vehicle.advance(0.5)
+        assert server.face.pilot.mode is Mode.OFFBOARD
+        vehicle.close()
+        assert server.face.pilot.mode is Mode.HOLD
+        assert not server.face.pilot.failsafe
+
+
+class Relay:
+    """Carries datagrams between a server and a program, while ``open``."""
+
+    def __init__(self, program_port: int) -> None:
+        self.open, self._running = True, True
+        self._there = (LOOPBACK, program_port)
+        self._vehicle: tuple[str, int] | None = None
+        self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        self._near.bind((LOOPBACK, 0))
+        self._far.bind((LOOPBACK, 0))
+        self.port = self._near.getsockname()[1]
+        self._thread = threading.Thread(target=self._carry, daemon=True)
+        self._thread.start()
+
+    def _carry(self) -> None:
+        while self._running:
+            for ready in select.select([self._near, self._far], [], [], 0.05)[0]:
+                datagram, sender = ready.recvfrom(65_535)
+                if ready is self._near:
+                    self._vehicle = sender
+                if self.open and ready is self._near:
+                    self._far.sendto(datagram, self._there)
+                elif self.open and self._vehicle is not None:
+                    self._near.sendto(datagram, self._vehicle)
+
+    def close(self) -> None:
+        self._running = False
+        self._thread.join()
+        self._near.close()
+        self._far.close()
+
+
+def test_a_link_that_is_lost_and_found_again():
+    of, port = scenario(), free_port()
+    relay = Relay(port)
+    with VehicleServer(embedded_vehicle(of, 0), of, [(LOOPBACK, relay.port)], SPEED) as server:
+        vehicle = Px4Vehicle(f"udpin://{LOOPBACK}:{port}", of, flat, 30.0)
+        hovering(vehicle)
+        vehicle.command(setpoint(90.0, 0.0, 8.0))
+        vehicle.advance(1.0)
+        relay.open = False
+        wait(lambda: server.face.pilot.mode is Mode.HOLD)
+        before_s = vehicle.state().time_s
+        wait(lambda: not vehicle.advance(0.1) and vehicle.state().silent_s > 1.5)
+        assert vehicle.state().time_s - before_s < 3.0
+        relay.open = True
+        wait(lambda: not vehicle.advance(0.1) and vehicle.state().silent_s < 0.3)
+        pilot = server.face.pilot
+        wait(lambda: not vehicle.command(setpoint(90.0, 0.0, 8.0)) and pilot.mode is Mode.OFFBOARD)
+        vehicle.close()
+    relay.close()
+
+
+# ---- before it flies -------------------------------------------------------------------------------------
+
+
+def test_the_preflight_list_and_the_fence_that_it_uploads():
+    of = scenario(
+        geofence_enu_m=[[-30, -30], [150, -30], [150, 110], [-30, 110]],
+        safety={"no_fly_enu_m": [[[130, 90], [140, 90], [140, 100]]]},
+    )
+    with connected(of) as (vehicle, server):
+        plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])
+        looked = {check.name: check for check in preflight(vehicle, plan, 0.3, upload=False)}
+        assert all(check.passed is not False for check in looked.values()), looked
+        assert "not uploaded" in looked["fence"].said
+        assert server.face.pilot.fence.inside == ()
+        sent = {check.name: check for check in preflight(vehicle, plan, 0.3, upload=True)}
+        assert "7 corners uploaded" in sent["fence"].said
+        fence = server.face.pilot.fence
+        assert fence.allows(np.array([140.0, 80.0, 0.0]))
+        assert not fence.allows(np.array([160.0, 50.0, 0.0]))
+        assert not fence.allows(np.array([137.0, 93.0, 0.0]))
+        assert not server.face.pilot.armed
+
+
+def test_a_battery_that_is_not_enough_stops_it_before_the_fence_is_sent():
+    of = scenario(geofence_enu_m=[[-30, -30], [150, -30], [150, 110], [-30, 110]])
+    with connected(of) as (vehicle, server):
+        plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])
+        (battery,) = (c for c in preflight(vehicle, plan, 0.95, upload=True) if c.passed is False)
+        assert battery.name == "battery"
+        assert server.face.pilot.fence.inside == ()
+
+
+def test_nobody_there_is_said_after_the_time_given():
+    started_s = time.monotonic()
+    with pytest.raises(UserError, match=r"no vehicle was heard in 2 s"):
+        Px4Vehicle(f"udpin://{LOOPBACK}:{free_port()}", scenario(), flat, 2.0)
+    assert time.monotonic() - started_s < 10.0
+
+
+def test_an_address_that_is_none_is_said():
+    with pytest.raises(UserError, match=r"cannot be opened .* write udpin://"):
+        Px4Vehicle("nonsense", scenario(), flat, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "sentence"),
+    [
+        (m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR, "firmware is not PX4"),
+        (m.MAV_AUTOPILOT_PX4, m.MAV_TYPE_FIXED_WING, "no multicopter"),
+    ],
+)
+def test_what_this_program_cannot_fly_is_refused(autopilot, kind, sentence):
+    port, over = free_port(), threading.Event()
+    heard = []
+
+    def beat():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
+            radio.bind((LOOPBACK, 0))
+            radio.setblocking(False)
+            voice = m.MAVLink(None, srcSystem=1, srcComponent=1)
+            while not over.wait(0.1):
+                beat = m.MAVLink_heartbeat_message(kind, autopilot, 81, 0, 3, 3)
+                radio.sendto(beat.pack(voice), (LOOPBACK, port))
+                with contextlib.suppress(BlockingIOError):
+                    heard.append(radio.recvfrom(65_535)[0])
+
+    thread = threading.Thread(target=beat, daemon=True)
+    thread.start()
+    with pytest.raises(UserError, match=sentence):
+        Px4Vehicle(f"udpin://{LOOPBACK}:{port}", scenario(), flat, 20.0)
+    over.set()
+    thread.join()
+    kinds = {int.from_bytes(datagram[7:10], "little") for datagram in heard}
+    assert m.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED not in kinds
+
+
+def test_a_vehicle_far_from_the_scenarios_home_is_refused():
+    elsewhere = scenario(home={"latitude_deg": 60.5, "longitude_deg": 22.3})
+    with served() as (_, (url,)), pytest.raises(UserError, match=r"stands 56\d\d m from .* write home"):
+        Px4Vehicle(url, elsewhere, flat, 30.0)
