@@ -7,6 +7,7 @@ import pytest
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import Search
+from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.scan_check import ScanCheck
 from skysweep.types import Candidate, Observation, Sighting, VehicleState
 
@@ -30,7 +31,7 @@ class Player:
             candidate_id, "stop sign", np.array([x, y, 0.0]), np.eye(2), 0.0, 0.0, (0.5,) * sightings
         )
 
-    def at(self, x, y, z=H_S, sees=(), confidence=0.5, dt=0.1):
+    def at(self, x, y, z=H_S, sees=(), confidence=0.5, dt=0.1, **more):
         """One step at a place, seeing the candidates ``sees`` from there."""
         self.time_s += dt
         position = np.array([x, y, z], dtype=float)
@@ -40,7 +41,7 @@ class Player:
         sightings = tuple(
             Sighting(k, False, self.time_s, self.candidates[k].position_enu_m, confidence, z) for k in sees
         )
-        return self.strategy.step(Observation(state, z, sightings, dict(self.candidates)))
+        return self.strategy.step(Observation(state, z, sightings, dict(self.candidates), **more))
 
 
 def kinds(command):
@@ -303,3 +304,57 @@ def test_a_restored_strategy_goes_on_as_if_nothing_had_happened(cut):
             fresh.strategy.restore(p.strategy.snapshot())
             p.strategy = fresh.strategy
     assert resumed == whole
+
+
+def test_a_refused_candidate_is_unchecked_and_the_next_one_is_checked():
+    p = Player(n_c=2)
+    p.put(1, 20, 0)
+    p.put(2, 30, 0)
+    assert p.at(10, 0, sees=[1, 2]).waypoint.xy_enu_m == (20.0, 0.0)
+    command = p.at(10, 0, refused=True)
+    assert kinds(command) == ["unchecked"]
+    assert command.waypoint.xy_enu_m == (30.0, 0.0)
+    command = p.at(10, 0, refused=True)
+    assert kinds(command) == ["unchecked", "scan_resumed"]
+    assert command.mode == "SCAN"
+    assert kinds(p.at(10, 0, sees=[1, 2])) == [], "it is not asked for again"
+
+
+def test_a_candidate_is_not_rejected_before_two_looks_from_above_were_answered():
+    p = Player(n_c=1, look_s=1.0)
+    p.put(1, 20, 0)
+    p.at(10, 0, sees=[1])
+    p.at(20, 0, H_C, looked_s=None)
+    above_s = p.time_s
+    assert p.at(20, 0, H_C, dt=60.0, looked_s=None).mode == "CHECK"
+    assert p.at(20, 0, H_C, looked_s=above_s - 0.1).mode == "CHECK", "exposed on the way"
+    assert p.at(20, 0, H_C, looked_s=above_s).mode == "CHECK"
+    assert kinds(p.at(20, 0, H_C, looked_s=above_s + 0.4)) == ["rejected", "scan_resumed"]
+
+
+def test_legs_flown_blind_come_at_the_end_of_f():
+    p = Player()
+    p.at(0, 0, unsearched=(((10.0, 0.0), (40.0, 0.0)), ((40.0, 0.0), (40.0, 20.0))))
+    visited = []
+    while (command := p.at(*(visited[-1] if visited else (0, 0)))).waypoint is not None:
+        if command.waypoint.xy_enu_m not in visited[-1:]:
+            visited.append(command.waypoint.xy_enu_m)
+    assert visited == [*F[1:], (10.0, 0.0), (40.0, 0.0), (40.0, 20.0)]
+
+
+def test_a_blind_leg_told_at_the_end_is_still_flown():
+    p = Player()
+    for xy in F[:2]:
+        p.at(*xy)
+    command = p.at(*F[2], unsearched=(((5.0, 5.0), (50.0, 5.0)),))
+    assert command.waypoint.xy_enu_m == (5.0, 5.0)
+
+
+@pytest.mark.parametrize("altitude", [H_S, H_C])
+def test_the_baselines_fly_blind_legs_again_too(altitude):
+    p = Player()
+    p.strategy = SingleAltitude(Search(), F, altitude)
+    for xy in F[:2]:
+        p.at(*xy, altitude)
+    command = p.at(*F[2], altitude, unsearched=(((5.0, 5.0), (50.0, 5.0)),))
+    assert command.waypoint.xy_enu_m == (5.0, 5.0)
