@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.markup import escape
@@ -25,6 +25,9 @@ from skysweep.cli.common import (
     number_or_inf,
 )
 
+if TYPE_CHECKING:
+    from skysweep.sensing.render import Backend
+
 
 @friendly
 def run(
@@ -43,6 +46,9 @@ def run(
     change: SetOption = None,
     seed: SeedOption = 0,
     sensor: SensorOption = "imaging",
+    camera: Annotated[
+        Literal["rendered", "gazebo"], typer.Option(help="Our renderer's pictures, or Gazebo 11's.")
+    ] = "rendered",
     renderer: Annotated[
         Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
     ] = "auto",
@@ -57,6 +63,8 @@ def run(
         skysweep run person-wilderness --n-c 3 --d-c 60 --seed 7 --out my-run
 
         skysweep run my-scenario.yaml --strategy low-only --sensor statistical
+
+        skysweep run clusters --camera gazebo
     """
     from skysweep.experiments.single import fly_to_folder
     from skysweep.scenarios.advice import warnings_for
@@ -76,7 +84,8 @@ def run(
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
     with _flying(chosen.name, folder) as watch:
-        summary = fly_to_folder(chosen, seed, folder, sensor, renderer, watch=watch)
+        engine: Backend = "gazebo" if camera == "gazebo" else renderer
+        summary = fly_to_folder(chosen, seed, folder, sensor, engine, watch=watch)
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 

@@ -30,7 +30,6 @@ PLANT_TILE_M = 48.0  # plants of such a square are one mesh
 PLANT_FACES_MAX = 200_000  # of all plants; more makes them coarser
 TREES_MAX = 5000
 STEP_S = 0.004
-KOSCHMIEDER = 3.912  # contrast of 2 % at the visibility
 GZ_SYSTEMS = (
     ("gz-sim-physics-system", "gz::sim::systems::Physics"),
     ("gz-sim-user-commands-system", "gz::sim::systems::UserCommands"),
@@ -96,7 +95,7 @@ def write_world(
         _physics(clock),
         _coordinates(home),
         _wind(wind),
-        _scene(scene, look, fmt),
+        _scene(look, fmt),
         _sun(scene, look, fmt),
         *includes,
         *extras,
@@ -278,24 +277,13 @@ def _wind(wind: Wind) -> ET.Element:
     return tag("wind", None, tag("linear_velocity", np.round(velocity, 6)))
 
 
-def _scene(scene: Scene, look: Look, fmt: Format) -> ET.Element:
+def _scene(look: Look, fmt: Format) -> ET.Element:
     return tag(
         "scene",
         None,
         tag("ambient", [*look.ambient_rgb, 1.0]),
         tag("background", [*look.sky_rgb, 1.0]),
         tag("shadows", fmt == "gz"),
-        *([_haze(scene, look)] if fmt == "gazebo-classic" else []),
-    )
-
-
-def _haze(scene: Scene, look: Look) -> ET.Element:
-    return tag(
-        "fog",
-        None,
-        tag("type", "exp"),
-        tag("color", [*look.sky_rgb, 1.0]),
-        tag("density", KOSCHMIEDER / scene.sun.visibility_m),
     )
 
 

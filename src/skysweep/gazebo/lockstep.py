@@ -24,10 +24,11 @@ from skysweep.gazebo.transport import Transport, TransportError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World
+from skysweep.sensing.render import Backend
 
 F64 = NDArray[np.float64]
 
-ANSWER_S = 10.0  # a gzserver that is silent for longer is started again
+ANSWER_S = 10.0  # a gzserver that is silent for longer is replaced; the next one may take twice as long
 STARTS = 4  # in a row, without a picture in between
 STEP_MAX_S = 0.05
 _NUDGE_S = 0.5  # without a picture: one step more
@@ -44,6 +45,8 @@ class GazeboRenderer:
     A gzserver that does not answer within ANSWER_S is ended and another one started. Raises UserError when
     there is no Gazebo, when it cannot load the world, and when STARTS gzservers in a row did not answer.
     """
+
+    backend: Backend = "gazebo"
 
     def __init__(
         self, world: World, scenario: Scenario, rate_hz: float, install: Install | None = None
@@ -80,11 +83,11 @@ class GazeboRenderer:
         if lens != self._lens:
             raise ValueError(f"the camera in Gazebo has {self._lens}, not {lens}")
         why: str | None = None
-        for _ in range(STARTS):
+        for attempt in range(STARTS):
             try:
                 if self._transport is None:
-                    self._start(pose)
-                return self._picture(pose)
+                    self._start(pose, ANSWER_S * 2**attempt)
+                return self._picture(pose, ANSWER_S)
             except TransportError as error:
                 why = (self._server.complaint() if self._server else None) or str(error)
                 log.warning("gzserver does not answer (%s): starting another one", error)
@@ -98,17 +101,17 @@ class GazeboRenderer:
         self._stop()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _start(self, pose: CameraPose) -> None:
+    def _start(self, pose: CameraPose, patience_s: float) -> None:
         """gzserver, connected, with its first picture taken and thrown away."""
         self._granted = 0
         self.starts += 1
         self._server = GazeboServer(self._install, self._world_file)
-        if not wait_for_port(self._server, ANSWER_S):
+        if not wait_for_port(self._server, patience_s):
             raise TransportError("it does not listen")
-        self._transport = Transport(self._server.port, ANSWER_S)
+        self._transport = Transport(self._server.port, patience_s)
         self._transport.subscribe(rig.IMAGE_TOPIC, ImageStamped)
-        self._transport.advertise(rig.POSE_TOPIC, Pose, ANSWER_S)
-        self._picture(pose)
+        self._transport.advertise(rig.POSE_TOPIC, Pose, patience_s)
+        self._picture(pose, patience_s)
 
     def _stop(self) -> None:
         if self._transport is not None:
@@ -117,19 +120,19 @@ class GazeboRenderer:
             self._server.close()
         self._transport = self._server = None
 
-    def _picture(self, pose: CameraPose) -> NDArray[np.uint8]:
+    def _picture(self, pose: CameraPose, patience_s: float) -> NDArray[np.uint8]:
         """Grant one period; the picture taken within it. Grants more, step by step, when none comes."""
         assert self._transport is not None
         taken_after_s = (self._granted + 0.5) * self._step_s
         self._grant(pose, self._steps)
-        give_up = time.monotonic() + ANSWER_S
+        give_up = time.monotonic() + patience_s
         while time.monotonic() < give_up:
             received = self._transport.receive(_NUDGE_S)
             if received is None:
                 self._grant(pose, 1)
             elif seconds(received[1].time) > taken_after_s:
                 return image_of(received[1].image, rig.IMAGE_TOPIC)
-        raise TransportError(f"no picture for {ANSWER_S:g} s")
+        raise TransportError(f"no picture for {patience_s:g} s")
 
     def _grant(self, pose: CameraPose, steps: int) -> None:
         assert self._transport is not None

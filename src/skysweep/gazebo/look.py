@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from skysweep.sensing.render_gl import film
 from skysweep.sensing.scene import Sun
-from skysweep.sensing.textures import GroundTextures
+from skysweep.sensing.textures import DETAIL_M, GroundTextures
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-TILE_M = 25.0  # of a ground texture that holds every scale
+TILE_M = 20.0  # of a ground texture that holds every scale
 TILE_PX = 2048
 WATER_TILE_M = 47.0  # the longest of the waves that the water is made of
 
@@ -57,36 +58,34 @@ class Look:
 
 def ground_tile(textures: GroundTextures, look: Look) -> U8:
     """One texture over ``TILE_M`` with the detail and the middle scale of the ground."""
-    y, x = np.mgrid[0:TILE_PX, 0:TILE_PX]
-    detail = _stretched(textures.detail, 5, x, y) / 255.0
-    middle = _stretched(textures.middle, 1, x, y) / 127.5
-    return _bytes(look.shown(detail * middle))
+    detail = _repeated(textures.detail, round(TILE_M / DETAIL_M)) / 255.0
+    return _bytes(look.shown(detail * _repeated(textures.middle, 1) / 127.5))
 
 
 def water_tile(textures: GroundTextures, sun: Sun) -> U8:
     """Still water from above over ``WATER_TILE_M``: three waves, tint, the sky's reflection and foam."""
-    y, x = np.mgrid[0:TILE_PX, 0:TILE_PX]
-    waves = [_stretched(textures.detail, repeats, x, y) / 255.0 for repeats in (16, 4, 1)]
-    slope = sum((w[..., :2] - 0.5) * strength for w, strength in zip(waves, (0.32, 0.42, 0.40), strict=True))
+    waves = [_repeated(textures.detail, count) / 255.0 for count in (16, 4, 1)]
+    strengths = (0.32, 0.42, 0.40)
+    slope = np.sum([(w[..., :2] - 0.5) * s for w, s in zip(waves, strengths, strict=True)], axis=0)
     crest = (waves[1] + waves[2])[..., 2:]
-    normal = np.concatenate([-np.asarray(slope), np.ones_like(crest)], axis=2)
+    normal = np.concatenate([-slope, np.ones_like(crest)], axis=2)
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    facing = normal[..., 2:]
-    tint = _stretched(textures.macro, 1, x, y) / 127.5
+    tint = _repeated(textures.macro, 1) / 127.5
     lit = np.maximum(normal @ sun.direction_enu, 0.0)[..., None]
     body = np.array([0.012, 0.052, 0.062]) * tint**2 * (0.6 + 0.7 * crest)
     body = body * (1.6 * sun.sky_rgb + sun.sun_rgb * (0.35 + 0.65 * lit))
-    fresnel = 0.02 + 0.98 * (1.0 - facing) ** 5
+    fresnel = 0.02 + 0.98 * (1.0 - normal[..., 2:]) ** 5
     rgb = body * (1.0 - fresnel) + sun.sky_rgb * np.array([0.45, 0.62, 0.9]) * fresnel
-    foam = _stretched(textures.middle, 2, x, y)[..., :1] / 255.0 * np.clip((crest - 1.0) / 0.3, 0.0, 1.0)
+    foam = _repeated(textures.middle, 2)[..., :1] / 255.0 * np.clip((crest - 1.0) / 0.3, 0.0, 1.0)
     rgb = rgb * (1.0 - foam) + 0.75 * (sun.sky_rgb + 0.7 * sun.sun_rgb) * foam
     return _bytes(film(rgb))
 
 
-def _stretched(image: U8, repeats: int, x: NDArray[np.int_], y: NDArray[np.int_]) -> F64:
-    n = len(image)
-    rows, columns = (y * repeats * n // TILE_PX) % n, (x * repeats * n // TILE_PX) % n
-    return np.asarray(image[rows, columns], dtype=float)
+def _repeated(image: U8, count: int) -> F64:
+    """``count`` x ``count`` copies of a texture in TILE_PX pixels."""
+    n = TILE_PX // count
+    how = cv2.INTER_AREA if n < len(image) else cv2.INTER_CUBIC
+    return np.tile(cv2.resize(image, (n, n), interpolation=how), (count, count, 1)).astype(float)
 
 
 def _bytes(colours: F64) -> U8:

@@ -16,6 +16,8 @@ from skysweep.gazebo.install import Install
 LOG_FILE = "gzserver.log"
 _SERVE = Path(__file__).parent / "serve.sh"
 _SGR = re.compile(r"\x1b\[[0-9;]*m")
+_ERROR = re.compile(r"\[Err\]|Error|error:|terminate called|not found")
+_SOUND = re.compile(r"ALSA|OpenAL|AL lib")
 
 
 class GazeboServer:
@@ -59,7 +61,9 @@ class GazeboServer:
     def complaint(self) -> str | None:
         """The last error in the log, in one line."""
         text = _SGR.sub("", self.log.read_text(errors="replace")) if self.log.exists() else ""
-        errors = [line.strip() for line in text.splitlines() if re.search(r"\[Err\]|Error|error:", line)]
+        errors = [
+            line.strip() for line in text.splitlines() if _ERROR.search(line) and not _SOUND.search(line)
+        ]
         return errors[-1][:300] if errors else None
 
     def close(self) -> None:

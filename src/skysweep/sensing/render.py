@@ -13,12 +13,12 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.world import World
 from skysweep.sensing.scene import build_scene
 
-Backend = Literal["auto", "gl", "embree"]
+Backend = Literal["auto", "gl", "embree", "gazebo"]
 
 log = logging.getLogger(__name__)
 
 
-class Renderer(Protocol):
+class Painter(Protocol):
     """Draws one world. The same lens, pose and time give the same bytes."""
 
     @property
@@ -28,16 +28,20 @@ class Renderer(Protocol):
         """The picture (H, W, 3) RGB. Time moves the waves, nothing else."""
         ...
 
+    def close(self) -> None:
+        """Free what it holds; it is of no use afterwards."""
+        ...
+
+
+class Renderer(Painter, Protocol):
+    """A painter that also knows what it painted where."""
+
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
         """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
 
         Without ``occluders`` only the objects are drawn: an object's visible fraction is its pixel count
         with occluders over that without.
         """
-        ...
-
-    def close(self) -> None:
-        """Free what it holds; it is of no use afterwards."""
         ...
 
 

@@ -12,7 +12,7 @@ from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.scenarios.world import World
 from skysweep.sensing.camera_effects import CameraEffects
-from skysweep.sensing.render import Backend, make_renderer
+from skysweep.sensing.render import Backend, Painter, make_renderer
 from skysweep.types import Frame, VehicleState
 
 F64 = NDArray[np.float64]
@@ -34,7 +34,7 @@ class RenderedCamera:
 
     ``truth`` gives the true pose at the time of the state passed to ``capture``; the frame carries the
     camera pose of that state (see :class:`skysweep.sensing.schedule.Exposures` for its delay). One seed gives
-    the same frame bytes. ``backend`` is the renderer's name.
+    the same frame bytes. ``backend`` is the renderer, or its name.
     """
 
     def __init__(
@@ -43,12 +43,12 @@ class RenderedCamera:
         camera: CameraModel,
         truth: Callable[[], TruePose],
         seed: int,
-        backend: Backend = "auto",
+        backend: Backend | Painter = "auto",
     ) -> None:
         self._terrain = world.terrain
         self._lens = camera.lens
         self._truth = truth
-        self._renderer = make_renderer(world, backend)
+        self._renderer = make_renderer(world, backend) if isinstance(backend, str) else backend
         self.backend = self._renderer.backend
         self._effects = CameraEffects(
             camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, seed
