@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skysweep.mission.journal import Journal
-from skysweep.mission.safety import Action, Alarm
+from skysweep.mission.safety import OVER, Action, Alarm
 from skysweep.types import XY, Candidate, Event, Observation, Strategy, Tracker, VehicleState
 
 if TYPE_CHECKING:
@@ -28,6 +28,11 @@ class Notes:
         self._listed: set[int] = set()  # candidates that were scanned
         self._settled: set[int] = set()
         self._alarms: dict[str, Action] = {}
+
+    @property
+    def failed(self) -> str | None:
+        """Why nothing can be noted any more; None: all is well."""
+        return self._journal.failed
 
     def start(self, mission: Mission) -> None:
         """Who flies what, and F."""
@@ -72,7 +77,7 @@ class Notes:
                 confidence=s.confidence,
                 altitude_agl_m=s.camera_altitude_agl_m,
             )
-        self._unsearched(seen.time_s, seen.unsearched)
+        self._unsearched(seen.time_s, seen.unsearched, again=True)
         for event in events:
             fields: dict[str, object] = {}
             if event.candidate_id is not None:
@@ -109,7 +114,7 @@ class Notes:
                 self.safety(time_s, alarm)
         for cause, action in self._alarms.items():
             if cause not in current and action <= Action.HOLD:
-                self.safety(time_s, Alarm(Action.CONTINUE, cause, f"Over: {cause}."))
+                self.safety(time_s, Alarm(Action.CONTINUE, cause, OVER[cause]))
         self._alarms = current
 
     def safety(self, time_s: float, alarm: Alarm) -> None:
@@ -122,7 +127,7 @@ class Notes:
         self, time_s: float, candidates: dict[int, Candidate], blind: tuple[tuple[XY, XY], ...]
     ) -> None:
         """What a mission that ends early did not do: candidates scanned or seen again, legs flown blind."""
-        self._unsearched(time_s, blind)
+        self._unsearched(time_s, blind, again=False)
         for k, candidate in candidates.items():
             if k not in self._settled and (k in self._listed or len(candidate.confidences) > 1):
                 self._journal.write(
@@ -138,7 +143,7 @@ class Notes:
         self._journal.write(time_s, "landed")
         self._journal.write(time_s, "end", reason=reason)
 
-    def _unsearched(self, time_s: float, legs: tuple[tuple[XY, XY], ...]) -> None:
+    def _unsearched(self, time_s: float, legs: tuple[tuple[XY, XY], ...], again: bool) -> None:
         if legs:
             length_m = sum(math.dist(a, b) for a, b in legs)
-            self._journal.write(time_s, "unsearched", legs_enu_m=legs, length_m=length_m)
+            self._journal.write(time_s, "unsearched", legs_enu_m=legs, length_m=length_m, again=again)

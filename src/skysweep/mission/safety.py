@@ -28,6 +28,16 @@ _LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 
 
+OVER = {
+    "telemetry silent": "Telemetry is back.",
+    "position lost": "The position is known again.",
+    "position jump": "The position has jumped back.",
+    "detector silent": "The detector answers again.",
+    "wind": "The wind has dropped.",
+    "operator": "The operator lets it go on.",
+}  # what is told when a cause has passed that let the mission live
+
+
 class Action(IntEnum):
     """What to do, from mild to severe."""
 

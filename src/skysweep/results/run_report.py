@@ -107,11 +107,14 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         elif kind in ("scan_resumed", "finished", "end") and check is not None:
             down = f"Down to {search.check_altitude_agl_m:g} m to check"
             outcome = _verdicts(check, names) if check else "Broken off."
+            if check and all(r["kind"] == "unchecked" for r in check):
+                down = "A check begins"
             back = f" Back to the search at {clock(time_s)}." if kind == "scan_resumed" else ""
             steps.append((started_s, f"{down}. {outcome}{back}"))
             check = None
         if kind == "finished":
-            steps.append((time_s, "All transects flown, all candidates checked: the way home begins."))
+            checked = "what can be is checked" if run.events("unchecked") else "all candidates checked"
+            steps.append((time_s, f"All transects flown, {checked}: the way home begins."))
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":

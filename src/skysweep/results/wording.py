@@ -88,7 +88,8 @@ def definitions() -> Grid:
 def safety_words(record: Mapping[str, Any]) -> str:
     """One sentence for a ``safety`` or ``unsearched`` line of a journal."""
     if record["kind"] == "unsearched":
-        return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; they are scanned again."
+        again = "they are scanned again" if record["again"] else "they were not scanned again"
+        return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; {again}."
     return f"{_ACTIONS[record['action']]}: {record['sentence']}"
 
 

@@ -1,0 +1,46 @@
+"""What the report of a mission says about safety."""
+
+from skysweep.mission.build import build_mission
+from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import fly
+from skysweep.results.metrics import compute_summary
+from skysweep.results.run_folder import Run
+from skysweep.results.run_report import write_run_report
+from skysweep.results.wording import safety_words
+from skysweep.scenarios.model import Scenario
+
+
+def test_refused_checks_and_unchecked_places_are_in_the_report(tmp_path):
+    scenario = Scenario.model_validate(
+        {
+            "name": "small",
+            "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]},
+            "home": {"position_enu_m": [-5, -5]},
+            "targets": [{"class": "stop sign", "position_enu_m": [45, 12], "size_m": 0.9}],
+            "camera": {"hfov_rad": 1.2},
+            "safety": {"no_fly_enu_m": [[[40, 7], [50, 7], [50, 17], [40, 17]]]},
+        }
+    )
+    journal = MemoryJournal()
+    fly(build_mission(scenario, 0, "statistical"), journal)
+    run = Run(scenario, tuple(journal.lines))
+    (tmp_path / "map.png").write_bytes(b"")
+    text = write_run_report(run, compute_summary(run), tmp_path).read_text("utf-8")
+    (refused,) = [line for line in journal.lines if line["kind"] == "safety"]
+    assert f"A check is refused: {refused['sentence']}" in text
+    (left,) = [line for line in journal.lines if line["kind"] == "unchecked"]
+    latitude, longitude, _ = scenario.frame.geodetic_from_enu([left["p"]])[0]
+    assert f"<td>{latitude:.7f}</td><td>{longitude:.7f}</td>" in text
+    assert "what can be is checked" in text
+
+
+def test_every_action_has_its_words():
+    line = {"kind": "safety", "cause": "wind", "sentence": "The wind blows at 12 m/s."}
+    told = {
+        safety_words(line | {"action": a}) for a in ("CONTINUE", "REFUSE_CHECK", "HOLD", "RETURN", "LAND")
+    }
+    assert len(told) == 5
+    assert "The vehicle holds: The wind blows at 12 m/s." in told
+    blind = {"kind": "unsearched", "length_m": 41.7, "again": True}
+    assert safety_words(blind) == "42 m of the scan turned out to be flown blind; they are scanned again."
+    assert "not scanned again" in safety_words(blind | {"again": False})
