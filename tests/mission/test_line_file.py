@@ -81,6 +81,16 @@ def test_lines_without_checksums_of_an_older_version_may_come_first(tmp_path):
         read(path, encode(RECORDS[0]) * 2 + old)
 
 
+def test_lines_can_be_cut_off_before_others_are_written(tmp_path):
+    path = tmp_path / "lines"
+    path.write_bytes(WHOLE)
+    with closing(LineFile(path, "mend it")) as file:
+        file.cut(1)
+        assert file.records == RECORDS[:1]
+        file.append(RECORDS[3], sync=True)
+    assert path.read_bytes() == encode(RECORDS[0]) + encode(RECORDS[3])
+
+
 def test_two_processes_cannot_write_one_file(tmp_path):
     path = tmp_path / "lines"
     with closing(LineFile(path, "mend it")), multiprocessing.get_context("spawn").Pool(1) as other:

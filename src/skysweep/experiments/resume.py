@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import time
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -14,21 +15,35 @@ from skysweep.errors import UserError
 from skysweep.experiments.single import SETUP, Watch, finish, fly_in, setup_of
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal
-from skysweep.mission.resume import ReplayJournal, recorded_answers
+from skysweep.mission.loop import Mission, Operator
+from skysweep.mission.resume import ReplayJournal, recorded_answers, restored
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
 from skysweep.scenarios.files import load_scenario
 from skysweep.sensing.imaging import ImagingSensor
+from skysweep.types import Camera, Vehicle
 
 SUMMARY_FILE = "summary.json"
 _END = "end"  # kind of a whole journal's last line
+_OTHER_COMMAND = {
+    False: "a real vehicle flew the mission; go on with  skysweep fly --resume {}",
+    True: "the mission was simulated; go on with  skysweep resume {}",
+}
 
 
-def resume_folder(folder: Path, watch: Watch | None = None, from_sound_lines: bool = False) -> dict[str, Any]:
+def resume_folder(
+    folder: Path,
+    watch: Watch | None = None,
+    from_sound_lines: bool = False,
+    vehicle: Vehicle | None = None,
+    camera: Camera | None = None,
+    operator: Operator = lambda: None,
+) -> dict[str, Any]:
     """Go on with the mission of a run folder where it was broken off; its summary.
 
-    All is as if it had never been broken off, but for the wall time. A complete mission is left alone. With
-    ``from_sound_lines`` a journal that is damaged in the middle is set aside and the lines before the damage
-    are gone on from.
+    A simulated mission ends as if it had never been broken off, but for the wall time. One that a ``vehicle``
+    from outside flew goes on with that, from where it is now; ``camera`` and ``operator`` are as in
+    ``fly_to_folder``. A complete mission is left alone. With ``from_sound_lines`` a journal that is damaged
+    in the middle is set aside and the lines before the damage are gone on from.
 
     Raises UserError when there is no mission, it still flies, its journal is damaged, or what it was begun
     with is not what there is now.
@@ -45,7 +60,24 @@ def resume_folder(folder: Path, watch: Watch | None = None, from_sound_lines: bo
             raise UserError(f"{folder}: {_nothing_begun(folder)}")
         if journal.records[-1]["kind"] == _END:
             return finish(folder, None)
-        _fly_again(folder, journal, watch)
+        begun = _begun(folder, journal)
+        if begun["replays"] == (vehicle is not None):
+            raise UserError(f"{folder}: {_OTHER_COMMAND[vehicle is not None].format(folder)}")
+        mission = build_mission(
+            load_scenario(folder / CONFIG_FILE),
+            begun["seed"],
+            begun["sensor"],
+            begun["renderer"] or "auto",
+            begun["threads"],
+            vehicle,
+            camera,
+        )
+        with closing(mission.sensor):
+            _refuse_other_parts(folder, begun, setup_of(mission, begun["threads"]))
+            if vehicle is None:
+                _fly_again(folder, mission, journal, watch)
+            else:
+                _fly_on(folder, mission, journal, watch, operator)
         return finish(folder, started)
 
 
@@ -58,7 +90,8 @@ def summary_of_complete(folder: Path) -> dict[str, Any] | None:
     return summary
 
 
-def _fly_again(folder: Path, journal: FileJournal, watch: Watch | None) -> None:
+def _begun(folder: Path, journal: FileJournal) -> dict[str, Any]:
+    """With what the mission was begun."""
     begun = journal.records[0]
     if begun["kind"] != SETUP or begun["version"] != __version__:
         version = begun.get("version", "0.1.0")
@@ -66,22 +99,36 @@ def _fly_again(folder: Path, journal: FileJournal, watch: Watch | None) -> None:
             f"{folder}: the mission was begun by skysweep {version}, and this is {__version__}; install that "
             "one to go on, or fly it again into a new folder"
         )
-    scenario = load_scenario(folder / CONFIG_FILE)
-    mission = build_mission(
-        scenario, begun["seed"], begun["sensor"], begun["renderer"] or "auto", begun["threads"]
-    )
-    with closing(mission.sensor):
-        for field, now in setup_of(mission, begun["threads"]).items():
-            if begun.get(field) != now:
-                raise UserError(
-                    f"{folder}: the mission was begun with {field} {begun.get(field)}, and now it is {now}; "
-                    "put back what it was, or fly it again into a new folder"
-                )
-        if isinstance(mission.sensor, ImagingSensor):
-            mission.sensor.recall(recorded_answers(journal.records))
-        replayed = ReplayJournal(journal)
-        replayed.write(0.0, SETUP, **setup_of(mission, begun["threads"]))
-        fly_in(folder, mission, replayed, watch)
+    return begun
+
+
+def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[str, Any]) -> None:
+    for field, now in setup.items():
+        if begun.get(field) != now:
+            raise UserError(
+                f"{folder}: the mission was begun with {field} {begun.get(field)}, and now it is {now}; "
+                "put back what it was, or fly it again into a new folder"
+            )
+
+
+def _fly_again(folder: Path, mission: Mission, journal: FileJournal, watch: Watch | None) -> None:
+    if isinstance(mission.sensor, ImagingSensor):
+        mission.sensor.recall(recorded_answers(journal.records))
+    fly_in(folder, mission, ReplayJournal(journal, journal.records[1:]), watch)
+
+
+def _fly_on(
+    folder: Path, mission: Mission, journal: FileJournal, watch: Watch | None, operator: Operator
+) -> None:
+    mission = restored(mission, journal)
+    last_s = float(journal.records[-1]["t"])
+    kinds = {r["kind"] for r in journal.records}
+    if "landed" in kinds or ("finished" in kinds and not mission.vehicle.state().airborne):
+        if "landed" not in kinds:
+            journal.write(last_s, "landed")
+        journal.write(last_s, _END, reason="completed" if "finished" in kinds else "broken off")
+    else:
+        fly_in(folder, mission, journal, watch, operator, journal.records)
 
 
 def _nothing_begun(folder: Path) -> str:

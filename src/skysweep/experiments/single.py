@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -92,8 +92,9 @@ def fly_in(
     journal: Journal,
     watch: Watch | None,
     operator: Operator = lambda: None,
+    before: Sequence[Mapping[str, Any]] = (),
 ) -> None:
-    """Fly a mission whose run folder is made.
+    """Fly a mission whose run folder is made; ``before`` is as in ``fly``.
 
     Raises UserError when the disk was full; the vehicle has come home then.
     """
@@ -108,7 +109,7 @@ def fly_in(
         for watcher in watchers:
             watcher(state, mode, new)
 
-    fly(mission, journal, watch_all, operator)
+    fly(mission, journal, watch_all, operator, before)
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  {resume_command(folder)}  "
@@ -132,6 +133,7 @@ def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
         "renderer": renderer,
         "threads": threads,
         "model": sees_with,
+        "replays": mission.replays,
     }
 
 

@@ -48,6 +48,8 @@ def build_mission(
     """
     if sensor_name not in SENSORS:
         raise UserError(f"sensor: there is no sensor '{sensor_name}'; write one of {', '.join(SENSORS)}")
+    replays = vehicle is None and camera is None and detector is None
+    waits = vehicle is None
     search = scenario.search
     spec = strategy_spec(search.strategy)
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
@@ -77,11 +79,12 @@ def build_mission(
             model_for(scenario),
         )
     else:
-        from skysweep.sensing.imaging import ImagingSensor
+        from skysweep.sensing.imaging import PATIENCE_S, ImagingSensor
 
         looks_with = detector or make_detector(scenario, threads)
         pictures = camera or _rendered_camera(scenario, world, eye, seed, renderer)
-        sensor = ImagingSensor(pictures, looks_with, exposures, camera_model.latency_s)
+        patience_s = PATIENCE_S if waits else 0.0
+        sensor = ImagingSensor(pictures, looks_with, exposures, camera_model.latency_s, patience_s)
     look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
     return Mission(
@@ -96,6 +99,7 @@ def build_mission(
         cover_altitude_agl_m,
         yaw_from_heading(plan.heading_deg),
         world.terrain.height_m,
+        replays,
     )
 
 

@@ -34,8 +34,8 @@ class Journal(Protocol):
 class FileJournal:
     """Appends to a run folder's journal; every line but states and looks is fsynced.
 
-    ``records`` is what it held when it was opened. When the disk takes no more, ``failed`` says so, what is
-    there stays sound and nothing more is written. ``set_aside`` is for a damaged one, see ``LineFile``.
+    When the disk takes no more, ``failed`` says so, what is there stays sound and nothing more is written.
+    ``set_aside`` is for a damaged one, see ``LineFile``.
 
     Raises UserError where the journal cannot be written, is being written, or is damaged.
     """
@@ -45,7 +45,11 @@ class FileJournal:
     def __init__(self, path: Path, set_aside: Path | None = None) -> None:
         self.path = path
         self._file = LineFile(path, _remedy(path), set_aside)
-        self.records = self._file.records
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """What the journal held when it was opened, and was not cut off."""
+        return self._file.records
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Append one line. Numbers are rounded to a tenth of a millimetre or a tenth of a millisecond."""
@@ -55,6 +59,10 @@ class FileJournal:
             self._file.append(line_of(time_s, kind, fields), sync=kind not in _UNHURRIED)
         except UserError as error:
             self.failed = str(error)
+
+    def cut(self, n_lines: int) -> None:
+        """Keep only the first of ``records``."""
+        self._file.cut(n_lines)
 
     def close(self) -> None:
         """Close the file."""

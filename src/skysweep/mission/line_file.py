@@ -86,6 +86,12 @@ class LineFile:
             ) from None
         self._end += len(line)
 
+    def cut(self, n_lines: int) -> None:
+        """Keep only the first of the lines that there were when the file was opened."""
+        self.records = self.records[:n_lines]
+        self._end = sum(len(encode(record)) for record in self.records)
+        self._file.truncate(self._end)
+
     def close(self) -> None:
         """Close the file; others may write it."""
         self._file.close()

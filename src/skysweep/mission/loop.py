@@ -237,6 +237,8 @@ class _Flight:
         self._next_check_s = now_s + CHECK_PERIOD_S
         self._guard.heed(word)
         alarms = self._guard.alarms(state, self._altitude_agl_m(state), phase)
+        if self._notes.failed is not None:
+            alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
         if alarms or self._worst is not _ALL_WELL:
             self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
             self._notes.alarms(now_s, alarms)

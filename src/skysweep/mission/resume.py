@@ -3,35 +3,43 @@
 A simulated mission is flown again from the start, a thousand times faster than real time: it is deterministic
 but for what the detector said to the pictures, and that is in the journal. What it writes is compared with
 what is there, line for line; where the journal ends, the mission goes on.
+
+What a real vehicle did cannot be done again. Its missions write a snapshot of strategy and tracker after
+every step that changed them, and go on from the last one, from where the vehicle is then.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from skysweep.errors import UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
+from skysweep.mission.loop import Mission
 from skysweep.sensing.imaging import Answer, DetectorError, ImagingSensor
-from skysweep.types import Detections, VehicleState
+from skysweep.types import Detections, Vehicle, VehicleState
 
 Record = Mapping[str, Any]
 
 LOOK = "look"  # kind of the lines with the detector's answers
+SNAPSHOT = "snapshot"
+_PASSING = {"setup", "start", "plan", "state", "safety", "resumed", LOOK, SNAPSHOT}  # of no step
+_UNSEEN_S = 1.0  # of a scan: may not have been looked at when the mission was broken off
 
 
 class ReplayJournal:
-    """Takes down only what its file does not hold yet.
+    """Takes down only what its file does not hold yet: not ``recorded``, which it ends with.
 
     Raises UserError in ``write`` when the mission does not do again what the file says that it did.
     """
 
-    def __init__(self, journal: FileJournal) -> None:
+    def __init__(self, journal: FileJournal, recorded: Sequence[Record]) -> None:
         self._journal = journal
-        self._expected = deque(enumerate(journal.records, start=1))
+        self._expected = deque(enumerate(recorded, start=len(journal.records) - len(recorded) + 1))
 
     @property
     def failed(self) -> str | None:
@@ -92,3 +100,54 @@ def recorded_answers(records: Iterable[Record]) -> list[Answer]:
         for r in records
         if r["kind"] == LOOK
     ]
+
+
+class LaterVehicle:
+    """A vehicle whose time begins with its take-off, in a mission that has lasted ``earlier_s`` already."""
+
+    def __init__(self, vehicle: Vehicle, earlier_s: float) -> None:
+        self._vehicle, self._earlier_s = vehicle, earlier_s
+        self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
+        self.takeoff, self.land = vehicle.takeoff, vehicle.land
+
+    def state(self) -> VehicleState:
+        """The vehicle's, in the mission's time."""
+        state = self._vehicle.state()
+        return replace(state, time_s=state.time_s + self._earlier_s)
+
+
+def restored(mission: Mission, journal: FileJournal) -> Mission:
+    """A mission just built, as it was when the journal's was broken off; what a broken step wrote is cut off.
+
+    A SCAN goes on from where it was left.
+    """
+    journal.cut(_n_whole(journal.records))
+    records = journal.records
+    last = next((r for r in reversed(records) if r["kind"] == SNAPSHOT), None)
+    if last is not None:
+        strategy = dict(last["strategy"])
+        left_xy = _left_at(records)
+        if left_xy and strategy.get("to_scan") and not strategy.get("left_xy"):
+            strategy["to_scan"] = [left_xy, *strategy["to_scan"]]
+        mission.strategy.restore(strategy)
+        mission.tracker.restore(last["tracker"])
+    earlier_s = max((r["t"] for r in records), default=0.0)
+    return replace(mission, vehicle=LaterVehicle(mission.vehicle, earlier_s))
+
+
+def _n_whole(records: Sequence[Record]) -> int:
+    """How many lines there are before a last step whose snapshot is missing."""
+    n = len(records)
+    while n and records[n - 1]["kind"] not in _PASSING:
+        n -= 1
+    return n
+
+
+def _left_at(records: Sequence[Record]) -> list[float] | None:
+    """Up to where a SCAN was surely looked at; None when the mission was in a CHECK, or had not begun."""
+    states = [r for r in records if r["kind"] == "state" and r["mode"] in ("SCAN", "CHECK")]
+    if not states or states[-1]["mode"] != "SCAN":
+        return None
+    sure = [r for r in states if r["mode"] == "SCAN" and r["t"] <= states[-1]["t"] - _UNSEEN_S]
+    x, y, _ = (sure or states)[-1]["p"]
+    return [x, y]

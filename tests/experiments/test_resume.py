@@ -1,0 +1,325 @@
+"""A mission that is killed at any of its lines ends as if nothing had happened."""
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from skysweep.errors import UserError
+from skysweep.experiments.resume import resume_folder
+from skysweep.experiments.single import fly_to_folder
+from skysweep.mission.journal import FileJournal, read_journal
+from skysweep.mission.line_file import encode
+from skysweep.scenarios.model import Scenario
+
+SHORT = {
+    "name": "short",
+    "area": {"polygon_enu_m": [[0, 0], [8, 0], [8, 6], [0, 6]]},
+    "home": {"position_enu_m": [-3, -3]},
+    "targets": [{"class": "stop sign", "position_enu_m": [4, 3], "size_m": 0.9}],
+    "camera": {"hfov_rad": 1.2},
+    "search": {"n_c": 1, "scan_altitude_agl_m": 8},
+}
+RESULTS = ("journal.jsonl", "config.yaml", "targets.geojson", "targets.csv", "map.png")
+WALL = ("wall_time_s", "real_time_factor")
+
+
+def fly_short(folder, sensor="statistical", watch=None):
+    return fly_to_folder(Scenario.model_validate(SHORT), 2, folder, sensor, watch=watch)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of the mission that nobody breaks off."""
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    fly_short(folder)
+    return folder
+
+
+def killed_after(n_lines, work, *args):
+    """Work in a process of its own that kills itself, as by kill -9, when it has written ``n_lines``."""
+    child = os.fork()
+    if child == 0:
+        write, written = FileJournal.write, 0
+
+        def write_and_die(self, *args, **fields):
+            nonlocal written
+            write(self, *args, **fields)
+            written += 1
+            if written == n_lines:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        FileJournal.write = write_and_die
+        work(*args)
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status), "it was over before it was killed"
+    assert os.WTERMSIG(status) == signal.SIGKILL
+
+
+def summary_of(folder):
+    summary = json.loads((folder / "summary.json").read_text())
+    return {key: value for key, value in summary.items() if key not in WALL}
+
+
+def assert_same(folder, whole, results=RESULTS):
+    assert summary_of(folder) == summary_of(whole)
+    for name in results:
+        assert (folder / name).read_bytes() == (whole / name).read_bytes(), name
+
+
+def cut(whole, folder, n_lines):
+    """A copy of the mission as a kill after ``n_lines`` leaves it."""
+    folder.mkdir()
+    shutil.copy(whole / "config.yaml", folder)
+    lines = (whole / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (folder / "journal.jsonl").write_bytes(b"".join(lines[:n_lines]))
+    return folder
+
+
+def test_killed_at_every_line_it_ends_the_same(whole, tmp_path, monkeypatch):
+    """The journal decides everything else; the whole results are compared in the next test."""
+    monkeypatch.setattr("skysweep.experiments.resume.finish", lambda *_: {})
+    expected = (whole / "journal.jsonl").read_bytes()
+    n_lines = expected.count(b"\n")
+    assert n_lines > 60
+    for k in range(1, n_lines):
+        folder = tmp_path / f"killed-{k}"
+        killed_after(k, fly_short, folder)
+        assert (folder / "journal.jsonl").read_bytes() == b"".join(expected.splitlines(keepends=True)[:k])
+        resume_folder(folder)
+        assert (folder / "journal.jsonl").read_bytes() == expected, f"killed at line {k}"
+
+
+def test_results_are_those_of_the_mission_that_nobody_broke_off(whole, tmp_path):
+    killed_after(30, fly_short, tmp_path / "run")
+    resume_folder(tmp_path / "run")
+    assert_same(tmp_path / "run", whole)
+
+
+def test_it_can_be_resumed_again_and_again(whole, tmp_path):
+    folder = tmp_path / "run"
+    killed_after(20, fly_short, folder)
+    for n_lines in (15, 25):
+        killed_after(n_lines, resume_folder, folder)
+    assert len(read_journal(folder / "journal.jsonl")) == 60
+    resume_folder(folder)
+    assert_same(folder, whole)
+
+
+def test_killed_while_it_wrote_results_it_writes_them(whole, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    (folder / "summary.json").write_text('{"scenario": "sho')
+    (folder / "map.png").unlink()
+    resume_folder(folder)
+    assert_same(folder, whole)
+
+
+def test_a_complete_mission_is_left_alone(whole, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    assert resume_folder(folder) == json.loads((whole / "summary.json").read_text())
+    assert {path: path.stat().st_mtime_ns for path in folder.iterdir()} == before
+
+
+def test_a_torn_line_is_written_again(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 25)
+    with (folder / "journal.jsonl").open("ab") as journal:
+        journal.write(b'{"t": 3.5, "kind": "sta')
+    resume_folder(folder)
+    assert_same(folder, whole)
+
+
+def test_a_damaged_journal_goes_on_from_its_sound_lines(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 40)
+    journal = folder / "journal.jsonl"
+    damaged = journal.read_bytes().replace(b'"kind": "plan"', b'"kind": "plam"')
+    journal.write_bytes(damaged)
+    with pytest.raises(UserError, match=r"line 3 is damaged, 2 before it are sound; .*--from-sound-lines"):
+        resume_folder(folder)
+    assert journal.read_bytes() == damaged
+    resume_folder(folder, from_sound_lines=True)
+    assert_same(folder, whole)
+    assert (folder / "journal.jsonl.damaged").read_bytes() == damaged
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"version": "0.0.9"}, r"begun by skysweep 0\.0\.9, and this is .*; install that one to go on"),
+        ({"model": "another"}, r"begun with model another, and now it is [0-9a-f]{64}; put back what it was"),
+        ({"seed": 3}, r"flown again, the mission differs in line \d+"),
+    ],
+)
+def test_what_differs_from_the_begun_mission_is_refused(whole, tmp_path, change, told):
+    folder = cut(whole, tmp_path / "run", 60)
+    journal = folder / "journal.jsonl"
+    first, *rest = read_journal(journal)
+    content = b"".join(encode(line) for line in [first | change, *rest])
+    journal.write_bytes(content)
+    with pytest.raises(UserError, match=told):
+        resume_folder(folder)
+    assert journal.read_bytes() == content
+
+
+def test_another_scenario_in_the_folder_is_refused(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 60)
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    config["search"]["scan_altitude_agl_m"] += 0.5
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.raises(UserError, match="flown again, the mission differs in line"):
+        resume_folder(folder)
+
+
+def test_a_mission_that_still_flies_is_refused(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 10)
+    flyer = subprocess.Popen(
+        [sys.executable, "-c", "import fcntl, sys, time\n"
+         "file = open(sys.argv[1], 'ab'); fcntl.flock(file, fcntl.LOCK_EX); print('flies', flush=True)\n"
+         "time.sleep(60)", folder / "journal.jsonl"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    try:
+        assert flyer.stdout.readline() == "flies\n"
+        with pytest.raises(UserError, match="another skysweep is writing it; wait"):
+            resume_folder(folder)
+    finally:
+        flyer.kill()
+        flyer.wait()
+    resume_folder(folder)
+    assert_same(folder, whole)
+
+
+def test_a_mission_keeps_others_away_while_it_flies(tmp_path):
+    def try_to_write(_state, _mode, _new):
+        with (tmp_path / "run" / "journal.jsonl").open("ab") as file, pytest.raises(BlockingIOError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        fly_short(tmp_path / "run", watch=try_to_write)
+
+
+@pytest.mark.parametrize("journal", [None, b"", b'{"t": 0.0, "kind": "set'])
+def test_a_folder_where_nothing_was_begun_says_how_to_fly_it(whole, tmp_path, journal):
+    shutil.copy(whole / "config.yaml", tmp_path)
+    if journal is not None:
+        (tmp_path / "journal.jsonl").write_bytes(journal)
+    with pytest.raises(
+        UserError, match=r"broken off before take-off; fly it with  skysweep run .*config\.yaml"
+    ):
+        resume_folder(tmp_path)
+    fly_short(tmp_path)
+    assert_same(tmp_path, whole)
+
+
+def test_no_run_folder_is_said(tmp_path):
+    with pytest.raises(UserError, match=r"has no config\.yaml; give a folder that 'skysweep run' wrote"):
+        resume_folder(tmp_path)
+
+
+def test_flying_into_a_begun_folder_names_the_command_that_goes_on(whole, tmp_path):
+    folder = cut(whole, tmp_path / "my run", 10)
+    with pytest.raises(UserError, match=r"go on with it:  skysweep resume '.*my run'"):
+        fly_short(folder)
+
+
+def test_on_a_full_disk_it_comes_home_and_goes_on_when_there_is_room(whole, tmp_path):
+    """A limit on the size of files is what a full disk looks like to one process."""
+    folder = tmp_path / "run"
+    program = f"""
+import json, resource, signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from skysweep.errors import UserError
+from test_resume import fly_short
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+states = []
+def watch(state, mode, new):
+    states.append((mode, state.position_enu_m[:2].tolist()))
+    if len(states) == 1:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
+try:
+    fly_short(Path(sys.argv[1]), watch=watch)
+except UserError as error:
+    print(json.dumps([str(error), list(dict.fromkeys(mode for mode, *_ in states)), states[-1][1]]))
+"""
+    run = subprocess.run([sys.executable, "-c", program, folder], capture_output=True, text=True, check=True)
+    told, modes, xy = json.loads(run.stdout)
+    journal = folder / "journal.jsonl"
+    assert told == (
+        f"{journal}: nothing more can be written (File too large); what it holds is sound, and the vehicle "
+        f"has come home; make room, then  skysweep resume {folder}  goes on"
+    )
+    assert "CHECK" not in modes
+    assert modes[-2:] == ["RETURN", "LAND"]
+    assert abs(xy[0] + 3) < 2.0
+    assert abs(xy[1] + 3) < 2.0
+    before = (whole / "journal.jsonl").read_bytes()
+    assert 5000 < journal.stat().st_size <= 6000
+    assert before.startswith(journal.read_bytes())
+    resume_folder(folder)
+    assert_same(folder, whole)
+
+
+def test_ctrl_c_says_the_command_that_goes_on(tmp_path):
+    scenario = tmp_path / "short.yaml"
+    scenario.write_text(yaml.safe_dump(SHORT | {"name": "short"}))
+    run = subprocess.Popen(
+        [sys.executable, "-m", "skysweep.cli", "run", scenario, "--sensor", "statistical", "--out",
+         tmp_path / "my run", "--set", "vehicle.cruise_speed_mps=0.3"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )  # fmt: skip
+    journal = tmp_path / "my run" / "journal.jsonl"
+    while run.poll() is None and not (journal.exists() and journal.read_bytes().count(b"\n") > 8):
+        pass
+    run.send_signal(signal.SIGINT)
+    _, told = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert f"stopped; go on with:  skysweep resume '{tmp_path / 'my run'}'" in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.1, 0.35, 0.6, 0.85])
+def test_with_pictures_it_ends_the_same_too(pictured, tmp_path, share):
+    lines = read_journal(pictured / "journal.jsonl")
+    k = round(share * len(lines))
+    while lines[k - 1]["kind"] != "look" or not lines[k - 1]["confidences"]:
+        k += 1
+    flown_in_fresh_process_until_killed(tmp_path / "run", k)
+    resume_folder(tmp_path / "run")
+    assert_same(tmp_path / "run", pictured)
+    names = sorted(path.name for path in (pictured / "pictures").iterdir())
+    assert sorted(path.name for path in (tmp_path / "run" / "pictures").iterdir()) == names
+    for name in names:
+        assert_same(tmp_path / "run", pictured, [Path("pictures") / name])
+
+
+@pytest.fixture(scope="module")
+def pictured(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictured") / "run"
+    fly_short(folder, "imaging")
+    return folder
+
+
+def flown_in_fresh_process_until_killed(folder, n_lines):
+    """OpenGL and ONNX Runtime have threads, so that a forked process cannot use them."""
+    program = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from test_resume import fly_short, killed_after
+killed_after({n_lines}, fly_short, Path(sys.argv[1]), "imaging")
+"""
+    subprocess.run([sys.executable, "-c", program, folder], check=True)

@@ -1,0 +1,126 @@
+"""A mission of a vehicle that cannot be flown again goes on from its last snapshot."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from skysweep.experiments.resume import resume_folder
+from skysweep.experiments.single import SETUP, fly_in, setup_of
+from skysweep.mission.build import build_mission
+from skysweep.mission.journal import FileJournal, read_journal
+from skysweep.mission.line_file import encode
+from skysweep.results.run_folder import load_run
+from skysweep.scenarios.files import write_scenario
+from skysweep.scenarios.model import Scenario
+from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+
+SCENARIO = Scenario.model_validate(
+    {
+        "name": "fields",
+        "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]},
+        "home": {"position_enu_m": [-5, -5]},
+        "targets": [
+            {"class": "stop sign", "position_enu_m": [20, 20], "size_m": 0.9},
+            {"class": "stop sign", "position_enu_m": [45, 12], "size_m": 0.9},
+        ],
+        "camera": {"hfov_rad": 1.2},
+        "search": {"n_c": 1},
+    }
+)
+
+
+class Broken(Exception):
+    """Our side ends."""
+
+
+def broken_off(folder, until):
+    """Fly until ``until(record)``; the vehicle, which is left as it is."""
+    folder.mkdir()
+    write_scenario(SCENARIO, folder / "config.yaml")
+    vehicle = embedded_vehicle(SCENARIO, 0)
+    mission = build_mission(SCENARIO, 0, "statistical", vehicle=vehicle)
+    assert not mission.replays
+
+    class Breaking(FileJournal):
+        def write(self, time_s, kind, **fields):
+            super().write(time_s, kind, **fields)
+            if until({"t": time_s, "kind": kind} | fields):
+                raise Broken
+
+    with closing(Breaking(folder / "journal.jsonl")) as journal:
+        journal.write(0.0, SETUP, **setup_of(mission, 1))
+        with pytest.raises(Broken):
+            fly_in(folder, mission, journal, None)
+    return vehicle
+
+
+def first_verdict(record):
+    return record["kind"] == "confirmed"
+
+
+def half_way(record):
+    return record["kind"] == "waypoint_reached" and record["t"] > 40.0
+
+
+@pytest.mark.parametrize("until", [first_verdict, half_way, lambda r: r["kind"] == "check_started"])
+@pytest.mark.parametrize("stays_up", [True, False])
+def test_it_goes_on_from_where_the_vehicle_is(tmp_path, until, stays_up):
+    folder = tmp_path / "run"
+    vehicle = broken_off(folder, until)
+    if not stays_up:
+        vehicle = embedded_vehicle(SCENARIO, 1)
+    before = read_journal(folder / "journal.jsonl")
+    summary = resume_folder(folder, vehicle=vehicle)
+    assert summary["recall"] == 1.0
+    assert summary["false_positives"] == 0
+    assert summary["completed"]
+    after = read_journal(folder / "journal.jsonl")
+    resumed = next(k for k, r in enumerate(after) if r["kind"] == "resumed")
+    assert after[:resumed] == before[:resumed]
+    assert len(before) - resumed <= 3, "no more than the step in which it was broken off is done again"
+    times = [r["t"] for r in after if r["kind"] == "state"]
+    assert times == sorted(times)
+    settled = [r["candidate"] for r in after if r["kind"] in ("confirmed", "rejected")]
+    assert len(settled) == len(set(settled)), "nothing is checked twice"
+    assert after[-1]["kind"] == "end"
+
+
+def test_nothing_stays_unseen_where_it_was_broken_off(tmp_path):
+    folder = tmp_path / "run"
+    states = []
+
+    def in_the_middle_of_a_leg(record):
+        if record["kind"] == "state" and record["mode"] == "SCAN":
+            states.append(record["p"][:2])
+        return record["kind"] == "state" and record["t"] > 30.0 and record["mode"] == "SCAN"
+
+    broken_off(folder, in_the_middle_of_a_leg)
+    resume_folder(folder, vehicle=embedded_vehicle(SCENARIO, 1))
+    run = load_run(folder)
+    after = run.states.position_enu_m[run.states.time_s > run.events("resumed")[0]["t"], :2]
+    assert np.linalg.norm(after - states[-1], axis=1).min() < 5.0
+
+
+def test_landed_before_the_last_line_it_only_writes_the_end(tmp_path):
+    folder = tmp_path / "run"
+    broken_off(folder, lambda r: r["kind"] == "landed")
+    vehicle = embedded_vehicle(SCENARIO, 1)
+    summary = resume_folder(folder, vehicle=vehicle)
+    assert summary["end_reason"] == "completed"
+    assert not vehicle.state().airborne
+    assert vehicle.state().time_s == 0.0
+
+
+def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
+    folder = tmp_path / "run"
+    broken_off(folder, first_verdict)
+    with pytest.raises(
+        Exception, match=r"a real vehicle flew the mission; go on with  skysweep fly --resume"
+    ):
+        resume_folder(folder)
+    lines = read_journal(folder / "journal.jsonl")
+    lines[0]["replays"] = True
+    (folder / "journal.jsonl").write_bytes(b"".join(encode(line) for line in lines))
+    with pytest.raises(Exception, match="the mission was simulated; go on with  skysweep resume"):
+        resume_folder(folder, vehicle=embedded_vehicle(SCENARIO, 1))
