@@ -21,10 +21,15 @@ from skysweep.errors import UserError
 if TYPE_CHECKING:
     from skysweep.vehicles.px4_preflight import Check
 
+_EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
+
 
 @friendly
 def fly(
-    source: Annotated[str, typer.Argument(help="Scenario (name or YAML) or QGroundControl .plan.")],
+    source: Annotated[
+        str,
+        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to go on with."),
+    ],
     connection: Annotated[
         str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")
     ] = "udpin://127.0.0.1:14540",
@@ -45,7 +50,8 @@ def fly(
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
     Shows the preflight list and asks before arming. In flight: Ctrl-C holds, Enter goes on, Ctrl-C again goes
-    home and lands. However this program ends, the vehicle is left in Hold.
+    home and lands. However this program ends, the vehicle is left in Hold. A flight that was broken off goes
+    on from where the vehicle is when its run folder is given; only --connection and --camera count then.
 
     Examples:
 
@@ -53,29 +59,42 @@ def fly(
 
         skysweep fly clusters --sensor statistical --yes
 
+        skysweep fly runs/clusters-scan-check-seed0
+
         skysweep fly field.plan --connection serial:///dev/ttyUSB0:57600 --camera rtsp://10.0.0.5/live
     """
     from skysweep.experiments.px4_flight import Px4Flight
+    from skysweep.experiments.resume import summary_of_complete
     from skysweep.planning.plan_files import scenario_from_plan
+    from skysweep.results.run_folder import CONFIG_FILE
     from skysweep.scenarios.files import change_scenario, load_scenario
 
-    is_plan = Path(source).suffix.lower() == ".plan"
-    chosen = change_scenario(
-        scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
-    )
+    begun = Path(source) if (Path(source) / CONFIG_FILE).is_file() else None
+    if begun is not None:
+        if summary_of_complete(begun) is not None:
+            console.print(f"complete; nothing to do. Report: {begun / 'report.html'}", soft_wrap=True)
+            return
+        chosen = load_scenario(begun / CONFIG_FILE)
+    else:
+        is_plan = Path(source).suffix.lower() == ".plan"
+        chosen = change_scenario(
+            scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
+        )
     signal.signal(signal.SIGTERM, _end)
     with Px4Flight(chosen, connection, timeout) as flight:
         checks = flight.preflight(upload=not dry_run)
         _print_checks(checks)
-        failed = [check for check in checks if check.passed is False]
+        excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
+        failed = [check for check in checks if check.passed is False and check.name not in excused]
         if failed:
             raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
         if dry_run:
             return
-        if not yes and not typer.confirm("Arm and take off?", err=True):
+        question = "Arm and take off?" if begun is None else "Go on with the mission?"
+        if not yes and not typer.confirm(question, err=True):
             raise typer.Exit(1)
         name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
-        folder = out or free_folder(Path("runs"), name)
+        folder = begun or out or free_folder(Path("runs"), name)
         columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
         with Progress(*columns, console=errors) as progress, _Operator() as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)
@@ -88,7 +107,10 @@ def fly(
                     f"battery {state.battery_remaining:4.0%}   {operator.hint}{silent}",
                 )
 
-            summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator)
+            if begun is not None:
+                summary = flight.resume(begun, camera, watch, operator)
+            else:
+                summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator)
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skysweep.experiments.resume import resume_folder
 from skysweep.experiments.single import Watch, fly_to_folder
 from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
@@ -60,6 +61,15 @@ class Px4Flight:
         summary = fly_to_folder(
             self.scenario, seed, out, sensor_name, renderer, threads, watch, self.vehicle, camera, operator
         )
+        self.vehicle.wait_disarmed(_MOTORS_STOP_S)
+        return summary
+
+    def resume(self, folder: Path, camera_source: str, watch: Watch, operator: Operator) -> dict[str, Any]:
+        """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
+        camera = None
+        if camera_source != RENDERED:
+            camera = VideoCamera(camera_source, self.scenario.camera.lens)
+        summary = resume_folder(folder, watch, vehicle=self.vehicle, camera=camera, operator=operator)
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 

@@ -25,7 +25,7 @@ from skysweep.types import Camera, Vehicle
 SUMMARY_FILE = "summary.json"
 _END = "end"  # kind of a whole journal's last line
 _OTHER_COMMAND = {
-    False: "a real vehicle flew the mission; go on with  skysweep fly --resume {}",
+    False: "a real vehicle flew the mission; go on with  skysweep fly {}",
     True: "the mission was simulated; go on with  skysweep resume {}",
 }
 
