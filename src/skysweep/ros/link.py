@@ -117,10 +117,12 @@ class Link:
         offered = publishers[0].topic_type
         if offered not in type_names:
             raise UserError(f"{full_name}: is of type {offered}; publish {' or '.join(type_names)}")
-        from rclpy.qos import ReliabilityPolicy
+        from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-        reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
-        return Inlet(self, full_name, offered, Quality(10, reliable, latched=False))
+        offers = [p.qos_profile for p in publishers]
+        reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
+        latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)
+        return Inlet(self, full_name, offered, Quality(10, reliable, latched))
 
     def parameter(self, name: str, default: Any) -> Any:
         """A parameter of the node, which nobody may change later. Raises UserError on one of another type."""

@@ -6,6 +6,7 @@ an answer that does not come is an exception of that one look: the mission goes 
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 from dataclasses import replace
 
@@ -26,6 +27,7 @@ F64 = NDArray[np.float64]
 PATIENCE_S = 10.0  # for a part to appear
 ANSWER_S = 5.0  # for an answer to one picture
 _NEXT_PICTURE_S = 1.0
+_ASK_EVERY_S = 1.0
 _OLD_PICTURE_S = 2.0  # what is older by its stamp has a stamp of another clock
 _SAME_TIME_S = 1e-6
 _FOCAL_TOLERANCE = 0.02
@@ -111,16 +113,17 @@ class RosDetector:
             )
 
     def detect(self, frame: Frame) -> Detections:
-        """Ask and wait. Raises NoMessageError when no answer comes, UserError when it is not sound."""
-        publish_frame(self._link, frame)
+        """Ask, once a second, and wait. Raises NoMessageError when no answer comes, UserError on a bad one.
 
-        def answers(arrival: Arrival) -> bool:
-            stamp_s = m.detections_stamp(arrival.message)
-            return stamp_s is not None and abs(stamp_s - frame.time_s) < _SAME_TIME_S
-
-        arrival = self._answers.wait(answers, self._patience_s)
+        A picture is best effort: it may be lost on the way, so that asking once is not enough.
+        """
+        arrival = None
+        deadline_s = time.monotonic() + self._patience_s
+        while arrival is None and (left_s := deadline_s - time.monotonic()) > 0.0:
+            publish_frame(self._link, frame)
+            arrival = self._answers.wait(lambda a: _is_of(a, frame), min(left_s, _ASK_EVERY_S))
         if arrival is None:
-            waited_s, self._patience_s = self._patience_s, min(self._patience_s, _NEXT_PICTURE_S)
+            waited_s, self._patience_s = self._patience_s, min(self._patience_s, _ASK_EVERY_S)
             raise NoMessageError(f"{self._answers.name}: no answer to a picture for {waited_s:g} s")
         self._patience_s = self._answer_s
         found = m.read_detections(arrival.message, frame, self._answers.name)
@@ -232,6 +235,11 @@ def publish_detections(link: Link, found: Detections) -> None:
     """Both forms."""
     link.publish(topics.DETECTIONS, m.detections(found))
     link.publish(topics.STANDARD_DETECTIONS, m.standard_detections(found))
+
+
+def _is_of(arrival: Arrival, frame: Frame) -> bool:
+    stamp_s = m.detections_stamp(arrival.message)
+    return stamp_s is not None and abs(stamp_s - frame.time_s) < _SAME_TIME_S
 
 
 def _first(inlet: Inlet, patience_s: float) -> Arrival:
