@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 
 from skysweep.experiments.sensor_check import calibration_error, goodness, tell
 from skysweep.experiments.sensor_fit import (
+    ALTITUDES_M,
     GRID_PX,
     MISSION_CONFIDENCE_MIN,
     both_below,
@@ -194,19 +195,17 @@ def test_background_rates_follow_altitude():
     hectares = altitudes**2 * 1e-4
     surface = rng.integers(0, 2, 4000)
     counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0) * np.where(surface == 0, 0.2, 1.0))
-    of_report = np.repeat(altitudes, counts)
+    of_report = np.repeat(np.arange(4000), counts)
     n = len(of_report)
     scores = score_of(CONFIDENCE_FLOOR) + rng.exponential(0.6, n)
     seen = Background(
         altitude_agl_m=altitudes,
         hectares=hectares,
-        world=np.zeros(4000, dtype=int),
+        world=np.arange(4000) // 40,
         surface=surface,
         wooded=np.zeros(4000, dtype=bool),
-        surface_of_report=np.repeat(surface, counts),
-        wooded_of_report=np.zeros(n, dtype=bool),
+        picture_of_report=of_report,
         class_index=np.full(n, 1),
-        altitude_of_report_m=of_report,
         confidences=confidence_of(scores),
         pixels=np.full(n, 9.0),
         again=np.where(rng.random(n) < 0.6, confidence_of(scores), 0.0),
@@ -218,7 +217,7 @@ def test_background_rates_follow_altitude():
     assert of_other[1] > 2.0
     assert fitted.surfaces[SURFACES[0]] / fitted.surfaces[SURFACES[1]] == pytest.approx(0.2, rel=0.3)
     assert fitted.wooded == pytest.approx(1.0)
-    assert fitted.score_scale == pytest.approx(0.6, abs=0.08)
+    assert fitted.score_scale == pytest.approx([0.6] * len(ALTITUDES_M), abs=0.15)
     assert fitted.again == pytest.approx(0.6, abs=0.05)
     assert fitted.same_share > 0.9
     assert fitted.pixels == 9.0

@@ -322,7 +322,7 @@ def background(**other):
         per_hectare=[0.001, 40.0],
         surfaces={"grass": 1.0, "water": 0.1},
         wooded=2.0,
-        score_scale=0.5,
+        score_scale=[0.5, 0.5],
         again=0.5,
         same_share=0.5,
         pixels=12.0,

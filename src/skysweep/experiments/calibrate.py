@@ -29,7 +29,7 @@ def calibrate(
     model: str,
     camera: CameraModel,
     out_yaml: Path,
-    pictures: int = 3000,
+    pictures: int = 4000,
     seed: int = 0,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,

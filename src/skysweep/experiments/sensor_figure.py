@@ -16,7 +16,7 @@ from scipy.stats import beta, norm
 
 from skysweep.experiments.sensor_check import EDGES, THRESHOLDS, Told
 from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN
-from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, Background, Looks
+from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, SURFACES, Background, Looks
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
 from skysweep.sensing.statistical_model import (
@@ -192,7 +192,7 @@ def _draw_background(axes: Axes, seen: Background, model: StatisticalModel) -> N
     edges = np.geomspace(2.5, 130.0, 7)
     for c, name in enumerate(CLASSES):
         strong = (seen.class_index == c) & (seen.confidences >= MISSION_CONFIDENCE_MIN)
-        counts, _ = np.histogram(seen.altitude_of_report_m[strong], edges)
+        counts, _ = np.histogram(seen.altitude_agl_m[seen.picture_of_report[strong]], edges)
         ground, _ = np.histogram(seen.altitude_agl_m, edges, weights=seen.hectares)
         some = (ground > 0) & (counts > 0)
         middles, rates = np.sqrt(edges[1:] * edges[:-1])[some], counts[some] / ground[some]
@@ -200,7 +200,12 @@ def _draw_background(axes: Axes, seen: Background, model: StatisticalModel) -> N
         axes.errorbar(middles, rates, bars, fmt="o", color=_COLOURS[name], markersize=3, linewidth=0.9)
         fitted = next((b for b in model.background if b.reported_as == name), None)
         if fitted is not None:
-            axes.plot(fitted.altitude_agl_m, background_rates(fitted, model), color=_COLOURS[name])
+            expected, _ = np.histogram(
+                seen.altitude_agl_m, edges, weights=seen.hectares * background_rates(fitted, model, seen)
+            )
+            looked = ground > 0
+            centres = np.sqrt(edges[1:] * edges[:-1])[looked]
+            axes.plot(centres, expected[looked] / ground[looked], color=_COLOURS[name])
     axes.set_ylim(bottom=0.0)
     _finish_altitudes(axes, "reports where nothing is", "a hectare and look")
 
@@ -214,10 +219,15 @@ def _draw_distractors(axes: Axes, model: StatisticalModel) -> None:
     _finish_altitudes(axes, "look-alikes taken for a target", "in a look")
 
 
-def background_rates(fitted: BackgroundModel, model: StatisticalModel) -> F64:
-    """Reports a hectare and look with the missions' threshold, over the altitudes of the model."""
+def background_rates(fitted: BackgroundModel, model: StatisticalModel, seen: Background) -> F64:
+    """(M,): what the model says of each picture, reports a hectare with the missions' threshold."""
+    at, grid = np.log(seen.altitude_agl_m), np.log(fitted.altitude_agl_m)
     excess = score_of(MISSION_CONFIDENCE_MIN) - score_of(model.experiment.confidence_floor)
-    return np.asarray(np.array(fitted.per_hectare) * np.exp(-excess / fitted.score_scale))
+    strong = np.exp(-excess / np.interp(at, grid, fitted.score_scale))
+    on = np.array([fitted.surfaces[name] for name in SURFACES])[seen.surface]
+    return np.asarray(
+        np.interp(at, grid, fitted.per_hectare) * strong * on * np.where(seen.wooded, fitted.wooded, 1)
+    )
 
 
 def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:

@@ -72,6 +72,8 @@ _MAX_PAIRS = 4000
 _SHARES = np.linspace(0.0, 0.9, 19)
 _SHARE_STD = 0.15
 _USUAL_SHARES = (0.3, 0.3)
+_RATE_CURVE_STD, _RATE_SLOPE_STD = 0.5, 1.0  # of differences of the log rate, an octave of altitude apart
+_SCALE_CURVE_STD, _SCALE_SLOPE_STD = 0.3, 0.3  # and of the log of the mean score
 _GROUND_STD = 1.2  # prior of the log factors of a surface and of trees
 _FADES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -418,39 +420,44 @@ def fit_box(looks: Looks) -> BoxModel:
 
 
 def fit_background(seen: Background, class_index: int) -> BackgroundModel | None:
-    """Reports of one class on no object; None where there are too few to tell a rate.
+    """Reports of one class on no object, from the lowest of the altitudes up; None where there are too few.
 
     A rate a hectare, log-linear over log altitude (Poisson, smoothed), times a factor for the surface and one
-    for trees, both drawn towards 1 where little was seen; scores over the floor are exponential.
+    for trees, both drawn towards 1 where little was seen; scores over the floor are exponential, their mean
+    log-linear over log altitude too. What one world shows again and again is one finding: both likelihoods
+    are divided by the reports a world that has any (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
     """
-    mine = seen.class_index == class_index
+    high = seen.altitude_agl_m >= ALTITUDES_M[0]
+    mine = (seen.class_index == class_index) & high[seen.picture_of_report]
     found = seen.confidences[mine]
-    if (found >= MISSION_CONFIDENCE_MIN).sum() < MIN_REPORTS:
+    if len(found) < MIN_REPORTS:
         return None
-    grid = np.log(ALTITUDES_M)
-    at = _background_design(
-        seen.altitude_of_report_m[mine], seen.surface_of_report[mine], seen.wooded_of_report[mine]
-    ).sum(axis=0)
+    pictures = seen.picture_of_report[mine]
+    alike = len(found) / len(np.unique(seen.world[pictures]))
     ground = _background_design(seen.altitude_agl_m, seen.surface, seen.wooded)
-    n, bends = len(grid), np.diff(np.eye(len(grid)), 2, axis=0)
+    hectares = np.where(high, seen.hectares, 0.0)
+    at, n = ground[pictures].sum(axis=0), len(ALTITUDES_M)
+    bends = _smoothness(_RATE_CURVE_STD, _RATE_SLOPE_STD)
 
     def cost(logs: F64) -> tuple[float, F64]:
         bend, factors = bends @ logs[:n], logs[n:] / _GROUND_STD
-        expected = seen.hectares * np.exp(ground @ logs)
-        value = float(expected.sum() - at @ logs + 0.5 * (bend @ bend + factors @ factors))
-        slope = ground.T @ expected - at
+        expected = hectares * np.exp(ground @ logs)
+        value = float((expected.sum() - at @ logs) / alike + 0.5 * (bend @ bend + factors @ factors))
+        slope = (ground.T @ expected - at) / alike
         return value, slope + np.concatenate([bends.T @ bend, factors / _GROUND_STD])
 
     start = np.zeros(ground.shape[1])
-    start[:n] = np.log(len(found) / seen.hectares.sum())
+    start[:n] = np.log(len(found) / hectares.sum())
     logs = minimize(cost, start, method="L-BFGS-B", jac=True).x
     rates, factors = np.exp(logs[:n]), np.exp(logs[n:])
     followed = mine & np.isfinite(seen.again)
     again = seen.again[followed]
     repeats = again > 0
-    scale = float((score_of(found) - FLOOR_SCORE).mean())
+    over = score_of(found) - FLOOR_SCORE
+    hats = ground[pictures, :n]
+    scales = _scales(hats, over, alike)
     above = np.column_stack([seen.confidences[followed][repeats], again[repeats]])
-    excess = (score_of(np.minimum(above, 0.999)) - FLOOR_SCORE) / max(scale, 1e-6)
+    excess = score_of(np.minimum(above, 0.999)) - FLOOR_SCORE
     same = np.atleast_2d(np.corrcoef(excess.T))[0, -1] * len(excess) if len(excess) >= 3 else 0.0
     return BackgroundModel(
         reported_as=CLASSES[class_index],
@@ -458,11 +465,30 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         per_hectare=[float(f"{r:.3g}") for r in rates],
         surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=False)},
         wooded=float(f"{factors[-1]:.3g}"),
-        score_scale=round(scale, 3),
+        score_scale=[round(float(s), 3) for s in scales],
         again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),
         same_share=round(float(np.clip((same + 0.5 * 5) / (len(excess) + 5), 0.0, 1.0)), 3),
         pixels=round(float(np.median(seen.pixels[mine])), 1),
     )
+
+
+def _scales(hats: F64, over: F64, alike: float) -> F64:
+    """Means of exponential values (K,) at the altitudes, of rows (K, A) of altitude's hats."""
+    bends = _smoothness(_SCALE_CURVE_STD, _SCALE_SLOPE_STD)
+
+    def cost(logs: F64) -> tuple[float, F64]:
+        bend, share = bends @ logs, over * np.exp(-hats @ logs)
+        value = float((share + hats @ logs).sum() / alike + 0.5 * bend @ bend)
+        return value, hats.T @ (1.0 - share) / alike + bends.T @ bend
+
+    start = np.full(hats.shape[1], np.log(max(over.mean(), 1e-3)))
+    return np.asarray(np.exp(minimize(cost, start, method="L-BFGS-B", jac=True).x))
+
+
+def _smoothness(curve_std: float, slope_std: float) -> F64:
+    """Rows that take what is known at the altitudes to its bends and slopes in standard deviations."""
+    slopes = np.diff(np.eye(len(ALTITUDES_M)), axis=0)
+    return np.vstack([np.diff(slopes, axis=0) / curve_std, slopes / slope_std])
 
 
 def _background_design(altitude_agl_m: F64, surface: I64, wooded: NDArray[np.bool_]) -> F64:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import get_args
 
 import cv2
@@ -24,7 +24,7 @@ from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetC
 from skysweep.scenarios.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 from skysweep.sensing.camera_effects import CameraEffects
 from skysweep.sensing.detector import YoloDetector
-from skysweep.sensing.occlusion import Occluders, pixels_on_target
+from skysweep.sensing.occlusion import Occluders, middle_enu_m, pixels_on_target
 from skysweep.sensing.render import Renderer, make_renderer
 from skysweep.sensing.statistical_model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
@@ -37,7 +37,7 @@ CONFIDENCE_FLOOR = 0.1  # detections below are not looked at
 PASS_LOOKS = 4  # successive looks from nearly one place
 PASSES_PER_WORLD = 10
 PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
-EMPTY_SHARE = 0.15  # of the passes show no object
+EMPTY_SHARE = 0.3  # of the passes show no object
 PIXELS = (4.0, 220.0)
 STEP_PX = (0.5, 120.0)  # that the picture moves on between two looks of a pass
 BLUR_PX = (0.05, 6.0)
@@ -139,10 +139,8 @@ class Background:
     world: I64  # (M,)
     surface: I64  # (M,) index into SURFACES
     wooded: NDArray[np.bool_]  # (M,) trees or bushes stand there
-    surface_of_report: I64  # (K,)
-    wooded_of_report: NDArray[np.bool_]  # (K,)
+    picture_of_report: I64  # (K,) row of the M
     class_index: I64  # (K,)
-    altitude_of_report_m: F64  # (K,)
     confidences: F64  # (K,)
     pixels: F64  # (K,) longer side of the box
     again: F64  # (K,) confidence of a report at the same place in the next look; 0 none, NaN no such look
@@ -326,9 +324,9 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
         pixel = rng.uniform(border, size_px - border)
         ray = R @ np.array([*(pixel - size_px / 2) / lens.focal_px, 1.0])  # of unit depth
         depth = lens.focal_px * thing.size_m / wanted
-        position = thing.position_enu_m - ray * depth
-        depth *= pixels_on_target(lens, thing, position, depth) / wanted  # not all show their full size
-        position = thing.position_enu_m - ray * depth
+        middle = middle_enu_m(thing)
+        depth *= pixels_on_target(lens, thing, middle - ray * depth, depth) / wanted  # not all of it shows
+        position = middle - ray * depth
         if MIN_HEIGHT_M <= position[2] <= MAX_HEIGHT_M and not _inside_tree(world, position):
             return CameraPose(position, R), float(depth)
 
@@ -364,7 +362,8 @@ class _Scorer:
     def __init__(self, world: World, lens: Lens, exposure_s: float) -> None:
         self._world, self._lens, self._exposure_s = world, lens, exposure_s
         self._occluders = Occluders(world)
-        self._places = np.array([o.position_enu_m for o in world.objects])
+        self._places = np.array([middle_enu_m(o) for o in world.objects])
+        self._feet = np.array([o.position_enu_m for o in world.objects])
         self._clear_m = np.array([max(_CLEAR_SIZES * o.size_m, _CLEAR_MIN_M) for o in world.objects])
         self._size_px = np.array([lens.width_px, lens.height_px], dtype=float)
         self._notes = _Notes()
@@ -409,7 +408,9 @@ class _Scorer:
         gaps = np.linalg.norm(middles[:, None] - seen_middles[None], axis=2)
         near = before & (inside > 0)
         clear = np.maximum(self._clear_m * lens.focal_px / np.maximum(depths, 0.1), reach)
-        beside_object = ((gaps <= clear) & before).any(axis=1)
+        feet, _ = project(lens, pose, self._feet)
+        gaps_to_feet = np.linalg.norm(middles[:, None] - feet[None], axis=2)
+        beside_object = ((np.minimum(gaps, gaps_to_feet) <= clear) & before).any(axis=1)
         covered = float((np.pi * self._clear_m**2)[near].sum())
         self._note_strays(found, classes, middles, ~beside_object & (classes >= 0), follows, covered)
         in_view = before & ((centres >= 0) & (centres <= self._size_px)).all(axis=1)
@@ -417,7 +418,7 @@ class _Scorer:
             thing = self._world.objects[i]
             seen = min(inside[i], 1.0) * self._occluders.visible_fraction(pose.position_enu_m, thing)
             hidden = 1.0 - float(seen)
-            ray = thing.position_enu_m - pose.position_enu_m
+            ray = self._places[i] - pose.position_enu_m
             view = float((ray[0] ** 2 + ray[1] ** 2) / (ray @ ray))
             shift = np.array([-velocity[0] / depths[i] - rates[1], -velocity[1] / depths[i] + rates[0]])
             blur_px = float(lens.focal_px * self._exposure_s * np.linalg.norm(shift))
@@ -459,21 +460,20 @@ class _Scorer:
         area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
         self._notes.pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4))
         if follows:
-            for row, gx, gy in self._last:
-                stray_row = self._notes.strays[int(row)]
+            for index, gx, gy in self._last:
+                stray_row = self._notes.strays[int(index)]
                 place, depth = project(self._lens, pose, [[gx, gy, 0.0]])
                 if depth[0] > 0.1 and ((place[0] >= 0) & (place[0] <= size)).all():
                     gap = np.linalg.norm(middles - place[0], axis=1)
                     same = (gap <= _AGAIN_PX) & (classes == stray_row[0])
-                    stray_row[4] = float(found.confidences[same].max()) if same.any() else 0.0
+                    stray_row[-1] = float(found.confidences[same].max()) if same.any() else 0.0
         self._last = []
+        row = len(self._notes.pictures) - 1
         for k in np.flatnonzero(stray):
             extent = float((found.boxes_xyxy_px[k, 2:] - found.boxes_xyxy_px[k, :2]).max())
             ground = _on_ground(self._lens, pose, middles[k : k + 1])[0]
             self._last.append([len(self._notes.strays), *ground])
-            self._notes.strays.append(
-                [float(classes[k]), height, float(found.confidences[k]), extent, np.nan]
-            )
+            self._notes.strays.append([float(classes[k]), row, float(found.confidences[k]), extent, np.nan])
 
     def packed(self, job: WorldJob) -> tuple[Looks, Background]:
         """Everything that was seen in this world."""
@@ -499,7 +499,7 @@ class _Scorer:
         )
         strays = np.array(notes.strays, dtype=float).reshape(-1, 5).T
         pictures = np.array(notes.pictures, dtype=float).reshape(-1, 2).T
-        m, k = pictures.shape[1], strays.shape[1]
+        m = pictures.shape[1]
         surface, wooded = SURFACES.index(self._world.terrain.surface), bool(self._world.trees)
         return looks, Background(
             altitude_agl_m=pictures[0],
@@ -507,10 +507,8 @@ class _Scorer:
             world=np.full(m, job.index),
             surface=np.full(m, surface),
             wooded=np.full(m, wooded),
-            surface_of_report=np.full(k, surface),
-            wooded_of_report=np.full(k, wooded),
+            picture_of_report=strays[1].astype(int),
             class_index=strays[0].astype(int),
-            altitude_of_report_m=strays[1],
             confidences=strays[2],
             pixels=strays[3],
             again=strays[4],
@@ -529,4 +527,9 @@ def _join_looks(parts: list[Looks]) -> Looks:
 
 
 def _join_background(parts: list[Background]) -> Background:
-    return Background(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Background)))
+    joined = Background(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Background)))
+    before = np.cumsum([0] + [len(p.world) for p in parts[:-1]])
+    return replace(
+        joined,
+        picture_of_report=joined.picture_of_report + np.repeat(before, [len(p.class_index) for p in parts]),
+    )

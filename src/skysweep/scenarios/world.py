@@ -21,6 +21,9 @@ MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are 
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 
 
+STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
+
+
 @dataclass(frozen=True, slots=True)
 class WorldObject:
     """A target or a distractor. ``variant`` seeds its looks (mesh proportions, colours)."""

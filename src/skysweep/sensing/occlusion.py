@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.geometry.camera import Lens
-from skysweep.scenarios.world import World, WorldObject
+from skysweep.scenarios.world import STANDING_SIGN_EDGE_M, World, WorldObject
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -55,6 +55,15 @@ def pixels_on_target(lens: Lens, thing: WorldObject, camera_enu_m: F64, depth_m:
     return float(lens.focal_px * apparent_size_m(thing, camera_enu_m) / depth_m)
 
 
+def middle_enu_m(thing: WorldObject) -> F64:
+    """(3,): the middle of what is seen of an object; that of a standing one is well above the ground."""
+    above = 0.0
+    if thing.pose == "standing":
+        above = 0.5 * thing.size_m + (0.0 if thing.kind == "person" else STANDING_SIGN_EDGE_M)
+    x, y, z = thing.position_enu_m
+    return np.array([x, y, z + above], dtype=float)
+
+
 class Occluders:
     """The trees and buildings of one world. ``solids`` (S, 11) as the module says."""
 
@@ -83,7 +92,7 @@ class Occluders:
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
-        place, near = np.asarray(thing.position_enu_m, dtype=float), self.near(thing)
+        place, near = middle_enu_m(thing), self.near(thing)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
 
 

@@ -19,7 +19,7 @@ from scipy.special import ndtri
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.scenarios.world import World, WorldObject
-from skysweep.sensing.occlusion import Occluders, shape_of
+from skysweep.sensing.occlusion import Occluders, middle_enu_m, shape_of
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical_draws import PLACES, WIDTH, draw_ghosts, draw_objects
 from skysweep.sensing.statistical_model import (
@@ -155,6 +155,7 @@ class StatisticalSensor:
         first, last = self._octave_starts[k], self._octave_starts[k + 1]
         for row, b in enumerate(self._background):
             self._ghost_classes[row, 0] = np.interp(at, self._log_altitudes[row], b.per_hectare)
+            self._ghost_classes[row, 3] = np.interp(at, self._log_altitudes[row], b.score_scale)
         return int(
             draw_ghosts(
                 self._optics,
@@ -185,7 +186,7 @@ class StatisticalSensor:
             if not kinds:
                 continue
             contrast = self._contrast(thing, surface, float(colour))
-            things.append([*thing.position_enu_m, thing.size_m, shape_of(thing), contrast])
+            things.append([*middle_enu_m(thing), thing.size_m, shape_of(thing), contrast])
             near.append(occluders.near(thing))
             for kind in kinds:
                 offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
@@ -223,7 +224,7 @@ class StatisticalSensor:
         floor = float(score_of(m.experiment.confidence_floor))
         self._ghost_classes = np.array(
             [
-                [0.0, ndtri(b.again), floor, b.score_scale, math.sqrt(1.0 - b.same_share), b.pixels]
+                [0.0, ndtri(b.again), floor, 0.0, math.sqrt(1.0 - b.same_share), b.pixels]
                 for b in self._background
             ]
         ).reshape(-1, 6)

@@ -23,7 +23,7 @@ from skysweep.errors import UserError
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 from skysweep.sensing.model_files import model_file, sha256_of
 
-VERSION = 2
+VERSION = 3
 FACTORS = ("view", "hidden", "blur", "contrast")
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75
@@ -101,7 +101,9 @@ class BackgroundModel(_Part):
     per_hectare: list[float] = Field(description="In one look, with confidences from the floor on")
     surfaces: dict[str, float] = Field(description="Factor on that rate by what the ground is")
     wooded: float = Field(gt=0, description="Factor on that rate where trees or bushes stand")
-    score_scale: float = Field(gt=0, description="Mean of what their score is above the floor")
+    score_scale: list[float] = Field(
+        description="Mean of what their score is above the floor, at these altitudes"
+    )
     again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")
     same_share: float = Field(ge=0, le=1, description="Of the score's variance: the same in every look")
     pixels: float = Field(gt=0)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from skysweep.scenarios.world import STANDING_SIGN_EDGE_M
 from skysweep.sensing.assets.looks import F64, Looks
 from skysweep.sensing.meshes import Mesh, circle, merge, plate, prism, tube
 from skysweep.sensing.textures import Decal, decal_layer
 
 STEEL = (0.62, 0.63, 0.64)
-POST_M = 2.1  # height of a standing sign's lower edge
 
 
 def stop_sign(looks: Looks, size_m: float, pose: str) -> Mesh:
@@ -33,8 +33,8 @@ def _sign(looks: Looks, size_m: float, pose: str, outline: F64, decal: Decal, ra
         upright = np.array(
             [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
         )  # face towards +x, text upright
-        post = tube([(-0.04, 0, 0), (-0.04, 0, POST_M + 0.9 * size_m)], [0.035, 0.035], STEEL)
-        return merge([post, face.moved((0, 0, POST_M + size_m / 2), upright)])
+        post = tube([(-0.04, 0, 0), (-0.04, 0, STANDING_SIGN_EDGE_M + 0.9 * size_m)], [0.035, 0.035], STEEL)
+        return merge([post, face.moved((0, 0, STANDING_SIGN_EDGE_M + size_m / 2), upright)])
     c, s = np.cos(tilt), np.sin(tilt)
     pitch = np.array([[c[0], 0, s[0]], [0, 1, 0], [-s[0], 0, c[0]]])
     roll = np.array([[1, 0, 0], [0, c[1], -s[1]], [0, s[1], c[1]]])
