@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from rich.table import Table
+from scipy.stats import binomtest
 
-from skysweep.cli.common import ScenarioArg, SeedOption, SetOption, changes_of, console, errors, friendly
+from skysweep.cli.common import ScenarioArg, SeedOption, SetOption, bar, changes_of, console, errors, friendly
 
 app = typer.Typer(no_args_is_help=True, help="Worlds for Gazebo.")
 
@@ -46,3 +48,35 @@ def world_export(
         "gz": f"GZ_SIM_RESOURCE_PATH={models} gz sim {path}",
     }
     console.print(f"open it with:  {opens[fmt]}", soft_wrap=True, highlight=False)
+
+
+@app.command("transfer")
+@friendly
+def world_transfer(
+    scenario: ScenarioArg,
+    pictures: Annotated[int, typer.Option(min=1, help="Views at each of h_S and h_C.")] = 100,
+    seed: SeedOption = 0,
+    change: SetOption = None,
+) -> None:
+    """Print the detector's recall on Gazebo's pictures beside its recall on ours, from the same places.
+
+    Example:
+
+        skysweep world transfer clusters --pictures 200
+    """
+    from skysweep.gazebo.transfer import transfer
+    from skysweep.mission.build import make_detector
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    chosen = change_scenario(load_scenario(scenario), changes_of(change))
+    with bar() as progress:
+        task = progress.add_task("views", total=2 * pictures)
+        scores = transfer(chosen, make_detector(chosen, 2), pictures, seed, lambda: progress.advance(task))
+    table = Table("altitude", "pictures of", "targets", "recall", f"at c_t = {chosen.search.c_t:g}", "false")
+    for s in scores:
+        shares = []
+        for count in (s.n_found, s.n_confirming):
+            likely = binomtest(count, s.n_targets).proportion_ci(method="wilson")
+            shares.append(f"{count / s.n_targets:.1%} ({likely.low:.1%} to {likely.high:.1%})")
+        table.add_row(f"{s.altitude_agl_m:g} m", s.renderer, str(s.n_targets), *shares, str(s.n_false))
+    console.print(table)

@@ -1,0 +1,153 @@
+"""How well a detector that learned from our renderer sees in Gazebo's pictures: the same views, both ways."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.gazebo.lockstep import GazeboRenderer
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import World, build_world
+from skysweep.sensing.camera_effects import CameraEffects
+from skysweep.sensing.render import Painter, Renderer, make_renderer
+from skysweep.types import Detections, Detector, Frame
+
+F64 = NDArray[np.float64]
+
+VISIBLE_MIN = 0.5  # share of a target's pixels that must be seen for it to count
+TILT_STD_RAD = np.radians(2.0)
+_EDGE_SHARE = 0.4  # targets are this far from the picture's middle, of its height, at most
+_SLACK_PX = 1.0
+
+
+@dataclass(slots=True)
+class Score:
+    """Counts of one renderer at one altitude."""
+
+    renderer: str
+    altitude_agl_m: float
+    n_pictures: int = 0
+    n_targets: int = 0
+    n_found: int = 0
+    n_confirming: int = 0  # found with at least the scenario's c_t
+    n_false: int = 0
+
+    @property
+    def recall(self) -> float:
+        """Share of the visible targets that were found."""
+        return self.n_found / self.n_targets
+
+    @property
+    def confirming_recall(self) -> float:
+        """Share of the visible targets that were found with at least c_t."""
+        return self.n_confirming / self.n_targets
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """A target in a picture."""
+
+    kind: str
+    box_px: F64  # (4,) x, y, x, y
+    counts: bool  # seen whole
+
+
+def transfer(
+    scenario: Scenario,
+    detector: Detector,
+    pictures: int,
+    seed: int,
+    progress: Callable[[], None] = lambda: None,
+) -> list[Score]:
+    """Recall at h_S and h_C on ``pictures`` views each, by our renderer and by Gazebo, from the same poses.
+
+    Each view has one of the targets somewhere around its middle; every target that is seen whole counts. A
+    target is found when a box of its class has its centre within it; a box with its centre in no target is
+    false. Raises UserError without targets or Gazebo.
+    """
+    world = build_world(scenario, seed)
+    if not world.targets:
+        raise UserError(f"{scenario.name}: has no targets to look for; write some under targets")
+    camera = scenario.camera
+    search = scenario.search
+    ours = make_renderer(world)
+    gazebo = GazeboRenderer(world, scenario, min(scenario.detector.rate_hz, camera.rate_hz))
+    painters: tuple[Painter, ...] = (ours, gazebo)
+    scores = []
+    try:
+        for altitude in (search.scan_altitude_agl_m, search.check_altitude_agl_m):
+            pair = [Score(p.backend, altitude) for p in painters]
+            scores += pair
+            rng = np.random.default_rng([seed, round(altitude * 100), 59])
+            noise = int(rng.integers(2**31))
+            effects = CameraEffects(
+                camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, noise
+            )
+            for number in range(pictures):
+                pose = _view(world, camera.lens, altitude, rng)
+                boxes = _visible(world, ours, camera.lens, pose)
+                for score, painter in zip(pair, painters, strict=True):
+                    clean = painter.render(camera.lens, pose)
+                    image = effects.apply(clean, number, pose, np.zeros(3), np.zeros(3), altitude)
+                    found = detector.detect(Frame(0.0, image, pose, camera.lens))
+                    _count(score, found, boxes, search.c_t)
+                progress()
+    finally:
+        ours.close()
+        gazebo.close()
+    return scores
+
+
+def _view(world: World, lens: Lens, altitude_agl_m: float, rng: np.random.Generator) -> CameraPose:
+    """About straight down, with some target in the middle part of the picture."""
+    target = world.targets[int(rng.integers(len(world.targets)))]
+    reach = _EDGE_SHARE * lens.footprint_m(altitude_agl_m)[1]
+    xy = target.position_enu_m[:2] + rng.uniform(-reach, reach, 2)
+    z = float(world.terrain.height_m(xy)[0]) + altitude_agl_m
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    pitch, roll = rng.normal(0.0, TILT_STD_RAD, 2)
+    return CameraPose(np.array([*xy, z]), rotation_camera_to_enu(yaw, -np.pi / 2 + float(pitch), float(roll)))
+
+
+def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> list[tuple[WorldObject, F64]]:
+    """All targets of which something is in the picture."""
+    seen = renderer.render_ids(lens, pose)
+    alone = renderer.render_ids(lens, pose, occluders=False)
+    boxes = []
+    for number, thing in enumerate(world.objects, start=1):
+        rows, columns = np.nonzero(alone == number)
+        if not thing.is_target or len(rows) == 0:
+            continue
+        box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], dtype=float)
+        uncut = box[:2].min() > 0 and box[2] < lens.width_px and box[3] < lens.height_px
+        counts = uncut and np.count_nonzero(seen == number) >= VISIBLE_MIN * len(rows)
+        boxes.append(_Seen(thing.kind, box, bool(counts)))
+    return boxes
+
+
+def _count(score: Score, found: Detections, targets: list[_Seen], c_t: float) -> None:
+    """Each target takes the most confident box in it, those that count first."""
+    score.n_pictures += 1
+    free = list(range(len(found)))
+    centres = 0.5 * (found.boxes_xyxy_px[:, :2] + found.boxes_xyxy_px[:, 2:])
+    for target in sorted(targets, key=lambda t: not t.counts):
+        low, high = target.box_px[:2] - _SLACK_PX, target.box_px[2:] + _SLACK_PX
+        inside = [
+            k
+            for k in free
+            if found.class_names[k] == target.kind and ((centres[k] >= low) & (centres[k] <= high)).all()
+        ]
+        best = max(inside, key=lambda k: found.confidences[k], default=None)
+        if best is not None:
+            free.remove(best)
+        if target.counts:
+            score.n_targets += 1
+            score.n_found += best is not None
+            score.n_confirming += best is not None and bool(found.confidences[best] >= c_t)
+    score.n_false += len(free)
