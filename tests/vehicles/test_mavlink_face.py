@@ -168,6 +168,18 @@ def test_parameters_are_listed_read_and_written(sky, gcs):
     assert not gcs.answers(m.MAVLink_param_request_read_message(1, 1, b"NO_SUCH", -1), "PARAM_VALUE")
 
 
+@pytest.mark.parametrize("above_m", [NAN, 6.0])
+def test_an_order_to_take_off_that_is_repeated_changes_nothing(sky, gcs, above_m):
+    gcs.set("MIS_TAKEOFF_ALT", 6.0)
+    gcs.arm()
+    up = sky.geodetic([0.0, 0.0, -above_m])[2]
+    for _ in range(4):
+        assert gcs.command(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, NAN, NAN, NAN, up) == 0
+        sky.fly(0.3)
+    sky.fly(until=lambda: sky.pilot.mode.name == "HOLD")
+    assert sky.ned[2] == pytest.approx(-6.0, abs=1.0)
+
+
 def test_take_off_hold_move_return_and_disarm(sky, gcs):
     gcs.take_off(10.0)
     assert sky.ned[2] == pytest.approx(-10.0, abs=0.9)

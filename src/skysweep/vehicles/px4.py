@@ -62,6 +62,8 @@ _FOLLOWS = {
     Mode.LAND: (Mode.LAND,),
 }
 _ON_GROUND = (Mode.LAND, Mode.HOLD)
+_FLYING = (Mode.OFFBOARD, Mode.TAKEOFF, Mode.HOLD, None)
+_HEARTBEAT_S = 1.5  # on the wall: an older one says nothing about now
 _LEFT_OVER = (Mode.OFFBOARD, Mode.LAND, Mode.RETURN, Mode.MISSION, Mode.TAKEOFF)
 _WAITING = (Mode.HOLD, None)  # where COM_OBL_RC_ACT leaves a vehicle that lost us: Hold, or Position
 
@@ -89,6 +91,7 @@ class Px4Vehicle:
         self._ground_height_m = ground_height_m
         self._since_boot_s = 0.0
         self._wanted: Mode | None = None  # the mode that we put it in
+        self._unheard = False  # that was ordered, and is still to be seen
         self._taken = False  # someone else flies it now
         self._closed = False
         self.link = Link(url, timeout_s)
@@ -123,8 +126,10 @@ class Px4Vehicle:
         """
         if not all(map(math.isfinite, setpoint.position_enu_m)):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
-        self._offboard.aim(setpoint, self.anchor)
         self._check_in_command()
+        if self._taken:
+            raise UserError("someone else took the vehicle over; it is theirs")
+        self._offboard.aim(setpoint, self.anchor)
         if self.telemetry.mode is not Mode.OFFBOARD and self.telemetry.silent_s < SILENCE_S:
             self._offboard.start()
             self._change_mode(Mode.OFFBOARD, "go into Offboard")
@@ -171,18 +176,31 @@ class Px4Vehicle:
         self._state = self._look()
 
     def land(self) -> None:
-        """PX4 lands where it is."""
-        self._change_mode(Mode.LAND, "land", lambda: not self.telemetry.airborne)
+        """PX4 lands where it is; a silent one as soon as it hears us."""
+        if self._taken:
+            return
+        try:
+            self._change_mode(Mode.LAND, "land", lambda: not self.telemetry.airborne)
+        except UserError:
+            if self.telemetry.silent_s < SILENCE_S:
+                raise
+            self._wanted, self._unheard = Mode.LAND, True
         self._offboard.stop()
 
     def hold(self) -> None:
-        """PX4 stops and stays. Nothing where someone else flies it, or nobody does."""
-        ours = self._wanted is not None and not self._taken
-        if ours and self.telemetry.airborne and self.telemetry.mode is not Mode.HOLD:
-            with suppress(UserError):  # a silent vehicle does what COM_OBL_RC_ACT says
+        """PX4 stops and stays. Nothing where someone else flies it, or nobody does.
+
+        A silent one does what COM_OBL_RC_ACT says, and holds as soon as it hears us.
+        """
+        if self._wanted is None or self._taken:
+            return
+        if self.telemetry.airborne and self.telemetry.mode is not Mode.HOLD:
+            try:
                 self._change_mode(Mode.HOLD, "hold", timeout_s=_HOLD_S)
+            except UserError:
+                self._unheard = True
         self._offboard.stop()
-        self._wanted = Mode.HOLD if ours else self._wanted
+        self._wanted = Mode.HOLD
 
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal, where there is one, above (+) or below the horizon; yaw stays the vehicle's."""
@@ -220,6 +238,7 @@ class Px4Vehicle:
             self._closed = True
             atexit.unregister(self.close)
             self.hold()
+            self._offboard.stop()
             for name in self._spared:
                 self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, _number(name), 0.0)
             self.link.close()
@@ -321,18 +340,17 @@ class Px4Vehicle:
         or_else: Callable[[], bool] = lambda: False,
         timeout_s: float = ORDER_S,
     ) -> None:
-        if self._taken:
-            raise UserError("someone else took the vehicle over; it is theirs")
-        main, sub = mode.value
-        custom = float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         self.link.order(
             what,
             m.MAV_CMD_DO_SET_MODE,
-            [custom, main, sub],
+            _numbers(mode),
             lambda: self.telemetry.mode is mode or or_else(),
             timeout_s,
         )
-        self._wanted = mode
+        self._wanted, self._unheard = mode, False
+
+    def _say_mode(self, mode: Mode) -> None:
+        self.link.command(m.MAV_CMD_DO_SET_MODE, *_numbers(mode))
 
     def _check_in_command(self) -> None:
         """Raises UserError where it does not do what we ordered: someone else or a failsafe flies it."""
@@ -340,8 +358,16 @@ class Px4Vehicle:
         landed = wanted in _ON_GROUND and not told.airborne
         if wanted is None or self._taken or landed:
             return
+        if self.link.silent_s("HEARTBEAT") > _HEARTBEAT_S:
+            return
+        if told.armed and told.mode in _FOLLOWS[wanted]:
+            self._unheard = False
+            return
+        if told.armed and self._unheard and told.mode in _FLYING:
+            self._say_mode(wanted)
+            return
         lost_us = told.silent_s > SILENCE_S or time.monotonic() - told.silence_ended_s < _LOST_US_S
-        if told.armed and (told.mode in _FOLLOWS[wanted] or (lost_us and told.mode in _WAITING)):
+        if told.armed and lost_us and told.mode in _WAITING:
             return
         self._taken = True
         self._offboard.stop()
@@ -378,6 +404,11 @@ def placed(scenario: Scenario, latitude_deg: float, longitude_deg: float, altitu
         }
     )
     return scenario.model_copy(update={"home": home})
+
+
+def _numbers(mode: Mode) -> tuple[float, float, float]:
+    """Parameters of MAV_CMD_DO_SET_MODE."""
+    return float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), *mode.value
 
 
 def _number(name: str) -> int:

@@ -147,6 +147,8 @@ class Commands:
         altitude = None
         if finite(order.z) and order.z != 0.0:
             altitude = float(self._place(order.frame, 0.0, 0.0, order.z)[2])
+        if altitude is None and self._pilot.mode is Mode.TAKEOFF:
+            return
         self._pilot.failsafe = False
         self._pilot.enter(Mode.TAKEOFF, TakeOff(altitude))
 

@@ -51,9 +51,9 @@ class TakeOff:
             if up is None or up <= here[2]:
                 up = here[2] if pilot.flying else here[2] + pilot.parameters["MIS_TAKEOFF_ALT"]
             self._place = np.array([here[0], here[1], up])
-            if pilot.flying:
+            if pilot.flying and pilot.state.airborne:
                 pilot.enter(Mode.HOLD, Hold(self._place))
-            elif pilot.may_lift_off:
+            elif pilot.flying or pilot.may_lift_off:
                 pilot.lift_off(up)
         elif pilot.flying and pilot.is_high_as(self._place[2]):
             pilot.enter(Mode.HOLD, Hold(self._place))
