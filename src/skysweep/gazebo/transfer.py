@@ -115,7 +115,7 @@ def _view(world: World, lens: Lens, altitude_agl_m: float, rng: np.random.Genera
     return CameraPose(np.array([*xy, z]), rotation_camera_to_enu(yaw, -np.pi / 2 + float(pitch), float(roll)))
 
 
-def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> list[tuple[WorldObject, F64]]:
+def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> list[_Seen]:
     """All targets of which something is in the picture."""
     seen = renderer.render_ids(lens, pose)
     alone = renderer.render_ids(lens, pose, occluders=False)
