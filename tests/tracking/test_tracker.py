@@ -135,3 +135,12 @@ def test_a_new_tracker_is_restored_too():
     tracker = GroundTracker(flat)
     tracker.restore(GroundTracker(flat).snapshot())
     assert tracker.update(look(pose(), np.array([[1.0, 2.0, 0.0]])))[0].is_new
+
+
+def test_a_box_far_too_small_or_large_for_a_target_is_none():
+    def sightings(span_m, **sizes):
+        tracker = GroundTracker(flat, sizes or {"stop sign": (0.8, 1.0)})
+        return tracker.update(look(pose(z=4.0), [[0.5, 0.5, 0.0]], size=span_m * LENS.focal_px / 4.0))
+
+    assert [len(sightings(span)) for span in (0.1, 0.2, 0.9, 4.5, 5.5)] == [0, 1, 1, 1, 0]
+    assert sightings(0.1, person=(1.7, 1.8))

@@ -504,12 +504,18 @@ class Scenario(Model):
 
     def pixels_on_target(self, altitude_agl_m: float) -> float:
         """Pixels that the smallest target spans, seen straight down from ``altitude_agl_m``."""
-        sizes = [t.size_m or DEFAULT_SIZE_M[t.kind] for t in self.targets]
-        sizes += [
-            g.size_m or DEFAULT_SIZE_M[g.kind] for g in self.generators if g.kind in self.target_classes
-        ]
-        size = min(sizes, default=DEFAULT_SIZE_M[self.target_classes[0]])
+        size = min(low for low, _ in self.target_sizes_m.values())
         return float(np.asarray(self.camera.lens.pixels_on_target(size, altitude_agl_m)))
+
+    @property
+    def target_sizes_m(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest size of what is searched for, by class."""
+        found: dict[str, tuple[float, float]] = {}
+        for kind in self.target_classes:
+            things = [t for t in (*self.targets, *self.generators) if t.kind == kind]
+            sizes = [t.size_m or DEFAULT_SIZE_M[kind] for t in things] or [DEFAULT_SIZE_M[kind]]
+            found[kind] = min(sizes), max(sizes)
+        return found
 
     def with_search(self, **changes: Any) -> Scenario:
         """A copy with other search parameters, validated again."""

@@ -9,6 +9,7 @@ the targets' locations whenever the vehicle changes flight direction") and what 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,14 +35,29 @@ class TrackerModel:
     position_std_m: float = 0.5
     common_std_m: float = 0.4  # error shared by all sightings: averaging does not remove it
     gate_probability: float = 0.99
+    smallest_share: float = 0.15  # of a target's size that a box may span: most of it may be hidden ...
+    largest_share: float = 5.0  # ... and a shadow may make it longer
 
 
 class GroundTracker:
-    """Keeps one candidate per thing seen on the ground. Implements ``types.Tracker``."""
+    """Keeps one candidate per thing seen on the ground. Implements ``types.Tracker``.
 
-    def __init__(self, ground_height_m: GroundHeight, model: TrackerModel | None = None) -> None:
+    ``sizes_m`` tells the smallest and largest size of what is searched for, by class. A box that spans far
+    less or more on the ground is something else, and left out; classes without a size are all taken.
+    """
+
+    def __init__(
+        self,
+        ground_height_m: GroundHeight,
+        sizes_m: Mapping[str, tuple[float, float]] | None = None,
+        model: TrackerModel | None = None,
+    ) -> None:
         self._ground_height_m = ground_height_m
         self._model = model or TrackerModel()
+        self._extents_m = {
+            name: (self._model.smallest_share * low, self._model.largest_share * high)
+            for name, (low, high) in (sizes_m or {}).items()
+        }
         self._gate = -2.0 * math.log1p(-self._model.gate_probability)  # of chi-square, 2 degrees of freedom
         self._candidates: dict[int, Candidate] = {}
         # The same for the compiled functions: candidate k in row k - 1, classes numbered as they turn up.
@@ -96,6 +112,7 @@ class GroundTracker:
         boxes = detections.boxes_xyxy_px
         centres = (boxes[:, :2] + boxes[:, 2:]) / 2
         points = pixels_to_ground(detections.lens, detections.camera, centres, self._ground_height_m)
+        points[~self._plausible(detections, points)] = np.nan
         covariances = _measurement_covariances(
             points, detections.camera.position_enu_m, self._model.angle_std_rad, self._model.position_std_m
         )
@@ -105,6 +122,14 @@ class GroundTracker:
             for i, x in enumerate(points[:, 0].tolist())
             if math.isfinite(x)
         )
+
+    def _plausible(self, detections: Detections, points: F64) -> NDArray[np.bool_]:
+        """(N,): whether each box spans on the ground what a target of its class may."""
+        camera, boxes = detections.camera, detections.boxes_xyxy_px
+        depths = (points - camera.position_enu_m) @ camera.R_camera_to_enu[:, 2]
+        spans = (boxes[:, 2:] - boxes[:, :2]).max(axis=1) * depths / detections.lens.focal_px
+        limits = np.array([self._extents_m.get(name, (0.0, math.inf)) for name in detections.class_names])
+        return np.asarray((limits[:, 0] <= spans) & (spans <= limits[:, 1]))
 
     def _assign(self, class_names: tuple[str, ...], points: F64, covariances: F64) -> dict[int, int]:
         """Detection index -> candidate id: the cheapest one-to-one assignment inside the gates."""
