@@ -24,6 +24,7 @@ from skysweep.cli.common import (
     friendly,
     number_or_inf,
 )
+from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
@@ -47,8 +48,14 @@ def run(
     seed: SeedOption = 0,
     sensor: SensorOption = "imaging",
     camera: Annotated[
-        Literal["rendered", "gazebo"], typer.Option(help="Our renderer's pictures, or Gazebo 11's.")
+        str, typer.Option(help="rendered (ours), gazebo (Gazebo 11's pictures), or ros:/TOPIC.")
     ] = "rendered",
+    detector: Annotated[
+        str, typer.Option(help="The scenario's, or ros:/TOPIC: somebody else's detections.")
+    ] = "scenario",
+    pose: Annotated[
+        str, typer.Option(help="The vehicle's own, or ros:/TOPIC: odometry of another node.")
+    ] = "vehicle",
     renderer: Annotated[
         Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
     ] = "auto",
@@ -65,7 +72,10 @@ def run(
         skysweep run my-scenario.yaml --strategy low-only --sensor statistical
 
         skysweep run clusters --camera gazebo
+
+        skysweep run clusters --detector ros:/my_model/detections
     """
+    from skysweep.experiments.ros_mission import parts_on_topics
     from skysweep.experiments.single import fly_to_folder
     from skysweep.scenarios.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
@@ -83,9 +93,25 @@ def run(
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
-    with _flying(chosen.name, folder) as watch:
-        engine: Backend = "gazebo" if camera == "gazebo" else renderer
-        summary = fly_to_folder(chosen, seed, folder, sensor, engine, watch=watch)
+    engine: Backend = "gazebo" if camera == "gazebo" else renderer
+    on_topics = (
+        _topic("camera", camera, "rendered", "gazebo"),
+        _topic("detector", detector, "scenario"),
+        _topic("pose", pose, "vehicle"),
+    )
+    with _flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
+        vehicle, eye, finder = parts
+        summary = fly_to_folder(
+            chosen,
+            seed,
+            folder,
+            sensor,
+            engine,
+            watch=watch,
+            vehicle=vehicle,
+            camera=eye,
+            detector=finder,
+        )
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 
@@ -116,6 +142,16 @@ def resume(
         summary = resume_folder(run_dir, watch, from_sound_lines)
     print_summary(summary)
     console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
+
+
+def _topic(option: str, value: str, *others: str) -> str:
+    """The topic of ``ros:TOPIC``; empty for one of the others."""
+    if value in others:
+        return ""
+    kind, _, topic = value.partition(":")
+    if kind != "ros" or not topic:
+        raise UserError(f"--{option} {value}: write {' or '.join(others)}, or ros:/TOPIC")
+    return topic
 
 
 @contextmanager

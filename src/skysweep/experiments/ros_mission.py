@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.experiments.single import SETUP, Watch, finish, fly_in, setup_of
+from skysweep.experiments.single import GIVEN_DETECTOR, SETUP, Watch, finish, fly_in, setup_of
 from skysweep.mission.build import build_mission, make_detector
 from skysweep.mission.journal import FileJournal, line_of
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
@@ -18,10 +18,13 @@ from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
 from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPoseVehicle
 from skysweep.scenarios.files import change_scenario, load_scenario, write_scenario
+from skysweep.scenarios.model import Scenario
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
 from skysweep.vehicles.mavlink.embedded import embedded_vehicle
 
 _DETECTOR_THREADS = 2
+
+Parts = tuple[Vehicle | None, Camera | None, Detector | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,10 @@ def fly_on_ros(
             raise UserError(f"out: '{settings.out}' holds a mission already or is empty; write a new folder")
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
         face = MissionFace(link)
-        vehicle, camera, detector = ros_parts(link, scenario, settings)
+        vehicle, camera, detector = _parts(
+            link, scenario, settings.seed, settings.sensor, settings.camera, settings.detector, settings.pose
+        )
+        given = GIVEN_DETECTOR if detector else {}
         if settings.sensor == "imaging" and not settings.detector:
             detector = PublishedDetector(link, make_detector(scenario, _DETECTOR_THREADS))
         mission = build_mission(
@@ -88,28 +94,39 @@ def fly_on_ros(
                 say(f"waiting for {link.node.get_fully_qualified_name()}/start")
                 face.wait_for_start()
             started = time.perf_counter()
-            journal.write(0.0, SETUP, **setup_of(mission, _DETECTOR_THREADS))
+            journal.write(0.0, SETUP, **setup_of(mission, _DETECTOR_THREADS) | given)
             fly_in(folder, mission, journal, watch_all, face.operator)
             summary = finish(folder, started)
         face.end(summary["end_reason"])
         return summary
 
 
-def ros_parts(
-    link: Link, scenario: Any, settings: Settings
-) -> tuple[Vehicle | None, Camera | None, Detector | None]:
-    """The parts that come from topics; None for what does not. Raises UserError."""
-    if settings.sensor != "imaging" and (settings.camera or settings.detector):
+@contextmanager
+def parts_on_topics(
+    scenario: Scenario, seed: int, sensor: str, camera: str = "", detector: str = "", pose: str = ""
+) -> Iterator[Parts]:
+    """Vehicle, camera and detector of a mission from the topics named; None for each that is not.
+
+    ROS is not touched when none is. Raises UserError.
+    """
+    if not (camera or detector or pose):
+        yield None, None, None
+        return
+    with closing(Link("mission")) as link:
+        yield _parts(link, scenario, seed, sensor, camera, detector, pose)
+
+
+def _parts(
+    link: Link, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
+) -> Parts:
+    if sensor != "imaging" and (camera or detector):
         raise UserError("sensor: a camera or a detector on a topic needs the sensor 'imaging'")
-    camera = RosCamera(link, settings.camera, scenario.camera.lens) if settings.camera else None
-    detector = (
-        RosDetector(link, settings.detector, scenario.target_classes, scenario.detector.confidence_min)
-        if settings.detector
-        else None
-    )
-    if not settings.pose:
-        return None, camera, detector
-    return RosPoseVehicle(embedded_vehicle(scenario, settings.seed), link, settings.pose), camera, detector
+    eye = RosCamera(link, camera, scenario.camera.lens) if camera else None
+    finder = None
+    if detector:
+        finder = RosDetector(link, detector, scenario.target_classes, scenario.detector.confidence_min)
+    vehicle = RosPoseVehicle(embedded_vehicle(scenario, seed), link, pose) if pose else None
+    return vehicle, eye, finder
 
 
 class _PublishedJournal(FileJournal):

@@ -24,12 +24,13 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.sensing.model_files import fingerprint
 from skysweep.sensing.statistical_model import model_for
-from skysweep.types import Camera, Detections, Vehicle, VehicleState
+from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
 
 SETUP = "setup"  # kind of a journal's first line
+GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it
 Watch = Callable[[VehicleState, str, Detections | None], None]
 
 
@@ -44,10 +45,11 @@ def fly_to_folder(
     vehicle: Vehicle | None = None,
     camera: Camera | None = None,
     operator: Operator = lambda: None,
+    detector: Detector | None = None,
 ) -> dict[str, Any]:
     """Fly one mission, write its run folder and return its summary.
 
-    ``vehicle``, ``camera`` and ``operator`` are as in ``build_mission`` and ``fly``.
+    ``vehicle``, ``camera``, ``detector`` and ``operator`` are as in ``build_mission`` and ``fly``.
 
     Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
     was full: then the vehicle has come home, and ``resume_folder`` goes on when there is room.
@@ -57,7 +59,8 @@ def fly_to_folder(
     if journal_path.exists():
         _refuse_flown(out, read_journal(journal_path))
     scenario = with_paths_beside(scenario, Path.cwd())
-    mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera)
+    mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera, detector)
+    setup = setup_of(mission, threads) | (GIVEN_DETECTOR if detector else {})
     with closing(mission.sensor):
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -66,7 +69,7 @@ def fly_to_folder(
         with closing(FileJournal(journal_path)) as journal:
             _refuse_flown(out, journal.records)
             write_scenario(scenario, out / CONFIG_FILE)
-            journal.write(0.0, SETUP, **setup_of(mission, threads))
+            journal.write(0.0, SETUP, **setup)
             fly_in(out, mission, journal, watch, operator)
             return finish(out, started)
 
