@@ -57,7 +57,7 @@ class GazeboRenderer:
         self._steps = max(math.ceil(self._period_s / STEP_MAX_S - 1e-9), 1)
         step_s = self._period_s / self._steps
         self._folder = Path(tempfile.mkdtemp(prefix="skysweep-gazebo-"))
-        self._world_file = write_world(
+        self.world_file = write_world(
             world,
             scenario.name,
             scenario.home,
@@ -105,12 +105,18 @@ class GazeboRenderer:
         """gzserver, connected, with its first picture taken and thrown away."""
         self._granted = 0
         self.starts += 1
-        self._server = GazeboServer(self._install, self._world_file)
+        self._server = GazeboServer(self._install, self.world_file)
         if not wait_for_port(self._server, patience_s):
             raise TransportError("it does not listen")
         self._transport = Transport(self._server.port, patience_s)
         self._transport.subscribe(rig.IMAGE_TOPIC, ImageStamped)
-        self._transport.advertise(rig.POSE_TOPIC, Pose, patience_s)
+        try:
+            self._transport.advertise(rig.POSE_TOPIC, Pose, patience_s)
+        except TransportError:
+            complaint = self._server.complaint()
+            if complaint:
+                raise UserError(f"gzserver: {complaint}; the world is {self.world_file}") from None
+            raise
         self._picture(pose, patience_s)
 
     def _stop(self) -> None:

@@ -59,12 +59,12 @@ class GazeboServer:
         return self._process.poll() is None
 
     def complaint(self) -> str | None:
-        """The last error in the log, in one line."""
+        """The first error in the log, in one line."""
         text = _SGR.sub("", self.log.read_text(errors="replace")) if self.log.exists() else ""
         errors = [
             line.strip() for line in text.splitlines() if _ERROR.search(line) and not _SOUND.search(line)
         ]
-        return errors[-1][:300] if errors else None
+        return errors[0][:300] if errors else None
 
     def close(self) -> None:
         """End it and all that it started. Returns when it is gone."""
