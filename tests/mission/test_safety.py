@@ -223,6 +223,21 @@ def test_a_candidate_in_a_no_fly_area_is_reported_and_not_flown_to():
     assert not inside.any()
 
 
+def test_a_strategy_that_insists_on_a_refused_waypoint_hovers_until_the_way_home_is_due():
+    class Stubborn:
+        def step(self, observation):
+            return Command("SCAN", Waypoint((500.0, 0.0), 30.0, 5.0))
+
+    scenario = Scenario.model_validate(
+        SMALL | {"geofence_enu_m": [[-9, -9], [69, -9], [69, 49], [-9, 49]], "vehicle": {"battery_wh": 20.0}}
+    )
+    mission = replace(build_mission(scenario, 0, "statistical"), strategy=Stubborn())
+    journal = MemoryJournal()
+    assert fly(mission, journal) == "return energy"
+    told = [(line["cause"], line["action"]) for line in journal.lines if line["kind"] == "safety"]
+    assert told == [("geofence", "REFUSE_CHECK"), ("return energy", "RETURN")]
+
+
 def test_the_way_to_a_candidate_and_home_leads_round_a_no_fly_area():
     wall = [[22.0, -8.0], [30.0, -8.0], [30.0, 17.0], [22.0, 17.0]]
     reason, lines = flown(safety={"no_fly_enu_m": [wall]})

@@ -115,6 +115,8 @@ class _Flight:
         self._next_check_s = 0.0
         self._mode = "TAKEOFF"
         self._holding = False
+        self._asked: tuple[str, Waypoint | None] | None = None
+        self._refused = False
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
 
     def refuse_before_take_off(self) -> None:
@@ -174,7 +176,6 @@ class _Flight:
         state = m.vehicle.state()
         self._mode = "SCAN"
         self._looks.begin(state.time_s)
-        refused = False
         done_s = math.inf  # when the strategy had nothing more to do
         while True:
             alarm = self._look_after(state, "SEARCH")
@@ -186,7 +187,7 @@ class _Flight:
                 state = self._pass_time(state, "HOLD", detections)
                 continue
             self._holding = False
-            observation = self._observation(state, detections, refused)
+            observation = self._observation(state, detections)
             command = m.strategy.step(observation)
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
@@ -198,8 +199,7 @@ class _Flight:
                 self._watch(state, command.mode, detections)
                 return _ALL_WELL
             self._note(observation, command.events)
-            refused = self._refuses(observation, command)
-            if command.waypoint is not None and not refused:
+            if not self._refuses(observation, command) and command.waypoint is not None:
                 m.vehicle.command(self._setpoint(state, command.waypoint))
             state = self._pass_time(state, command.mode, detections)
 
@@ -259,7 +259,7 @@ class _Flight:
         self._waiting += self._m.tracker.update(detections)
         return detections
 
-    def _observation(self, state: VehicleState, detections: Detections | None, refused: bool) -> Observation:
+    def _observation(self, state: VehicleState, detections: Detections | None) -> Observation:
         sightings, self._waiting = self._waiting, ()
         return Observation(
             state,
@@ -268,7 +268,7 @@ class _Flight:
             self._m.tracker.candidates(),
             None if detections is None else detections.time_s,
             self._looks.blind_legs(),
-            refused,
+            self._refused,
         )
 
     def _note(self, seen: Observation, events: tuple[Event, ...]) -> None:
@@ -277,10 +277,15 @@ class _Flight:
             self._notes.snapshot(seen.time_s, self._m.strategy, self._m.tracker)
 
     def _refuses(self, seen: Observation, command: Command) -> bool:
-        alarm = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, command)
-        if alarm is not None:
-            self._notes.safety(seen.time_s, alarm)
-        return alarm is not None
+        """Whether the waypoint must not be flown to; asked once for each."""
+        asked = (command.mode, command.waypoint)
+        if asked != self._asked:
+            self._asked = asked
+            alarm = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, command)
+            self._refused = alarm is not None
+            if alarm is not None:
+                self._notes.safety(seen.time_s, alarm)
+        return self._refused
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: the height above the highest of the ground here and soon."""

@@ -95,7 +95,7 @@ class Multirotor:
         x, p = self._x, self._poses()
         energy_wh = float(x[d.ENERGY_WH])
         return VehicleState(
-            x[d.STEPS] * d.STEP_S,
+            x.item(d.STEPS) * d.STEP_S,
             p[0],
             p[1],
             p[2:5],
