@@ -42,9 +42,9 @@ def build_mission(
 ) -> Mission:
     """A mission ready to fly, with the embedded vehicle or the one given.
 
-    ``renderer`` is auto, gl or embree; ``threads`` is for the detector. Without a ``camera`` the pictures are
-    rendered as the vehicle's would be; without a ``detector`` the scenario's looks at them. Raises UserError
-    on what the scenario asks for and is not there.
+    ``renderer`` is auto, gl, embree or gazebo; ``threads`` is for the detector. Without a ``camera`` the
+    pictures are rendered as the vehicle's would be; without a ``detector`` the scenario's looks at them.
+    Raises UserError on what the scenario asks for and is not there.
     """
     if sensor_name not in SENSORS:
         raise UserError(f"sensor: there is no sensor '{sensor_name}'; write one of {', '.join(SENSORS)}")
@@ -133,6 +133,12 @@ def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, ren
         R = pose.R_camera_to_enu
         return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
 
+    if renderer == "gazebo":
+        from skysweep.gazebo.lockstep import GazeboRenderer
+
+        looks_hz = min(scenario.detector.rate_hz, scenario.camera.rate_hz)
+        painter = GazeboRenderer(world, scenario, looks_hz)
+        return RenderedCamera(world, scenario.camera, truth, seed, painter)
     return RenderedCamera(world, scenario.camera, truth, seed, renderer)
 
 
