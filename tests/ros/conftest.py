@@ -18,7 +18,7 @@ description: Two signs on a meadow
 area: {polygon_enu_m: [[0, 0], [36, 0], [36, 20], [0, 20]]}
 home: {position_enu_m: [-5, -5]}
 terrain: {surface: grass}
-camera: {width_px: 320, height_px: 180, hfov_rad: 1.4, rate_hz: 10}
+camera: {width_px: 640, height_px: 360, hfov_rad: 1.4, rate_hz: 10}
 search: {n_c: 2, scan_altitude_agl_m: 12, check_altitude_agl_m: 4, check_speed_mps: 2}
 targets:
   - {class: stop sign, position_enu_m: [9, 8], size_m: 0.9, yaw_deg: 0}

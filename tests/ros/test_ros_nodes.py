@@ -29,9 +29,10 @@ pytestmark = pytest.mark.skipif(
     reason="ROS 2 is not installed: pip install 'skysweep[ros]' runs these tests",
 )
 
-APPEAR_S = 60.0  # a busy machine takes long to start a process
+APPEAR_S = 120.0  # a busy machine takes long to start a process
 BLOB_NODE = Path(__file__).parent / "red_blob_node.py"
 SKYSWEEP_ROS = ("-m", "skysweep.cli", "ros")
+SMALL_PICTURES = ("--set", "camera.width_px=320", "--set", "camera.height_px=180")
 LENS = Lens(320, 180, 1.4)
 NOWHERE = CameraPose(np.zeros(3), np.eye(3))
 DOWN = Quality(10, reliable=True, latched=False)
@@ -127,8 +128,8 @@ def test_a_detector_that_knows_nothing_of_us_answers_in_the_standard_form(link, 
 def test_a_mission_flies_with_somebody_elses_detector(link, start, tiny, tmp_path):
     start(BLOB_NODE)
     options = ("--detector", "/blobs", "--speed", 50, "--out", "run")
-    mission = start(*SKYSWEEP_ROS, "fly", tiny, *options)
-    output, _ = mission.communicate(timeout=300)
+    mission = start(*SKYSWEEP_ROS, "fly", tiny, *options, *SMALL_PICTURES)
+    output, _ = mission.communicate(timeout=600)
     assert mission.returncode == 0, output
     journal = read_journal(tmp_path / "run" / "journal.jsonl")
     confirmed = [record["p"] for record in journal if record["kind"] == "confirmed"]
@@ -151,7 +152,7 @@ def test_a_mission_goes_on_and_comes_home_when_the_detectors_node_is_killed(link
 
     eventually(scanning, 180.0)
     blobs.kill()
-    output, _ = mission.communicate(timeout=300)
+    output, _ = mission.communicate(timeout=600)
     assert mission.returncode == 0, output
     journal = read_journal(tmp_path / "run" / "journal.jsonl")
     causes = {record["cause"] for record in journal if record["kind"] == "safety"}
@@ -183,7 +184,7 @@ def test_start_pause_abort_and_late_joiner(link, start, tiny, tmp_path):
 
     eventually(lambda: mode() in ("SCAN", "CHECK"))
     assert eventually(lambda: newest(topics.TARGETS)).markers is not None
-    assert len(eventually(lambda: newest(topics.PLANNED_PATH)).poses) > 2
+    assert len(eventually(lambda: newest(topics.PLANNED_PATH)).poses) >= 2
     fixed = eventually(lambda: newest(topics.TF_STATIC)).transforms
     moving = eventually(lambda: newest(topics.TF)).transforms
     assert {(t.header.frame_id, t.child_frame_id) for t in (*fixed, *moving)} == {
@@ -229,19 +230,20 @@ def test_pictures_of_a_topic_become_frames_with_the_pose_of_their_time(link, oth
 
     camera_topic = Topic("/drone/image", m.IMAGE, topics.LATCHED)
     red, blue = (200, 20, 20), (20, 20, 200)
-    other.publish(camera_topic, m.image(picture(red, link.now_s())))
+    other.publish(camera_topic, m.image(picture(blue, time_s=1.0)))
     camera = RosCamera(link, "/drone/image", LENS, APPEAR_S)
     vehicle = PointVehicle([0.0, 0.0, 20.0])
     vehicle.advance(10.0)
     first = camera.capture(vehicle.state())
-    assert first.image[50, 110].tolist() == list(red)
-    assert 8.0 <= first.time_s < 10.0
-    np.testing.assert_allclose(first.camera.position_enu_m, [0.0, 0.0, 20.0])
+    assert first.image[50, 110].tolist() == list(blue)
+    assert first.time_s == 10.0  # its stamp is of another clock
 
-    other.publish(camera_topic, m.image(picture(blue, time_s=1.0)))
+    vehicle.advance(1.0)
+    other.publish(camera_topic, m.image(picture(red, link.now_s() - 0.2)))
     second = camera.capture(vehicle.state())
-    assert second.image[50, 110].tolist() == list(blue)
-    assert second.time_s == 10.0  # its stamp is of another clock
+    assert second.image[50, 110].tolist() == list(red)
+    assert 9.0 <= second.time_s <= 10.8
+    np.testing.assert_allclose(second.camera.position_enu_m, [0.0, 0.0, 20.0])
     with pytest.raises(NoMessageError, match="/drone/image: no picture for"):
         camera.capture(vehicle.state())
 

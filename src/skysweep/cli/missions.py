@@ -99,7 +99,7 @@ def run(
         _topic("detector", detector, "scenario"),
         _topic("pose", pose, "vehicle"),
     )
-    with _flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
+    with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
         vehicle, eye, finder = parts
         summary = fly_to_folder(
             chosen,
@@ -138,7 +138,7 @@ def resume(
     if summary_of_complete(run_dir) is not None:
         console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
         return
-    with _flying(run_dir.name, run_dir) as watch:
+    with flying(run_dir.name, run_dir) as watch:
         summary = resume_folder(run_dir, watch, from_sound_lines)
     print_summary(summary)
     console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
@@ -155,7 +155,7 @@ def _topic(option: str, value: str, *others: str) -> str:
 
 
 @contextmanager
-def _flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
+def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
     """A status line that watches a mission; Ctrl-C says how to go on."""
     from skysweep.mission.journal import resume_command
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress, SpinnerColumn, TextColumn
 from typer.core import TyperCommand
 
 from skysweep.cli.common import (
@@ -20,7 +20,7 @@ from skysweep.cli.common import (
     errors,
     friendly,
 )
-from skysweep.cli.missions import free_folder, print_summary
+from skysweep.cli.missions import flying, free_folder, print_summary
 
 app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
 
@@ -79,24 +79,8 @@ def ros_fly(
 
     folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
     settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
-    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-    with Progress(*columns, console=errors) as progress:
-        task = progress.add_task("preparing")
-
-        def watch(state: Any, mode: str, _new: Any) -> None:
-            progress.update(
-                task,
-                description=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                f"battery {state.battery_remaining:4.0%}",
-            )
-
-        summary = fly_on_ros(
-            settings,
-            changes_of(change),
-            context.meta[_ROS_ARGUMENTS],
-            watch,
-            lambda words: progress.update(task, description=words),
-        )
+    with flying(folder.name, folder) as watch:
+        summary = fly_on_ros(settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, errors.print)
     print_summary(summary)
 
 

@@ -28,6 +28,7 @@ PATIENCE_S = 10.0  # for a part to appear
 ANSWER_S = 5.0  # for an answer to one picture
 _NEXT_PICTURE_S = 1.0
 _ASK_EVERY_S = 1.0
+_LITTLE_PATIENCE_S = 2.0  # with a detector that did not answer last time
 _OLD_PICTURE_S = 2.0  # what is older by its stamp has a stamp of another clock
 _SAME_TIME_S = 1e-6
 _FOCAL_TOLERANCE = 0.02
@@ -123,7 +124,7 @@ class RosDetector:
             publish_frame(self._link, frame)
             arrival = self._answers.wait(lambda a: _is_of(a, frame), min(left_s, _ASK_EVERY_S))
         if arrival is None:
-            waited_s, self._patience_s = self._patience_s, min(self._patience_s, _ASK_EVERY_S)
+            waited_s, self._patience_s = self._patience_s, min(self._patience_s, _LITTLE_PATIENCE_S)
             raise NoMessageError(f"{self._answers.name}: no answer to a picture for {waited_s:g} s")
         self._patience_s = self._answer_s
         found = m.read_detections(arrival.message, frame, self._answers.name)
