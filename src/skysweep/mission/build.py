@@ -93,7 +93,7 @@ def build_mission(
         sensor_name,
         vehicle,
         sensor,
-        GroundTracker(world.terrain.height_m),
+        GroundTracker(world.terrain.height_m, scenario.target_sizes_m),
         spec.make(search, [(float(x), float(y)) for x, y in waypoints], look_s),
         waypoints,
         cover_altitude_agl_m,

@@ -512,8 +512,9 @@ class Scenario(Model):
         """Smallest and largest size of what is searched for, by class."""
         found: dict[str, tuple[float, float]] = {}
         for kind in self.target_classes:
-            things = [t for t in (*self.targets, *self.generators) if t.kind == kind]
-            sizes = [t.size_m or DEFAULT_SIZE_M[kind] for t in things] or [DEFAULT_SIZE_M[kind]]
+            told = [t.size_m for t in self.targets if t.kind == kind]
+            told += [g.size_m for g in self.generators if g.kind == kind]
+            sizes = [size or DEFAULT_SIZE_M[kind] for size in told] or [DEFAULT_SIZE_M[kind]]
             found[kind] = min(sizes), max(sizes)
         return found
 
