@@ -140,7 +140,7 @@ def test_a_mission_flies_with_somebody_elses_detector(link, start, tiny, tmp_pat
 
 def test_a_mission_goes_on_and_comes_home_when_the_detectors_node_is_killed(link, start, tiny, tmp_path):
     blobs = start(BLOB_NODE)
-    short = ("--set", "safety.detector_silent_s=1", "--set", "safety.detector_dead_s=3")
+    short = ("--set", "safety.detector_silent_s=1", "--set", "safety.detector_dead_s=3", *SMALL_PICTURES)
     mission = start(*SKYSWEEP_ROS, "fly", tiny, "--detector", "/blobs", "--speed", 50, "--out", "run", *short)
     state = link.listen(topics.STATE.name, [topics.STATE.type_name], APPEAR_S)
     late = {}
