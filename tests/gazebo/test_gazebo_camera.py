@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.experiments.single import fly_to_folder
-from skysweep.gazebo import lockstep
+from skysweep.gazebo import restarting
 from skysweep.gazebo.install import Install
 from skysweep.gazebo.lockstep import GazeboRenderer
 from skysweep.gazebo.server import GazeboServer, wait_for_port
@@ -149,7 +149,7 @@ def test_a_gzserver_that_dies_or_hangs_is_replaced(
     starts = painter.starts
     assert painter.pid is not None
     gzserver = _children(painter.pid)[0]
-    monkeypatch.setattr(lockstep, "ANSWER_S", 3.0)
+    monkeypatch.setattr(restarting, "ANSWER_S", 3.0)
     os.kill(gzserver, sent)
     after = painter.render(_lens(), pose)
     assert painter.starts > starts

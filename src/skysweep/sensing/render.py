@@ -13,7 +13,7 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.world import World
 from skysweep.sensing.scene import build_scene
 
-Backend = Literal["auto", "gl", "embree", "gazebo"]
+Backend = Literal["auto", "gl", "embree", "gazebo", "gz"]
 
 log = logging.getLogger(__name__)
 

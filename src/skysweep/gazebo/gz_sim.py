@@ -1,0 +1,216 @@
+"""gz-sim (Harmonic and newer), through its own Python bindings.
+
+They come with Gazebo, not from PyPI: ``python3-gz-transport13 python3-gz-msgs10`` for Harmonic.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import queue
+import shutil
+import subprocess
+import time
+import uuid
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.gazebo import rig
+from skysweep.gazebo.export import MODELS_FOLDER, Clock, write_world
+from skysweep.gazebo.restarting import SimulatorRenderer, quaternion_flu
+from skysweep.gazebo.sdf import tag
+from skysweep.gazebo.transport import TransportError
+from skysweep.geometry.camera import CameraPose
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import World
+from skysweep.sensing.render import Backend
+
+VERSIONS = (  # transport and messages, newest first: Jetty, Ionic, Harmonic
+    ("gz.transport", "gz.msgs"),
+    ("gz.transport14", "gz.msgs11"),
+    ("gz.transport13", "gz.msgs10"),
+)
+HOW_TO_GET = "install them with Gazebo: apt-get install python3-gz-transport13 python3-gz-msgs10 (Harmonic)"
+IMAGE_TOPIC = "/skysweep/camera/image"
+_MESSAGES = ("boolean", "double", "image", "pose", "world_control")
+_DIES_WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
+_RGB_INT8 = 3
+_REQUEST_MS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Bindings:
+    """The classes of gz.transport and gz.msgs that we use."""
+
+    Node: Any
+    Boolean: Any
+    Double: Any
+    Image: Any
+    Pose: Any
+    WorldControl: Any
+
+
+def find_bindings() -> Bindings:
+    """The newest bindings that are installed; raises UserError when there are none."""
+    for transport, messages in VERSIONS:
+        try:
+            node = importlib.import_module(transport).Node
+            modules = [importlib.import_module(f"{messages}.{name}_pb2") for name in _MESSAGES]
+        except (ImportError, AttributeError):
+            continue
+        boolean, double, image, pose, control = modules
+        return Bindings(node, boolean.Boolean, double.Double, image.Image, pose.Pose, control.WorldControl)
+    raise UserError(f"The gz camera needs the Python bindings gz.transport and gz.msgs: {HOW_TO_GET}")
+
+
+class GzLink:
+    """One node: newest pictures of a topic, poses of models, steps of a paused world, angles of a gimbal."""
+
+    def __init__(self, bindings: Bindings, world: str) -> None:
+        self._gz = bindings
+        self._world = world
+        self._node = bindings.Node()
+        self._pictures: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._angles: dict[str, Any] = {}
+
+    def subscribe_images(self, topic: str) -> None:
+        """Pictures of this topic come out of ``image``. Raises TransportError when that is refused."""
+        if not self._node.subscribe(self._gz.Image, topic, self._on_image):
+            raise TransportError(f"{topic} cannot be subscribed to")
+
+    def _on_image(self, message: Any) -> None:
+        self._pictures.put(message)
+
+    def image(self, taken_after_s: float, timeout_s: float) -> Any | None:
+        """The first picture exposed after a time of the simulation's clock, or None when none came."""
+        give_up = time.monotonic() + timeout_s
+        while True:
+            try:
+                message = self._pictures.get(timeout=max(give_up - time.monotonic(), 0.0))
+            except queue.Empty:
+                return None
+            if exposure_s(message) > taken_after_s:
+                return message
+
+    def set_pose(self, model: str, pose: CameraPose) -> bool:
+        """Put a model's origin where a camera is; False when Gazebo does not answer or refuses."""
+        w, x, y, z = quaternion_flu(pose)
+        request = self._gz.Pose(name=model)
+        for axis, value in zip("xyz", pose.position_enu_m.tolist(), strict=True):
+            setattr(request.position, axis, value)
+        for axis, value in zip("wxyz", (w, x, y, z), strict=True):
+            setattr(request.orientation, axis, value)
+        return self._request("set_pose", request)
+
+    def step(self, count: int) -> bool:
+        """Let the paused world take ``count`` steps; False when Gazebo does not answer or refuses."""
+        return self._request("control", self._gz.WorldControl(pause=True, multi_step=count))
+
+    def point_gimbal(self, model: str, roll_rad: float, pitch_rad: float, yaw_rad: float) -> None:
+        """Angles for the gimbal of a PX4 model, such as ``x500_gimbal_0``."""
+        for axis, angle in (("roll", roll_rad), ("pitch", pitch_rad), ("yaw", yaw_rad)):
+            topic = f"/model/{model}/command/gimbal_{axis}"
+            if topic not in self._angles:
+                self._angles[topic] = self._node.advertise(topic, self._gz.Double)
+            self._angles[topic].publish(self._gz.Double(data=angle))
+
+    def _request(self, service: str, message: Any) -> bool:
+        answered, reply = self._node.request(
+            f"/world/{self._world}/{service}", message, type(message), self._gz.Boolean, _REQUEST_MS
+        )
+        return bool(answered and reply.data)
+
+
+def exposure_s(image: Any) -> float:
+    """When a picture was taken, by the simulation's clock."""
+    return float(image.header.stamp.sec + 1e-9 * image.header.stamp.nsec)
+
+
+def image_of(image: Any, topic: str) -> NDArray[np.uint8]:
+    """The pixels (H, W, 3) of a gz.msgs.Image; raises UserError for another encoding than RGB."""
+    if image.pixel_format_type != _RGB_INT8 or len(image.data) != 3 * image.width * image.height:
+        raise UserError(
+            f"{topic}: carries pictures of pixel format {image.pixel_format_type} with {len(image.data)} "
+            "bytes; set the camera's image format to R8G8B8"
+        )
+    return np.frombuffer(image.data, np.uint8).reshape(image.height, image.width, 3)
+
+
+class GzRenderer(SimulatorRenderer):
+    """A world in a ``gz sim`` of our own, paused but for the steps that we ask for."""
+
+    backend: Backend = "gz"
+
+    def __init__(self, world: World, scenario: Scenario, rate_hz: float) -> None:
+        self._bindings = find_bindings()
+        if shutil.which("gz") is None:
+            raise UserError("The gz camera needs the command gz: install Gazebo Harmonic or newer")
+        lens = scenario.camera.lens
+        super().__init__(lens, rate_hz)
+        os.environ["GZ_PARTITION"] = self._partition = f"skysweep-{uuid.uuid4().hex[:8]}"
+        self._world = scenario.name
+        sensor = rig.camera(lens, rate_hz)
+        sensor.append(tag("topic", IMAGE_TOPIC))
+        link = tag("link", None, tag("gravity", False), sensor, name="head")
+        self.world_file = write_world(
+            world,
+            scenario.name,
+            scenario.home,
+            scenario.wind,
+            self.folder / "world",
+            "gz",
+            Clock(self.step_s, rate_hz=0.0),
+            (tag("model", None, link, name=rig.MODEL),),
+        )
+        self._process: subprocess.Popen[bytes] | None = None
+        self._link: GzLink | None = None
+        self._stepped = 0
+
+    def start(self, pose: CameraPose, patience_s: float) -> None:
+        """``gz sim``, answering, with its first picture taken and thrown away."""
+        self._stepped = 0
+        environment = os.environ | {
+            "GZ_PARTITION": self._partition,
+            "GZ_SIM_RESOURCE_PATH": str(self.world_file.parent / MODELS_FOLDER),
+        }
+        with (self.folder / "gz.log").open("ab") as log:
+            self._process = subprocess.Popen(
+                [*_DIES_WITH_US, "gz", "sim", "-s", "--headless-rendering", str(self.world_file)],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env=environment,
+            )
+        self._link = GzLink(self._bindings, self._world)
+        self._link.subscribe_images(IMAGE_TOPIC)
+        give_up = time.monotonic() + patience_s
+        while not self._link.set_pose(rig.MODEL, pose):
+            if self._process.poll() is not None:
+                raise UserError(f"gz sim ended at once; check it with  gz sim -s {self.world_file}")
+            if time.monotonic() > give_up:
+                raise TransportError("gz sim does not answer")
+        self.picture(pose, patience_s)
+
+    def stop(self) -> None:
+        """End ``gz sim``."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        self._process = self._link = None
+
+    def picture(self, pose: CameraPose, patience_s: float) -> NDArray[np.uint8]:
+        """Step one period; the picture taken within it."""
+        assert self._link is not None
+        taken_after_s = (self._stepped + 0.5) * self.step_s
+        self._stepped += self.steps
+        if not self._link.set_pose(rig.MODEL, pose) or not self._link.step(self.steps):
+            raise TransportError("gz sim does not answer")
+        message = self._link.image(taken_after_s, patience_s)
+        if message is None:
+            raise TransportError(f"no picture for {patience_s:g} s")
+        return image_of(message, IMAGE_TOPIC)
