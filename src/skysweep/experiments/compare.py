@@ -79,6 +79,8 @@ def fly_paper_job(job: PaperJob) -> dict[str, Any]:
     if job.folder is None:
         return fly_in_memory(job.config, job.seed, job.sensor)
     job.folder.parent.mkdir(parents=True, exist_ok=True)
+    for stale in job.folder.parent.glob(f"{job.folder.name}-*{UNFINISHED}"):
+        shutil.rmtree(stale, ignore_errors=True)
     unfinished = Path(
         tempfile.mkdtemp(prefix=f"{job.folder.name}-", suffix=UNFINISHED, dir=job.folder.parent)
     )
@@ -106,8 +108,6 @@ def compare_paper(
     """
     jobs = paper_jobs(seeds, sensor, out, changes)
     out.mkdir(parents=True, exist_ok=True)
-    for stale in (out / "runs").glob(f"*{UNFINISHED}"):
-        shutil.rmtree(stale, ignore_errors=True)
     summaries = fly_missing(
         fly_paper_job, {job.key: job for job in jobs}, out / MISSIONS_FILE, workers, on_done
     )
