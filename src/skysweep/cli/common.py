@@ -39,7 +39,7 @@ def friendly(command: Callable[P, R]) -> Callable[P, R]:
             errors.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:
-            errors.print("stopped; what was finished is kept, and the same command goes on from there where it can")
+            errors.print("stopped; what was finished is kept, and the same command goes on where it can")
             raise typer.Exit(130) from None
 
     return wrapped
