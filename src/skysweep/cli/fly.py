@@ -35,7 +35,11 @@ def fly(
     ] = "udpin://127.0.0.1:14540",
     sensor: SensorOption = "imaging",
     camera: Annotated[
-        str, typer.Option(help="rendered, or a video: rtsp://HOST/STREAM, /dev/video0, a file.")
+        str,
+        typer.Option(
+            help="rendered, a video (rtsp://HOST/STREAM, /dev/video0, a file), or what Gazebo shows "
+            "(gazebo:TOPIC, gz:TOPIC)."
+        ),
     ] = "rendered",
     change: SetOption = None,
     seed: SeedOption = 0,

@@ -48,7 +48,8 @@ def run(
     seed: SeedOption = 0,
     sensor: SensorOption = "imaging",
     camera: Annotated[
-        str, typer.Option(help="rendered (ours), gazebo (Gazebo 11's pictures), or ros:/TOPIC.")
+        str,
+        typer.Option(help="rendered (ours), gazebo (Classic 11 draws), gz (gz-sim draws), or ros:/TOPIC."),
     ] = "rendered",
     detector: Annotated[
         str, typer.Option(help="The scenario's, or ros:/TOPIC: somebody else's detections.")
@@ -93,9 +94,10 @@ def run(
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
-    engine: Backend = "gazebo" if camera == "gazebo" else renderer
+    engines: dict[str, Backend] = {"gazebo": "gazebo", "gz": "gz"}
+    engine = engines.get(camera, renderer)
     on_topics = (
-        _topic("camera", camera, "rendered", "gazebo"),
+        _topic("camera", camera, "rendered", *engines),
         _topic("detector", detector, "scenario"),
         _topic("pose", pose, "vehicle"),
     )

@@ -14,6 +14,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import build_terrain
 from skysweep.sensing.video_camera import VideoCamera
 from skysweep.strategies import strategy_spec
+from skysweep.types import Camera
 from skysweep.vehicles.px4 import Px4Vehicle
 from skysweep.vehicles.px4_preflight import Check, preflight
 
@@ -55,9 +56,7 @@ class Px4Flight:
         operator: Operator,
     ) -> dict[str, Any]:
         """Arm, fly the mission and land; the summary of its run folder."""
-        camera = None
-        if sensor_name == "imaging" and camera_source != RENDERED:
-            camera = VideoCamera(camera_source, self.scenario.camera.lens)
+        camera = self._camera(camera_source) if sensor_name == "imaging" else None
         summary = fly_to_folder(
             self.scenario, seed, out, sensor_name, renderer, threads, watch, self.vehicle, camera, operator
         )
@@ -66,12 +65,21 @@ class Px4Flight:
 
     def resume(self, folder: Path, camera_source: str, watch: Watch, operator: Operator) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
-        camera = None
-        if camera_source != RENDERED:
-            camera = VideoCamera(camera_source, self.scenario.camera.lens)
+        camera = self._camera(camera_source)
         summary = resume_folder(folder, watch, vehicle=self.vehicle, camera=camera, operator=operator)
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
+
+    def _camera(self, source: str) -> Camera | None:
+        """None for the rendered camera."""
+        lens = self.scenario.camera.lens
+        if source == RENDERED:
+            return None
+        if source.startswith(("gazebo:", "gz:")):
+            from skysweep.gazebo.live import LiveCamera
+
+            return LiveCamera(source, lens)
+        return VideoCamera(source, lens)
 
     def __enter__(self) -> Px4Flight:
         return self

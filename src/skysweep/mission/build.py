@@ -25,7 +25,7 @@ from skysweep.types import Camera, Detector, Sensor, Vehicle
 from skysweep.vehicles.multirotor import CameraMotion, Multirotor
 
 if TYPE_CHECKING:
-    from skysweep.sensing.render import Backend
+    from skysweep.sensing.render import Backend, Painter
 
 SENSORS = ("imaging", "statistical")
 
@@ -42,7 +42,7 @@ def build_mission(
 ) -> Mission:
     """A mission ready to fly, with the embedded vehicle or the one given.
 
-    ``renderer`` is auto, gl, embree or gazebo; ``threads`` is for the detector. Without a ``camera`` the
+    ``renderer`` is auto, gl, embree, gazebo or gz; ``threads`` is for the detector. Without a ``camera`` the
     pictures are rendered as the vehicle's would be; without a ``detector`` the scenario's looks at them.
     Raises UserError on what the scenario asks for and is not there.
     """
@@ -133,13 +133,21 @@ def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, ren
         R = pose.R_camera_to_enu
         return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
 
+    return RenderedCamera(world, scenario.camera, truth, seed, _painter(scenario, world, renderer))
+
+
+def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | Painter:
+    """A simulator draws as often as the detector looks."""
+    looks_hz = min(scenario.detector.rate_hz, scenario.camera.rate_hz)
     if renderer == "gazebo":
         from skysweep.gazebo.lockstep import GazeboRenderer
 
-        looks_hz = min(scenario.detector.rate_hz, scenario.camera.rate_hz)
-        painter = GazeboRenderer(world, scenario, looks_hz)
-        return RenderedCamera(world, scenario.camera, truth, seed, painter)
-    return RenderedCamera(world, scenario.camera, truth, seed, renderer)
+        return GazeboRenderer(world, scenario, looks_hz)
+    if renderer == "gz":
+        from skysweep.gazebo.gz_sim import GzRenderer
+
+        return GzRenderer(world, scenario, looks_hz)
+    return renderer
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:
