@@ -5,6 +5,7 @@ No target is lost: it is confirmed, or its place is reported as unchecked.
 
 import itertools
 import math
+import threading
 import time
 from dataclasses import replace
 
@@ -246,10 +247,15 @@ def test_a_picture_with_a_wrong_date_does_not_count():
     flown.assert_found()
 
 
+RELEASED = threading.Event()  # of the detector that hangs
+
+
 class BlankCamera:
-    """Takes pictures that show nothing, in no time."""
+    """Takes pictures that show nothing, in no time; from 30 s on the detector that hangs is released."""
 
     def capture(self, state):
+        if state.time_s >= 30.0:
+            RELEASED.set()
         return Frame(state.time_s, np.zeros((2, 2, 3), np.uint8), state.camera, LENS)
 
     def close(self):
@@ -268,15 +274,21 @@ class Detector:
         if self.span[0] <= frame.time_s < self.span[1]:
             boxes = self.wrong()
             return Detections(
-                frame.time_s, boxes, np.full(len(boxes), 0.9), ("stop sign",) * len(boxes), frame.camera, LENS
+                frame.time_s,
+                boxes,
+                np.full(len(boxes), 0.99),
+                ("stop sign",) * len(boxes),
+                frame.camera,
+                LENS,
             )
         places = np.array([[*target["position_enu_m"], 0.0] for target in SCENARIO["targets"]])
         pixels, depth = project(LENS, frame.camera, places)
-        seen = pixels[(depth > 0) & (np.abs(pixels - (320, 180)) < (310, 170)).all(axis=1)]
+        inside = (depth > 0) & (np.abs(pixels - (320, 180)) < (310, 170)).all(axis=1)
+        seen, half = pixels[inside], LENS.pixels_on_target(0.45, depth[inside])[:, None]
         return Detections(
             frame.time_s,
-            np.column_stack([seen - 5.0, seen + 5.0]),
-            np.full(len(seen), 0.9),
+            np.column_stack([seen - half, seen + half]),
+            np.full(len(seen), 0.99),
             ("stop sign",) * len(seen),
             frame.camera,
             LENS,
@@ -293,7 +305,7 @@ def runs_out_of_memory():
         (runs_out_of_memory, "MemoryError: out of memory"),
         (lambda: np.full((1, 4), np.nan), "not finite"),
         (lambda: np.zeros((2, 3)), "do not match"),
-        (lambda: time.sleep(1.2), "no answer"),
+        (RELEASED.wait, "no answer"),
     ],
     ids=["raises", "NaN boxes", "no boxes", "hangs"],
 )
@@ -302,7 +314,13 @@ def test_a_detector_that_goes_wrong_in_its_own_thread(wrong, says):
         scenario = Scenario.model_validate(SCENARIO)
         exposures = Exposures(scenario.detector.rate_hz, scenario.camera.pose_delay_s)
         detector = Detector(wrong, 20.0, 20.5 if says == "no answer" else 40.0)
-        return ImagingSensor(BlankCamera(), detector, exposures, scenario.camera.latency_s, patience_s=0.1)
+        return ImagingSensor(
+            BlankCamera(),
+            detector,
+            exposures,
+            scenario.camera.latency_s,
+            patience_s=0.3 if says == "no answer" else 60.0,
+        )
 
     flown = Flown(sensor=imaging)
     assert flown.reason == "completed"
