@@ -34,11 +34,6 @@ class Notes:
         """Why nothing can be noted any more; None: all is well."""
         return self._journal.failed
 
-    @property
-    def failed(self) -> str | None:
-        """Why nothing can be noted any more; None: all is well."""
-        return self._journal.failed
-
     def start(self, mission: Mission) -> None:
         """Who flies what, and F."""
         search = mission.scenario.search
