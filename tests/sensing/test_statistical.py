@@ -17,6 +17,7 @@ from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_draws import standard_normal
 from skysweep.sensing.statistical_model import (
+    VERSION,
     BackgroundModel,
     BoxModel,
     Camera,
@@ -54,7 +55,7 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
 
 def model(*kinds, background=(), contrasts=(), fade_px=50.0):
     return StatisticalModel(
-        version=2,
+        version=VERSION,
         detector=Detecting(name="test", sha256="0" * 64),
         camera=Camera(**CAMERA.model_dump(include=set(Camera.model_fields))),
         experiment=Experiment(pictures=1, seed=0, looks=1, confidence_floor=0.1),
@@ -435,8 +436,8 @@ def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
         ("pixels: [5, 10]", "version"),
         ("{", "flow node"),
         ("- 1", "dictionary"),
-        ("{version: 2, detector: 3}", "detector"),
-        ("version: 1", "is of version 1, this package reads 2"),
+        (f"{{version: {VERSION}, detector: 3}}", "detector"),
+        ("version: 1", f"is of version 1, this package reads {VERSION}"),
     ],
     ids=["part", "yaml", "list", "type", "version"],
 )
