@@ -310,6 +310,8 @@ def runs_out_of_memory():
     ids=["raises", "NaN boxes", "no boxes", "hangs"],
 )
 def test_a_detector_that_goes_wrong_in_its_own_thread(wrong, says):
+    RELEASED.clear()
+
     def imaging(_):
         scenario = Scenario.model_validate(SCENARIO)
         exposures = Exposures(scenario.detector.rate_hz, scenario.camera.pose_delay_s)
