@@ -227,6 +227,15 @@ def test_same_seed_same_bits_and_another_seed_another_flight() -> None:
     assert flown[0] != flown[2]
 
 
+def test_position_errors_take_nothing_from_the_gusts_random_numbers() -> None:
+    drawn = []
+    for noise_m in (0.0, 0.4):
+        v = hovering(limits=VehicleLimits(position_noise_m=noise_m), wind=Wind(), seed=3)
+        tour(v, 57)
+        drawn.append(v.snapshot()["random"])
+    assert drawn[0] == drawn[1]
+
+
 def test_resumes_from_json_bit_for_bit() -> None:
     v = hovering(limits=VehicleLimits(), wind=Wind(), seed=3)
     tour(v, 57)

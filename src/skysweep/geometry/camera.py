@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 F64 = NDArray[np.float64]
@@ -70,7 +72,15 @@ def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64,
 def rays_enu(lens: Lens, pose: CameraPose, pixels: ArrayLike) -> F64:
     """Unit ray directions (N, 3) in ENU through pixels (N, 2)."""
     uv = np.atleast_2d(np.asarray(pixels, dtype=float))
-    d = np.ones((len(uv), 3))
-    d[:, :2] = (uv - (lens.width_px / 2, lens.height_px / 2)) / lens.focal_px
-    d /= np.sqrt((d * d).sum(axis=1, keepdims=True))
-    return d @ pose.R_camera_to_enu.T
+    return _unit_rays(uv, lens.width_px / 2, lens.height_px / 2, lens.focal_px) @ pose.R_camera_to_enu.T
+
+
+@njit(cache=True)
+def _unit_rays(uv: F64, centre_u: float, centre_v: float, focal: float) -> F64:
+    """In the camera's frame."""
+    out = np.empty((len(uv), 3))
+    for k in range(len(uv)):
+        x, y = (uv[k, 0] - centre_u) / focal, (uv[k, 1] - centre_v) / focal
+        length = math.sqrt(x * x + y * y + 1.0)
+        out[k, 0], out[k, 1], out[k, 2] = x / length, y / length, 1.0 / length
+    return out

@@ -118,16 +118,18 @@ def _exact(value: Any) -> Any:
 
 def _plain(value: Any) -> Any:
     """Plain rounded data of arrays, tuples and floats; infinity becomes the string 'inf'."""
+    if isinstance(value, str | int):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        rounded, safe = _rounded(value.ravel())
+        if safe:
+            return rounded.reshape(value.shape).tolist()
     if isinstance(value, float):
         return round(float(value), 4) if math.isfinite(value) else str(value)
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        rounded, safe = _rounded(value.ravel())
-        if safe:
-            return rounded.reshape(value.shape).tolist()
     if hasattr(value, "tolist"):
         return _plain(value.tolist())
     return value

@@ -103,17 +103,16 @@ class StatisticalSensor:
         """One picture's worth of draws."""
         pose = self._pose()
         n = self._object_boxes(pose)
-        names = [self._row_names[row] for row in self._rows[:n]]
-        if self._background:
-            m = self._ghost_boxes(pose, n)
-            names += [self._background[c].reported_as for c in self._rows[n : n + m]]
-            n += m
+        end = n + (self._ghost_boxes(pose, n) if self._background else 0)
         self._look_number += 1
-        if not n:
+        if not end:
             return Detections(state.time_s, *_NOTHING, state.camera, self._lens)
-        confidences = confidence_of(self._scores[:n])
+        rows = self._rows[:end].tolist()
+        names = [self._row_names[row] for row in rows[:n]]
+        names += [self._background[c].reported_as for c in rows[n:]]
+        confidences = confidence_of(self._scores[:end])
         return Detections(
-            state.time_s, self._boxes[:n].copy(), confidences, tuple(names), state.camera, self._lens
+            state.time_s, self._boxes[:end].copy(), confidences, tuple(names), state.camera, self._lens
         )
 
     def _object_boxes(self, pose: CameraPose) -> int:
@@ -153,9 +152,6 @@ class StatisticalSensor:
         at = math.log(max(float(pose.position_enu_m[2] - ground), 1.0))
         k = min(int(at / math.log(2.0)), _OCTAVES - 1)
         first, last = self._octave_starts[k], self._octave_starts[k + 1]
-        for row, b in enumerate(self._background):
-            self._ghost_classes[row, 0] = np.interp(at, self._log_altitudes[row], b.per_hectare)
-            self._ghost_classes[row, 3] = np.interp(at, self._log_altitudes[row], b.score_scale)
         return int(
             draw_ghosts(
                 self._optics,
@@ -163,6 +159,8 @@ class StatisticalSensor:
                 pose.R_camera_to_enu,
                 self._ghosts[first:last],
                 self._ghost_classes,
+                self._ghosts_over_altitude,
+                at,
                 first,
                 self._threshold,
                 self._key,
@@ -223,11 +221,15 @@ class StatisticalSensor:
         self._log_altitudes = [np.log(b.altitude_agl_m) for b in self._background]
         floor = float(score_of(m.experiment.confidence_floor))
         self._ghost_classes = np.array(
+            [[ndtri(b.again), floor, math.sqrt(1.0 - b.same_share), b.pixels] for b in self._background]
+        ).reshape(-1, 4)
+        nodes = max(map(len, self._log_altitudes), default=0)
+        self._ghosts_over_altitude = np.array(
             [
-                [0.0, ndtri(b.again), floor, 0.0, math.sqrt(1.0 - b.same_share), b.pixels]
-                for b in self._background
+                [np.pad(row, (0, nodes - len(row)), "edge") for row in (grid, b.per_hectare, b.score_scale)]
+                for grid, b in zip(self._log_altitudes, self._background, strict=True)
             ]
-        ).reshape(-1, 6)
+        )
         west, south, east, north = world.terrain.bounds_enu_m
         hectares = (east - west) * (north - south) / 1e4
         factors = [

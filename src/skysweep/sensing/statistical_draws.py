@@ -150,7 +150,9 @@ def draw_ghosts(
     position: F64,
     R: F64,
     ghosts: F64,  # x, y, z, class, level, own offset
-    classes: F64,  # density now, chance of showing, floor, scale, weight of the rest, pixels
+    classes: F64,  # chance of showing, floor, weight of the rest, pixels
+    over_altitude: F64,  # of each class: log altitudes, densities, scales of the score
+    log_altitude: float,
     first: int,  # number of the first of these ghosts
     threshold: float,
     seed: int,
@@ -161,10 +163,16 @@ def draw_ghosts(
 ) -> int:
     """Like ``draw_objects`` for places where nothing is; ``rows`` are classes. Scores are exponential."""
     n = 0
+    now = np.empty((len(classes), 2))
+    for k in range(len(classes)):
+        grid = over_altitude[k, 0]
+        now[k, 0] = _at(log_altitude, grid, over_altitude[k, 1])
+        now[k, 1] = _at(log_altitude, grid, over_altitude[k, 2])
     for i in range(len(ghosts)):
         g = ghosts[i]
-        c = classes[int(g[3])]
-        if g[4] >= c[0]:
+        kind = int(g[3])
+        c = classes[kind]
+        if g[4] >= now[kind, 0]:
             continue
         dx, dy, dz = g[0] - position[0], g[1] - position[1], g[2] - position[2]
         depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
@@ -175,17 +183,31 @@ def draw_ghosts(
         if not (0.0 <= u <= optics[1] and 0.0 <= v <= optics[2]) or n == len(rows):
             continue
         row = _FIRST_GHOST + first + i
-        if standard_normal(seed, look, row, _SHOWS) > c[1]:
+        if standard_normal(seed, look, row, _SHOWS) > c[0]:
             continue
-        z = g[5] + c[4] * standard_normal(seed, look, row, _SCORE)
-        score = c[2] - c[3] * math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
+        z = g[5] + c[2] * standard_normal(seed, look, row, _SCORE)
+        score = c[1] - now[kind, 1] * math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
         if score < threshold:
             continue
-        half = c[5] / 2
+        half = c[3] / 2
         _put_box(boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, optics[1], optics[2])
-        scores[n], rows[n] = score, int(g[3])
+        scores[n], rows[n] = score, kind
         n += 1
     return n
+
+
+@njit(cache=True)
+def _at(x: float, grid: F64, values: F64) -> float:
+    """``np.interp`` of one number. The last node may be repeated."""
+    if x <= grid[0]:
+        return float(values[0])
+    if x >= grid[-1]:
+        return float(values[-1])
+    k = 0
+    while x >= grid[k + 1]:
+        k += 1
+    slope = (values[k + 1] - values[k]) / (grid[k + 1] - grid[k])
+    return float(slope * (x - grid[k]) + values[k])
 
 
 @njit(cache=True)

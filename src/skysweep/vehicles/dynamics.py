@@ -226,11 +226,12 @@ def _move_air_and_errors(x, rng, q):
     fresh = q[GUST_STD] * shape**0.4 * math.sqrt(1.0 - keep * keep)
     x[GUST + 2] = keep * x[GUST + 2] + fresh * _normal(rng)
 
-    if q[POSITION_STD] > 0.0:
-        w = 2.0 / POSITION_ERROR_TIME_S
-        for i in range(3):
+    w = 2.0 / POSITION_ERROR_TIME_S
+    for i in range(3):
+        draw = _normal(rng)  # always, so that the gusts do not depend on the errors
+        if q[POSITION_STD] > 0.0:
             std = q[POSITION_STD] * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
-            push = 2.0 * w * std * math.sqrt(w * dt) * _normal(rng)
+            push = 2.0 * w * std * math.sqrt(w * dt) * draw
             x[VELOCITY_ERROR + i] += (
                 -dt * (w * w * x[POSITION_ERROR + i] + 2.0 * w * x[VELOCITY_ERROR + i]) + push
             )

@@ -114,7 +114,7 @@ class Multirotor:
         x = self._x
         if x[d.MODE] == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
-        if not all(map(math.isfinite, setpoint.position_enu_m)):
+        if not all(map(math.isfinite, setpoint.position_enu_m.tolist())):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         feed_forward = setpoint.velocity_enu_mps
         self._set_mode(d.OFFBOARD)
