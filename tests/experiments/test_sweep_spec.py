@@ -1,6 +1,7 @@
 """Specs of sweeps: what they fly, and what is wrong with one said in a sentence."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -24,6 +25,11 @@ points:
 seeds: 10
 first_seed: 100
 """
+
+
+def test_the_example_is_ten_thousand_missions():
+    example = Path(__file__).parents[2] / "examples" / "when-to-check.yaml"
+    assert len(Matrix.of(load_spec(example))) == 3 * 17 * 197 > 10_000
 
 
 def test_every_combination_flies_every_seed():
