@@ -121,8 +121,8 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str | int):
         return value
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        rounded, safe = _rounded(value.ravel())
-        if safe:
+        rounded = _rounded(value.ravel())
+        if len(rounded) == value.size:
             return rounded.reshape(value.shape).tolist()
     if isinstance(value, float):
         return round(float(value), 4) if math.isfinite(value) else str(value)
@@ -136,8 +136,8 @@ def _plain(value: Any) -> Any:
 
 
 @njit(cache=True)
-def _rounded(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
-    """What Python's ``round(value, 4)`` gives, and whether that is certain.
+def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What Python's ``round(value, 4)`` gives; nothing at all where that is not certain.
 
     It is not where a value is not finite, too large, or half way between two, and Python has to look closer.
     """
@@ -146,6 +146,6 @@ def _rounded(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], bool]:
         scaled = value * 1e4
         whole = np.rint(scaled)
         if not (abs(scaled) < 1e12 and abs(abs(scaled - whole) - 0.5) > 1e-3):
-            return out, False
+            return out[:0]
         out[k] = whole / 1e4
-    return out, True
+    return out

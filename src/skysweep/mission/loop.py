@@ -293,8 +293,8 @@ class _Flight:
         to_x, to_y = self._router.next_xy((x, y), waypoint.xy_enu_m)
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
-        here_and_soon = np.array((x, y, x + (to_x - x) * share, y + (to_y - y) * share))
-        ground = max(self._m.ground_height_m(here_and_soon.reshape(2, 2)).tolist())
+        here_and_soon = np.array(((x, y), (x + (to_x - x) * share, y + (to_y - y) * share)))
+        ground = max(self._m.ground_height_m(here_and_soon).tolist())
         return Setpoint(
             np.array([to_x, to_y, ground + waypoint.altitude_agl_m]), waypoint.speed_mps, self._m.yaw_rad
         )
