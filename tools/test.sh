@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Sets skysweep up for development and runs every check:  tools/test.sh [pytest arguments]
+# Sets skysweep up for development and runs every check:  tools/test.sh
+# With arguments pytest gets them and ROS is left out:  tools/test.sh tests/planning -x
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -8,4 +9,19 @@ tools/setup.sh dev train
 .venv/bin/python -m ruff format --check .
 .venv/bin/python -m mypy
 export OMP_NUM_THREADS=1  # one core for each of pytest's workers
-exec .venv/bin/python -m pytest -n 2 "$@"
+[ $# -eq 0 ] || exec .venv/bin/python -m pytest -n 2 "$@"
+
+# ROS 2 has an environment of its own: its wheels restart Python and change where libraries are looked for.
+ros_tests() {
+    [ -e .venv-ros/bin/python ] || .venv/bin/python -m venv .venv-ros
+    if .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[ros]' hypothesis pytest; then
+        .venv-ros/bin/python -m pytest tests/ros
+    else
+        echo "test: the wheels of ROS 2 could not be installed for $(.venv/bin/python --version): its tests are SKIPPED" >&2
+    fi
+}
+
+passed=true
+.venv/bin/python -m pytest -n 2 || passed=false
+ros_tests || passed=false
+$passed

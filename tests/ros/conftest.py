@@ -51,7 +51,7 @@ def tiny(tmp_path):
 
 @pytest.fixture
 def start(tmp_path):
-    """``start(*arguments)`` runs python with these; what still runs at the end is ended."""
+    """``start(*arguments)`` runs python with these; what still runs at the end is ended, and what they said is shown."""
     running = []
 
     def start(*arguments: str | Path) -> subprocess.Popen[str]:
@@ -69,4 +69,4 @@ def start(tmp_path):
     for process in running:
         if process.poll() is None:
             process.send_signal(signal.SIGKILL)
-        process.communicate()
+        print(process.communicate()[0])

@@ -91,13 +91,13 @@ def test_another_process_detects_what_the_same_detector_finds_here(link, start):
     from skysweep.sensing.render import make_renderer
 
     scenario = load_scenario("clusters")
-    start(*SKYSWEEP_ROS, "detect", "--patience", APPEAR_S)
     sign = build_world(scenario, 0).objects[0].position_enu_m
     camera = CameraPose(sign + np.array([0.0, 0.0, 8.0]), np.diag([1.0, -1.0, -1.0]))
     renderer = make_renderer(build_world(scenario, 0), "auto")
     frame = Frame(5.0, renderer.render(scenario.camera.lens, camera, 5.0), camera, scenario.camera.lens)
     renderer.close()
 
+    start(*SKYSWEEP_ROS, "detect", "--patience", APPEAR_S)
     remote = RosDetector(link, "detections", scenario.target_classes, 0.25, APPEAR_S, APPEAR_S).detect(frame)
     here = YoloDetector("skysweep", scenario.target_classes, confidence_min=0.25).detect(frame)
     assert len(here) >= 1
