@@ -51,7 +51,8 @@ def test_a_world_gives_the_same_looks_again(layout):
     assert len(looks.pixels) >= 2
     assert looks.pixels.min() >= PIXELS[0]
     assert looks.pixels.max() <= PIXELS[1]
-    assert 0 <= looks.hidden.min() <= looks.hidden.max() <= HIDDEN_MAX
+    for share in (looks.hidden, looks.cut):
+        assert 0 <= share.min() <= share.max() <= HIDDEN_MAX
     assert 0 <= looks.view.min() <= looks.view.max() <= VIEW_MAX
     assert (looks.blur_px <= BLUR_MAX * looks.pixels).all()
     assert len(background.hectares) == 8

@@ -37,7 +37,7 @@ SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "
 OWN = CLASSES.index("stop sign")
 GRID = np.log(GRID_PX)
 MEAN = np.interp(GRID, np.log([4, 12, 40]), [-1.5, 0.5, 1.8])
-FACTORS = np.array([-0.5, -1.0, -0.8, 0.3])
+FACTORS = np.array([-0.5, -1.0, 0.9, -0.4, -0.8, 0.3])
 SPREAD = 0.4
 
 
@@ -61,9 +61,10 @@ def draw_looks(
         + np.sqrt(pass_share) * alike
         + np.sqrt(1 - object_share - pass_share) * rng.normal(size=n)
     )
-    view, hidden, blur = rng.uniform(0, 0.5, n), rng.uniform(0, 0.5, n), rng.uniform(0, 0.8, n)
+    view, hidden, cut, blur = (rng.uniform(0, most, n) for most in (0.5, 0.5, 0.75, 0.8))
+    beside = rng.integers(0, 2, n_objects)[instance].astype(float)
     colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
-    factors = np.column_stack([view, hidden, blur, (colour - 30) / 20])
+    factors = np.column_stack([view, hidden, cut**2, beside, blur, (colour - 30) / 20])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
     reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
     confidences = np.zeros((n, len(CLASSES)))
@@ -81,6 +82,8 @@ def draw_looks(
         places_px=np.column_stack([number * step_px, np.zeros(n)]),
         view=view,
         hidden=hidden,
+        cut=cut,
+        beside=beside,
         blur_px=blur * np.exp(x),
         colour=colour,
         confidences=confidences,
@@ -159,7 +162,7 @@ def test_kinds_are_written_as_they_were_fitted(looks):
 def test_colours_that_were_not_measured_are_the_usual_on_that_ground(looks):
     colour = np.where(np.arange(len(looks.pixels)) % 2, np.nan, 50.0)
     factors = factors_of(replace(looks, colour=colour))
-    np.testing.assert_allclose(factors[:, 3], 1.0)
+    np.testing.assert_allclose(factors[:, 5], 1.0)
     (model,) = contrast_models(looks)
     mean, std = model.surfaces[SURFACES[0]]
     assert abs(mean - 30) < 3
@@ -183,7 +186,7 @@ def test_held_out_looks_are_told_well_by_the_truth_and_badly_by_chance(looks):
 
 def test_errors_of_boxes_are_told_apart_by_size_and_blur():
     looks = draw_looks(n_objects=1500)
-    box = fit_box(replace(looks, hidden=np.zeros(len(looks.pixels))))
+    box = fit_box(replace(looks, hidden=np.zeros(len(looks.pixels)), cut=np.zeros(len(looks.pixels))))
     assert box.of_object == pytest.approx(0.04, abs=0.03)
     assert box.pixels < 1.5
     assert box.of_blur > 0.05
@@ -228,6 +231,6 @@ def test_the_score_is_what_a_threshold_cuts():
     looks = draw_looks()
     curve = fit_curves(looks, factors_of(looks))[SIGN, OWN]
     at = np.array([14.0])
-    mean, spread, lapse = curve.at(at, np.zeros((1, 4)))
+    mean, spread, lapse = curve.at(at, np.zeros((1, len(FACTORS))))
     expected = (1 - lapse) * ndtr((mean - score_of(0.4)) / spread)
-    np.testing.assert_allclose(curve.chance(at, np.zeros((1, 4)), 0.4), expected)
+    np.testing.assert_allclose(curve.chance(at, np.zeros((1, len(FACTORS))), 0.4), expected)

@@ -51,7 +51,7 @@ def tiny(tmp_path):
 
 @pytest.fixture
 def start(tmp_path):
-    """``start(*arguments)`` runs python with these; what still runs at the end is ended, and what they said is shown."""
+    """``start(*arguments)`` runs python with these; at the end it is ended and what it said is shown."""
     running = []
 
     def start(*arguments: str | Path) -> subprocess.Popen[str]:

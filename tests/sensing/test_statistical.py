@@ -13,6 +13,7 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import CameraModel, Light
 from skysweep.scenarios.world import TerrainSurface, World, WorldObject, WorldTree
+from skysweep.sensing.occlusion import Occluders
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_draws import standard_normal
@@ -41,7 +42,9 @@ MINIMUM = 0.3
 
 
 def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.0, -0.5, 1.0, 1.0), **other):
-    fields = dict(view=0.0, hidden=0.0, blur=0.0, contrast=0.0, object_share=0.0, pass_share=0.0)
+    fields = dict(
+        view=0.0, hidden=0.0, cut=0.0, beside=0.0, blur=0.0, contrast=0.0, object_share=0.0, pass_share=0.0
+    )
     return KindModel(
         kind=kind,
         pose=pose,
@@ -165,7 +168,7 @@ def test_lapses_hit_whatever_the_score():
     assert_rate(sum(map(len, found)), LOOKS, 0.8)
 
 
-def test_a_flat_view_a_hidden_part_blur_and_contrast_shift_the_score():
+def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     level = (0.0,) * 4
     true = nadir(height_for(30.0))
     far = nadir(height_for(30.0), 6.0, 0.0)
@@ -181,7 +184,7 @@ def test_a_flat_view_a_hidden_part_blur_and_contrast_shift_the_score():
     sand = replace(FLAT, surface="sand")
     assert_rate(sum(map(len, looks([sign()], tables, true, surface=sand))), LOOKS, chance(0.0))
     edge_x = 320.0 / LENS.focal_px * true.position_enu_m[2]
-    found = looks([sign(edge_x)], model(table(scores=level, hidden=-1.0)), true)
+    found = looks([sign(edge_x)], model(table(scores=level, cut=-2.0)), true)
     assert_rate(sum(map(len, found)), LOOKS, chance(-0.5))
 
 
@@ -459,3 +462,22 @@ def test_tables_must_fit_the_grid():
     short = table().model_copy(update={"spread": [0.5]})
     with pytest.raises(ValueError, match="must have 4 entries"):
         StatisticalModel.model_validate(model(table()).model_dump() | {"kinds": [short.model_dump()]})
+
+
+def test_what_the_edge_cuts_in_half_is_reported_where_it_shows_and_what_is_beyond_is_not():
+    true, pixels = nadir(height_for(60.0)), 60.0
+    metres = true.position_enu_m[2] / LENS.focal_px
+    kinds = model(table(scores=(9.0,) * 4))
+    for beyond_px, seen in ((0.2 * pixels, True), (0.3 * pixels, False), (0.6 * pixels, False)):
+        found = looks([sign((LENS.width_px / 2 + beyond_px) * metres)], kinds, true, 20)
+        assert sum(map(len, found)) == (20 if seen else 0)
+        for detections in found if seen else ():
+            left, _, right, _ = detections.boxes_xyxy_px[0]
+            assert LENS.width_px - 0.5 * pixels < left < right <= LENS.width_px
+
+
+def test_only_crowns_that_are_nearer_than_the_object_is_large_are_beside_it():
+    for gap_m, beside in ((0.5, True), (2.0, False)):
+        tree = WorldTree(np.array([2.5 + gap_m, 0.0, 0.0]), 8.0, 2.5, "broadleaf", 0)
+        world = World(FLAT, (), (tree,), (), Light(), 0)
+        assert Occluders(world).is_beside_a_crown(sign()) is beside

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skysweep.experiments.sensor_fit import MISSION_CONFIDENCE_MIN, Key, fit_curves
 from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, Looks
-from skysweep.sensing.statistical_model import CONTRAST_UNIT, CONTRAST_USUAL, Fit, HeldOut
+from skysweep.sensing.statistical_model import CONTRAST_UNIT, CONTRAST_USUAL, FACTORS, Fit, HeldOut
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -27,6 +27,8 @@ EDGES: dict[str, tuple[float, ...]] = {
     "pixels": (4, 7, 10, 14, 20, 40, 80, 220),
     "off nadir (deg)": (0, 10, 20, 30, 40, 50),
     "hidden share": (0, 0.01, 0.25, 0.5, 0.75),
+    "cut share": (0, 0.01, 0.25, 0.5, 0.75),
+    "beside a crown": (0, 1, 2),
     "blur over pixels": (0, 0.05, 0.15, 0.4, 1.0),
     "contrast (CIE76)": (0, 15, 25, 35, 50, 150),
 }
@@ -38,7 +40,7 @@ class Told:
 
     subject: I64
     class_index: I64
-    factors: F64  # (M, 4)
+    factors: F64  # (M, 6)
     values: dict[str, F64]  # of every entry of EDGES
     confidences: F64
     chance: F64  # (M, T) of a report for each threshold
@@ -82,12 +84,14 @@ def tell(looks: Looks, factors: F64, keys: list[Key]) -> Told:
             parts.append((np.full(len(rows), c), looks.confidences[rows, c], chance, rate))
             rows_of.append(rows)
     rows = np.concatenate([*rows_of, np.zeros(0, dtype=int)])
-    contrast = factors[rows, 3] * CONTRAST_UNIT + CONTRAST_USUAL
+    contrast = factors[rows, FACTORS.index("contrast")] * CONTRAST_UNIT + CONTRAST_USUAL
     values = {
         "pixels": looks.pixels[rows],
         "off nadir (deg)": np.degrees(np.arcsin(np.sqrt(looks.view[rows]))),
         "hidden share": looks.hidden[rows],
-        "blur over pixels": factors[rows, 2],
+        "cut share": looks.cut[rows],
+        "beside a crown": looks.beside[rows],
+        "blur over pixels": factors[rows, FACTORS.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
     }
     empty = np.zeros((0, len(THRESHOLDS)))

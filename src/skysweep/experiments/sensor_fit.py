@@ -58,11 +58,11 @@ _SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it i
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
-_FACTOR_MEAN = np.array([0.0, -0.7, -0.3, 0.0])
-_FACTOR_STD = np.array([0.6, 0.6, 0.6, 0.2])
+_FACTOR_MEAN = np.array([0.0, -0.7, -0.7, 0.0, -0.3, 0.0])
+_FACTOR_STD = np.array([0.6, 0.6, 1.2, 0.4, 0.6, 0.2])
 _LAPSE = (-3.5, 2.0)  # prior of its logit
 _LIMITS = (
-    [(-9.0, 9.0)] * len(GRID_PX) + [(-2.3, 0.7)] * 3 + [(-6.0, 3.0)] * 3 + [(-1.5, 1.5)] + [(-9.0, 2.0)] * 3
+    [(-9.0, 9.0)] * len(GRID_PX) + [(-2.3, 0.7)] * 3 + [(-6.0, 3.0)] * 5 + [(-1.5, 1.5)] + [(-9.0, 2.0)] * 3
 )
 _N = len(GRID_PX)
 _FIRST_FACTOR = _N + len(_SPREAD_KNOTS_PX)
@@ -85,7 +85,7 @@ class Curve:
 
     mean: F64  # (G,)
     log_spread: F64  # (3,)
-    factors: F64  # (4,)
+    factors: F64  # (6,)
     lapse_logit: F64  # (3,)
 
     @property
@@ -99,7 +99,7 @@ class Curve:
         return np.asarray(expit(np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)))
 
     def at(self, pixels: F64, factors: F64) -> tuple[F64, F64, F64]:
-        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, 4) factors."""
+        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, 6) factors."""
         x, grid = np.log(pixels), np.log(GRID_PX)
         mean, spread, lapse = (np.interp(x, grid, table) for table in (self.mean, self.spread, self.lapse))
         return mean + factors @ self.factors, spread, lapse
@@ -123,14 +123,15 @@ Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
 def factors_of(looks: Looks) -> F64:
-    """(N, 4) in the order of FACTORS; colours that were not measured are those of the kind on this ground."""
+    """(N, 6) in the order of FACTORS; colours that were not measured are those of the kind on this ground."""
     colour = looks.colour.copy()
     for subject, surface in {*zip(looks.subject.tolist(), looks.surface.tolist(), strict=True)}:
         rows = (looks.subject == subject) & (looks.surface == surface)
         known = colour[rows & np.isfinite(colour)]
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
-    return np.column_stack([looks.view, looks.hidden, looks.blur_px / looks.pixels, contrast])
+    blur = looks.blur_px / looks.pixels
+    return np.column_stack([looks.view, looks.hidden, looks.cut**2, looks.beside, blur, contrast])
 
 
 def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
@@ -354,7 +355,7 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
     for (subject, c), curve in curves.items():
         kind, pose = SUBJECTS[subject]
         own, of_pass = shares[subject, c]
-        view, hidden, blur, contrast = (round(float(b), 3) for b in curve.factors)
+        view, hidden, cut, beside, blur, contrast = (round(float(b), 3) for b in curve.factors)
         models.append(
             KindModel(
                 kind=kind,
@@ -364,6 +365,8 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
                 spread=[round(float(v), 3) for v in curve.spread],
                 view=view,
                 hidden=hidden,
+                cut=cut,
+                beside=beside,
                 blur=blur,
                 contrast=contrast,
                 lapse=[round(float(v), 4) for v in curve.lapse],
@@ -403,7 +406,8 @@ def fit_box(looks: Looks) -> BoxModel:
             for index, (kind, pose) in enumerate(SUBJECTS):
                 if kind in CLASSES and pose != "standing":
                     rows = (looks.subject == index) & (looks.pixels >= low) & (looks.pixels < high)
-                    rows &= (looks.blur_px >= slow) & (looks.blur_px < fast) & (looks.hidden == 0)
+                    rows &= (looks.blur_px >= slow) & (looks.blur_px < fast)
+                    rows &= (looks.hidden == 0) & (looks.cut == 0)
                     errors.append(looks.offsets_px[rows, CLASSES.index(kind)].ravel())
             found = np.concatenate(errors)
             found = found[np.isfinite(found)]

@@ -38,6 +38,7 @@ PASS_LOOKS = 4  # successive looks from nearly one place
 PASSES_PER_WORLD = 10
 PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
 EMPTY_SHARE = 0.3  # of the passes show no object
+EDGE_SHARE = 0.25  # of the others begin with one that the picture's edge cuts
 PIXELS = (4.0, 220.0)
 STEP_PX = (0.5, 120.0)  # that the picture moves on between two looks of a pass
 BLUR_PX = (0.05, 6.0)
@@ -120,6 +121,8 @@ class Looks:
     places_px: F64  # (N, 2) of the object in the picture
     view: F64  # (N,) factors as in ``statistical_model.KindModel``
     hidden: F64  # (N,)
+    cut: F64  # (N,)
+    beside: F64  # (N,)
     blur_px: F64  # (N,)
     colour: F64  # (N,) difference to the ground (CIE76), the object's mean; NaN where not measured
     confidences: F64  # (N, C) of the best detection of a class on the object; 0 for none
@@ -322,6 +325,10 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
         size_px = np.array([lens.width_px, lens.height_px], dtype=float)
         border = np.minimum(rng.uniform(0.1, 0.5) * wanted, 0.45 * size_px)
         pixel = rng.uniform(border, size_px - border)
+        if rng.random() < EDGE_SHARE:
+            axis = int(rng.integers(2))
+            within = rng.uniform(0.5 - HIDDEN_MAX, 0.5) * min(wanted, size_px[axis])
+            pixel[axis] = rng.choice([within, size_px[axis] - within])
         ray = R @ np.array([*(pixel - size_px / 2) / lens.focal_px, 1.0])  # of unit depth
         depth = lens.focal_px * thing.size_m / wanted
         middle = middle_enu_m(thing)
@@ -362,6 +369,7 @@ class _Scorer:
     def __init__(self, world: World, lens: Lens, exposure_s: float) -> None:
         self._world, self._lens, self._exposure_s = world, lens, exposure_s
         self._occluders = Occluders(world)
+        self._beside = [self._occluders.is_beside_a_crown(o) for o in world.objects]
         self._places = np.array([middle_enu_m(o) for o in world.objects])
         self._feet = np.array([o.position_enu_m for o in world.objects])
         self._clear_m = np.array([max(_CLEAR_SIZES * o.size_m, _CLEAR_MIN_M) for o in world.objects])
@@ -413,16 +421,16 @@ class _Scorer:
         beside_object = ((np.minimum(gaps, gaps_to_feet) <= clear) & before).any(axis=1)
         covered = float((np.pi * self._clear_m**2)[near].sum())
         self._note_strays(found, classes, middles, ~beside_object & (classes >= 0), follows, covered)
-        in_view = before & ((centres >= 0) & (centres <= self._size_px)).all(axis=1)
-        for i in np.flatnonzero(in_view & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])):
+        for i in np.flatnonzero(near & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])):
             thing = self._world.objects[i]
-            seen = min(inside[i], 1.0) * self._occluders.visible_fraction(pose.position_enu_m, thing)
-            hidden = 1.0 - float(seen)
+            hidden = 1.0 - float(self._occluders.visible_fraction(pose.position_enu_m, thing))
+            cut = 1.0 - min(float(inside[i]), 1.0)
             ray = self._places[i] - pose.position_enu_m
             view = float((ray[0] ** 2 + ray[1] ** 2) / (ray @ ray))
             shift = np.array([-velocity[0] / depths[i] - rates[1], -velocity[1] / depths[i] + rates[0]])
             blur_px = float(lens.focal_px * self._exposure_s * np.linalg.norm(shift))
-            if hidden > HIDDEN_MAX or view > VIEW_MAX or blur_px > BLUR_MAX * pixels[i]:
+            unseen = 1.0 - (1.0 - hidden) * (1.0 - cut)
+            if unseen > HIDDEN_MAX or view > VIEW_MAX or blur_px > BLUR_MAX * pixels[i]:
                 continue
             confidences, offsets = np.zeros(len(CLASSES)), np.full((len(CLASSES), 2), np.nan)
             for k in np.flatnonzero((classes >= 0) & (gaps[:, i] <= reach[i])):
@@ -438,6 +446,8 @@ class _Scorer:
                 centres[i],
                 view,
                 hidden,
+                cut,
+                self._beside[i],
                 blur_px,
                 confidences,
                 offsets,
@@ -478,9 +488,9 @@ class _Scorer:
     def packed(self, job: WorldJob) -> tuple[Looks, Background]:
         """Everything that was seen in this world."""
         notes, n, c = self._notes, len(self._notes.looks), len(CLASSES)
-        columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 10
+        columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 12
         subject, index, number = (column.astype(int) for column in columns[:3])
-        pixels, centres, view, hidden, blur_px, confidences, offsets = columns[3:]
+        pixels, centres, view, hidden, cut, beside, blur_px, confidences, offsets = columns[3:]
         colour = np.array([np.mean(notes.colours.get(int(i), [np.nan])) for i in index], dtype=float)
         looks = Looks(
             subject=subject,
@@ -492,6 +502,8 @@ class _Scorer:
             places_px=centres.reshape(n, 2),
             view=view.astype(float),
             hidden=hidden.astype(float),
+            cut=cut.astype(float),
+            beside=beside.astype(float),
             blur_px=blur_px.astype(float),
             colour=colour,
             confidences=confidences.reshape(n, c),

@@ -184,7 +184,8 @@ class StatisticalSensor:
             if not kinds:
                 continue
             contrast = self._contrast(thing, surface, float(colour))
-            things.append([*middle_enu_m(thing), thing.size_m, shape_of(thing), contrast])
+            beside = occluders.is_beside_a_crown(thing)
+            things.append([*middle_enu_m(thing), thing.size_m, shape_of(thing), beside, contrast])
             near.append(occluders.near(thing))
             for kind in kinds:
                 offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
@@ -194,7 +195,7 @@ class StatisticalSensor:
                 rows.append([*kind.score, *kind.spread, *lapse, *kind.factors, offset, *shares])
                 self._row_names.append(kind.reported_as)
             starts.append(len(rows))
-        self._things = np.array(things, dtype=float).reshape(-1, 6)
+        self._things = np.array(things, dtype=float).reshape(-1, 7)
         self._solids = occluders.solids
         self._near = np.concatenate(near) if near else np.zeros(0, dtype=np.int64)
         self._near_start = np.cumsum([0] + [len(n) for n in near])
@@ -236,8 +237,9 @@ class StatisticalSensor:
             b.surfaces.get(world.terrain.surface, 1.0) * (b.wooded if world.trees else 1.0)
             for b in self._background
         ]
-        parts, self._octave_starts = [np.zeros((0, 6))], [0]
+        octaves, self._octave_starts = [], [0]
         for k in range(_OCTAVES):
+            parts = [np.zeros((0, 6))]
             for c, b in enumerate(self._background):
                 ends = np.log(2.0) * np.array([k, k + 1])
                 inside = self._log_altitudes[c][
@@ -249,8 +251,10 @@ class StatisticalSensor:
                 z = world.terrain.height_m(xy) if n else np.zeros(0)
                 own = once.normal(size=n) * math.sqrt(b.same_share)
                 parts.append(np.column_stack([xy, z, np.full(n, c), once.uniform(0.0, top, n), own]))
-            self._octave_starts.append(sum(map(len, parts)))
-        self._ghosts = np.concatenate(parts)
+            ghosts = np.concatenate(parts)
+            octaves.append(ghosts[ghosts[:, 4].argsort(kind="stable")])
+            self._octave_starts.append(self._octave_starts[-1] + len(ghosts))
+        self._ghosts = np.concatenate(octaves)
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:

@@ -1,8 +1,9 @@
 """Compiled draws of the statistical sensor: which objects are in the picture, and what is reported of them.
 
-Objects are rows of ``x, y, z, size, shape, contrast``; each has one or more rows in a table of what it can
-be reported as: G scores, G spreads and G normal quantiles of the lapse over the grid of log pixels, then the
-four factors, the object's own offset and the weights of the pass and of the rest, in standard deviations.
+Objects are rows of ``x, y, z, size, shape, beside, contrast``; each has one or more rows in a table of what
+it can be reported as: G scores, G spreads and G normal quantiles of the lapse over the grid of log pixels,
+then the six factors, the object's own offset and the weights of the pass and of the rest, in standard
+deviations.
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that what is drawn
 of one thing never depends on what else is in view, and what is out of view costs nothing.
@@ -22,7 +23,7 @@ from skysweep.sensing.statistical_model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-WIDTH = 7  # columns of a row after the three tables
+WIDTH = 9  # columns of a row after the three tables
 PLACES = 3  # where an object was in the last picture: u, v, pixels
 MIN_DEPTH_M = 0.1
 
@@ -90,32 +91,33 @@ def draw_objects(
             things[i, 2] - position[2],
         )
         depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-        u = v = -1.0
-        if depth > MIN_DEPTH_M:
-            u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
-            v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
-        if not (0.0 <= u <= width and 0.0 <= v <= height):
+        if depth <= MIN_DEPTH_M:
             places[i, 0] = np.nan
             continue
+        u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
+        v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
         across = dx * dx + dy * dy
         view = across / max(across + dz * dz, 1e-9)
         pixels = focal * apparent_size(int(things[i, 4]), things[i, 3], math.sqrt(view)) / depth
-        moved = abs(u - places[i, 0]) + abs(v - places[i, 1]) + abs(pixels - places[i, 2])
-        kept = math.exp(-moved / box_model[3]) if moved == moved else 0.0
-        places[i, 0], places[i, 1], places[i, 2] = u, v, pixels
         half = pixels / 2
         low_u, high_u = max(u - half, 0.0), min(u + half, width)
         low_v, high_v = max(v - half, 0.0), min(v + half, height)
-        whole = (high_u - low_u) * (high_v - low_v) / (pixels * pixels)
-        if whole > 1.0 - HIDDEN_MAX:
+        if low_u >= high_u or low_v >= high_v:
+            places[i, 0] = np.nan
+            continue
+        moved = abs(u - places[i, 0]) + abs(v - places[i, 1]) + abs(pixels - places[i, 2])
+        kept = math.exp(-moved / box_model[3]) if moved == moved else 0.0
+        places[i, 0], places[i, 1], places[i, 2] = u, v, pixels
+        inside = (high_u - low_u) * (high_v - low_v) / (pixels * pixels)
+        clear = 1.0
+        if inside > 1.0 - HIDDEN_MAX:
             around = near[near_start[i] : near_start[i + 1]]
-            whole *= visible_share(position, things[i, :3], things[i, 3], solids, around)
-        hidden = 1.0 - whole
+            clear = visible_share(position, things[i, :3], things[i, 3], solids, around)
         blur = (
             focal * optics[3] * math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
         )
         at = math.log(pixels)
-        unseen = hidden > HIDDEN_MAX or at < log_pixels[0] + math.log(_TOO_SMALL)
+        unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(_TOO_SMALL)
         spread_px = math.sqrt(box_model[0] ** 2 + (box_model[1] * pixels) ** 2 + (box_model[2] * blur) ** 2)
         for r in range(row_starts[i], row_starts[i + 1]):
             fresh = standard_normal(seed, look, r, _PASS)
@@ -128,12 +130,14 @@ def draw_objects(
                 continue
             mean += (
                 row[3 * g] * min(view, VIEW_MAX)
-                + row[3 * g + 1] * hidden
-                + row[3 * g + 2] * min(blur / pixels, BLUR_MAX)
+                + row[3 * g + 1] * (1.0 - clear)
+                + row[3 * g + 2] * (1.0 - inside) ** 2
                 + row[3 * g + 3] * things[i, 5]
+                + row[3 * g + 4] * min(blur / pixels, BLUR_MAX)
+                + row[3 * g + 5] * things[i, 6]
             )
-            rest = row[3 * g + 6] * standard_normal(seed, look, r, _REST)
-            score = mean + spread * (row[3 * g + 4] + row[3 * g + 5] * pass_state[r] + rest)
+            rest = row[3 * g + 8] * standard_normal(seed, look, r, _REST)
+            score = mean + spread * (row[3 * g + 6] + row[3 * g + 7] * pass_state[r] + rest)
             if score < threshold:
                 continue
             du = spread_px * standard_normal(seed, look, r, _CENTRE_U)
@@ -149,7 +153,7 @@ def draw_ghosts(
     optics: F64,
     position: F64,
     R: F64,
-    ghosts: F64,  # x, y, z, class, level, own offset
+    ghosts: F64,  # x, y, z, class, level, own offset; lowest levels first
     classes: F64,  # chance of showing, floor, weight of the rest, pixels
     over_altitude: F64,  # of each class: log altitudes, densities, scales of the score
     log_altitude: float,
@@ -168,8 +172,11 @@ def draw_ghosts(
         grid = over_altitude[k, 0]
         now[k, 0] = _at(log_altitude, grid, over_altitude[k, 1])
         now[k, 1] = _at(log_altitude, grid, over_altitude[k, 2])
+    highest = now[:, 0].max()
     for i in range(len(ghosts)):
         g = ghosts[i]
+        if g[4] >= highest:
+            break
         kind = int(g[3])
         c = classes[kind]
         if g[4] >= now[kind, 0]:

@@ -84,6 +84,7 @@ class Multirotor:
         floor = self._x[d.GROUND_HEIGHT] + d.LEG_HEIGHT_M
         self._x[d.POSITION + 2] = max(self._x[d.POSITION + 2], floor)
         d.start(self._x, self._rng, self._q)
+        self._known_poses: F64 | None = None  # of this moment, once somebody has asked
 
     # ---- what a mission uses -------------------------------------------------------------------------
 
@@ -135,6 +136,7 @@ class Multirotor:
                 self._look_at_ground()
             steps = min(left, _GROUND_EVERY_STEPS)
             d.fly(x, self._rng, self._q, steps)
+            self._known_poses = None
             flown += steps
             left -= steps
 
@@ -159,6 +161,7 @@ class Multirotor:
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal above (+) or below the horizon, at its own rate; yaw stays the body's."""
         self._q[d.GIMBAL_PITCH] = pitch_rad
+        self._known_poses = None
 
     # ---- to resume -----------------------------------------------------------------------------------
 
@@ -179,6 +182,7 @@ class Multirotor:
         self._time_s = snapshot["time_s"]
         self._ground_at_step = snapshot["ground_at_step"]
         self._q[d.GIMBAL_PITCH] = snapshot["gimbal_pitch_rad"]
+        self._known_poses = None
 
     # ---- simulation only -----------------------------------------------------------------------------
 
@@ -191,6 +195,7 @@ class Multirotor:
         x[d.THRUST], x[d.AIRBORNE] = d.G, 1.0
         self._look_at_ground()
         d.start(x, self._rng, self._q)
+        self._known_poses = None
         self._hold_here()
         self._set_mode(d.OFFBOARD)
         x[d.LAST_VELOCITY : d.LAST_VELOCITY + 3] = (
@@ -205,6 +210,7 @@ class Multirotor:
         """
         self._x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3] = velocity_error_enu_mps
         self._x[d.LEAN_ERROR : d.LEAN_ERROR + 2] = lean_error
+        self._known_poses = None
 
     @property
     def true_position_enu_m(self) -> F64:
@@ -245,9 +251,10 @@ class Multirotor:
     # ---- inside --------------------------------------------------------------------------------------
 
     def _poses(self) -> F64:
-        out = np.empty((18, 3))
-        d.poses(self._x, self._q, out)
-        return out
+        if self._known_poses is None:
+            self._known_poses = np.empty((18, 3))
+            d.poses(self._x, self._q, self._known_poses)
+        return self._known_poses
 
     def _place(self, position_enu_m: F64, velocity_enu_mps: F64, yaw_rad: float) -> None:
         x, steps = self._x, self._x[d.STEPS]
@@ -256,6 +263,7 @@ class Multirotor:
         x[d.POSITION : d.POSITION + 3] = position_enu_m
         x[d.VELOCITY : d.VELOCITY + 3] = velocity_enu_mps
         x[d.ATTITUDE], x[d.ATTITUDE + 3] = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
+        self._known_poses = None
 
     def _hold_here(self) -> None:
         x = self._x
