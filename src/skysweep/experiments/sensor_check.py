@@ -28,7 +28,7 @@ EDGES: dict[str, tuple[float, ...]] = {
     "off nadir (deg)": (0, 10, 20, 30, 40, 50),
     "hidden share": (0, 0.01, 0.25, 0.5, 0.75),
     "cut share": (0, 0.01, 0.25, 0.5, 0.75),
-    "beside a crown": (0, 1, 2),
+    "beside a crown (0 no, 1 yes)": (0, 1, 2),
     "blur over pixels": (0, 0.05, 0.15, 0.4, 1.0),
     "contrast (CIE76)": (0, 15, 25, 35, 50, 150),
 }
@@ -90,7 +90,7 @@ def tell(looks: Looks, factors: F64, keys: list[Key]) -> Told:
         "off nadir (deg)": np.degrees(np.arcsin(np.sqrt(looks.view[rows]))),
         "hidden share": looks.hidden[rows],
         "cut share": looks.cut[rows],
-        "beside a crown": looks.beside[rows],
+        "beside a crown (0 no, 1 yes)": looks.beside[rows],
         "blur over pixels": factors[rows, FACTORS.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
     }

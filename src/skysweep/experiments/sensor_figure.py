@@ -47,14 +47,18 @@ def draw_fit(looks: Looks, background: Background, told: Told, model: Statistica
     and what look-alikes are taken for, over altitude.
     """
     rows = -(-len(SUBJECTS) // _COLUMNS)
-    figure = Figure(figsize=(3.1 * _COLUMNS, 3.3 * rows + 8.2), layout="constrained")
-    panels: Any = figure.subfigures(2, 1, height_ratios=[3.3 * rows, 8.0])
-    above, below = panels
+    check_rows = -(-(len(EDGES) + 3) // _COLUMNS)
+    heights = [3.3 * rows, 3.3 * check_rows]
+    figure = Figure(figsize=(3.1 * _COLUMNS, sum(heights) + 0.2), layout="constrained")
+    parts: Any = figure.subfigures(2, 1, height_ratios=heights)
+    above, below = parts
     _draw_kinds(above, rows, looks, told, model)
-    grid = below.subplots(2, _COLUMNS)
-    _draw_checks(grid, told)
-    _draw_background(grid[1, 2], background, model)
-    _draw_distractors(grid[1, 3], model)
+    panels = below.subplots(check_rows, _COLUMNS).ravel()
+    _draw_checks(panels, told)
+    _draw_background(panels[len(EDGES) + 1], background, model)
+    _draw_distractors(panels[len(EDGES) + 2], model)
+    for spare in panels[len(EDGES) + 3 :]:
+        spare.axis("off")
     figure.suptitle(
         f"Statistical sensor for detector '{model.detector.name}': {model.experiment.pictures} pictures, "
         f"{model.experiment.looks} looks; reports with confidence ≥ {MISSION_CONFIDENCE_MIN:g}",
@@ -158,11 +162,10 @@ def _decorate(above: Axes, below: Axes, first: bool) -> None:
         below.set_ylabel("confidence", fontsize=8)
 
 
-def _draw_checks(grid: NDArray[Any], told: Told) -> None:
+def _draw_checks(panels: NDArray[Any], told: Told) -> None:
     """Targets of held-out worlds: reports by factor, and by the chance that they were given."""
     own = told.is_own
-    for place, (name, edges) in enumerate(EDGES.items()):
-        axes = grid[divmod(place, _COLUMNS)]
+    for axes, (name, edges) in zip(panels, EDGES.items(), strict=False):
         labels = []
         for k, (low, high) in enumerate(pairwise(edges)):
             inside = own & (told.values[name] >= low) & (told.values[name] < high)
@@ -173,7 +176,7 @@ def _draw_checks(grid: NDArray[Any], told: Told) -> None:
         axes.set_xticks(range(len(labels)), labels, fontsize=6)
         _finish(axes, f"targets, held out: {name}", "reported in a look")
         axes.set_ylim(-0.03, 1.03)
-    axes = grid[1, 1]
+    axes = panels[len(EDGES)]
     for t, (threshold, colour) in enumerate(zip(THRESHOLDS, ("#444444", "#0072B2"), strict=True)):
         which = np.minimum((told.chance[:, t] * 10).astype(int), 9)
         for b in np.unique(which):
