@@ -98,7 +98,7 @@ def build_mission(
         waypoints,
         cover_altitude_agl_m,
         yaw_from_heading(plan.heading_deg),
-        world.terrain.height_m,
+        world.terrain.height_at_m,
         replays,
     )
 

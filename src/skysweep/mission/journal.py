@@ -121,9 +121,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str | int):
         return value
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        rounded = _rounded(value.ravel())
-        if len(rounded) == value.size:
-            return rounded.reshape(value.shape).tolist()
+        rounded = np.empty(value.shape)
+        if _round(value.ravel(), rounded.ravel()):
+            return rounded.tolist()
     if isinstance(value, float):
         return round(float(value), 4) if math.isfinite(value) else str(value)
     if isinstance(value, list | tuple):
@@ -136,16 +136,15 @@ def _plain(value: Any) -> Any:
 
 
 @njit(cache=True)
-def _rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What Python's ``round(value, 4)`` gives; nothing at all where that is not certain.
+def _round(values: NDArray[np.float64], out: NDArray[np.float64]) -> bool:
+    """Write what Python's ``round(value, 4)`` gives into ``out``; False where that is not certain.
 
     It is not where a value is not finite, too large, or half way between two, and Python has to look closer.
     """
-    out = np.empty(len(values))
     for k, value in enumerate(values):
         scaled = value * 1e4
         whole = np.rint(scaled)
         if not (abs(scaled) < 1e12 and abs(abs(scaled - whole) - 0.5) > 1e-3):
-            return out[:0]
+            return False
         out[k] = whole / 1e4
-    return out
+    return True

@@ -57,7 +57,7 @@ class Mission:
     waypoints_xy_enu_m: F64  # (N, 2), F
     cover_altitude_agl_m: float
     yaw_rad: float
-    ground_height_m: Callable[[F64], F64]
+    ground_at_m: Callable[[float, float], float]  # height at east and north
     replays: bool = True  # flown again it does the same; else snapshots are taken of it
 
     @property
@@ -293,8 +293,8 @@ class _Flight:
         to_x, to_y = self._router.next_xy((x, y), waypoint.xy_enu_m)
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
-        here_and_soon = np.array(((x, y), (x + (to_x - x) * share, y + (to_y - y) * share)))
-        ground = max(self._m.ground_height_m(here_and_soon).tolist())
+        ground_at_m = self._m.ground_at_m
+        ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         return Setpoint(
             np.array([to_x, to_y, ground + waypoint.altitude_agl_m]), waypoint.speed_mps, self._m.yaw_rad
         )
@@ -314,5 +314,5 @@ class _Flight:
         return self._m.vehicle.state()
 
     def _altitude_agl_m(self, state: VehicleState) -> float:
-        position = state.position_enu_m
-        return position.item(2) - self._m.ground_height_m(position[None, :2]).item()
+        x, y, z = state.position_enu_m.tolist()
+        return float(z - self._m.ground_at_m(x, y))

@@ -48,7 +48,7 @@ class Notes:
             sensor=mission.sensor_name,
         )
         xy = mission.waypoints_xy_enu_m
-        z = mission.ground_height_m(xy) + mission.cover_altitude_agl_m
+        z = [mission.ground_at_m(x, y) + mission.cover_altitude_agl_m for x, y in xy.tolist()]
         self._journal.write(0.0, "plan", waypoints_enu_m=np.column_stack([xy, z]))
 
     def go_on(self, before: Sequence[Mapping[str, Any]]) -> None:

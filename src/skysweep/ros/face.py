@@ -52,7 +52,7 @@ class MissionFace:
         """Show the plan of the mission that is about to fly."""
         self._mission = mission
         xy = mission.waypoints_xy_enu_m
-        z = mission.ground_height_m(xy) + mission.cover_altitude_agl_m
+        z = [mission.ground_at_m(x, y) + mission.cover_altitude_agl_m for x, y in xy.tolist()]
         self._link.publish(topics.PLANNED_PATH, m.planned_path(np.column_stack([xy, z])))
         self._link.publish(topics.TARGETS, m.markers(0.0, ()))
 

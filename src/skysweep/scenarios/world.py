@@ -18,7 +18,6 @@ from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Forest, Gener
 F64 = NDArray[np.float64]
 
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
-_FEW = 4  # points
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
 
@@ -75,22 +74,22 @@ class TerrainSurface:
         """The height of flat ground."""
         return float(self.heights_m[0, 0]) if np.ptp(self.heights_m) == 0.0 else None
 
-    @cached_property
-    def _few_levels_m(self) -> F64:
-        """The heights of a few points of flat ground: missions ask for those at every step."""
-        levels = np.full(_FEW, self._level_m)
-        levels.flags.writeable = False
-        return levels
-
     def height_m(self, xy_enu_m: ArrayLike) -> F64:
         """Ground height (N,) in metres ENU at points (N, 2)."""
         xy = np.asarray(xy_enu_m, dtype=float)
         if xy.ndim == 1:
             xy = xy[None]
         if self._level_m is not None:
-            n = len(xy)
-            return self._few_levels_m[:n] if n <= _FEW else np.full(n, self._level_m)
+            level = np.empty(len(xy))
+            level.fill(self._level_m)
+            return level
         return _bilinear(self.heights_m, self.bounds_enu_m, xy)
+
+    def height_at_m(self, x_m: float, y_m: float) -> float:
+        """Ground height in metres ENU at one point: what missions ask at every step."""
+        if self._level_m is not None:
+            return self._level_m
+        return _bilinear(self.heights_m, self.bounds_enu_m, np.array([[x_m, y_m]])).item()
 
 
 @njit(cache=True)

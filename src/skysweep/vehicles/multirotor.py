@@ -94,7 +94,7 @@ class Multirotor:
         Its estimate of the mean wind is exact.
         """
         x, p = self._x, self._poses()
-        energy_wh = float(x[d.ENERGY_WH])
+        energy_wh = x.item(d.ENERGY_WH)
         return VehicleState(
             x.item(d.STEPS) * d.STEP_S,
             p[0],
@@ -103,7 +103,7 @@ class Multirotor:
             CameraPose(p[5], p[6:9]),
             max(0.0, 1.0 - energy_wh / self._battery_wh),
             energy_wh,
-            bool(x[d.AIRBORNE]),
+            bool(x.item(d.AIRBORNE)),
             wind_enu_mps=self._wind_enu_mps,
         )
 
@@ -113,9 +113,9 @@ class Multirotor:
         Raises RuntimeError on the ground and ValueError when a coordinate is not finite.
         """
         x = self._x
-        if x[d.MODE] == d.ON_GROUND:
+        if x.item(d.MODE) == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
-        if not all(map(math.isfinite, setpoint.position_enu_m.tolist())):
+        if not math.isfinite(sum(setpoint.position_enu_m.tolist())):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         feed_forward = setpoint.velocity_enu_mps
         self._set_mode(d.OFFBOARD)
@@ -128,10 +128,10 @@ class Multirotor:
         """Lets time pass, in steps of 4 ms; the rest of a step is kept for the next call."""
         x = self._x
         self._time_s += duration_s
-        flown = int(x[d.STEPS])
+        flown = int(x.item(d.STEPS))
         left = round(self._time_s / d.STEP_S) - flown
         while left > 0:
-            near_ground = x[d.MODE] != d.OFFBOARD
+            near_ground = x.item(d.MODE) != d.OFFBOARD
             if near_ground or flown - self._ground_at_step >= _GROUND_EVERY_STEPS:
                 self._look_at_ground()
             steps = min(left, _GROUND_EVERY_STEPS)
@@ -274,7 +274,7 @@ class Multirotor:
         x[d.TARGET_YAW] = x[d.BELIEVED_YAW]
 
     def _set_mode(self, mode: float) -> None:
-        if self._x[d.MODE] != mode:
+        if self._x.item(d.MODE) != mode:
             self._x[d.MODE] = mode
             self._x[d.MODE_TIME] = self._x[d.CONTACT_TIME] = 0.0
 
