@@ -2,13 +2,15 @@
 
 Data flows one way: sense -> track -> decide -> fly. Arrays are float64 and never written to after they
 were handed on. Frames: ENU metres; body FLU; camera optical (x right, y down, z forward).
+
+What is made at every step is a named tuple: those are made four times as fast as frozen dataclasses.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +22,7 @@ XY = tuple[float, float]
 U8 = NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(NamedTuple):
     """What the vehicle believes about itself (its estimator's output, not the truth)."""
 
     time_s: float
@@ -36,25 +37,8 @@ class VehicleState:
     silent_s: float = 0.0  # since telemetry was last heard
     wind_enu_mps: F64 | None = None  # (3,) estimated mean wind; None: unknown
 
-    def with_camera(self, camera: CameraPose) -> VehicleState:
-        """The same with another camera pose (``dataclasses.replace`` would take six times as long)."""
-        return VehicleState(
-            self.time_s,
-            self.position_enu_m,
-            self.velocity_enu_mps,
-            self.R_body_to_enu,
-            camera,
-            self.battery_remaining,
-            self.energy_used_wh,
-            self.airborne,
-            self.position_std_m,
-            self.silent_s,
-            self.wind_enu_mps,
-        )
 
-
-@dataclass(frozen=True, slots=True)
-class Setpoint:
+class Setpoint(NamedTuple):
     """Where to go: PX4 offboard semantics (position plus optional velocity feed-forward).
 
     ``speed_mps`` limits the horizontal speed; vertical limits are the vehicle's own.
@@ -119,8 +103,7 @@ class Sighting:
     camera_altitude_agl_m: float  # believed height of the camera above the sighting at exposure
 
 
-@dataclass(frozen=True, slots=True)
-class Observation:
+class Observation(NamedTuple):
     """Everything a strategy may know at one step. ``time_s`` is the vehicle's."""
 
     vehicle: VehicleState
@@ -147,8 +130,7 @@ class Event:
     position_enu_m: tuple[float, float, float] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Waypoint:
+class Waypoint(NamedTuple):
     """Where a strategy wants to be: above the ground, because terrain is the loop's business."""
 
     xy_enu_m: XY
@@ -156,8 +138,7 @@ class Waypoint:
     speed_mps: float  # horizontal
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """A strategy's answer. ``waypoint`` is None when the search is over."""
 
     mode: str  # SCAN or CHECK

@@ -349,7 +349,7 @@ class LosesLink(Around):
         if not self.cut_off():
             self.last = now
             return now
-        return replace(self.last, silent_s=now.time_s - self.last.time_s)
+        return self.last._replace(silent_s=now.time_s - self.last.time_s)
 
     def command(self, setpoint):
         if not self.cut_off():
@@ -418,13 +418,13 @@ class Misplaced(Around):
         if not self.span[0] <= state.time_s < self.span[1]:
             return state
         camera = replace(state.camera, position_enu_m=state.camera.position_enu_m + self.offset)
-        return replace(
-            state, position_enu_m=state.position_enu_m + self.offset, camera=camera, position_std_m=self.std_m
+        return state._replace(
+            position_enu_m=state.position_enu_m + self.offset, camera=camera, position_std_m=self.std_m
         )
 
     def command(self, setpoint):
         if self.span[0] <= self.inner.state().time_s < self.span[1]:
-            setpoint = replace(setpoint, position_enu_m=setpoint.position_enu_m - self.offset)
+            setpoint = setpoint._replace(position_enu_m=setpoint.position_enu_m - self.offset)
         self.inner.command(setpoint)
 
 
@@ -474,7 +474,7 @@ class Blown(Around):
     def state(self):
         state = self.inner.state()
         if self.span[0] <= state.time_s < self.span[1]:
-            return replace(state, wind_enu_mps=np.array([self.speed_mps, 0.0, 0.0]))
+            return state._replace(wind_enu_mps=np.array([self.speed_mps, 0.0, 0.0]))
         return state
 
 
@@ -513,12 +513,12 @@ def test_a_wind_that_carries_it_away_makes_it_land():
             state = self.inner.state()
             if state.time_s < 25.0:
                 return state
-            return replace(state, wind_enu_mps=np.array([12.0, 0.0, 0.0]))
+            return state._replace(wind_enu_mps=np.array([12.0, 0.0, 0.0]))
 
         def command(self, setpoint):
             if self.inner.state().time_s > 25.0:
                 here = self.inner.state().position_enu_m
-                setpoint = replace(setpoint, position_enu_m=here + np.array([5.0, 0.0, 0.0]))
+                setpoint = setpoint._replace(position_enu_m=here + np.array([5.0, 0.0, 0.0]))
             self.inner.command(setpoint)
 
     flown = Flown(vehicle=CarriedAway)
@@ -536,7 +536,7 @@ class Drained(Around):
     def state(self):
         state = self.inner.state()
         self.low |= state.time_s > 30.0 and state.position_enu_m[2] < 8.0
-        return replace(state, battery_remaining=self.left) if self.low else state
+        return state._replace(battery_remaining=self.left) if self.low else state
 
 
 @pytest.mark.parametrize(("left", "action"), [(0.14, "RETURN"), (0.04, "LAND")])

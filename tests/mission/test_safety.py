@@ -29,7 +29,7 @@ def state(t=100.0, x=0.0, y=0.0, z=30.0, v=(0.0, 0.0, 0.0), **changes):
     position = np.array([x, y, z])
     pose = CameraPose(position, np.eye(3))
     plain = VehicleState(t, position, np.array(v), np.eye(3), pose, 0.9, 10.0, True)
-    return replace(plain, **changes)
+    return plain._replace(**changes)
 
 
 class Watched:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -117,6 +117,7 @@ class _Flight:
         self._holding = False
         self._asked: tuple[str, Waypoint | None] | None = None
         self._refused = False
+        self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the last setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
 
     def refuse_before_take_off(self) -> None:
@@ -192,7 +193,8 @@ class _Flight:
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
             if command.waypoint is None and self._looks.are_due(state.time_s, done_s):
-                command = replace(command, events=tuple(e for e in command.events if e.kind != "finished"))
+                going_on = tuple(e for e in command.events if e.kind != "finished")
+                command = command._replace(events=going_on)
             elif command.waypoint is None:
                 self._note(observation, command.events)
                 self._notes.state(state, command.mode)
@@ -295,9 +297,10 @@ class _Flight:
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
-        return Setpoint(
-            np.array([to_x, to_y, ground + waypoint.altitude_agl_m]), waypoint.speed_mps, self._m.yaw_rad
-        )
+        asked = (to_x, to_y, ground + waypoint.altitude_agl_m, waypoint.speed_mps)
+        if self._sent is None or self._sent[0] != asked:
+            self._sent = asked, Setpoint(np.array(asked[:3]), waypoint.speed_mps, self._m.yaw_rad)
+        return self._sent[1]
 
     def _hold(self) -> None:
         if not self._holding:

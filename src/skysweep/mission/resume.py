@@ -113,7 +113,7 @@ class LaterVehicle:
     def state(self) -> VehicleState:
         """The vehicle's, in the mission's time."""
         state = self._vehicle.state()
-        return replace(state, time_s=state.time_s + self._earlier_s)
+        return state._replace(time_s=state.time_s + self._earlier_s)
 
 
 def restored(mission: Mission, journal: FileJournal) -> Mission:

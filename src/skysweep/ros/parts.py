@@ -179,8 +179,7 @@ class RosPoseVehicle:
         pose = self._read(own.time_s)
         turn = pose.R_body_to_enu @ own.R_body_to_enu.T
         arm_m = own.camera.position_enu_m - own.position_enu_m
-        return replace(
-            own,
+        return own._replace(
             position_enu_m=pose.position_enu_m,
             velocity_enu_mps=pose.velocity_enu_mps,
             R_body_to_enu=pose.R_body_to_enu,
@@ -195,8 +194,7 @@ class RosPoseVehicle:
         drift_m = own.position_enu_m - pose.position_enu_m
         drift_rad = euler_from_rotation(own.R_body_to_enu)[2] - euler_from_rotation(pose.R_body_to_enu)[2]
         self.carrier.command(
-            replace(
-                setpoint,
+            setpoint._replace(
                 position_enu_m=setpoint.position_enu_m + drift_m,
                 yaw_rad=setpoint.yaw_rad + drift_rad,
             )

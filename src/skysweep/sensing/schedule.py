@@ -30,4 +30,4 @@ class Exposures:
         self._next_s += self._period_s
         if self._next_s <= state.time_s:
             self._next_s = state.time_s + self._period_s
-        return state.with_camera(self._poses.at(state.time_s))
+        return state._replace(camera=self._poses.at(state.time_s))
