@@ -6,6 +6,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -101,9 +102,10 @@ def _vehicle_rtf(scenario: Scenario) -> float:
 
 def _mission_rtf(scenario: Scenario, seed: int, sensor_name: str) -> float:
     mission = build_mission(scenario, seed, sensor_name, threads=THREADS)
-    started = time.perf_counter()
-    fly(mission, MemoryJournal())
-    return float(mission.vehicle.state().time_s) / (time.perf_counter() - started)
+    with closing(mission.sensor):
+        started = time.perf_counter()
+        fly(mission, MemoryJournal())
+        return float(mission.vehicle.state().time_s) / (time.perf_counter() - started)
 
 
 def _many_missions() -> dict[str, Any]:
