@@ -25,7 +25,6 @@ _STANDING_WIDTH_SHARE = 0.3  # shoulders against body height
 _FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
 _STEEP = 4.0  # tangent of the angle off nadir up to which the list of near solids is complete
 _POINT_HEIGHT_M = 0.1
-_BESIDE_SIZES = 1.0  # between the object's middle and the crown's edge
 _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # of the object's size
 
 
@@ -92,10 +91,10 @@ class Occluders:
         return np.flatnonzero(away <= throw + s[:, 9] + thing.size_m)
 
     def is_beside_a_crown(self, thing: WorldObject) -> bool:
-        """Whether the edge of a tree's or bush's crown is nearer than the object is large."""
+        """Whether the crown of a tree or bush ends nearer to the object's middle than the object is large."""
         s = self.solids[self.solids[:, 10] == 0.0]
         away = np.hypot(s[:, 0] - thing.position_enu_m[0], s[:, 1] - thing.position_enu_m[1])
-        return bool((away <= s[:, 9] + _BESIDE_SIZES * thing.size_m).any())
+        return bool((away <= s[:, 9] + thing.size_m).any())
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
