@@ -25,7 +25,10 @@ from skysweep.types import Camera, Vehicle
 SUMMARY_FILE = "summary.json"
 _END = "end"  # kind of a whole journal's last line
 _OTHER_COMMAND = {
-    False: "a real vehicle flew the mission; go on with  skysweep fly {}",
+    False: (
+        "its vehicle, camera or detector was outside of skysweep and cannot be replayed; a flight of "
+        "'skysweep fly' goes on with  skysweep fly {}, any other is flown again into a new folder"
+    ),
     True: "the mission was simulated; go on with  skysweep resume {}",
 }
 
