@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 from skysweep.errors import UserError
-from skysweep.gazebo.gz_sim import IMAGE_TOPIC, GzLink, exposure_s, find_bindings, image_of
+from skysweep.gazebo.gz_messages import Image
+from skysweep.gazebo.gz_sim import IMAGE_TOPIC, GzLink, exposure_s, find_node, image_of
 from skysweep.gazebo.live import LiveCamera
 from skysweep.gazebo.rig import MODEL
 from skysweep.geometry.camera import CameraPose, Lens
@@ -25,52 +25,6 @@ RECORDED_IMAGE = bytes.fromhex(
 )
 # gz.msgs.Boolean true.
 RECORDED_TRUE = bytes.fromhex("1001")
-
-FIELDS = {  # of gz-msgs 10: name, number, type
-    "Time": [("sec", 1, "int64"), ("nsec", 2, "int32")],
-    "Header": [("stamp", 1, "Time")],
-    "Boolean": [("header", 1, "Header"), ("data", 2, "bool")],
-    "Double": [("header", 1, "Header"), ("data", 2, "double")],
-    "Image": [
-        ("header", 1, "Header"),
-        ("width", 2, "uint32"),
-        ("height", 3, "uint32"),
-        ("step", 4, "uint32"),
-        ("data", 5, "bytes"),
-        ("pixel_format_type", 6, "uint32"),
-    ],
-    "Vector3d": [("header", 1, "Header"), ("x", 2, "double"), ("y", 3, "double"), ("z", 4, "double")],
-    "Quaternion": [("header", 1, "Header"), *[(a, k, "double") for k, a in enumerate("xyzw", start=2)]],
-    "Pose": [
-        ("header", 1, "Header"),
-        ("name", 2, "string"),
-        ("id", 3, "uint32"),
-        ("position", 4, "Vector3d"),
-        ("orientation", 5, "Quaternion"),
-    ],
-    "WorldControl": [
-        ("header", 1, "Header"),
-        ("pause", 2, "bool"),
-        ("step", 3, "bool"),
-        ("multi_step", 4, "uint32"),
-    ],
-}
-
-
-def _messages() -> dict[str, Any]:
-    field = descriptor_pb2.FieldDescriptorProto
-    file = descriptor_pb2.FileDescriptorProto(name="gz10.proto", package="gz.msgs", syntax="proto3")
-    for name, fields in FIELDS.items():
-        message = file.message_type.add(name=name)
-        for field_name, number, kind in fields:
-            f = message.field.add(name=field_name, number=number, label=field.LABEL_OPTIONAL)
-            if kind in FIELDS:
-                f.type, f.type_name = field.TYPE_MESSAGE, f".gz.msgs.{kind}"
-            else:
-                f.type = getattr(field, f"TYPE_{kind.upper()}")
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    return {n: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"gz.msgs.{n}")) for n in FIELDS}
 
 
 class RecordedNode:
@@ -108,20 +62,10 @@ class RecordedNode:
 
 @pytest.fixture
 def gz(monkeypatch: pytest.MonkeyPatch) -> type[RecordedNode]:
-    messages = _messages()
-    modules = {"gz": ModuleType("gz"), "gz.transport13": ModuleType("t"), "gz.msgs10": ModuleType("m")}
-    modules["gz.transport13"].Node = RecordedNode  # type: ignore[attr-defined]
-    for file, name in (
-        ("boolean", "Boolean"),
-        ("double", "Double"),
-        ("image", "Image"),
-        ("pose", "Pose"),
-        ("world_control", "WorldControl"),
-    ):
-        module = modules[f"gz.msgs10.{file}_pb2"] = ModuleType(name)
-        setattr(module, name, messages[name])
-    for name, module in modules.items():
-        monkeypatch.setitem(sys.modules, name, module)
+    transport = ModuleType("gz.transport13")
+    transport.Node = RecordedNode  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "gz", ModuleType("gz"))
+    monkeypatch.setitem(sys.modules, "gz.transport13", transport)
     monkeypatch.setattr(RecordedNode, "requests", [], raising=False)
     monkeypatch.setattr(RecordedNode, "published", [], raising=False)
     monkeypatch.setattr(RecordedNode, "answers", True)
@@ -129,7 +73,7 @@ def gz(monkeypatch: pytest.MonkeyPatch) -> type[RecordedNode]:
 
 
 def test_recorded_picture(gz: type[RecordedNode]) -> None:
-    message = find_bindings().Image.FromString(RECORDED_IMAGE)
+    message = Image.FromString(RECORDED_IMAGE)
     assert exposure_s(message) == pytest.approx(12.4)
     image = image_of(message, IMAGE_TOPIC)
     np.testing.assert_array_equal(image, np.arange(24).reshape(2, 4, 3))
@@ -139,7 +83,7 @@ def test_recorded_picture(gz: type[RecordedNode]) -> None:
 
 
 def test_pose_then_steps_then_the_picture_taken_in_them(gz: type[RecordedNode]) -> None:
-    link = GzLink(find_bindings(), "field")
+    link = GzLink("field")
     link.subscribe_images(IMAGE_TOPIC)
     pose = CameraPose(np.array([1.0, 2.0, 30.0]), rotation_camera_to_enu(0.0, -np.pi / 2))
     assert link.set_pose(MODEL, pose)
@@ -157,19 +101,19 @@ def test_pose_then_steps_then_the_picture_taken_in_them(gz: type[RecordedNode]) 
 
 def test_a_gazebo_that_does_not_answer(gz: type[RecordedNode], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gz, "answers", False)
-    link = GzLink(find_bindings(), "field")
+    link = GzLink("field")
     assert not link.step(1)
 
 
 def test_gimbal_of_a_px4_model(gz: type[RecordedNode]) -> None:
-    GzLink(find_bindings(), "field").point_gimbal("x500_gimbal_0", 0.1, -1.5, 0.2)
+    GzLink("field").point_gimbal("x500_gimbal_0", 0.1, -1.5, 0.2)
     base = "/model/x500_gimbal_0/command/gimbal_"
     assert gz.published == [(base + "roll", 0.1), (base + "pitch", -1.5), (base + "yaw", 0.2)]
 
 
 def test_without_bindings_it_says_what_to_install() -> None:
-    with pytest.raises(UserError, match=r"needs the Python bindings .* python3-gz-transport13"):
-        find_bindings()
+    with pytest.raises(UserError, match=r"needs the Python bindings .*python3-gz-transport13"):
+        find_node()
 
 
 def test_live_camera_knows_its_size(gz: type[RecordedNode], monkeypatch: pytest.MonkeyPatch) -> None:

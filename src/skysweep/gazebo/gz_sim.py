@@ -1,6 +1,6 @@
 """gz-sim (Harmonic and newer), through its own Python bindings.
 
-They come with Gazebo, not from PyPI: ``python3-gz-transport13 python3-gz-msgs10`` for Harmonic.
+They come with Gazebo, not from PyPI: ``python3-gz-transport13`` for Harmonic.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import shutil
 import subprocess
 import time
 import uuid
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.gazebo import rig
 from skysweep.gazebo.export import MODELS_FOLDER, Clock, write_world
+from skysweep.gazebo.gz_messages import Boolean, Double, Image, Pose, WorldControl
 from skysweep.gazebo.restarting import SimulatorRenderer, quaternion_flu
 from skysweep.gazebo.sdf import tag
 from skysweep.gazebo.transport import TransportError
@@ -29,57 +29,37 @@ from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World
 from skysweep.sensing.render import Backend
 
-VERSIONS = (  # transport and messages, newest first: Jetty, Ionic, Harmonic
-    ("gz.transport", "gz.msgs"),
-    ("gz.transport14", "gz.msgs11"),
-    ("gz.transport13", "gz.msgs10"),
-)
-HOW_TO_GET = "install them with Gazebo: apt-get install python3-gz-transport13 python3-gz-msgs10 (Harmonic)"
+VERSIONS = ("gz.transport", "gz.transport14", "gz.transport13")  # newest first: Jetty, Ionic, Harmonic
+HOW_TO_GET = "install them with Gazebo: apt-get install python3-gz-transport13 (Harmonic)"
 IMAGE_TOPIC = "/skysweep/camera/image"
-_MESSAGES = ("boolean", "double", "image", "pose", "world_control")
 _DIES_WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
 _RGB_INT8 = 3
 _REQUEST_MS = 1000
 
 
-@dataclass(frozen=True, slots=True)
-class Bindings:
-    """The classes of gz.transport and gz.msgs that we use."""
-
-    Node: Any
-    Boolean: Any
-    Double: Any
-    Image: Any
-    Pose: Any
-    WorldControl: Any
-
-
-def find_bindings() -> Bindings:
-    """The newest bindings that are installed; raises UserError when there are none."""
-    for transport, messages in VERSIONS:
+def find_node() -> type[Any]:
+    """The class of nodes of the newest transport that is installed; raises UserError when there is none."""
+    for transport in VERSIONS:
         try:
-            node = importlib.import_module(transport).Node
-            modules = [importlib.import_module(f"{messages}.{name}_pb2") for name in _MESSAGES]
+            node: type[Any] = importlib.import_module(transport).Node
+            return node
         except (ImportError, AttributeError):
             continue
-        boolean, double, image, pose, control = modules
-        return Bindings(node, boolean.Boolean, double.Double, image.Image, pose.Pose, control.WorldControl)
-    raise UserError(f"The gz camera needs the Python bindings gz.transport and gz.msgs: {HOW_TO_GET}")
+    raise UserError(f"The gz camera needs the Python bindings of gz.transport: {HOW_TO_GET}")
 
 
 class GzLink:
     """One node: newest pictures of a topic, poses of models, steps of a paused world, angles of a gimbal."""
 
-    def __init__(self, bindings: Bindings, world: str) -> None:
-        self._gz = bindings
+    def __init__(self, world: str = "") -> None:
         self._world = world
-        self._node = bindings.Node()
+        self._node = find_node()()
         self._pictures: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._angles: dict[str, Any] = {}
 
     def subscribe_images(self, topic: str) -> None:
         """Pictures of this topic come out of ``image``. Raises TransportError when that is refused."""
-        if not self._node.subscribe(self._gz.Image, topic, self._on_image):
+        if not self._node.subscribe(Image, topic, self._on_image):
             raise TransportError(f"{topic} cannot be subscribed to")
 
     def _on_image(self, message: Any) -> None:
@@ -99,7 +79,7 @@ class GzLink:
     def set_pose(self, model: str, pose: CameraPose) -> bool:
         """Put a model's origin where a camera is; False when Gazebo does not answer or refuses."""
         w, x, y, z = quaternion_flu(pose)
-        request = self._gz.Pose(name=model)
+        request = Pose(name=model)
         for axis, value in zip("xyz", pose.position_enu_m.tolist(), strict=True):
             setattr(request.position, axis, value)
         for axis, value in zip("wxyz", (w, x, y, z), strict=True):
@@ -108,19 +88,19 @@ class GzLink:
 
     def step(self, count: int) -> bool:
         """Let the paused world take ``count`` steps; False when Gazebo does not answer or refuses."""
-        return self._request("control", self._gz.WorldControl(pause=True, multi_step=count))
+        return self._request("control", WorldControl(pause=True, multi_step=count))
 
     def point_gimbal(self, model: str, roll_rad: float, pitch_rad: float, yaw_rad: float) -> None:
         """Angles for the gimbal of a PX4 model, such as ``x500_gimbal_0``."""
         for axis, angle in (("roll", roll_rad), ("pitch", pitch_rad), ("yaw", yaw_rad)):
             topic = f"/model/{model}/command/gimbal_{axis}"
             if topic not in self._angles:
-                self._angles[topic] = self._node.advertise(topic, self._gz.Double)
-            self._angles[topic].publish(self._gz.Double(data=angle))
+                self._angles[topic] = self._node.advertise(topic, Double)
+            self._angles[topic].publish(Double(data=angle))
 
     def _request(self, service: str, message: Any) -> bool:
         answered, reply = self._node.request(
-            f"/world/{self._world}/{service}", message, type(message), self._gz.Boolean, _REQUEST_MS
+            f"/world/{self._world}/{service}", message, type(message), Boolean, _REQUEST_MS
         )
         return bool(answered and reply.data)
 
@@ -146,7 +126,7 @@ class GzRenderer(SimulatorRenderer):
     backend: Backend = "gz"
 
     def __init__(self, world: World, scenario: Scenario, rate_hz: float) -> None:
-        self._bindings = find_bindings()
+        find_node()
         if shutil.which("gz") is None:
             raise UserError("The gz camera needs the command gz: install Gazebo Harmonic or newer")
         lens = scenario.camera.lens
@@ -186,7 +166,7 @@ class GzRenderer(SimulatorRenderer):
                 start_new_session=True,
                 env=environment,
             )
-        self._link = GzLink(self._bindings, self._world)
+        self._link = GzLink(self._world)
         self._link.subscribe_images(IMAGE_TOPIC)
         give_up = time.monotonic() + patience_s
         while not self._link.set_pose(rig.MODEL, pose):

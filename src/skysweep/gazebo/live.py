@@ -112,7 +112,7 @@ def _classic(topic: str, patience_s: float) -> tuple[Newest, Callable[[], None]]
 
 
 def _gz(topic: str) -> tuple[Newest, Callable[[], None]]:
-    link = gz_sim.GzLink(gz_sim.find_bindings(), world="")
+    link = gz_sim.GzLink()
     link.subscribe_images(topic)
 
     def newest(timeout_s: float) -> NDArray[np.uint8] | None:

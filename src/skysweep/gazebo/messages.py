@@ -1,30 +1,14 @@
-"""The messages of Gazebo Classic's transport that we speak, as protobuf classes made at run time.
+"""The messages of Gazebo Classic's transport that we speak.
 
-Only the fields that we use: protobuf skips the others. Names, numbers and types are Gazebo 11's
-(``gazebo/msgs/*.proto``).
+Names, numbers and types are Gazebo 11's (``gazebo/msgs/*.proto``); only the fields that we use.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from skysweep.gazebo.protobuf import message_classes
 
-_Field = descriptor_pb2.FieldDescriptorProto
-_SCALARS = {
-    "bytes": _Field.TYPE_BYTES,
-    "bool": _Field.TYPE_BOOL,
-    "double": _Field.TYPE_DOUBLE,
-    "int32": _Field.TYPE_INT32,
-    "string": _Field.TYPE_STRING,
-    "uint32": _Field.TYPE_UINT32,
-}
-_LABELS = {
-    "required": _Field.LABEL_REQUIRED,
-    "optional": _Field.LABEL_OPTIONAL,
-    "repeated": _Field.LABEL_REPEATED,
-}
-_PACKAGE = "gazebo.msgs"
 _DEFINITIONS = """
 Time: required int32 sec = 1, required int32 nsec = 2
 Packet: required Time stamp = 1, required string type = 2, required bytes serialized_data = 3
@@ -44,28 +28,8 @@ ImageStamped: required Time time = 1, required Image image = 2
 """
 
 
-def _make_classes() -> dict[str, Any]:
-    file = descriptor_pb2.FileDescriptorProto(name="skysweep_gazebo.proto", package=_PACKAGE, syntax="proto2")
-    names = []
-    for line in _DEFINITIONS.strip().splitlines():
-        name, _, fields = line.partition(": ")
-        names.append(name)
-        message = file.message_type.add(name=name)
-        for text in fields.split(", "):
-            label, kind, field_name, _, number = text.split()
-            field = message.field.add(name=field_name, number=int(number), label=_LABELS[label])
-            if kind in _SCALARS:
-                field.type = _SCALARS[kind]
-            else:
-                field.type, field.type_name = _Field.TYPE_MESSAGE, f".{_PACKAGE}.{kind}"
-    pool = descriptor_pool.DescriptorPool()
-    pool.Add(file)
-    return {n: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{n}")) for n in names}
-
-
-_CLASSES = _make_classes()
 Time, Packet, Publish, Publishers, Subscribe, GzString, Vector3d, Quaternion, Pose, Image, ImageStamped = (
-    _CLASSES.values()
+    message_classes("gazebo.msgs", "proto2", _DEFINITIONS).values()
 )
 
 
