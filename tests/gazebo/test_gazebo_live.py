@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -54,6 +55,11 @@ def test_the_newest_picture_of_a_topic(server: GazeboServer, monkeypatch: pytest
         assert frame.image.shape == (240, 320, 3)
         assert frame.time_s == 7.0
         assert frame.image.std() > 5  # sky above, grass below
+        time.sleep(3.0)  # thirty pictures that nobody wants
+        begun_s = time.monotonic()
+        for _ in range(6):
+            camera.capture(_state())
+        assert time.monotonic() - begun_s > 0.3  # none of them waited in line: ten come a second
     monkeypatch.setattr("skysweep.gazebo.live.OPEN_S", 2.0)
     with pytest.raises(UserError, match=f"no such image topic; there are: {rig.IMAGE_TOPIC}"):
         LiveCamera("gazebo:/gazebo/default/eye", LENS)

@@ -119,10 +119,12 @@ def test_camera_and_gimbal_introduce_themselves(sky, gcs):
 
 def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
     point = (m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -90, 0, NAN, NAN, 0, 0, 0)
-    take = (m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -3, -3)
+    configure = m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
     other = Program(sky, port=2, system=7)
     assert gcs.command(*point) == m.MAV_RESULT_DENIED
-    assert gcs.command(*take) == 0
+    assert gcs.command(configure, -2, -2, -1, -1) == 0
+    assert gcs.command(*point) == m.MAV_RESULT_DENIED  # the vehicle has it now, as with PX4
+    assert gcs.command(configure, 245, 190, -1, -1) == 0
     assert gcs.command(*point) == 0
     assert other.command(*point) == m.MAV_RESULT_DENIED
     gcs.forget()
@@ -134,7 +136,7 @@ def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
 
 
 def test_the_camera_looks_where_the_gimbal_was_told(sky, gcs):
-    gcs.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -3, -3)
+    gcs.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, 245, 190, -1, -1)
     for asked, pitch in ((-30.0, -30.0), (80.0, 45.0), (NAN, 45.0)):
         assert gcs.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, asked, 0, NAN, NAN, 0, 0, 0) == 0
         sky.fly(2.0)

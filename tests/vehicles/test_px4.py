@@ -218,6 +218,18 @@ def test_the_gimbal_is_pointed_and_believed():
         assert true[2, 2] == pytest.approx(math.sin(-0.5), abs=0.03)
 
 
+def test_preflight_says_whose_the_gimbal_is():
+    with connected() as (vehicle, server):
+        plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])
+        (check,) = [c for c in preflight(vehicle, plan, 0.1, upload=False) if c.name == "gimbal"]
+        assert (check.passed, check.said) == (True, "ours, looks to -90 degrees, told -90")
+        server.face.payload.control = 7, 1
+        assert vehicle.link.wait(lambda: vehicle.gimbal_obeys == (7, 1), 10.0)
+        (check,) = [c for c in preflight(vehicle, plan, 0.1, upload=False) if c.name == "gimbal"]
+        assert check.passed is False
+        assert check.said.startswith("obeys 7/1, not us (245/190)")
+
+
 def test_whoever_takes_it_over_keeps_it():
     with connected() as (vehicle, server):
         pilot = server.face.pilot

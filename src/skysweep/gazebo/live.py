@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +22,7 @@ from skysweep.types import Frame, VehicleState
 CLASSIC, GZ = "gazebo:", "gz:"  # what a source begins with; the topic follows
 OPEN_S = 10.0  # until the first picture has to come
 FRESH_S = 1.0  # how long a picture may be awaited
+_READ_S = 0.2  # until a closing reader looks up
 MASTER_VARIABLE, MASTER_DEFAULT = "GAZEBO_MASTER_URI", "http://127.0.0.1:11345"
 
 Newest = Callable[[float], NDArray[np.uint8] | None]  # waits so long for a picture that is new
@@ -95,20 +97,53 @@ def _classic(topic: str, patience_s: float) -> tuple[Newest, Callable[[], None]]
         there = ", ".join(sorted(images)) or "none"
         raise UserError(f"--camera {CLASSIC}{topic}: no such image topic; there are: {there}")
     transport.subscribe(topic, ImageStamped)
+    reader = _Reader(transport)
 
     def newest(timeout_s: float) -> NDArray[np.uint8] | None:
-        message: Any = None
-        wait_s = 0.0
-        give_up = time.monotonic() + timeout_s
-        while message is None and time.monotonic() < give_up:
-            received = transport.receive(wait_s)
-            while received is not None:
-                message = received[1]
-                received = transport.receive(0.0)
-            wait_s = 0.05
+        message = reader.newest(timeout_s)
         return None if message is None else lockstep.image_of(message.image, topic)
 
-    return newest, transport.close
+    return newest, reader.close
+
+
+class _Reader:
+    """Reads all the time and keeps the newest message: what is not read waits in gzserver, and gets old."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+        self._news = threading.Condition()
+        self._message: Any = None
+        self._error: TransportError | None = None
+        self._closing = False
+        self._thread = threading.Thread(target=self._read, name="gazebo-camera", daemon=True)
+        self._thread.start()
+
+    def newest(self, timeout_s: float) -> Any:
+        """The newest message that was not given yet, None when none came; raises TransportError."""
+        with self._news:
+            self._news.wait_for(lambda: self._message or self._error, timeout_s)
+            if self._message is None and self._error is not None:
+                raise self._error
+            message, self._message = self._message, None
+            return message
+
+    def close(self) -> None:
+        self._closing = True
+        self._thread.join()
+        self._transport.close()
+
+    def _read(self) -> None:
+        try:
+            while not self._closing:
+                received = self._transport.receive(_READ_S)
+                if received is not None:
+                    with self._news:
+                        self._message = received[1]
+                        self._news.notify_all()
+        except TransportError as error:
+            with self._news:
+                self._error = error
+                self._news.notify_all()
 
 
 def _gz(topic: str) -> tuple[Newest, Callable[[], None]]:

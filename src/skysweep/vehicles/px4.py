@@ -33,6 +33,10 @@ _MULTICOPTERS = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopte
 _RATES_HZ = {"LOCAL_POSITION_NED": 30.0, "ATTITUDE_QUATERNION": 30.0, "EXTENDED_SYS_STATE": 5.0}
 _RATES_HZ |= {"BATTERY_STATUS": 2.0, "ESTIMATOR_STATUS": 2.0, "WIND_COV": 1.0, "HOME_POSITION": 1.0}
 _GIMBAL_RATE_HZ = 20.0
+_GIMBAL_STATUS_HZ = 1.0
+_POINT_AGAIN_S = 1.0
+_LEVEL = m.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | m.GIMBAL_MANAGER_FLAGS_PITCH_LOCK  # not with the tilting frame
+_LEAVE, _RELEASE = -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE; -2 is the vehicle itself
 # At several times real time PX4's telemetry thread cannot keep up with its usual streams.
 _SPARED = (
     "ATTITUDE",
@@ -147,6 +151,8 @@ class Px4Vehicle:
                 "the vehicle's clock went back: it was restarted in flight; look after it by hand"
             )
         self._check_in_command()
+        if told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
+            self.look(told.gimbal_pitch_rad)
         self._state = self._look()
 
     def takeoff(self, altitude_agl_m: float) -> None:
@@ -203,13 +209,23 @@ class Px4Vehicle:
         self._wanted = Mode.HOLD
 
     def look(self, pitch_rad: float) -> None:
-        """Points the gimbal, where there is one, above (+) or below the horizon; yaw stays the vehicle's."""
+        """Points the gimbal, where there is one, above (+) or below the horizon; yaw stays the vehicle's.
+
+        While the gimbal reports another pitch it is told again, once a second.
+        """
         self.telemetry.gimbal_pitch_rad = pitch_rad
         if self.gimbal:
+            self._pointed_s = self.telemetry.boot_s
             pitch_deg = math.degrees(pitch_rad)
-            self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, pitch_deg, 0.0, None, None, 0, 0, 0)
+            self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, pitch_deg, 0.0, None, None, _LEVEL)
 
     # ---- around a mission ----------------------------------------------------------------------------
+
+    @property
+    def gimbal_obeys(self) -> tuple[int, int]:
+        """System and component that the gimbal obeys; (0, 0) is nobody."""
+        said = self.link.newest("GIMBAL_MANAGER_STATUS") or {}
+        return said.get("primary_control_sysid", 0), said.get("primary_control_compid", 0)
 
     def parameter(self, name: str) -> float | None:
         """One of PX4's parameters, None where it does not say; asked twice, because radios lose."""
@@ -239,6 +255,8 @@ class Px4Vehicle:
             atexit.unregister(self.close)
             self.hold()
             self._offboard.stop()
+            if self.gimbal:
+                self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, _RELEASE, _RELEASE, _LEAVE, _LEAVE)
             for name in self._spared:
                 self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, _number(name), 0.0)
             self.link.close()
@@ -306,12 +324,20 @@ class Px4Vehicle:
         self.anchor = Anchor(a.frame, a.home_enu_m, np.array([*a.home_ned_m[:2], ned[2] + below]))
 
     def _take_gimbal(self) -> bool:
-        """Whether there is a gimbal that is ours now, looking where the scenario wants it."""
+        """Whether there is a gimbal; asks for it, and points it where the scenario wants it."""
         if self.link.ask("GIMBAL_MANAGER_INFORMATION", _HELLO_S) is None:
             return False
-        self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
-        self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, -2, -2, -3, -3)
         self.gimbal = True
+        self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
+        self.link.every("GIMBAL_MANAGER_STATUS", _GIMBAL_STATUS_HZ)
+        with suppress(UserError):  # the preflight list says whose it is
+            self.link.order(
+                "hand over its gimbal",
+                m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
+                [*self.link.own_ids, _LEAVE, _LEAVE],
+                lambda: self.gimbal_obeys == self.link.own_ids,
+                _HELLO_S,
+            )
         self.look(self.telemetry.gimbal_pitch_rad)
         return True
 

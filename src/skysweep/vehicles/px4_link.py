@@ -31,6 +31,11 @@ CONNECT_S = 10.0
 ORDER_S = 10.0  # until an order has to show in what the vehicle does
 _REPEAT_S = 0.5
 _AUTOPILOT = 1  # component id
+_OF_ANY_COMPONENT = (
+    "GIMBAL_MANAGER_INFORMATION",
+    "GIMBAL_MANAGER_STATUS",
+    "GIMBAL_DEVICE_ATTITUDE_STATUS",
+)
 _HEARD = (
     "HEARTBEAT",
     "LOCAL_POSITION_NED",
@@ -46,10 +51,8 @@ _HEARD = (
     "COMMAND_ACK",
     "STATUSTEXT",
     "PARAM_VALUE",
-    "GIMBAL_MANAGER_INFORMATION",
-    "GIMBAL_DEVICE_ATTITUDE_STATUS",
+    *_OF_ANY_COMPONENT,
 )
-_OF_ANY_COMPONENT = ("GIMBAL_MANAGER_INFORMATION", "GIMBAL_DEVICE_ATTITUDE_STATUS")
 _WARNING = 4  # MAV_SEVERITY; smaller is worse
 _RESULTS = {1: "not now", 2: "denied", 3: "unsupported", 4: "failed"}  # MAV_RESULT
 
@@ -70,7 +73,9 @@ class Link:
         self._texts: deque[str] = deque(maxlen=5)
         self._results: dict[int, int] = {}
         log_subscribe(lambda *_: True)
-        self._mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+        configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+        self.own_ids = (int(configuration.system_id), int(configuration.component_id))
+        self._mavsdk = Mavsdk(configuration)
         try:
             self._connect(url, timeout_s)
         except BaseException:

@@ -11,6 +11,7 @@ from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.px4 import Px4Vehicle
 from skysweep.vehicles.px4_fence import upload_fence_and_rally
 
+GIMBAL_S = 5.0  # on the wall, until it looks where it was told
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
 _MAX_STD_M = 5.0
 _FIXES = {2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
@@ -49,10 +50,29 @@ def preflight(
         Check("ready", _is_ready(vehicle), "PX4 would arm" if _is_ready(vehicle) else "PX4 would not arm"),
         _offboard_lost(vehicle),
         _speed(vehicle),
-        Check("gimbal", True, "ours" if vehicle.gimbal else "none: the camera is taken to look as told"),
+        _gimbal(vehicle),
     ]
     blocked = any(check.passed is False for check in checks)
     return (*checks, *_fence_and_rally(vehicle, plan, upload and not blocked))
+
+
+def _gimbal(vehicle: Px4Vehicle) -> Check:
+    if not vehicle.gimbal:
+        return Check("gimbal", True, "none: the camera is taken to look as told")
+    told, ours = vehicle.telemetry, vehicle.link.own_ids
+    if vehicle.gimbal_obeys != ours:
+        whose = "{}/{}".format(*vehicle.gimbal_obeys)
+        return Check("gimbal", False, f"obeys {whose}, not us ({ours[0]}/{ours[1]}): have that let go of it")
+    vehicle.link.wait(lambda: not told.gimbal_is_off, GIMBAL_S)
+    told_deg, looks_rad = math.degrees(told.gimbal_pitch_rad), told.reported_gimbal_pitch_rad
+    if looks_rad is None:
+        return Check(
+            "gimbal", None, f"ours, told to look to {told_deg:.0f} degrees; does not say where it looks"
+        )
+    said = f"looks to {math.degrees(looks_rad):.0f} degrees, told {told_deg:.0f}"
+    if told.gimbal_is_off:
+        return Check("gimbal", False, f"{said}: free it, or write a camera.gimbal.pitch_deg that it reaches")
+    return Check("gimbal", True, f"ours, {said}")
 
 
 def _version(vehicle: Px4Vehicle) -> str:

@@ -28,6 +28,7 @@ F64 = NDArray[np.float64]
 SILENCE_S = 0.5  # on the wall, without a position
 _POSITION_GOOD = m.ESTIMATOR_POS_HORIZ_ABS | m.ESTIMATOR_POS_HORIZ_REL
 _IN_AIR = (m.MAV_LANDED_STATE_IN_AIR, m.MAV_LANDED_STATE_TAKEOFF, m.MAV_LANDED_STATE_LANDING)
+_GIMBAL_TOLERANCE_RAD = 0.1
 _CAMERA_BELOW_M = 0.1  # as on the embedded vehicle
 _LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
 
@@ -196,18 +197,38 @@ class Telemetry:
         elif said.get("battery_remaining", -1) >= 0:
             self._used_wh = max(self._used_wh, (1.0 - self.battery_remaining) * self._battery_wh)
 
+    @property
+    def reported_gimbal_pitch_rad(self) -> float | None:
+        """Where the gimbal says that it looks, above the horizon; None where it says nothing."""
+        R = self._gimbal_to_its_frame()
+        return None if R is None else _pitch(R)
+
+    @property
+    def gimbal_is_off(self) -> bool:
+        """Whether the gimbal says that it looks elsewhere than it was told."""
+        pitch_rad = self.reported_gimbal_pitch_rad
+        return pitch_rad is not None and abs(pitch_rad - self.gimbal_pitch_rad) > _GIMBAL_TOLERANCE_RAD
+
     def _camera_to_enu(self) -> F64:
         """Where the gimbal says that it looks, else the pitch it was told and the vehicle's nose."""
-        said = self._link.newest("GIMBAL_DEVICE_ATTITUDE_STATUS")
-        R = None if said is None else _rotation(said.get("q") or [])
-        if said is None or R is None:
+        R = self._gimbal_to_its_frame()
+        if R is None:
             return rotation_camera_to_enu(self.yaw_rad, self.gimbal_pitch_rad)
-        forward = R[:, 0]
-        pitch = math.asin(max(-1.0, min(1.0, -forward[2])))
         turn = math.atan2(-R[0, 1], R[1, 1])  # clockwise from above, also when it looks straight down
+        said = self._link.newest("GIMBAL_DEVICE_ATTITUDE_STATUS") or {}
         if said["flags"] & m.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME:
-            return rotation_camera_to_enu(wrap_angle(0.5 * math.pi - turn), pitch)
-        return rotation_camera_to_enu(wrap_angle(self.yaw_rad - turn), pitch)
+            return rotation_camera_to_enu(wrap_angle(0.5 * math.pi - turn), _pitch(R))
+        return rotation_camera_to_enu(wrap_angle(self.yaw_rad - turn), _pitch(R))
+
+    def _gimbal_to_its_frame(self) -> F64 | None:
+        """(3, 3) as the gimbal reports it: forward, right, down to north or nose, east or right, down."""
+        said = self._link.newest("GIMBAL_DEVICE_ATTITUDE_STATUS")
+        return None if said is None else _rotation(said.get("q") or [])
+
+
+def _pitch(R: F64) -> float:
+    """Of the forward axis, above the horizon."""
+    return math.asin(max(-1.0, min(1.0, -float(R[2, 0]))))
 
 
 def _rotation(q: list[float | None]) -> F64 | None:

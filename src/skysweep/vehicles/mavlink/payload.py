@@ -14,7 +14,7 @@ import numpy as np
 from skysweep.scenarios.model import CameraModel
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import quaternion
+from skysweep.vehicles.mavlink.px4 import AUTOPILOT, SYSTEM_ID, quaternion
 from skysweep.vehicles.mavlink.wire import Message
 
 _DEVICE = 1  # a gimbal that is part of the autopilot's component
@@ -22,7 +22,7 @@ _SENSOR_WIDTH_MM = 6.3
 _FLAGS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
 _IN_VEHICLE_FRAME = m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
 _PITCH_LIMITS_DEG = -90.0, 45.0
-_TAKE, _LEAVE, _RELEASE = -2.0, -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE
+_ITSELF, _LEAVE, _RELEASE = -2.0, -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE
 
 
 class Payload:
@@ -38,10 +38,10 @@ class Payload:
         self.control = (0, 0)  # system and component in control
 
     def configure(self, params: tuple[float, ...], sender: tuple[int, int]) -> bool:
-        """DO_GIMBAL_MANAGER_CONFIGURE: takes, gives or releases control."""
+        """DO_GIMBAL_MANAGER_CONFIGURE: gives or releases control. As with PX4, "itself" is the vehicle."""
         system, component = params[0], params[1]
-        if (system, component) == (_TAKE, _TAKE):
-            self.control = sender
+        if (system, component) == (_ITSELF, _ITSELF):
+            self.control = SYSTEM_ID, AUTOPILOT
         elif (system, component) == (_RELEASE, _RELEASE):
             self.control = (0, 0) if self.control == sender else self.control
         elif 0.0 <= system <= 255.0 and 0.0 <= component <= 255.0:
