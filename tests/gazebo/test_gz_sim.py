@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -17,14 +18,13 @@ from skysweep.gazebo.rig import MODEL
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 
-LENS = Lens(4, 2, 1.0)
+LENS = Lens(64, 64, 1.4)
 
-# gz.msgs.Image as it is on the wire: header.stamp 12.4 s, 4 x 2, step 12, RGB_INT8, 24 bytes of 0..23.
-RECORDED_IMAGE = bytes.fromhex(
-    "0a0a0a08080c108088debe01 1004 1802 200c2a18 000102030405060708090a0b0c0d0e0f1011121314151617 3003"
-)
-# gz.msgs.Boolean true.
+# What a gz-sim 8.14 (Harmonic) said: the camera of GzRenderer 8 m above signs of `clusters`, 64 x 64 pixels,
+# at 0.2 s, and the answer to set_pose and control.
+RECORDED_IMAGE = Path(__file__).with_name("gz8_image.bin").read_bytes()
 RECORDED_TRUE = bytes.fromhex("1001")
+RECORDED_S = 0.2
 
 
 class RecordedNode:
@@ -72,13 +72,16 @@ def gz(monkeypatch: pytest.MonkeyPatch) -> type[RecordedNode]:
     return RecordedNode
 
 
-def test_recorded_picture(gz: type[RecordedNode]) -> None:
+def test_recorded_picture() -> None:
     message = Image.FromString(RECORDED_IMAGE)
-    assert exposure_s(message) == pytest.approx(12.4)
+    assert exposure_s(message) == pytest.approx(RECORDED_S)
     image = image_of(message, IMAGE_TOPIC)
-    np.testing.assert_array_equal(image, np.arange(24).reshape(2, 4, 3))
+    assert image.shape == (64, 64, 3)
+    red, green = image[:, :, 0].astype(int), image[:, :, 1].astype(int)
+    assert np.median(green - red) > 0  # grass
+    assert 10 < (red - green > 60).sum() < 600  # signs on it
     message.pixel_format_type = 8
-    with pytest.raises(UserError, match="pixel format 8 with 24 bytes; set the camera's image format"):
+    with pytest.raises(UserError, match="pixel format 8 with 12288 bytes; set the camera's image format"):
         image_of(message, IMAGE_TOPIC)
 
 
@@ -88,10 +91,10 @@ def test_pose_then_steps_then_the_picture_taken_in_them(gz: type[RecordedNode]) 
     pose = CameraPose(np.array([1.0, 2.0, 30.0]), rotation_camera_to_enu(0.0, -np.pi / 2))
     assert link.set_pose(MODEL, pose)
     assert link.step(8)
-    message = link.image(taken_after_s=12.0, timeout_s=1.0)
+    message = link.image(taken_after_s=RECORDED_S - 0.05, timeout_s=1.0)
     assert message is not None
     assert link.step(8)
-    assert link.image(taken_after_s=12.5, timeout_s=0.0) is None  # an older one
+    assert link.image(taken_after_s=RECORDED_S + 0.05, timeout_s=0.0) is None  # an older one
     (where, put), (how, control), _ = gz.requests
     assert (where, how) == ("/world/field/set_pose", "/world/field/control")
     assert (put.name, put.position.x, put.position.y, put.position.z) == (MODEL, 1, 2, 30)
@@ -125,6 +128,6 @@ def test_live_camera_knows_its_size(gz: type[RecordedNode], monkeypatch: pytest.
         return True
 
     monkeypatch.setattr(gz, "subscribe", subscribe_and_show)
-    with pytest.raises(UserError, match=r"its pictures are 4 x 2; write camera\.width_px: 4"):
+    with pytest.raises(UserError, match=r"its pictures are 64 x 64; write camera\.width_px: 64"):
         LiveCamera("gz:/camera", Lens(640, 360, 1.0))
     LiveCamera("gz:/camera", LENS).close()

@@ -250,7 +250,7 @@ def _physics(clock: Clock) -> ET.Element:
         "physics",
         None,
         tag("max_step_size", clock.step_s),
-        tag("real_time_factor", 1.0),
+        tag("real_time_factor", 1.0 if clock.rate_hz else 0.0),  # what gz goes by: 0 is as fast as it can
         tag("real_time_update_rate", clock.rate_hz),
         name="physics",
         type="ode",

@@ -49,7 +49,11 @@ def find_node() -> type[Any]:
 
 
 class GzLink:
-    """One node: newest pictures of a topic, poses of models, steps of a paused world, angles of a gimbal."""
+    """One node: newest pictures of a topic, poses of models, steps of a paused world, angles of a gimbal.
+
+    The bindings keep Python's lock while a request waits: a picture that comes in just then holds the answer
+    up until the request is given up.
+    """
 
     def __init__(self, world: str = "") -> None:
         self._world = world
@@ -188,8 +192,11 @@ class GzRenderer(SimulatorRenderer):
         assert self._link is not None
         taken_after_s = (self._stepped + 0.5) * self.step_s
         self._stepped += self.steps
-        if not self._link.set_pose(rig.MODEL, pose) or not self._link.step(self.steps):
-            raise TransportError("gz sim does not answer")
+        give_up = time.monotonic() + patience_s
+        while not self._link.set_pose(rig.MODEL, pose):
+            if time.monotonic() > give_up:
+                raise TransportError("gz sim does not answer")
+        self._link.step(self.steps)  # whether it was heard, the picture says
         message = self._link.image(taken_after_s, patience_s)
         if message is None:
             raise TransportError(f"no picture for {patience_s:g} s")
