@@ -33,6 +33,10 @@ def fly(
     connection: Annotated[
         str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")
     ] = "udpin://127.0.0.1:14540",
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(help="File with 64 hexadecimal digits: sign every frame, hear only signed ones."),
+    ] = None,
     sensor: SensorOption = "imaging",
     camera: Annotated[
         str,
@@ -55,7 +59,8 @@ def fly(
 
     Shows the preflight list and asks before arming. In flight: Ctrl-C holds, Enter goes on, Ctrl-C again goes
     home and lands. However this program ends, the vehicle is left in Hold. A flight that was broken off goes
-    on from where the vehicle is when its run folder is given; only --connection and --camera count then.
+    on from where the vehicle is when its run folder is given; only --connection, --signing-key and --camera
+    count then.
 
     Examples:
 
@@ -72,6 +77,7 @@ def fly(
     from skysweep.planning.plan_files import scenario_from_plan
     from skysweep.results.run_folder import CONFIG_FILE
     from skysweep.scenarios.files import change_scenario, load_scenario
+    from skysweep.vehicles.mavlink.signing import read_signing_key
 
     begun = Path(source) if (Path(source) / CONFIG_FILE).is_file() else None
     if begun is not None:
@@ -85,7 +91,8 @@ def fly(
             scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
         )
     signal.signal(signal.SIGTERM, _end)
-    with Px4Flight(chosen, connection, timeout) as flight:
+    key = None if signing_key is None else read_signing_key(signing_key)
+    with Px4Flight(chosen, connection, timeout, key) as flight:
         checks = flight.preflight(upload=not dry_run)
         _print_checks(checks)
         excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skysweep.errors import UserError
 from skysweep.experiments.resume import resume_folder
 from skysweep.experiments.single import Watch, fly_to_folder
 from skysweep.mission.loop import Operator
@@ -17,6 +18,7 @@ from skysweep.strategies import strategy_spec
 from skysweep.types import Camera
 from skysweep.vehicles.px4 import Px4Vehicle
 from skysweep.vehicles.px4_preflight import Check, preflight
+from skysweep.vehicles.signed_link import SignedLink
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
@@ -28,14 +30,35 @@ _MOTORS_STOP_S = 20.0  # on the wall, after landing
 class Px4Flight:
     """A scenario and the PX4 that will fly it. A context manager: its end hands the vehicle over to Hold.
 
+    With a ``signing_key`` (32 bytes) every frame is signed, and only those that the vehicle signs are heard.
+
     Raises UserError, before anything is connected, where the scenario cannot be flown, and where no fitting
     vehicle answers at ``url`` in ``timeout_s``.
     """
 
-    def __init__(self, scenario: Scenario, url: str, timeout_s: float) -> None:
+    def __init__(
+        self, scenario: Scenario, url: str, timeout_s: float, signing_key: bytes | None = None
+    ) -> None:
         self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
         plan_scenario(scenario, self._altitude_agl_m)
-        self.vehicle = Px4Vehicle(url, scenario, build_terrain(scenario).height_m, timeout_s)
+        self._link = None if signing_key is None else SignedLink(url, signing_key)
+        try:
+            self.vehicle = Px4Vehicle(
+                url if self._link is None else self._link.url,
+                scenario,
+                build_terrain(scenario).height_m,
+                timeout_s,
+            )
+        except UserError:
+            if self._link is None:
+                raise
+            self._link.close()
+            if self._link.refused == 0:
+                raise
+            raise UserError(
+                f"--connection {url}: {self._link.refused} frames were heard, and not signed with this key; "
+                "give the key that the vehicle signs with, or set it up to sign"
+            ) from None
         self.scenario = self.vehicle.scenario
 
     def preflight(self, upload: bool) -> tuple[Check, ...]:
@@ -86,3 +109,5 @@ class Px4Flight:
 
     def __exit__(self, *_: object) -> None:
         self.vehicle.close()
+        if self._link is not None:
+            self._link.close()

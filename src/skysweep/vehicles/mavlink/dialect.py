@@ -5,8 +5,9 @@ from __future__ import annotations
 from skysweep.errors import MissingExtraError
 
 try:
+    from pymavlink import mavutil
     from pymavlink.dialects.v20 import common as mavlink
 except ImportError:
     raise MissingExtraError("MAVLink", "px4") from None
 
-__all__ = ["mavlink"]
+__all__ = ["mavlink", "mavutil"]

@@ -53,8 +53,8 @@ def _end_of_frame(datagram: bytes, at: int) -> int | None:
 class Voice:
     """What one component says to one listener: with its own sequence numbers, signed where there is a key."""
 
-    def __init__(self, component_id: int, signing: Signing) -> None:
-        self._encoder = mavlink.MAVLink(None, SYSTEM_ID, component_id)
+    def __init__(self, component_id: int, signing: Signing, system_id: int = SYSTEM_ID) -> None:
+        self._encoder = mavlink.MAVLink(None, system_id, component_id)
         self._encoder.signing.secret_key = signing.key
         self._encoder.signing.sign_outgoing = signing.key is not None
         self._signing = signing

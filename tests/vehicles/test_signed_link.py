@@ -1,0 +1,73 @@
+"""A flight over a signed link: MAVSDK behind the relay, the embedded vehicle with a key in front of it."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+
+import pytest
+
+pytest.importorskip("mavsdk", reason="needs the extra px4")
+
+from mavlink_clients import free_port, scenario
+
+from skysweep.errors import UserError
+from skysweep.experiments.px4_flight import Px4Flight
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+from skysweep.vehicles.mavlink.server import VehicleServer
+from skysweep.vehicles.signed_link import SignedLink
+
+KEY, OTHER_KEY = bytes(range(32)), bytes(32)
+
+
+@pytest.fixture
+def signing_vehicle():
+    """The address of a vehicle that hears and says only what is signed with KEY, and the vehicle."""
+    of, port = scenario(), free_port()
+    with VehicleServer(embedded_vehicle(of, 0), of, [("127.0.0.1", port)], 10.0, signing_key=KEY) as server:
+        yield f"udpin://127.0.0.1:{port}", server
+
+
+def test_a_signed_flight_takes_off_and_holds(signing_vehicle):
+    url, server = signing_vehicle
+    with Px4Flight(scenario(), url, 30.0, KEY) as flight:
+        flight.vehicle.takeoff(6.0)
+        for _ in range(200):
+            flight.vehicle.advance(0.1)
+            if flight.vehicle.state().position_enu_m[2] > 4.0:
+                break
+        assert flight.vehicle.state().position_enu_m[2] > 4.0
+    assert server.face.pilot.armed
+
+
+def test_an_unsigned_order_moves_nothing(signing_vehicle):
+    url, server = signing_vehicle
+    with Px4Flight(scenario(), url, 30.0) as flight:
+        for _ in range(3):
+            flight.vehicle.link.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+            time.sleep(0.3)
+    assert not server.face.pilot.armed
+
+
+def test_with_another_key_nothing_is_heard(signing_vehicle):
+    url, server = signing_vehicle
+    with pytest.raises(UserError, match=r"\d frames were heard, and not signed with this key"):
+        Px4Flight(scenario(), url, 3.0, OTHER_KEY)
+    assert not server.face.pilot.armed
+
+
+def test_addresses_that_cannot_be_opened():
+    with pytest.raises(UserError, match=r"tcpout://127.0.0.1:1: cannot be opened"):
+        SignedLink("tcpout://127.0.0.1:1", KEY)
+    with pytest.raises(UserError, match="serial:///dev/nothing:57600: cannot be opened"):
+        SignedLink("serial:///dev/nothing:57600", KEY)
+    with pytest.raises(UserError, match=r"udpout://1.2.3.4:5: write udpin"):
+        SignedLink("udpout://1.2.3.4:5", KEY)
+
+
+def test_it_ends_at_once():
+    begun_s = time.monotonic()
+    with closing(SignedLink(f"udpin://127.0.0.1:{free_port()}", KEY)):
+        pass
+    assert time.monotonic() - begun_s < 2.0
