@@ -34,6 +34,7 @@ _RATES_HZ = {"LOCAL_POSITION_NED": 30.0, "ATTITUDE_QUATERNION": 30.0, "EXTENDED_
 _RATES_HZ |= {"BATTERY_STATUS": 2.0, "ESTIMATOR_STATUS": 2.0, "WIND_COV": 1.0, "HOME_POSITION": 1.0}
 _GIMBAL_RATE_HZ = 20.0
 _GIMBAL_STATUS_HZ = 1.0
+_GIMBAL_S = 3.0  # on the wall, until it is ours
 _POINT_AGAIN_S = 1.0
 _LEVEL = m.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | m.GIMBAL_MANAGER_FLAGS_PITCH_LOCK  # not with the tilting frame
 _LEAVE, _RELEASE = -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE; -2 is the vehicle itself
@@ -222,10 +223,10 @@ class Px4Vehicle:
     # ---- around a mission ----------------------------------------------------------------------------
 
     @property
-    def gimbal_obeys(self) -> tuple[int, int]:
-        """System and component that the gimbal obeys; (0, 0) is nobody."""
-        said = self.link.newest("GIMBAL_MANAGER_STATUS") or {}
-        return said.get("primary_control_sysid", 0), said.get("primary_control_compid", 0)
+    def gimbal_obeys(self) -> tuple[int, int] | None:
+        """System and component that the gimbal obeys; (0, 0) is nobody, None where it does not say."""
+        said = self.link.newest("GIMBAL_MANAGER_STATUS")
+        return None if said is None else (said["primary_control_sysid"], said["primary_control_compid"])
 
     def parameter(self, name: str) -> float | None:
         """One of PX4's parameters, None where it does not say; asked twice, because radios lose."""
@@ -336,7 +337,7 @@ class Px4Vehicle:
                 m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
                 [*self.link.own_ids, _LEAVE, _LEAVE],
                 lambda: self.gimbal_obeys == self.link.own_ids,
-                _HELLO_S,
+                _GIMBAL_S,
             )
         self.look(self.telemetry.gimbal_pitch_rad)
         return True

@@ -60,9 +60,11 @@ def _gimbal(vehicle: Px4Vehicle) -> Check:
     if not vehicle.gimbal:
         return Check("gimbal", True, "none: the camera is taken to look as told")
     told, ours = vehicle.telemetry, vehicle.link.own_ids
-    if vehicle.gimbal_obeys != ours:
-        whose = "{}/{}".format(*vehicle.gimbal_obeys)
+    obeys = vehicle.gimbal_obeys
+    if obeys not in (None, ours):
+        whose = "{}/{}".format(*obeys)
         return Check("gimbal", False, f"obeys {whose}, not us ({ours[0]}/{ours[1]}): have that let go of it")
+    vehicle.look(told.gimbal_pitch_rad)
     vehicle.link.wait(lambda: not told.gimbal_is_off, GIMBAL_S)
     told_deg, looks_rad = math.degrees(told.gimbal_pitch_rad), told.reported_gimbal_pitch_rad
     if looks_rad is None:
