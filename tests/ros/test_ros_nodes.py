@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -21,6 +22,7 @@ from skysweep.ros import messages as m
 from skysweep.ros import topics
 from skysweep.ros.interfaces import make, type_hash
 from skysweep.ros.topics import Quality, Topic
+from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.types import Frame, Setpoint
 from skysweep.vehicles.template import PointVehicle
 
@@ -246,6 +248,24 @@ def test_pictures_of_a_topic_become_frames_with_the_pose_of_their_time(link, oth
     np.testing.assert_allclose(second.camera.position_enu_m, [0.0, 0.0, 20.0])
     with pytest.raises(NoMessageError, match="/drone/image: no picture for"):
         camera.capture(vehicle.state())
+
+
+def test_a_px4_sees_through_a_topic(other, tiny):
+    from skysweep.experiments.px4_flight import Px4Flight
+    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+    from skysweep.vehicles.mavlink.server import VehicleServer
+
+    scenario = change_scenario(load_scenario(tiny), {"camera.width_px": 320, "camera.height_px": 180})
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    other.publish(Topic("/drone/image", m.IMAGE, topics.LATCHED), m.image(picture((200, 20, 20))))
+    with (
+        VehicleServer(embedded_vehicle(scenario, 0), scenario, [("127.0.0.1", port)], 10.0),
+        Px4Flight(scenario, f"udpin://127.0.0.1:{port}", 30.0) as flight,
+    ):
+        frame = flight.open_camera("ros:/drone/image").capture(flight.vehicle.state())
+        assert frame.image[50, 110].tolist() == [200, 20, 20]
 
 
 @pytest.mark.parametrize(

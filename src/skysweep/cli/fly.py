@@ -41,8 +41,8 @@ def fly(
     camera: Annotated[
         str,
         typer.Option(
-            help="rendered, a video (rtsp://HOST/STREAM, /dev/video0, a file), or what Gazebo shows "
-            "(gazebo:TOPIC, gz:TOPIC)."
+            help="rendered, a video (rtsp://HOST/STREAM, /dev/video0, a file), what Gazebo shows "
+            "(gazebo:TOPIC, gz:TOPIC), or a ROS 2 image topic (ros:/TOPIC)."
         ),
     ] = "rendered",
     change: SetOption = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,24 +42,22 @@ class Px4Flight:
     ) -> None:
         self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
         plan_scenario(scenario, self._altitude_agl_m)
-        self._link = None if signing_key is None else SignedLink(url, signing_key)
-        try:
-            self.vehicle = Px4Vehicle(
-                url if self._link is None else self._link.url,
-                scenario,
-                build_terrain(scenario).height_m,
-                timeout_s,
-            )
-        except UserError:
-            if self._link is None:
-                raise
-            self._link.close()
-            if self._link.refused == 0:
-                raise
-            raise UserError(
-                f"--connection {url}: {self._link.refused} frames were heard, and not signed with this key; "
-                "give the key that the vehicle signs with, or set it up to sign"
-            ) from None
+        height_m = build_terrain(scenario).height_m
+        self._ending = ExitStack()
+        if signing_key is None:
+            self.vehicle = Px4Vehicle(url, scenario, height_m, timeout_s)
+        else:
+            link = self._ending.enter_context(closing(SignedLink(url, signing_key)))
+            try:
+                self.vehicle = Px4Vehicle(link.url, scenario, height_m, timeout_s)
+            except UserError:
+                self._ending.close()
+                if link.refused == 0:
+                    raise
+                raise UserError(
+                    f"--connection {url}: {link.refused} frames were heard, and not signed with this key; "
+                    "give the key that the vehicle signs with, or set it up to sign"
+                ) from None
         self.scenario = self.vehicle.scenario
 
     def preflight(self, upload: bool) -> tuple[Check, ...]:
@@ -79,7 +78,7 @@ class Px4Flight:
         operator: Operator,
     ) -> dict[str, Any]:
         """Arm, fly the mission and land; the summary of its run folder."""
-        camera = self._camera(camera_source) if sensor_name == "imaging" else None
+        camera = self.open_camera(camera_source) if sensor_name == "imaging" else None
         summary = fly_to_folder(
             self.scenario, seed, out, sensor_name, renderer, threads, watch, self.vehicle, camera, operator
         )
@@ -88,13 +87,13 @@ class Px4Flight:
 
     def resume(self, folder: Path, camera_source: str, watch: Watch, operator: Operator) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
-        camera = self._camera(camera_source)
+        camera = self.open_camera(camera_source)
         summary = resume_folder(folder, watch, vehicle=self.vehicle, camera=camera, operator=operator)
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 
-    def _camera(self, source: str) -> Camera | None:
-        """None for the rendered camera."""
+    def open_camera(self, source: str) -> Camera | None:
+        """The camera of that name, None for the rendered one. Raises UserError where it shows nothing."""
         lens = self.scenario.camera.lens
         if source == RENDERED:
             return None
@@ -102,6 +101,13 @@ class Px4Flight:
             from skysweep.gazebo.live import LiveCamera
 
             return LiveCamera(source, lens)
+        if source.startswith("ros:"):
+            from skysweep.ros.link import Link
+            from skysweep.ros.parts import RosCamera
+
+            return RosCamera(
+                self._ending.enter_context(closing(Link("mission"))), source[len("ros:") :], lens
+            )
         return VideoCamera(source, lens)
 
     def __enter__(self) -> Px4Flight:
@@ -109,5 +115,4 @@ class Px4Flight:
 
     def __exit__(self, *_: object) -> None:
         self.vehicle.close()
-        if self._link is not None:
-            self._link.close()
+        self._ending.close()
