@@ -41,6 +41,9 @@ class RecordedNode:
         self._callbacks[topic] = kind, callback
         return True
 
+    def unsubscribe(self, topic: str) -> None:
+        del self._callbacks[topic]
+
     def request(self, service: str, message: Any, kind: Any, reply: Any, _ms: int) -> tuple[bool, Any]:
         assert isinstance(message, kind)
         self.requests.append((service, message))

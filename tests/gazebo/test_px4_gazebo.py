@@ -18,6 +18,12 @@ def test_without_arguments_it_says_how_it_is_used() -> None:
     assert "tools/px4-gazebo PX4_FOLDER SCENARIO" in done.stderr
 
 
+def test_changes_belong_into_the_scenario(tmp_path: Path) -> None:
+    done = _run(str(tmp_path), "clusters", "--set", "camera.hfov_rad=2.0")
+    assert done.returncode == 2
+    assert "write the change into a scenario file" in done.stderr
+
+
 def test_a_folder_that_is_no_px4(tmp_path: Path) -> None:
     done = _run(str(tmp_path), "clusters")
     assert done.returncode == 2

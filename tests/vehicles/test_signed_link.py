@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from contextlib import closing
 
@@ -16,6 +17,7 @@ from skysweep.experiments.px4_flight import Px4Flight
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.embedded import embedded_vehicle
 from skysweep.vehicles.mavlink.server import VehicleServer
+from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.signed_link import SignedLink
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
@@ -59,15 +61,67 @@ def test_with_another_key_nothing_is_heard(signing_vehicle):
 
 def test_addresses_that_cannot_be_opened():
     with pytest.raises(UserError, match=r"tcpout://127.0.0.1:1: cannot be opened"):
-        SignedLink("tcpout://127.0.0.1:1", KEY)
+        SignedLink("tcpout://127.0.0.1:1", KEY, 1.0)
     with pytest.raises(UserError, match="serial:///dev/nothing:57600: cannot be opened"):
-        SignedLink("serial:///dev/nothing:57600", KEY)
-    with pytest.raises(UserError, match=r"udpout://1.2.3.4:5: write udpin"):
-        SignedLink("udpout://1.2.3.4:5", KEY)
+        SignedLink("serial:///dev/nothing:57600", KEY, 1.0)
+    with pytest.raises(UserError, match=r"udpout://1.2.3.4:5: cannot be opened .write udpin"):
+        SignedLink("udpout://1.2.3.4:5", KEY, 1.0)
 
 
 def test_it_ends_at_once():
     begun_s = time.monotonic()
-    with closing(SignedLink(f"udpin://127.0.0.1:{free_port()}", KEY)):
+    with closing(SignedLink(f"udpin://127.0.0.1:{free_port()}", KEY, 1.0)):
         pass
     assert time.monotonic() - begun_s < 2.0
+
+
+def heartbeat(key=None, timestamp=None, message=None):
+    """A frame of a vehicle."""
+    speaker = m.MAVLink(None, 1, 1)
+    if key is not None:
+        speaker.signing.secret_key, speaker.signing.sign_outgoing = key, True
+        speaker.signing.timestamp = Signing(None).stamp() if timestamp is None else timestamp
+    return (message or m.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3)).pack(speaker)
+
+
+def heard(vehicle, program, frame):
+    vehicle.send(frame)
+    try:
+        return program.recv(1000)
+    except TimeoutError:
+        return None
+
+
+def test_forged_and_old_frames_go_no_further_and_stop_nothing():
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        url = f"tcpout://127.0.0.1:{server.getsockname()[1]}"
+        with (
+            closing(SignedLink(url, KEY, 5.0)) as link,
+            closing(server.accept()[0]) as vehicle,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as program,
+        ):
+            program.bind(("127.0.0.1", int(link.url.rpartition(":")[2])))
+            program.settimeout(0.5)
+            assert heard(vehicle, program, heartbeat()) is None
+            assert heard(vehicle, program, heartbeat(OTHER_KEY, timestamp=2**47)) is None
+            assert heard(vehicle, program, heartbeat(KEY, timestamp=1)) is None
+            program.settimeout(5.0)
+            good = heartbeat(KEY)
+            assert heard(vehicle, program, good) == good
+            program.settimeout(0.5)
+            assert heard(vehicle, program, good) is None
+            assert (link.accepted, link.refused) == (1, 4)
+
+
+def test_a_connection_that_breaks_is_opened_again():
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        url = f"tcpout://127.0.0.1:{server.getsockname()[1]}"
+        with closing(SignedLink(url, KEY, 5.0)) as link:
+            server.accept()[0].close()
+            server.settimeout(10.0)
+            with closing(server.accept()[0]) as vehicle:
+                vehicle.send(heartbeat(KEY))
+                begun_s = time.monotonic()
+                while link.accepted == 0:
+                    assert time.monotonic() - begun_s < 5.0
+                    time.sleep(0.02)

@@ -47,17 +47,20 @@ class Px4Flight:
         if signing_key is None:
             self.vehicle = Px4Vehicle(url, scenario, height_m, timeout_s)
         else:
-            link = self._ending.enter_context(closing(SignedLink(url, signing_key)))
+            link = self._ending.enter_context(closing(SignedLink(url, signing_key, timeout_s)))
             try:
                 self.vehicle = Px4Vehicle(link.url, scenario, height_m, timeout_s)
-            except UserError:
+            except UserError as error:
                 self._ending.close()
-                if link.refused == 0:
-                    raise
+                if link.refused == 0 or link.accepted > 0:
+                    raise UserError(str(error).replace(link.url, url)) from None
                 raise UserError(
                     f"--connection {url}: {link.refused} frames were heard, and not signed with this key; "
-                    "give the key that the vehicle signs with, or set it up to sign"
+                    "give the key that the vehicle signs with, set it up to sign, or set its clock"
                 ) from None
+            except BaseException:
+                self._ending.close()
+                raise
         self.scenario = self.vehicle.scenario
 
     def preflight(self, upload: bool) -> tuple[Check, ...]:
@@ -114,5 +117,5 @@ class Px4Flight:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.vehicle.close()
-        self._ending.close()
+        with self._ending:
+            self.vehicle.close()

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import importlib
 import os
-import queue
 import shutil
 import subprocess
+import threading
 import time
 import uuid
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ HOW_TO_GET = "install them with Gazebo: apt-get install python3-gz-transport13 (
 IMAGE_TOPIC = "/skysweep/camera/image"
 _DIES_WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
 _RGB_INT8 = 3
+_KEPT = 4  # pictures that nobody took yet
 _REQUEST_MS = 1000
 
 
@@ -58,27 +60,36 @@ class GzLink:
     def __init__(self, world: str = "") -> None:
         self._world = world
         self._node = find_node()()
-        self._pictures: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._news = threading.Condition()
+        self._pictures: deque[Any] = deque(maxlen=_KEPT)
+        self._topics: list[str] = []
         self._angles: dict[str, Any] = {}
 
     def subscribe_images(self, topic: str) -> None:
         """Pictures of this topic come out of ``image``. Raises TransportError when that is refused."""
         if not self._node.subscribe(Image, topic, self._on_image):
             raise TransportError(f"{topic} cannot be subscribed to")
+        self._topics.append(topic)
+
+    def close(self) -> None:
+        """No more pictures."""
+        for topic in self._topics:
+            self._node.unsubscribe(topic)
 
     def _on_image(self, message: Any) -> None:
-        self._pictures.put(message)
+        with self._news:
+            self._pictures.append(message)
+            self._news.notify_all()
 
     def image(self, taken_after_s: float, timeout_s: float) -> Any | None:
         """The first picture exposed after a time of the simulation's clock, or None when none came."""
         give_up = time.monotonic() + timeout_s
-        while True:
-            try:
-                message = self._pictures.get(timeout=max(give_up - time.monotonic(), 0.0))
-            except queue.Empty:
-                return None
-            if exposure_s(message) > taken_after_s:
-                return message
+        with self._news:
+            while self._news.wait_for(lambda: self._pictures, give_up - time.monotonic()):
+                message = self._pictures.popleft()
+                if exposure_s(message) > taken_after_s:
+                    return message
+        return None
 
     def set_pose(self, model: str, pose: CameraPose) -> bool:
         """Put a model's origin where a camera is; False when Gazebo does not answer or refuses."""

@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import urlparse
 
 import numpy as np
+from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
@@ -47,19 +48,13 @@ class LiveCamera:
             raise UserError(f"--camera {source}: write {CLASSIC}TOPIC or {GZ}TOPIC")
         try:
             self._newest, self._close = self._open(OPEN_S)
-            first = self._newest(OPEN_S)
         except TransportError as error:
             raise UserError(f"--camera {source}: {error}; is Gazebo running?") from None
-        if first is None:
+        try:
+            self._check_size()
+        except BaseException:
             self.close()
-            raise UserError(f"--camera {source}: shows no picture in {OPEN_S:g} s; is the simulation paused?")
-        height, width = first.shape[:2]
-        if (width, height) != (lens.width_px, lens.height_px):
-            self.close()
-            raise UserError(
-                f"--camera {source}: its pictures are {width} x {height}; write camera.width_px: {width}, "
-                f"camera.height_px: {height} and the hfov_rad of that picture"
-            )
+            raise
 
     def capture(self, state: VehicleState) -> Frame:
         """The newest picture; connects again where Gazebo was started again. Raises ConnectionError when
@@ -76,27 +71,39 @@ class LiveCamera:
         """Let go of the connection; the simulation goes on."""
         self._close()
 
+    def _check_size(self) -> None:
+        try:
+            first = self._newest(OPEN_S)
+        except TransportError as error:
+            raise UserError(f"--camera {self._source}: {error}; is Gazebo running?") from None
+        if first is None:
+            raise UserError(
+                f"--camera {self._source}: shows no picture in {OPEN_S:g} s; is the simulation paused?"
+            )
+        height, width = first.shape[:2]
+        if (width, height) != (self._lens.width_px, self._lens.height_px):
+            raise UserError(
+                f"--camera {self._source}: its pictures are {width} x {height}; write camera.width_px: "
+                f"{width}, camera.height_px: {height} and the hfov_rad of that picture"
+            )
+
     def _again(self) -> NDArray[np.uint8] | None:
         self._close()
         try:
             self._newest, self._close = self._open(FRESH_S)
             return self._newest(FRESH_S)
-        except TransportError as error:
+        except (TransportError, UserError) as error:  # its topics may not be there yet
             raise ConnectionError(f"{self._source}: {error}") from error
 
 
 def _classic(topic: str, patience_s: float) -> tuple[Newest, Callable[[], None]]:
     master = urlparse(os.environ.get(MASTER_VARIABLE) or MASTER_DEFAULT)
     transport = Transport(master.port or 11345, patience_s, master.hostname or "127.0.0.1")
-    give_up = time.monotonic() + patience_s
-    while topic not in transport.topics() and time.monotonic() < give_up:
-        transport.receive(0.1)
-    images = {t for t, kind in transport.topics().items() if kind == type_name(ImageStamped)}
-    if topic not in images:
+    try:
+        _subscribe(transport, topic, patience_s)
+    except BaseException:
         transport.close()
-        there = ", ".join(sorted(images)) or "none"
-        raise UserError(f"--camera {CLASSIC}{topic}: no such image topic; there are: {there}")
-    transport.subscribe(topic, ImageStamped)
+        raise
     reader = _Reader(transport)
 
     def newest(timeout_s: float) -> NDArray[np.uint8] | None:
@@ -104,6 +111,17 @@ def _classic(topic: str, patience_s: float) -> tuple[Newest, Callable[[], None]]
         return None if message is None else lockstep.image_of(message.image, topic)
 
     return newest, reader.close
+
+
+def _subscribe(transport: Transport, topic: str, patience_s: float) -> None:
+    give_up = time.monotonic() + patience_s
+    while topic not in transport.topics() and time.monotonic() < give_up:
+        transport.receive(0.1)
+    images = {t for t, kind in transport.topics().items() if kind == type_name(ImageStamped)}
+    if topic not in images:
+        there = ", ".join(sorted(images)) or "none"
+        raise UserError(f"--camera {CLASSIC}{topic}: no such image topic; there are: {there}")
+    transport.subscribe(topic, ImageStamped)
 
 
 class _Reader:
@@ -140,9 +158,9 @@ class _Reader:
                     with self._news:
                         self._message = received[1]
                         self._news.notify_all()
-        except TransportError as error:
+        except (TransportError, OSError, DecodeError) as error:
             with self._news:
-                self._error = error
+                self._error = TransportError(str(error))
                 self._news.notify_all()
 
 
@@ -156,4 +174,4 @@ def _gz(topic: str) -> tuple[Newest, Callable[[], None]]:
             message = newer
         return None if message is None else gz_sim.image_of(message, topic)
 
-    return newest, lambda: None
+    return newest, link.close

@@ -99,6 +99,7 @@ class Px4Vehicle:
         self._unheard = False  # that was ordered, and is still to be seen
         self._taken = False  # someone else flies it now
         self._closed = False
+        self._pointed_s = -math.inf  # by the vehicle's clock
         self.link = Link(url, timeout_s)
         try:
             self._identify()
@@ -152,7 +153,7 @@ class Px4Vehicle:
                 "the vehicle's clock went back: it was restarted in flight; look after it by hand"
             )
         self._check_in_command()
-        if told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
+        if self.gimbal and told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
             self.look(told.gimbal_pitch_rad)
         self._state = self._look()
 

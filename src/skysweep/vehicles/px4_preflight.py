@@ -35,7 +35,7 @@ def preflight(
     """The list for a flight that needs a share of a full battery. Waits ``ready_s`` for the vehicle.
 
     ``upload``: have it stand by in Hold, and send the plan's fence and rally points when nothing else speaks
-    against the flight. Without, nothing of the vehicle is changed.
+    against the flight. Without, only the gimbal is moved.
     """
     told = vehicle.telemetry
     if upload:
@@ -62,7 +62,7 @@ def _gimbal(vehicle: Px4Vehicle) -> Check:
     told, ours = vehicle.telemetry, vehicle.link.own_ids
     obeys = vehicle.gimbal_obeys
     if obeys not in (None, ours):
-        whose = "{}/{}".format(*obeys)
+        whose = "{}/{}".format(*obeys) if obeys != (0, 0) else "nobody"
         return Check("gimbal", False, f"obeys {whose}, not us ({ours[0]}/{ours[1]}): have that let go of it")
     vehicle.look(told.gimbal_pitch_rad)
     vehicle.link.wait(lambda: not told.gimbal_is_off, GIMBAL_S)
@@ -74,6 +74,8 @@ def _gimbal(vehicle: Px4Vehicle) -> Check:
     said = f"looks to {math.degrees(looks_rad):.0f} degrees, told {told_deg:.0f}"
     if told.gimbal_is_off:
         return Check("gimbal", False, f"{said}: free it, or write a camera.gimbal.pitch_deg that it reaches")
+    if obeys is None:
+        return Check("gimbal", None, f"{said}; does not say whom it obeys")
     return Check("gimbal", True, f"ours, {said}")
 
 

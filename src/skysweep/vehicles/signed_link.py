@@ -6,40 +6,62 @@ what comes in unsigned, signed with another key, or played back goes no further.
 
 from __future__ import annotations
 
-import selectors
+import select
 import socket
 import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any, Protocol
 from urllib.parse import urlparse
 
-from skysweep.errors import UserError
-from skysweep.vehicles.mavlink.dialect import mavlink, mavutil
+from skysweep.errors import MissingExtraError, UserError
+from skysweep.vehicles.mavlink.dialect import mavlink
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
 
 _LOOPBACK = "127.0.0.1"
 _LOOK_UP_S = 0.2  # how often a closing relay notices
+_AGAIN_S = 1.0  # until a connection that broke is tried again
+_SEND_S = 1.0
 _READ_BYTES = 65_536
 _BAUD = 57_600
+
+
+class _Wire(Protocol):
+    """Bytes from and to the vehicle. Every method raises OSError when the connection is gone."""
+
+    def fileno(self) -> int: ...
+
+    def read(self) -> bytes: ...
+
+    def trust(self) -> None:
+        """What was read last came from the vehicle."""
+
+    def write(self, frame: bytes) -> None: ...
+
+    def close(self) -> None: ...
 
 
 class SignedLink:
     """Stands between MAVSDK, which connects to ``url``, and the vehicle at ``vehicle_url``.
 
-    ``refused`` counts the frames of the vehicle that had no good signature. Raises UserError where
-    ``vehicle_url`` cannot be opened.
+    ``accepted`` and ``refused`` count the vehicle's frames with and without a good signature. A connection
+    that breaks is opened again. Raises UserError where ``vehicle_url`` cannot be opened in ``timeout_s``.
     """
 
-    def __init__(self, vehicle_url: str, key: bytes) -> None:
-        self.refused = 0
-        self._vehicle = _open(vehicle_url)
+    def __init__(self, vehicle_url: str, key: bytes, timeout_s: float) -> None:
+        self.accepted = self.refused = 0
+        self._vehicle_url, self._timeout_s = vehicle_url, timeout_s
+        try:
+            self._vehicle = _open(vehicle_url, timeout_s)
+        except (OSError, ValueError) as error:
+            raise UserError(f"--connection {vehicle_url}: cannot be opened ({error})") from None
         self._program = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._program.bind((_LOOPBACK, 0))
         self._program_address = (_LOOPBACK, _free_port())
         self.url = "udpin://{}:{}".format(*self._program_address)
-        self._from_vehicle, self._from_program = (mavlink.MAVLink(None) for _ in range(2))
-        self._from_vehicle.signing.secret_key = key
-        for parser in (self._from_vehicle, self._from_program):
-            parser.robust_parsing = True
+        self._from_vehicle, self._from_program = _parser(), _parser()
         self._signing = Signing(key)
         self._voices: dict[tuple[int, int], Voice] = {}
         self._open = True
@@ -47,54 +69,140 @@ class SignedLink:
         self._thread.start()
 
     def close(self) -> None:
-        """Lets go of both sides."""
+        """Passes on what the program said last, and lets go of both sides."""
         self._open = False
         self._thread.join()
         self._program.close()
         self._vehicle.close()
 
     def _relay(self) -> None:
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._vehicle.fd, selectors.EVENT_READ, self._hear_vehicle)
-            selector.register(self._program, selectors.EVENT_READ, self._hear_program)
-            while self._open:
-                for ready, _ in selector.select(_LOOK_UP_S):
-                    ready.data()
+        while self._open:
+            try:
+                self._pass_on(_LOOK_UP_S)
+            except OSError:
+                self._connect_again()
+        with suppress(OSError):
+            self._hear_program()
+
+    def _pass_on(self, wait_s: float) -> None:
+        vehicle, program = self._vehicle.fileno(), self._program.fileno()
+        ready, _, _ = select.select([vehicle, program], [], [], wait_s)
+        if program in ready:
+            self._hear_program()
+        if vehicle in ready:
+            self._hear_vehicle()
 
     def _hear_vehicle(self) -> None:
-        for message in self._from_vehicle.parse_buffer(self._vehicle.recv(_READ_BYTES)) or ():
-            if message.get_type() == "BAD_DATA":
-                self.refused += "signature" in message.reason
+        for message in _messages(self._from_vehicle, self._vehicle.read()):
+            frame = bytes(message.get_msgbuf())
+            if self._signing.accepts(frame):
+                self.accepted += 1
+                self._vehicle.trust()
+                self._program.sendto(frame, self._program_address)
             else:
-                self._program.sendto(message.get_msgbuf(), self._program_address)
+                self.refused += 1
 
     def _hear_program(self) -> None:
-        for message in self._from_program.parse_buffer(self._program.recv(_READ_BYTES)) or ():
-            if message.get_type() == "BAD_DATA":
+        while select.select([self._program], [], [], 0.0)[0]:
+            datagram, sender = self._program.recvfrom(_READ_BYTES)
+            if sender != self._program_address:
                 continue
-            who = message.get_srcSystem(), message.get_srcComponent()
-            if who not in self._voices:
-                self._voices[who] = Voice(who[1], self._signing, system_id=who[0])
-            self._vehicle.write(self._voices[who].pack(message))
+            for message in _messages(self._from_program, datagram):
+                who = message.get_srcSystem(), message.get_srcComponent()
+                if who not in self._voices:
+                    self._voices[who] = Voice(who[1], self._signing, system_id=who[0])
+                self._vehicle.write(self._voices[who].pack(message))
+
+    def _connect_again(self) -> None:
+        self._vehicle.close()
+        while self._open:
+            time.sleep(_AGAIN_S)
+            try:
+                self._vehicle = _open(self._vehicle_url, self._timeout_s)
+                return
+            except (OSError, ValueError):
+                continue
 
 
-def _open(url: str) -> mavutil.mavfile:
-    """pymavlink's connection for an address as MAVSDK writes it."""
+class _Udp:
+    """Listens; answers whoever last said something that was signed."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind((host, port))
+        self.fileno, self.close = self._socket.fileno, self._socket.close
+        self._sender: Any = None
+        self._vehicle: Any = None
+
+    def read(self) -> bytes:
+        datagram, self._sender = self._socket.recvfrom(_READ_BYTES)
+        return datagram
+
+    def trust(self) -> None:
+        self._vehicle = self._sender
+
+    def write(self, frame: bytes) -> None:
+        if self._vehicle is not None:
+            self._socket.sendto(frame, self._vehicle)
+
+
+class _Tcp:
+    def __init__(self, host: str, port: int, timeout_s: float) -> None:
+        self._socket = socket.create_connection((host, port), timeout_s)
+        self._socket.settimeout(_SEND_S)
+        self.fileno, self.close, self.write = self._socket.fileno, self._socket.close, self._socket.sendall
+
+    def read(self) -> bytes:
+        data = self._socket.recv(_READ_BYTES)
+        if not data:
+            raise ConnectionError("closed by the other side")
+        return data
+
+    def trust(self) -> None:
+        """It is the only one there."""
+
+
+class _Serial:
+    def __init__(self, path: str, baud: int) -> None:
+        try:
+            import serial
+        except ImportError:
+            raise MissingExtraError("a serial link", "px4") from None
+        self._port = serial.Serial(path, baud, timeout=0, write_timeout=_SEND_S)
+        self.fileno, self.close, self.write = self._port.fileno, self._port.close, self._port.write
+
+    def read(self) -> bytes:
+        return bytes(self._port.read(_READ_BYTES))
+
+    def trust(self) -> None:
+        """It is the only one there."""
+
+
+def _open(url: str, timeout_s: float) -> _Wire:
+    """The connection of an address as MAVSDK writes it. Raises OSError and ValueError."""
     parts = urlparse(url)
-    try:
-        if parts.scheme == "serial":
-            path, _, baud = url.removeprefix("serial://").partition(":")
-            return mavutil.mavserial(path, int(baud or _BAUD))
-        address = f"{parts.hostname}:{parts.port}"
+    if parts.scheme == "serial":
+        path, _, baud = url.removeprefix("serial://").partition(":")
+        return _Serial(path, int(baud or _BAUD))
+    if parts.scheme in ("udpin", "tcpout") and parts.hostname and parts.port:
         if parts.scheme == "udpin":
-            return mavutil.mavudp(address)
-        if parts.scheme == "tcpout":
-            return mavutil.mavtcp(address, retries=0)
-    except (OSError, ValueError) as error:
-        raise UserError(f"--connection {url}: cannot be opened ({error})") from None
-    raise UserError(
-        f"--connection {url}: write udpin://0.0.0.0:14540, tcpout://HOST:PORT or serial:///dev/ttyUSB0:57600"
-    )
+            return _Udp(parts.hostname, parts.port)
+        return _Tcp(parts.hostname, parts.port, timeout_s)
+    raise ValueError("write udpin://0.0.0.0:14540, tcpout://HOST:PORT or serial:///dev/ttyUSB0:57600")
+
+
+def _parser() -> Any:
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    return parser
+
+
+def _messages(parser: Any, data: bytes) -> Iterator[Any]:
+    """Whole messages of a stream that we know; the rest cannot be checked, nor signed."""
+    for message in parser.parse_buffer(data) or ():
+        known = not isinstance(message, mavlink.MAVLink_unknown)
+        if known and message.get_type() != "BAD_DATA":
+            yield message
 
 
 def _free_port() -> int:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from skysweep.errors import MissingExtraError
 
 try:
-    from pymavlink import mavutil
     from pymavlink.dialects.v20 import common as mavlink
 except ImportError:
     raise MissingExtraError("MAVLink", "px4") from None
 
-__all__ = ["mavlink", "mavutil"]
+__all__ = ["mavlink"]
