@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
 import signal
@@ -25,6 +26,23 @@ targets:
   - {class: stop sign, position_enu_m: [27, 12], size_m: 0.9, yaw_deg: 67}
 """
 _DOMAINS = itertools.count()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_dead_shared_memory():
+    """What killed nodes, of earlier runs too, left in shared memory swallows messages of living ones.
+
+    Fast DDS holds a lock on the file ..._el of everything that is alive.
+    """
+    for lock in Path("/dev/shm").glob("fastdds_*_el"):
+        with lock.open() as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+        name = lock.name.removesuffix("_el")
+        for left in (lock, lock.with_name(name), lock.with_name(f"sem.{name}_mutex")):
+            left.unlink(missing_ok=True)
 
 
 @pytest.fixture(autouse=True)
