@@ -108,9 +108,8 @@ class Px4Flight:
             from skysweep.ros.link import Link
             from skysweep.ros.parts import RosCamera
 
-            return RosCamera(
-                self._ending.enter_context(closing(Link("mission"))), source[len("ros:") :], lens
-            )
+            link = self._ending.enter_context(closing(Link("mission")))
+            return RosCamera(link, source.removeprefix("ros:"), lens)
         return VideoCamera(source, lens)
 
     def __enter__(self) -> Px4Flight:
