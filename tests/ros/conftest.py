@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
+import importlib.util
 import itertools
 import os
 import signal
@@ -12,6 +12,8 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+
+from skysweep.ros.support import load_rclpy
 
 TINY = """
 name: tiny
@@ -28,28 +30,18 @@ targets:
 _DOMAINS = itertools.count()
 
 
-@pytest.fixture(autouse=True, scope="session")
-def no_dead_shared_memory():
-    """What killed nodes, of earlier runs too, left in shared memory swallows messages of living ones.
-
-    Fast DDS holds a lock on the file ..._el of everything that is alive.
-    """
-    for lock in Path("/dev/shm").glob("fastdds_*_el"):
-        with lock.open() as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-        name = lock.name.removesuffix("_el")
-        for left in (lock, lock.with_name(name), lock.with_name(f"sem.{name}_mutex")):
-            left.unlink(missing_ok=True)
-
-
 @pytest.fixture(autouse=True)
-def ros_domain(monkeypatch):
-    """Nobody else hears this test."""
+def ros_environment(monkeypatch):
+    """What a user has set who keeps to one computer, and a domain in which nobody else hears this test."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str((7 * os.getpid() + next(_DOMAINS)) % 100 + 1))
+    for name in [name for name in os.environ if name.startswith("FAST")]:
+        monkeypatch.delenv(name)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment = dict(os.environ)
+    if importlib.util.find_spec("rclpy"):
+        load_rclpy.cache_clear()
+        load_rclpy()
+    return environment
 
 
 @pytest.fixture
@@ -68,7 +60,7 @@ def tiny(tmp_path):
 
 
 @pytest.fixture
-def start(tmp_path):
+def start(tmp_path, ros_environment):
     """``start(*arguments)`` runs python with these; at the end it is ended and what it said is shown."""
     running = []
 
@@ -76,6 +68,7 @@ def start(tmp_path):
         process = subprocess.Popen(
             [sys.executable, *map(str, arguments)],
             cwd=tmp_path,
+            env=ros_environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

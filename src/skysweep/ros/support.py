@@ -13,6 +13,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
@@ -20,6 +21,8 @@ from skysweep.ros.interfaces import type_hash
 
 # Fast DDS' own buffers are smaller than a picture and lose most of them; these hold several.
 _FAST_DDS_TRANSPORTS = "DEFAULT?max_msg_size=65500B&sockets_size=4MB"
+_FAST_DDS_LOCALHOST = Path(__file__).with_name("fastdds_localhost.xml")
+_FAST_DDS_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # before 3.0, since
 _MIDDLEWARES = ("rmw_fastrtps_cpp", "rmw_cyclonedds_cpp", "rmw_zenoh_cpp", "rmw_connextdds")
 _DONOR = "geometry_msgs/msg/PolygonStamped"  # unbounded, as every type that borrows from it
 
@@ -35,7 +38,8 @@ def load_rclpy() -> Any:
         importlib.import_module("rpyutils")
     except ModuleNotFoundError:
         raise MissingExtraError("ROS 2", "ros") from None
-    if not any(_loads(f"lib{name}.so") for name in ([wanted] if wanted else _MIDDLEWARES)):
+    middleware = next((n for n in ([wanted] if wanted else _MIDDLEWARES) if _loads(f"lib{n}.so")), None)
+    if middleware is None:
         if wanted:
             problem = f"RMW_IMPLEMENTATION={wanted}: this middleware is not installed; unset the variable"
         else:
@@ -43,7 +47,8 @@ def load_rclpy() -> Any:
         raise UserError(
             f"{problem}, or install one:  pip install ros-rmw-fastrtps-cpp  (or ros-<distribution>-rmw-...)"
         )
-    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", _FAST_DDS_TRANSPORTS)
+    if middleware == "rmw_fastrtps_cpp":
+        _make_room_for_pictures()
     try:
         return importlib.import_module("rclpy")
     except ImportError as error:
@@ -71,6 +76,21 @@ def quiet_borrowing() -> Iterator[None]:
     """
     yield
     ctypes.CDLL("librcutils.so").rcutils_reset_error()
+
+
+def _make_room_for_pictures() -> None:
+    """Larger buffers in Fast DDS, where the user has not set its transports.
+
+    For ``LOCALHOST`` rmw_fastrtps adds transports of its own, with small buffers, to whatever else is set; so
+    it is told nothing, and Fast DDS the same in a profile.
+    """
+    if any(name in os.environ for name in ("FASTDDS_BUILTIN_TRANSPORTS", *_FAST_DDS_PROFILES)):
+        return
+    if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST":
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+        os.environ[_FAST_DDS_PROFILES[_loads("libfastdds.so")]] = str(_FAST_DDS_LOCALHOST)
+    else:
+        os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = _FAST_DDS_TRANSPORTS
 
 
 def _loads(library: str) -> bool:
