@@ -337,6 +337,14 @@ def test_a_middleware_that_is_not_installed_is_said(tmp_path):
     assert "RMW_IMPLEMENTATION=rmw_nothing_cpp: this middleware is not installed" in result.stderr
 
 
+def test_a_workspace_with_the_sources_of_vision_msgs_is_no_package(start, tmp_path):
+    (tmp_path / "vision_msgs" / "msg").mkdir(parents=True)
+    detecting = start(*SKYSWEEP_ROS, "detect", "--patience", 1)
+    output, _ = detecting.communicate(timeout=200)
+    assert detecting.returncode == 2
+    assert "nobody published this topic within 1 s" in output
+
+
 def test_figures_come_from_a_real_detector(start):
     start(BLOB_NODE)
     options = ("--width", 320, "--height", 180, "--seconds", 3, "--patience", APPEAR_S)

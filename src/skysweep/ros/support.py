@@ -40,20 +40,23 @@ def load_rclpy() -> Any:
         raise MissingExtraError("ROS 2", "ros") from None
     middleware = next((n for n in ([wanted] if wanted else _MIDDLEWARES) if _loads(f"lib{n}.so")), None)
     if middleware is None:
+        if not _loads("librcutils.so"):
+            raise UserError("ROS 2: its libraries are not on LD_LIBRARY_PATH; source its setup.bash")
         if wanted:
-            problem = f"RMW_IMPLEMENTATION={wanted}: this middleware is not installed; unset the variable"
+            remedy = f"RMW_IMPLEMENTATION={wanted}: this middleware is not installed; unset the variable, or"
         else:
-            problem = "ROS 2: no middleware is installed"
+            remedy = "ROS 2: no middleware is installed;"
         raise UserError(
-            f"{problem}, or install one:  pip install ros-rmw-fastrtps-cpp  (or ros-<distribution>-rmw-...)"
+            f"{remedy} install one:  pip install ros-rmw-fastrtps-cpp  (or ros-<distribution>-rmw-...)"
         )
     if middleware == "rmw_fastrtps_cpp":
         _make_room_for_pictures()
     try:
         return importlib.import_module("rclpy")
     except ImportError as error:
+        reason = str(error).splitlines()[0]
         raise UserError(
-            f"ROS 2 is installed but does not load ({error}); use the Python that this ROS 2 was made for"
+            f"ROS 2 is installed but does not load ({reason}); use the Python that this ROS 2 was made for"
         ) from None
 
 
@@ -63,7 +66,7 @@ def message_class(type_name: str) -> Any:
     package, _, name = type_name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
-    except ImportError:
+    except (ImportError, AttributeError):  # or a folder of that name: a workspace's sources
         return _borrowed_class(package, name, type_hash(type_name))
 
 
