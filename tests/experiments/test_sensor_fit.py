@@ -37,7 +37,7 @@ SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "
 OWN = CLASSES.index("stop sign")
 GRID = np.log(GRID_PX)
 MEAN = np.interp(GRID, np.log([4, 12, 40]), [-1.5, 0.5, 1.8])
-FACTORS = np.array([-0.5, -1.0, 0.9, -0.4, -0.8, 0.3])
+FACTORS = np.array([-0.5, 0.4, -1.0, 0.9, 0.3, -0.4, -0.8, 0.3])
 SPREAD = 0.4
 
 
@@ -63,8 +63,11 @@ def draw_looks(
     )
     view, hidden, cut, blur = (rng.uniform(0, most, n) for most in (0.5, 0.5, 0.75, 0.8))
     beside = rng.integers(0, 2, n_objects)[instance].astype(float)
+    edge_y, front = np.arange(n) % 2.0, np.sqrt(view) * np.cos(np.arange(n))
+    at_edge_y = edge_y * np.maximum(1 - 8 / np.exp(x), 0)
     colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
-    factors = np.column_stack([view, hidden, cut**2, beside, blur, (colour - 30) / 20])
+    contrast = (colour - 30) / 20
+    factors = np.column_stack([view, front, hidden, cut**2, at_edge_y, beside, blur, contrast])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
     reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
     confidences = np.zeros((n, len(CLASSES)))
@@ -81,8 +84,10 @@ def draw_looks(
         pixels=np.exp(x),
         places_px=np.column_stack([number * step_px, np.zeros(n)]),
         view=view,
+        front=front,
         hidden=hidden,
         cut=cut,
+        edge_y=edge_y,
         beside=beside,
         blur_px=blur * np.exp(x),
         colour=colour,
@@ -162,7 +167,7 @@ def test_kinds_are_written_as_they_were_fitted(looks):
 def test_colours_that_were_not_measured_are_the_usual_on_that_ground(looks):
     colour = np.where(np.arange(len(looks.pixels)) % 2, np.nan, 50.0)
     factors = factors_of(replace(looks, colour=colour))
-    np.testing.assert_allclose(factors[:, 5], 1.0)
+    np.testing.assert_allclose(factors[:, 7], 1.0)
     (model,) = contrast_models(looks)
     mean, std = model.surfaces[SURFACES[0]]
     assert abs(mean - 30) < 3

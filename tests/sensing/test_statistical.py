@@ -43,7 +43,16 @@ MINIMUM = 0.3
 
 def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.0, -0.5, 1.0, 1.0), **other):
     fields = dict(
-        view=0.0, hidden=0.0, cut=0.0, beside=0.0, blur=0.0, contrast=0.0, object_share=0.0, pass_share=0.0
+        view=0.0,
+        front=0.0,
+        hidden=0.0,
+        cut=0.0,
+        edge_y=0.0,
+        beside=0.0,
+        blur=0.0,
+        contrast=0.0,
+        object_share=0.0,
+        pass_share=0.0,
     )
     return KindModel(
         kind=kind,
@@ -175,6 +184,10 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     view = 36.0 / (36.0 + true.position_enu_m[2] ** 2)
     found = looks([sign()], model(table(scores=level, view=-3.0)), far)
     assert_rate(sum(map(len, found)), LOOKS, chance(-3.0 * view))
+    for yaw_rad, shift in ((0.0, 2.0), (np.pi / 2, 0.0), (np.pi, -2.0)):
+        turned = replace(sign(), yaw_rad=yaw_rad)
+        found = looks([turned], model(table(scores=level, front=2.0)), far)
+        assert_rate(sum(map(len, found)), LOOKS, chance(shift * np.sqrt(view)))
     blur = LENS.focal_px * CAMERA.exposure_s * 25.0 / true.position_enu_m[2] / 30.0
     found = looks([sign()], model(table(scores=level, blur=-4.0)), true, motion=Fast)
     assert_rate(sum(map(len, found)), LOOKS, chance(-4.0 * blur))
@@ -184,8 +197,11 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     sand = replace(FLAT, surface="sand")
     assert_rate(sum(map(len, looks([sign()], tables, true, surface=sand))), LOOKS, chance(0.0))
     edge_x = 320.0 / LENS.focal_px * true.position_enu_m[2]
-    found = looks([sign(edge_x)], model(table(scores=level, cut=-2.0)), true)
+    found = looks([sign(edge_x)], model(table(scores=level, cut=-2.0, edge_y=3.0)), true)
     assert_rate(sum(map(len, found)), LOOKS, chance(-0.5))
+    edge_y = 180.0 / LENS.focal_px * true.position_enu_m[2]
+    found = looks([sign(0.0, edge_y)], model(table(scores=level, cut=-2.0, edge_y=1.0)), true)
+    assert_rate(sum(map(len, found)), LOOKS, chance(-0.5 + 1.0 - 8.0 / 30.0))
 
 
 def test_some_objects_are_seen_better_than_others_in_every_look():

@@ -26,9 +26,11 @@ LEAST = 1e-3  # chance of a report of what was not reported in any other fold
 EDGES: dict[str, tuple[float, ...]] = {
     "pixels": (4, 7, 10, 14, 20, 40, 80, 220),
     "off nadir (deg)": (0, 10, 20, 30, 40, 50),
+    "from behind .. ahead": (-1, -0.4, -0.1, 0.1, 0.4, 1),
     "hidden share": (0, 0.01, 0.25, 0.5, 0.75),
     "cut share": (0, 0.01, 0.25, 0.5, 0.75),
-    "beside a crown (0 no, 1 yes)": (0, 1, 2),
+    "upper, lower edge (0, 1)": (0, 1, 2),
+    "beside a crown (0, 1)": (0, 1, 2),
     "blur over pixels": (0, 0.05, 0.15, 0.4, 1.0),
     "contrast (CIE76)": (0, 15, 25, 35, 50, 150),
 }
@@ -88,9 +90,11 @@ def tell(looks: Looks, factors: F64, keys: list[Key]) -> Told:
     values = {
         "pixels": looks.pixels[rows],
         "off nadir (deg)": np.degrees(np.arcsin(np.sqrt(looks.view[rows]))),
+        "from behind .. ahead": looks.front[rows],
         "hidden share": looks.hidden[rows],
         "cut share": looks.cut[rows],
-        "beside a crown (0 no, 1 yes)": looks.beside[rows],
+        "upper, lower edge (0, 1)": looks.edge_y[rows],
+        "beside a crown (0, 1)": looks.beside[rows],
         "blur over pixels": factors[rows, FACTORS.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
     }

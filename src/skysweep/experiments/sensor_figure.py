@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from scipy.stats import beta, norm
+from scipy.stats import beta
 
 from skysweep.experiments.sensor_check import EDGES, THRESHOLDS, Told
 from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN
@@ -24,7 +24,6 @@ from skysweep.sensing.statistical_model import (
     BackgroundModel,
     KindModel,
     StatisticalModel,
-    confidence_of,
     score_of,
 )
 
@@ -34,6 +33,7 @@ _COLOURS = dict(zip(CLASSES, ("#D55E00", "#0072B2", "#009E73"), strict=True))
 _COLUMNS = 4
 _TICKS_PX = [5, 10, 20, 50, 100, 200]
 _MIN_LOOKS = 8
+_USUAL_LOOKS = 200  # over which what is drawn is averaged
 _DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 
 
@@ -96,14 +96,15 @@ def _draw_kinds(figure: Any, rows: int, looks: Looks, told: Told, model: Statist
 
 
 def _usual_factors(told: Told, subject: int) -> F64:
-    mine = told.subject == subject
-    return np.median(told.factors[mine], axis=0) if mine.any() else np.zeros(len(FACTORS))
+    """(M, F) of some of the looks, evenly chosen."""
+    factors = told.factors[told.subject == subject]
+    return factors[:: -(-len(factors) // _USUAL_LOOKS)] if len(factors) else np.zeros((1, len(FACTORS)))
 
 
 def drawn_rates(kind: KindModel, factors: F64, confidence: float = MISSION_CONFIDENCE_MIN) -> F64:
-    """(G,) share of looks in which the sensor reports this kind, for looks with these factors (4,)."""
-    mean = np.array(kind.score) + float(np.dot(kind.factors, factors))
-    above = ndtr((mean - score_of(confidence)) / np.array(kind.spread))
+    """(G,) share of looks in which the sensor reports this kind, over looks with these factors (M, F)."""
+    means = np.array(kind.score) + (factors @ np.array(kind.factors))[:, None]
+    above = ndtr((means - score_of(confidence)) / np.array(kind.spread)).mean(axis=0)
     return np.asarray((1.0 - np.array(kind.lapse)) * above)
 
 
@@ -135,10 +136,10 @@ def _dot(axes: Axes, x: float, k: int, n: int, colour: str) -> None:
 def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -> None:
     rates = drawn_rates(kind, factors)
     above.plot(GRID_PX, rates, color=_COLOURS[name], linewidth=1.3)
-    mean, std = np.array(kind.score) + float(np.dot(kind.factors, factors)), np.array(kind.spread)
-    floor = norm.cdf((score_of(MISSION_CONFIDENCE_MIN) - mean) / std)  # what lies below is not reported
+    steps = np.linspace(MISSION_CONFIDENCE_MIN, 0.999, 200)
+    share_above = np.array([drawn_rates(kind, factors, step) for step in steps]) / np.maximum(rates, 1e-9)
     low, middle, high = (
-        confidence_of(mean + std * norm.ppf(floor + (1 - floor) * q)) for q in (0.16, 0.5, 0.84)
+        np.array([np.interp(q, 1.0 - share, steps) for share in share_above.T]) for q in (0.16, 0.5, 0.84)
     )
     likely = rates >= 0.01
     below.plot(GRID_PX, np.where(likely, middle, np.nan), color=_COLOURS[name], linewidth=1.3)
@@ -245,7 +246,9 @@ def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:
     missed = np.ones(len(altitudes))
     for k in model.kinds:
         if k.kind == kind:
-            rates = np.interp(np.log(pixels), np.log(model.pixels), drawn_rates(k, np.zeros(len(FACTORS))))
+            rates = np.interp(
+                np.log(pixels), np.log(model.pixels), drawn_rates(k, np.zeros((1, len(FACTORS))))
+            )
             missed *= 1.0 - np.where(pixels < model.pixels[0], 0.0, rates)
     return altitudes, 1.0 - missed
 

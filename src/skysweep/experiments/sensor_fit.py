@@ -33,6 +33,7 @@ from skysweep.sensing.statistical_model import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
     CONTRAST_USUAL,
+    EDGE_PX,
     FACTORS,
     BackgroundModel,
     BoxModel,
@@ -58,11 +59,11 @@ _SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it i
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
-_FACTOR_MEAN = np.array([0.0, -0.7, -0.7, 0.0, -0.3, 0.0])
-_FACTOR_STD = np.array([0.6, 0.6, 1.2, 0.4, 0.6, 0.2])
+_FACTOR_MEAN = np.array([0.0, 0.0, -0.7, -0.7, 0.0, 0.0, -0.3, 0.0])
+_FACTOR_STD = np.array([0.6, 1.0, 0.6, 1.2, 0.6, 0.4, 0.6, 0.2])
 _LAPSE = (-3.5, 2.0)  # prior of its logit
 _LIMITS = (
-    [(-9.0, 9.0)] * len(GRID_PX) + [(-2.3, 0.7)] * 3 + [(-6.0, 3.0)] * 5 + [(-1.5, 1.5)] + [(-9.0, 2.0)] * 3
+    [(-9.0, 9.0)] * len(GRID_PX) + [(-2.3, 0.7)] * 3 + [(-6.0, 6.0)] * 7 + [(-1.5, 1.5)] + [(-9.0, 2.0)] * 3
 )
 _N = len(GRID_PX)
 _FIRST_FACTOR = _N + len(_SPREAD_KNOTS_PX)
@@ -85,7 +86,7 @@ class Curve:
 
     mean: F64  # (G,)
     log_spread: F64  # (3,)
-    factors: F64  # (6,)
+    factors: F64  # (8,)
     lapse_logit: F64  # (3,)
 
     @property
@@ -99,7 +100,7 @@ class Curve:
         return np.asarray(expit(np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)))
 
     def at(self, pixels: F64, factors: F64) -> tuple[F64, F64, F64]:
-        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, 6) factors."""
+        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, 8) factors."""
         x, grid = np.log(pixels), np.log(GRID_PX)
         mean, spread, lapse = (np.interp(x, grid, table) for table in (self.mean, self.spread, self.lapse))
         return mean + factors @ self.factors, spread, lapse
@@ -123,7 +124,7 @@ Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
 def factors_of(looks: Looks) -> F64:
-    """(N, 6) in the order of FACTORS; colours that were not measured are those of the kind on this ground."""
+    """(N, 8) in the order of FACTORS; colours that were not measured are those of the kind on this ground."""
     colour = looks.colour.copy()
     for subject, surface in {*zip(looks.subject.tolist(), looks.surface.tolist(), strict=True)}:
         rows = (looks.subject == subject) & (looks.surface == surface)
@@ -131,7 +132,9 @@ def factors_of(looks: Looks) -> F64:
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
     blur = looks.blur_px / looks.pixels
-    return np.column_stack([looks.view, looks.hidden, looks.cut**2, looks.beside, blur, contrast])
+    edge_y = looks.edge_y * np.maximum(1.0 - EDGE_PX / looks.pixels, 0.0)
+    seen = looks.view, looks.front, looks.hidden, looks.cut**2
+    return np.column_stack([*seen, edge_y, looks.beside, blur, contrast])
 
 
 def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
@@ -355,7 +358,6 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
     for (subject, c), curve in curves.items():
         kind, pose = SUBJECTS[subject]
         own, of_pass = shares[subject, c]
-        view, hidden, cut, beside, blur, contrast = (round(float(b), 3) for b in curve.factors)
         models.append(
             KindModel(
                 kind=kind,
@@ -363,12 +365,7 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
                 reported_as=CLASSES[c],
                 score=[round(float(v), 3) for v in curve.mean],
                 spread=[round(float(v), 3) for v in curve.spread],
-                view=view,
-                hidden=hidden,
-                cut=cut,
-                beside=beside,
-                blur=blur,
-                contrast=contrast,
+                **{name: round(float(b), 3) for name, b in zip(FACTORS, curve.factors, strict=True)},
                 lapse=[round(float(v), 4) for v in curve.lapse],
                 object_share=round(own, 3),
                 pass_share=round(of_pass, 3),

@@ -26,7 +26,7 @@ from skysweep.sensing.camera_effects import CameraEffects
 from skysweep.sensing.detector import YoloDetector
 from skysweep.sensing.occlusion import Occluders, middle_enu_m, pixels_on_target
 from skysweep.sensing.render import Renderer, make_renderer
-from skysweep.sensing.statistical_model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
 
 F64 = NDArray[np.float64]
@@ -38,7 +38,7 @@ PASS_LOOKS = 4  # successive looks from nearly one place
 PASSES_PER_WORLD = 10
 PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
 EMPTY_SHARE = 0.3  # of the passes show no object
-EDGE_SHARE = 0.25  # of the others begin with one that the picture's edge cuts
+EDGE_SHARE = 0.4  # of the others begin with one that the picture's edge cuts
 PIXELS = (4.0, 220.0)
 STEP_PX = (0.5, 120.0)  # that the picture moves on between two looks of a pass
 BLUR_PX = (0.05, 6.0)
@@ -120,8 +120,10 @@ class Looks:
     pixels: F64  # (N,) on target
     places_px: F64  # (N, 2) of the object in the picture
     view: F64  # (N,) factors as in ``statistical_model.KindModel``
+    front: F64  # (N,)
     hidden: F64  # (N,)
     cut: F64  # (N,)
+    edge_y: F64  # (N,) 1 where the upper or lower edge cuts it, else 0
     beside: F64  # (N,)
     blur_px: F64  # (N,)
     colour: F64  # (N,) difference to the ground (CIE76), the object's mean; NaN where not measured
@@ -407,14 +409,14 @@ class _Scorer:
             pixels[i] = pixels_on_target(lens, self._world.objects[i], pose.position_enu_m, depths[i])
         low = np.clip(centres - pixels[:, None] / 2, 0, self._size_px)
         high = np.clip(centres + pixels[:, None] / 2, 0, self._size_px)
-        inside = np.prod(high - low, axis=1) / np.maximum(pixels, 1e-9) ** 2
+        inside = np.minimum((high - low) / np.maximum(pixels, 1e-9)[:, None], 1.0)
         seen_middles = (low + high) / 2
         reach = np.maximum(HIT_RADIUS * pixels, HIT_RADIUS_MIN_PX)
         boxes = found.boxes_xyxy_px
         middles = (boxes[:, :2] + boxes[:, 2:]) / 2
         classes = np.array([CLASSES.index(n) if n in CLASSES else -1 for n in found.class_names], dtype=int)
         gaps = np.linalg.norm(middles[:, None] - seen_middles[None], axis=2)
-        near = before & (inside > 0)
+        near = before & (inside > 0).all(axis=1)
         clear = np.maximum(self._clear_m * lens.focal_px / np.maximum(depths, 0.1), reach)
         feet, _ = project(lens, pose, self._feet)
         gaps_to_feet = np.linalg.norm(middles[:, None] - feet[None], axis=2)
@@ -424,9 +426,11 @@ class _Scorer:
         for i in np.flatnonzero(near & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])):
             thing = self._world.objects[i]
             hidden = 1.0 - float(self._occluders.visible_fraction(pose.position_enu_m, thing))
-            cut = 1.0 - min(float(inside[i]), 1.0)
-            ray = self._places[i] - pose.position_enu_m
-            view = float((ray[0] ** 2 + ray[1] ** 2) / (ray @ ray))
+            cut = 1.0 - float(inside[i].prod())
+            x, y, z = pose.position_enu_m - self._places[i]
+            away = math.sqrt(x * x + y * y + z * z)
+            view = (x * x + y * y) / away**2
+            front = (math.cos(thing.yaw_rad) * x + math.sin(thing.yaw_rad) * y) / away
             shift = np.array([-velocity[0] / depths[i] - rates[1], -velocity[1] / depths[i] + rates[0]])
             blur_px = float(lens.focal_px * self._exposure_s * np.linalg.norm(shift))
             unseen = 1.0 - (1.0 - hidden) * (1.0 - cut)
@@ -445,8 +449,10 @@ class _Scorer:
                 pixels[i],
                 centres[i],
                 view,
+                front,
                 hidden,
                 cut,
+                inside[i, 1] < 1.0 - CUT_MIN,
                 self._beside[i],
                 blur_px,
                 confidences,
@@ -488,9 +494,10 @@ class _Scorer:
     def packed(self, job: WorldJob) -> tuple[Looks, Background]:
         """Everything that was seen in this world."""
         notes, n, c = self._notes, len(self._notes.looks), len(CLASSES)
-        columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 12
+        columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 14
         subject, index, number = (column.astype(int) for column in columns[:3])
-        pixels, centres, view, hidden, cut, beside, blur_px, confidences, offsets = columns[3:]
+        pixels, centres, *factors, confidences, offsets = columns[3:]
+        view, front, hidden, cut, edge_y, beside, blur_px = (f.astype(float) for f in factors)
         colour = np.array([np.mean(notes.colours.get(int(i), [np.nan])) for i in index], dtype=float)
         looks = Looks(
             subject=subject,
@@ -500,11 +507,13 @@ class _Scorer:
             picture=number,
             pixels=pixels.astype(float),
             places_px=centres.reshape(n, 2),
-            view=view.astype(float),
-            hidden=hidden.astype(float),
-            cut=cut.astype(float),
-            beside=beside.astype(float),
-            blur_px=blur_px.astype(float),
+            view=view,
+            front=front,
+            hidden=hidden,
+            cut=cut,
+            edge_y=edge_y,
+            beside=beside,
+            blur_px=blur_px,
             colour=colour,
             confidences=confidences.reshape(n, c),
             offsets_px=offsets.reshape(n, c, 2),

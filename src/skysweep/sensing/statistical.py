@@ -185,7 +185,8 @@ class StatisticalSensor:
                 continue
             contrast = self._contrast(thing, surface, float(colour))
             beside = occluders.is_beside_a_crown(thing)
-            things.append([*middle_enu_m(thing), thing.size_m, shape_of(thing), beside, contrast])
+            facing = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
+            things.append([*middle_enu_m(thing), thing.size_m, shape_of(thing), beside, contrast, *facing])
             near.append(occluders.near(thing))
             for kind in kinds:
                 offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
@@ -195,7 +196,7 @@ class StatisticalSensor:
                 rows.append([*kind.score, *kind.spread, *lapse, *kind.factors, offset, *shares])
                 self._row_names.append(kind.reported_as)
             starts.append(len(rows))
-        self._things = np.array(things, dtype=float).reshape(-1, 7)
+        self._things = np.array(things, dtype=float).reshape(-1, 9)
         self._solids = occluders.solids
         self._near = np.concatenate(near) if near else np.zeros(0, dtype=np.int64)
         self._near_start = np.cumsum([0] + [len(n) for n in near])

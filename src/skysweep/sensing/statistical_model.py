@@ -1,7 +1,7 @@
 """The numbers of the statistical sensor: a small YAML file, made for one detector and one camera.
 
 A look at an object has a score, the confidence that the detector gives it on the scale -log(-log c). It is
-normal: its mean and spread follow the pixels on target, and six factors shift the mean. What reaches the
+normal: its mean and spread follow the pixels on target, and eight factors shift the mean. What reaches the
 threshold is reported, so that one score explains both how often and how surely things are seen (a Tobit
 model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains (Wichmann and Hill,
 Perception & Psychophysics 63, 2001).
@@ -23,11 +23,13 @@ from skysweep.errors import UserError
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 from skysweep.sensing.model_files import model_file, sha256_of
 
-VERSION = 4
-FACTORS = ("view", "hidden", "cut", "beside", "blur", "contrast")
+VERSION = 5
+FACTORS = ("view", "front", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75  # by anything, the edge too
 BLUR_MAX = 1.0
+CUT_MIN = 0.01  # of an object beyond an edge that cuts it
+EDGE_PX = 8.0  # objects this small look no different there
 CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 
@@ -51,8 +53,10 @@ class KindModel(_Part):
     The score's mean at some pixels is ``score`` there plus each factor times its number here:
 
     - view: square of the sine of the line of sight's angle off the vertical;
+    - front: cosine of the angle between the object's forward axis (its yaw) and the line to the camera;
     - hidden: share of the object that trees and buildings hide;
     - cut: square of the share of it beyond the picture's edge;
+    - edge_y: where it is the upper or lower edge that cuts it 1 - 8 / pixels, at least 0; else 0;
     - beside: 1 right beside the crown of a tree or bush, which is less regular than a solid; else 0;
     - blur: length of the motion blur over the object's pixels;
     - contrast: difference in colour to the ground (CIE76), less 30, over 20.
@@ -67,8 +71,10 @@ class KindModel(_Part):
         description="Over the grid: share of looks without a report whatever the score"
     )
     view: float
+    front: float
     hidden: float
     cut: float
+    edge_y: float
     beside: float
     blur: float
     contrast: float
@@ -80,7 +86,7 @@ class KindModel(_Part):
     @property
     def factors(self) -> tuple[float, ...]:
         """In the order of FACTORS."""
-        return self.view, self.hidden, self.cut, self.beside, self.blur, self.contrast
+        return tuple(getattr(self, name) for name in FACTORS)
 
     @model_validator(mode="after")
     def _shares(self) -> KindModel:
