@@ -138,7 +138,8 @@ def test_a_detector_that_fails_for_a_while_costs_time_but_no_target(error, untro
 
 
 def test_a_flown_blind_leg_is_flown_again():
-    flown = Flown(sensor=lambda inner: LosesLooks(inner, 20.0, 40.0), targets=[])
+    nothing_seen = {"targets": [], "detector": {"confidence_min": 0.9}}
+    flown = Flown(sensor=lambda inner: LosesLooks(inner, 20.0, 40.0), **nothing_seen)
     (blind,) = flown.of_kind("unsearched")
     after = [
         line["p"] for line in flown.of_kind("state") if line["mode"] == "SCAN" and line["t"] > blind["t"]
