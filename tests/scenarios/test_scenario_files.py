@@ -4,6 +4,7 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import example, given, settings
@@ -20,7 +21,7 @@ from skysweep.scenarios.files import (
     parse_scenario,
     write_scenario,
 )
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import Distractor, Scenario
 from skysweep.scenarios.world import build_world
 
 PAPER = ("clusters", "abundance", "sparse")
@@ -421,3 +422,14 @@ def test_shipped_folder_holds_scenarios_only():
 
     folder = Path(files.__file__).parent / "shipped"
     assert {p.suffix for p in folder.iterdir()} == {".yaml"}
+
+
+def test_a_distractor_lies_as_it_says_or_another_way_in_every_mission() -> None:
+    said = Distractor.model_validate({"class": "red bucket", "position_enu_m": [10, 10], "yaw_deg": 30})
+    scenario = load_scenario("clusters").model_copy(
+        update={"distractors": (said, said.model_copy(update={"yaw_deg": None}))}
+    )
+    first, *others = (build_world(scenario, seed).objects[-2:] for seed in (0, 0, 1))
+    assert [o.yaw_rad for o in first] == [o.yaw_rad for o in others[0]]
+    assert first[0].yaw_rad == others[1][0].yaw_rad == pytest.approx(np.radians(30))
+    assert first[1].yaw_rad != others[1][1].yaw_rad

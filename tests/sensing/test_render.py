@@ -17,6 +17,7 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light
 from skysweep.scenarios.world import TerrainSurface, World, WorldBuilding, WorldObject, WorldTree
 from skysweep.sensing.render import make_renderer
+from skysweep.sensing.render_gl import GLRenderer
 from skysweep.sensing.scene import make_sun
 
 LENS = Lens(320, 180, 1.2)
@@ -184,6 +185,24 @@ def test_a_picture_does_not_depend_on_what_was_looked_at_before() -> None:
     for pose in (camera(40, 30, 80), camera(-30, 0, 5), camera(9, 0, 20)):
         used.render(LENS, pose)
     assert np.array_equal(fresh.render(LENS, camera(0, 0, 12)), used.render(LENS, camera(0, 0, 12)))
+
+
+@pytest.mark.parametrize("surface", ["grass", "water"])
+def test_edges_alone_are_smoothed_and_nothing_else_shows_it(
+    surface: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = world(
+        thing("stop sign", 2.0, 1.0, pose="standing"), thing("red bucket", -3.0, 1.0), terrain=flat(surface)
+    )
+    views = [camera(0, 0, 20), camera(2, 1, 4), camera(-40, 30, 10), camera(0, 0, 9, -1.2, 2.0)]
+    views.append(camera(30, 0, 3, -0.2, np.pi))  # up to the horizon
+    renderer = make_renderer(seen, "gl")
+    pictures = [renderer.render(LENS, view) for view in views]
+    monkeypatch.setattr(GLRenderer, "_rugged", lambda self, lens, pose, view: (0, 0, 320, 180))
+    smoothed = [renderer.render(LENS, view) for view in views]
+    assert any((a != b).any() for a, b in zip(pictures, smoothed, strict=True)), "one way only was tried"
+    for a, b in zip(pictures, smoothed, strict=True):
+        assert np.abs(a.astype(int) - b).max() <= 4
 
 
 def test_an_unknown_backend_is_refused() -> None:

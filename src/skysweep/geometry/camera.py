@@ -36,6 +36,11 @@ class Lens:
         f = self.focal_px
         return np.array([[f, 0.0, self.width_px / 2], [0.0, f, self.height_px / 2], [0.0, 0.0, 1.0]])
 
+    @property
+    def corners_px(self) -> F64:
+        """The picture's corners (4, 2)."""
+        return np.array([[x, y] for x in (0.0, self.width_px) for y in (0.0, self.height_px)])
+
     def pixels_on_target(self, size_m: float, distance_m: ArrayLike) -> F64:
         """Pixels that an object of ``size_m`` spans, seen face-on at ``distance_m``."""
         return np.asarray(self.focal_px * size_m / np.asarray(distance_m, dtype=float))

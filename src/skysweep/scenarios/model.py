@@ -167,7 +167,9 @@ class Distractor(Model):
 
     kind: DistractorClass = Field(alias="class")
     position_enu_m: PointXY
-    yaw_deg: float = Field(0.0, description="Counter-clockwise from east")
+    yaw_deg: float | None = Field(
+        None, description="Counter-clockwise from east; default another one for every mission seed"
+    )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)

@@ -167,8 +167,10 @@ def build_world(scenario: Scenario, seed: int) -> World:
     items: list[tuple[str, tuple[float, float], float, float | None, str | None, bool]] = [
         (t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True) for t in scenario.targets
     ]
+    turned = np.random.default_rng([seed, 23]).uniform(0, 2 * np.pi, len(scenario.distractors))
     items += [
-        (d.kind, d.position_enu_m, np.radians(d.yaw_deg), d.size_m, None, False) for d in scenario.distractors
+        (d.kind, d.position_enu_m, yaw if d.yaw_deg is None else np.radians(d.yaw_deg), d.size_m, None, False)
+        for d, yaw in zip(scenario.distractors, turned.tolist(), strict=True)
     ]
     target_kinds = scenario.target_classes
     for index, g in enumerate(scenario.generators):

@@ -146,15 +146,10 @@ class _Network:
         return self.layout.decode(self._run(canvas, self.layout.pixels), canvas.shape[:2])
 
     def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, NDArray[np.float32]]:
-        picture: NDArray[Any] = canvas[..., ::-1] if pixels.bgr else canvas
-        if self._dtype != np.uint8:
-            gain = np.float32(pixels.scale) / np.array(pixels.std, dtype=np.float32)
-            picture = picture * gain - np.array(pixels.mean, dtype=np.float32) / np.array(
-                pixels.std, np.float32
-            )
-        if not self._channels_last:
-            picture = picture.transpose(2, 0, 1)
-        feed = {self._input.name: np.ascontiguousarray(picture[None], dtype=self._dtype)}
+        picture = _pixels(canvas, pixels, self._dtype)
+        if self._channels_last:
+            picture = np.ascontiguousarray(picture.transpose(1, 2, 0))
+        feed = {self._input.name: picture[None]}
         if self._size_input is not None:
             kind = np.int64 if self._size_input.type == "tensor(int64)" else np.float32
             feed[self._size_input.name] = np.array([canvas.shape[1::-1]], dtype=kind)
@@ -222,6 +217,20 @@ def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple
     canvas = np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8)
     canvas[top : top + new_h, left : left + new_w] = picture
     return canvas, scale, left, top
+
+
+def _pixels(canvas: U8, pixels: PixelFormat, dtype: type) -> NDArray[Any]:
+    """What a model wants to be given, (3, H, W); made plane by plane, which is several times as fast."""
+    planes = cv2.split(canvas)[:: -1 if pixels.bgr else 1]
+    if dtype == np.uint8:
+        return np.stack(planes)
+    wanted = np.empty((3, *canvas.shape[:2]), dtype)
+    mean, std = np.array(pixels.mean, np.float32), np.array(pixels.std, np.float32)
+    for plane, gain, offset, out in zip(
+        planes, np.float32(pixels.scale) / std, mean / std, wanted, strict=True
+    ):
+        np.subtract(plane * gain, offset, out=out, casting="same_kind")
+    return wanted
 
 
 def _open(path: Path, threads: int) -> ort.InferenceSession:

@@ -11,6 +11,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Protocol, runtime_checkable
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,6 +84,7 @@ class ImagingSensor:
         self._recalled: deque[Answer] = deque()
         self.last_look: tuple[Frame, Detections] | None = None
         self._asked: SimpleQueue[tuple[Frame, Future[Detections]] | None] = SimpleQueue()
+        cv2.setNumThreads(1)  # its threads spin while they wait, on cores that renderer and detector need
         self._worker = Thread(target=self._answer_all, name="detector", daemon=True)
         self._worker.start()
 

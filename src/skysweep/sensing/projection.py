@@ -51,6 +51,14 @@ class View:
         distance = centres @ self._planes[:, :3].T + self._planes[:, 3]
         return np.asarray((distance >= -radii[:, None]).all(axis=1))
 
+    def frame(self, points: F64) -> F64:
+        """Low and high corner (2, 2) of the part of the picture, -1..1, that holds ``points`` (N, 3)."""
+        clip = np.column_stack([points, np.ones(len(points))]) @ self.matrix.T
+        if (clip[:, 3] < NEAR_M).any():
+            return np.array([[-1.0, -1.0], [1.0, 1.0]])
+        xy = clip[:, :2] / clip[:, 3:]
+        return np.clip([xy.min(axis=0), xy.max(axis=0)], -1.0, 1.0)
+
     def pixels(self, centres: F64, radii: F64) -> F64:
         """Radii (N,) in pixels of spheres (N, 3), (N,)."""
         if self._eye is None:

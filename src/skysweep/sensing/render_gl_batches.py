@@ -18,17 +18,18 @@ F64 = NDArray[np.float64]
 
 SOLID_TILE_M = 16.0
 GROUND_TILE_M = 64.0
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])  # of a box: low or high
 PLANT_DETAIL_PX = (8.0, 40.0)  # crown radii from which a plant is drawn finer
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Packed vertices, faces and a bounding sphere of what is culled together."""
+    """Packed vertices, faces and the bounding box of what is culled together."""
 
     vertices: NDArray[Any]
     faces: NDArray[np.int32]
-    centre: F64
-    radius: float
+    low: F64
+    high: F64
 
 
 _VERTEX = np.dtype([("p", "<f4", 3), ("n", "<f4", 3), ("c", "u1", 4), ("t", "<f4", 3), ("id", "<f4")])
@@ -41,8 +42,7 @@ def _block(mesh: Mesh, ids: F32 | None = None) -> Block:
     packed["p"], packed["n"], packed["t"] = mesh.vertices, mesh.normals, mesh.texture
     packed["c"][:, :3] = np.round(mesh.colours * 255)
     packed["id"] = 0.0 if ids is None else ids
-    low, high = mesh.vertices.min(0).astype(float), mesh.vertices.max(0).astype(float)
-    return Block(packed, mesh.faces, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)))
+    return Block(packed, mesh.faces, mesh.vertices.min(0).astype(float), mesh.vertices.max(0).astype(float))
 
 
 def _packed_solids(solids: list[Solid]) -> Block:
@@ -86,6 +86,9 @@ class Tiles:
     def __init__(self, gl: moderngl.Context, blocks: list[Block]) -> None:
         self._gl = gl
         self._counts = [b.faces.size for b in blocks]
+        self._boxes = np.array([(b.low, b.high) for b in blocks]).reshape(-1, 2, 3)
+        self._centres = self._boxes.mean(axis=1)
+        self._radii = 0.5 * np.linalg.norm(self._boxes[:, 1] - self._boxes[:, 0], axis=1)
         if not blocks:
             return
         starts = np.cumsum([0] + [len(b.vertices) for b in blocks[:-1]])
@@ -93,8 +96,6 @@ class Tiles:
         faces = [b.faces + s for b, s in zip(blocks, starts, strict=True)]
         self._faces = gl.buffer(np.concatenate(faces).astype(np.int32).tobytes())
         self._firsts = np.cumsum([0, *self._counts[:-1]]).tolist()
-        self._centres = np.stack([b.centre for b in blocks])
-        self._radii = np.array([b.radius for b in blocks])
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
     def draw(self, program: moderngl.Program, view: View) -> None:
@@ -104,8 +105,15 @@ class Tiles:
         if array is None:
             content = [_bound(program, self._vertices, _LAYOUT)]
             array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
-        for k in np.flatnonzero(view.sees(self._centres, self._radii)).tolist():
+        for k in self._seen(view).tolist():
             array.render(vertices=self._counts[k], first=self._firsts[k])
+
+    def corners(self, view: View) -> F64:
+        """Of the boxes around what is in sight, (N, 3)."""
+        return self._boxes[self._seen(view)][:, _CORNERS, range(3)].reshape(-1, 3)
+
+    def _seen(self, view: View) -> NDArray[np.intp]:
+        return np.flatnonzero(view.sees(self._centres, self._radii))
 
 
 class Plants:
@@ -126,6 +134,9 @@ class Plants:
         self._centres = planting.places[:, :3] + np.array([0, 0, 0.5]) * height[:, None]
         self._radii = np.hypot(0.55 * height, radius)
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
+
+    def is_in_sight(self, view: View) -> bool:
+        return bool(view.sees(self._centres, self._radii).any())
 
     def draw(self, program: moderngl.Program, view: View) -> None:
         seen = np.flatnonzero(view.sees(self._centres, self._radii))
