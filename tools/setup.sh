@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Sets skysweep up in .venv on Debian or Ubuntu, as root or with sudo:  tools/setup.sh [dev] [train] [embree]
+# Sets skysweep up in .venv on Debian or Ubuntu, as root or with sudo:  tools/setup.sh [EXTRA ...]
+# Extras are those of pyproject.toml (px4, ros, ray, tune, ...), dev, and train, which brings PyTorch and YOLOX.
 # Run it as often as you like: what is there stays, what is missing is added.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

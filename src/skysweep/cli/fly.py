@@ -53,7 +53,7 @@ def fly(
     renderer: Annotated[
         Literal["auto", "gl", "embree"], typer.Option(help="Of the rendered camera.")
     ] = "auto",
-    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 

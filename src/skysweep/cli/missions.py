@@ -60,7 +60,7 @@ def run(
     renderer: Annotated[
         Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
     ] = "auto",
-    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
 ) -> None:
     """Fly one mission and write its run folder with report.html.
 

@@ -58,12 +58,12 @@ def ros_fly(
         str, typer.Option(help="Topic of another node's detections. Default: the scenario's detector.")
     ] = "",
     pose: Annotated[str, typer.Option(help="Topic of odometry. Default: the vehicle's own.")] = "",
-    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/<scenario>-...")] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
 ) -> None:
     """Fly one mission with pictures, poses, paths, detections and targets on topics.
 
     Services of the node: ~/start, ~/pause, ~/abort (std_srvs/Trigger). ROS arguments follow --ros-args; every
-    option is a parameter too.
+    option but --set is a parameter too (--wait is autostart:=false).
 
     Examples:
 

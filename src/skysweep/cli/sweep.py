@@ -23,7 +23,7 @@ ASK_ABOVE_S = 3600.0
 def sweep(
     spec: Annotated[Path, typer.Argument(help="YAML file of the sweep; see docs/sweeps.md.")],
     out: Annotated[
-        str | None, typer.Option(help="Folder or fsspec URL of the results. Default: sweeps/<name>.")
+        str | None, typer.Option(help="Folder or fsspec URL of the results. Default: sweeps/NAME.")
     ] = None,
     engine: Annotated[
         Literal["local", "ray"], typer.Option(help="Processes on this machine, or a Ray cluster.")

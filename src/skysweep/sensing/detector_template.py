@@ -1,4 +1,8 @@
-"""A detector to copy: fill in ``detect``, register the class under the entry point ``skysweep.detectors``."""
+"""A detector to copy: fill in ``detect``.
+
+A callable that takes the scenario and returns one is registered under the entry point group
+``skysweep.detectors``; its name there is the scenario's ``detector.model``.
+"""
 
 from __future__ import annotations
 
