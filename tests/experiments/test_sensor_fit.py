@@ -1,6 +1,6 @@
 """The fit finds the numbers that looks were drawn from."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_mean_spread_and_factors_are_recovered(looks):
     factors = factors_of(looks)
     curve = fit_curves(looks, factors)[SIGN, OWN]
     np.testing.assert_allclose(curve.mean, MEAN, atol=0.25)
-    np.testing.assert_allclose(curve.factors, FACTORS, atol=0.2)
+    np.testing.assert_allclose(curve.shifts[: len(FACTORS)], FACTORS, atol=0.2)
     np.testing.assert_allclose(curve.spread, SPREAD, atol=0.08)
     assert curve.lapse.max() < 0.05
     for threshold in (MISSION_CONFIDENCE_MIN, 0.6):
@@ -113,6 +113,23 @@ def test_mean_spread_and_factors_are_recovered(looks):
         measured = looks.confidences[:, OWN] >= threshold
         assert abs(drawn.mean() - measured.mean()) < 0.02
         assert calibration_error(measured.astype(float), drawn) < 0.03
+
+
+def test_what_a_ground_does_is_recovered():
+    on_grass, on_snow = draw_looks(seed=1), draw_looks(seed=2)
+    worse = np.where(on_snow.confidences > 0, score_of(np.clip(on_snow.confidences, 0.1, 0.999)) - 0.8, -9.0)
+    seen = worse >= score_of(CONFIDENCE_FLOOR)
+    on_snow = replace(
+        on_snow,
+        surface=on_snow.surface + SURFACES.index("snow"),
+        instance=on_snow.instance + 1000,
+        confidences=np.where(seen, confidence_of(worse), 0.0),
+    )
+    both = Looks(
+        *(np.concatenate([getattr(part, f.name) for part in (on_grass, on_snow)]) for f in fields(Looks))
+    )
+    model = kind_models(curves := fit_curves(both, factors_of(both)), dict.fromkeys(curves, (0.0, 0.0)))[0]
+    assert model.grounds["grass"] - model.grounds["snow"] == pytest.approx(0.8, abs=0.1)
 
 
 def test_lapses_are_told_from_low_scores():
@@ -236,6 +253,6 @@ def test_the_score_is_what_a_threshold_cuts():
     looks = draw_looks()
     curve = fit_curves(looks, factors_of(looks))[SIGN, OWN]
     at = np.array([14.0])
-    mean, spread, lapse = curve.at(at, np.zeros((1, len(FACTORS))))
+    mean, spread, lapse = curve.at(at, np.zeros((1, len(FACTORS) + len(SURFACES))))
     expected = (1 - lapse) * ndtr((mean - score_of(0.4)) / spread)
-    np.testing.assert_allclose(curve.chance(at, np.zeros((1, len(FACTORS))), 0.4), expected)
+    np.testing.assert_allclose(curve.chance(at, np.zeros((1, len(FACTORS) + len(SURFACES))), 0.4), expected)

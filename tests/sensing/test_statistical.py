@@ -51,6 +51,7 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
         beside=0.0,
         blur=0.0,
         contrast=0.0,
+        grounds={},
         object_share=0.0,
         pass_share=0.0,
     )
@@ -202,6 +203,13 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     edge_y = 180.0 / LENS.focal_px * true.position_enu_m[2]
     found = looks([sign(0.0, edge_y)], model(table(scores=level, cut=-2.0, edge_y=1.0)), true)
     assert_rate(sum(map(len, found)), LOOKS, chance(-0.5 + 1.0 - 8.0 / 30.0))
+
+
+def test_the_ground_shifts_the_score():
+    tables, true = model(table(scores=(0.0,) * 4, grounds={"sand": -0.6})), nadir(height_for(30.0))
+    for surface, shift in (("sand", -0.6), ("grass", 0.0)):
+        found = looks([sign()], tables, true, surface=replace(FLAT, surface=surface))
+        assert_rate(sum(map(len, found)), LOOKS, chance(shift))
 
 
 def test_some_objects_are_seen_better_than_others_in_every_look():

@@ -42,7 +42,7 @@ class Told:
 
     subject: I64
     class_index: I64
-    factors: F64  # (M, 6)
+    factors: F64  # (M, S)
     values: dict[str, F64]  # of every entry of EDGES
     confidences: F64
     chance: F64  # (M, T) of a report for each threshold

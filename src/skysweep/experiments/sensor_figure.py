@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from scipy.stats import beta
 
 from skysweep.experiments.sensor_check import EDGES, THRESHOLDS, Told
-from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN
+from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
 from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, SURFACES, Background, Looks
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
@@ -34,6 +34,7 @@ _COLUMNS = 4
 _TICKS_PX = [5, 10, 20, 50, 100, 200]
 _MIN_LOOKS = 8
 _USUAL_LOOKS = 200  # over which what is drawn is averaged
+_NO_SHIFT = np.zeros((1, len(FACTORS) + len(SURFACES)))
 _DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 
 
@@ -98,12 +99,12 @@ def _draw_kinds(figure: Any, rows: int, looks: Looks, told: Told, model: Statist
 def _usual_factors(told: Told, subject: int) -> F64:
     """(M, F) of some of the looks, evenly chosen."""
     factors = told.factors[told.subject == subject]
-    return factors[:: -(-len(factors) // _USUAL_LOOKS)] if len(factors) else np.zeros((1, len(FACTORS)))
+    return factors[:: -(-len(factors) // _USUAL_LOOKS)] if len(factors) else _NO_SHIFT
 
 
 def drawn_rates(kind: KindModel, factors: F64, confidence: float = MISSION_CONFIDENCE_MIN) -> F64:
     """(G,) share of looks in which the sensor reports this kind, over looks with these factors (M, F)."""
-    means = np.array(kind.score) + (factors @ np.array(kind.factors))[:, None]
+    means = np.array(kind.score) + (factors @ shifts_of(kind))[:, None]
     above = ndtr((means - score_of(confidence)) / np.array(kind.spread)).mean(axis=0)
     return np.asarray((1.0 - np.array(kind.lapse)) * above)
 
@@ -246,9 +247,7 @@ def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:
     missed = np.ones(len(altitudes))
     for k in model.kinds:
         if k.kind == kind:
-            rates = np.interp(
-                np.log(pixels), np.log(model.pixels), drawn_rates(k, np.zeros((1, len(FACTORS))))
-            )
+            rates = np.interp(np.log(pixels), np.log(model.pixels), drawn_rates(k, _NO_SHIFT))
             missed *= 1.0 - np.where(pixels < model.pixels[0], 0.0, rates)
     return altitudes, 1.0 - missed
 

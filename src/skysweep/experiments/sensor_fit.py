@@ -1,9 +1,10 @@
 """From looks to the numbers of the statistical sensor.
 
 The score of a look is normal, its mean smooth over log pixels (second differences are penalised: Eilers and
-Marx, Statistical Science 11, 1996) plus linear factors; looks without a report are censored at the floor of
-the experiment. Every kind, pose and class is fitted by penalised maximum likelihood, twice: first each on its
-own, then with the means over all kinds as priors of factors, spread and shares (partial pooling).
+Marx, Statistical Science 11, 1996) plus linear factors and, for every ground, what it does beside the usual
+one; looks without a report are censored at the floor of the experiment. Every kind, pose and class is fitted
+by penalised maximum likelihood, twice: first each on its own, then with the means over all kinds as priors of
+factors, spread and shares (partial pooling).
 
 What is common to looks at one object and to looks of one pass are shares of the score's variance. They do
 not touch the fit of single looks and come from pairs of looks by their likelihood (composite likelihood:
@@ -59,15 +60,20 @@ _SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it i
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
-_FACTOR_MEAN = np.array([0.0, 0.0, -0.7, -0.7, 0.0, 0.0, -0.3, 0.0])
-_FACTOR_STD = np.array([0.6, 1.0, 0.6, 1.2, 0.6, 0.4, 0.6, 0.2])
+_SHIFT_MEAN = np.array([0.0, 0.0, -0.7, -0.7, 0.0, 0.0, -0.3, 0.0] + [0.0] * len(SURFACES))
+_SHIFT_STD = np.array([0.6, 1.0, 0.6, 1.2, 0.6, 0.4, 0.6, 0.2] + [0.5] * len(SURFACES))
 _LAPSE = (-3.5, 2.0)  # prior of its logit
 _LIMITS = (
-    [(-9.0, 9.0)] * len(GRID_PX) + [(-2.3, 0.7)] * 3 + [(-6.0, 6.0)] * 7 + [(-1.5, 1.5)] + [(-9.0, 2.0)] * 3
+    [(-9.0, 9.0)] * len(GRID_PX)
+    + [(-2.3, 0.7)] * 3
+    + [(-6.0, 6.0)] * 7
+    + [(-1.5, 1.5)]
+    + [(-6.0, 6.0)] * len(SURFACES)
+    + [(-9.0, 2.0)] * 3
 )
 _N = len(GRID_PX)
-_FIRST_FACTOR = _N + len(_SPREAD_KNOTS_PX)
-_LAPSE_AT = _FIRST_FACTOR + len(FACTORS)
+_FIRST_SHIFT = _N + len(_SPREAD_KNOTS_PX)
+_LAPSE_AT = _FIRST_SHIFT + len(FACTORS) + len(SURFACES)
 _PAIR_WEIGHT = 0.2
 _MAX_PAIRS = 4000
 _SHARES = np.linspace(0.0, 0.9, 19)
@@ -86,7 +92,7 @@ class Curve:
 
     mean: F64  # (G,)
     log_spread: F64  # (3,)
-    factors: F64  # (8,)
+    shifts: F64  # (S,) of the mean: FACTORS, then SURFACES
     lapse_logit: F64  # (3,)
 
     @property
@@ -100,10 +106,10 @@ class Curve:
         return np.asarray(expit(np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)))
 
     def at(self, pixels: F64, factors: F64) -> tuple[F64, F64, F64]:
-        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, 8) factors."""
+        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, S) factors."""
         x, grid = np.log(pixels), np.log(GRID_PX)
         mean, spread, lapse = (np.interp(x, grid, table) for table in (self.mean, self.spread, self.lapse))
-        return mean + factors @ self.factors, spread, lapse
+        return mean + factors @ self.shifts, spread, lapse
 
     def chance(self, pixels: F64, factors: F64, confidence: float) -> F64:
         """Of a report with at least this confidence (N,)."""
@@ -116,15 +122,18 @@ class Priors:
     """Means over all kinds."""
 
     log_spread: F64
-    factors: F64
+    shifts: F64
 
 
-FIRST_PRIORS = Priors(np.full(3, np.log(_USUAL_SPREAD)), _FACTOR_MEAN)
+FIRST_PRIORS = Priors(np.full(3, np.log(_USUAL_SPREAD)), _SHIFT_MEAN)
 Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
 def factors_of(looks: Looks) -> F64:
-    """(N, 8) in the order of FACTORS; colours that were not measured are those of the kind on this ground."""
+    """(N, S): FACTORS, then 1 for the ground among SURFACES.
+
+    Colours that were not measured are those of the kind on this ground.
+    """
     colour = looks.colour.copy()
     for subject, surface in {*zip(looks.subject.tolist(), looks.surface.tolist(), strict=True)}:
         rows = (looks.subject == subject) & (looks.surface == surface)
@@ -134,7 +143,8 @@ def factors_of(looks: Looks) -> F64:
     blur = looks.blur_px / looks.pixels
     edge_y = looks.edge_y * np.maximum(1.0 - EDGE_PX / looks.pixels, 0.0)
     seen = looks.view, looks.front, looks.hidden, looks.cut**2
-    return np.column_stack([*seen, edge_y, looks.beside, blur, contrast])
+    ground = np.eye(len(SURFACES))[looks.surface]
+    return np.column_stack([*seen, edge_y, looks.beside, blur, contrast, ground])
 
 
 def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
@@ -157,7 +167,7 @@ def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
             weights = np.minimum(n, 300.0)
             priors = Priors(
                 np.average([curves[k].log_spread for k in keys], axis=0, weights=weights),
-                np.average([curves[k].factors for k in keys], axis=0, weights=weights),
+                np.average([curves[k].shifts for k in keys], axis=0, weights=weights),
             )
     return curves
 
@@ -182,10 +192,10 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     lapse_design = node_weights(pixels) @ _from_knots(_LAPSE_KNOTS_PX)
     slopes = np.diff(np.eye(_N), axis=0)
     bends = np.vstack([np.diff(slopes, axis=0) / _CURVE_STD, slopes / _SLOPE_STD])
-    mean_places = [*range(_N), *range(_FIRST_FACTOR, _LAPSE_AT)]
+    mean_places = [*range(_N), *range(_FIRST_SHIFT, _LAPSE_AT)]
 
     def cost(theta: F64) -> tuple[float, F64]:
-        mean, log_std = design @ theta[mean_places], spread_design @ theta[_N:_FIRST_FACTOR]
+        mean, log_std = design @ theta[mean_places], spread_design @ theta[_N:_FIRST_SHIFT]
         std, lapse = np.exp(log_std), expit(lapse_design @ theta[_LAPSE_AT:])
         r = (x - mean[seen]) / std[seen]
         c = (FLOOR_SCORE - mean[~seen]) / std[~seen]
@@ -198,7 +208,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
         by_mean[~seen], by_log_std[~seen] = slope / std[~seen], slope * c
         gradient = np.zeros(len(theta))
         gradient[mean_places] = design.T @ by_mean
-        gradient[_N:_FIRST_FACTOR] = spread_design.T @ by_log_std
+        gradient[_N:_FIRST_SHIFT] = spread_design.T @ by_log_std
         by_lapse = lapse.copy()
         by_lapse[~seen] *= -(1.0 - lapse[~seen]) * (1.0 - below) / missed
         gradient[_LAPSE_AT:] = lapse_design.T @ by_lapse
@@ -214,9 +224,13 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
 
     start = np.full(_LAPSE_AT + len(_LAPSE_KNOTS_PX), _LAPSE[0])
     start[:_N] = x.mean() if len(x) else FLOOR_SCORE
-    start[_N:_FIRST_FACTOR], start[_FIRST_FACTOR:_LAPSE_AT] = priors.log_spread, priors.factors
+    start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors.log_spread, priors.shifts
     best = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=_LIMITS, options={"maxiter": 400}).x
-    return Curve(best[:_N], best[_N:_FIRST_FACTOR], best[_FIRST_FACTOR:_LAPSE_AT], best[_LAPSE_AT:])
+    mean, shifts = best[:_N], best[_FIRST_SHIFT:_LAPSE_AT]
+    usual = factors[:, len(FACTORS) :].mean(axis=0) @ shifts[len(FACTORS) :]
+    mean += usual
+    shifts[len(FACTORS) :] -= usual
+    return Curve(mean, best[_N:_FIRST_SHIFT], shifts, best[_LAPSE_AT:])
 
 
 def _from_knots(knots_px: tuple[float, ...]) -> F64:
@@ -228,8 +242,8 @@ def _from_knots(knots_px: tuple[float, ...]) -> F64:
 def _prior_of(priors: Priors) -> list[tuple[slice, F64, F64]]:
     return [
         (slice(0, _N), np.full(_N, _MEAN[0]), np.full(_N, _MEAN[1])),
-        (slice(_N, _FIRST_FACTOR), priors.log_spread, np.full(3, _SPREAD_STD)),
-        (slice(_FIRST_FACTOR, _LAPSE_AT), priors.factors, _FACTOR_STD),
+        (slice(_N, _FIRST_SHIFT), priors.log_spread, np.full(3, _SPREAD_STD)),
+        (slice(_FIRST_SHIFT, _LAPSE_AT), priors.shifts, _SHIFT_STD),
         (slice(_LAPSE_AT, _LAPSE_AT + 3), np.full(3, _LAPSE[0]), np.full(3, _LAPSE[1])),
     ]
 
@@ -358,6 +372,7 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
     for (subject, c), curve in curves.items():
         kind, pose = SUBJECTS[subject]
         own, of_pass = shares[subject, c]
+        shifts = [round(float(b), 3) for b in curve.shifts]
         models.append(
             KindModel(
                 kind=kind,
@@ -365,13 +380,19 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
                 reported_as=CLASSES[c],
                 score=[round(float(v), 3) for v in curve.mean],
                 spread=[round(float(v), 3) for v in curve.spread],
-                **{name: round(float(b), 3) for name, b in zip(FACTORS, curve.factors, strict=True)},
+                **dict(zip(FACTORS, shifts, strict=False)),
+                grounds=dict(zip(SURFACES, shifts[len(FACTORS) :], strict=True)),
                 lapse=[round(float(v), 4) for v in curve.lapse],
                 object_share=round(own, 3),
                 pass_share=round(of_pass, 3),
             )
         )
     return models
+
+
+def shifts_of(kind: KindModel) -> F64:
+    """(S,) as a curve has them."""
+    return np.array([*kind.factors, *(kind.grounds.get(surface, 0.0) for surface in SURFACES)])
 
 
 def contrast_models(looks: Looks) -> list[ContrastModel]:

@@ -1,10 +1,10 @@
 """The numbers of the statistical sensor: a small YAML file, made for one detector and one camera.
 
 A look at an object has a score, the confidence that the detector gives it on the scale -log(-log c). It is
-normal: its mean and spread follow the pixels on target, and eight factors shift the mean. What reaches the
-threshold is reported, so that one score explains both how often and how surely things are seen (a Tobit
-model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains (Wichmann and Hill,
-Perception & Psychophysics 63, 2001).
+normal: its mean and spread follow the pixels on target, and eight factors and the ground shift the mean.
+What reaches the threshold is reported, so that one score explains both how often and how surely things are
+seen (a Tobit model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains
+(Wichmann and Hill, Perception & Psychophysics 63, 2001).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from skysweep.errors import UserError
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 from skysweep.sensing.model_files import model_file, sha256_of
 
-VERSION = 5
+VERSION = 6
 FACTORS = ("view", "front", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75  # by anything, the edge too
@@ -50,7 +50,8 @@ class _Part(BaseModel):
 class KindModel(_Part):
     """How one kind of object in one pose is reported as one class.
 
-    The score's mean at some pixels is ``score`` there plus each factor times its number here:
+    The score's mean at some pixels is ``score`` there plus ``grounds`` of what it stands or lies on (where a
+    detector takes a rock on grass for a person, it may not on snow) plus each factor times its number here:
 
     - view: square of the sine of the line of sight's angle off the vertical;
     - front: cosine of the angle between the object's forward axis (its yaw) and the line to the camera;
@@ -78,6 +79,7 @@ class KindModel(_Part):
     beside: float
     blur: float
     contrast: float
+    grounds: dict[str, float] = Field(description="Added to the mean, by surface; the usual one adds 0")
     object_share: float = Field(ge=0, le=1, description="Of the variance: the object's own, in every look")
     pass_share: float = Field(
         ge=0, le=1, description="Of the variance: common to looks from nearly one place"
