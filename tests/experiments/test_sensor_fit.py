@@ -31,18 +31,19 @@ from skysweep.experiments.sensor_looks import (
     Background,
     Looks,
 )
+from skysweep.sensing.statistical_model import FACTORS as NAMES
 from skysweep.sensing.statistical_model import confidence_of, score_of
 
 SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "face-up"))
 OWN = CLASSES.index("stop sign")
 GRID = np.log(GRID_PX)
 MEAN = np.interp(GRID, np.log([4, 12, 40]), [-1.5, 0.5, 1.8])
-FACTORS = np.array([-0.5, 0.4, -1.0, 0.9, 0.3, -0.4, -0.8, 0.3])
+FACTORS = np.array([-0.5, 0.4, 0.5, -1.0, 0.9, 0.3, -0.4, -0.8, 0.3])
 SPREAD = 0.4
 
 
 def draw_looks(
-    object_share=0.0, pass_share=0.0, fade_px=64.0, lapse=0.0, n_objects=250, passes=3, seed=0, subject=SIGN
+    object_share=0.0, pass_share=0.0, fade_px=64.0, lapse=0.0, n_objects=500, passes=6, seed=0, subject=SIGN
 ):
     """Looks as the sensor draws them: passes of successive looks from nearly one place."""
     rng = np.random.default_rng(seed)
@@ -64,10 +65,11 @@ def draw_looks(
     view, hidden, cut, blur = (rng.uniform(0, most, n) for most in (0.5, 0.5, 0.75, 0.8))
     beside = rng.integers(0, 2, n_objects)[instance].astype(float)
     edge_y, front = np.arange(n) % 2.0, np.sqrt(view) * np.cos(np.arange(n))
-    at_edge_y = edge_y * np.maximum(1 - 8 / np.exp(x), 0)
+    detail = np.maximum(1 - 8 / np.exp(x), 0)
     colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
     contrast = (colour - 30) / 20
-    factors = np.column_stack([view, front, hidden, cut**2, at_edge_y, beside, blur, contrast])
+    sides = view, front, front * detail
+    factors = np.column_stack([*sides, hidden, cut**2, edge_y * detail, beside, blur, contrast])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
     reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
     confidences = np.zeros((n, len(CLASSES)))
@@ -184,7 +186,7 @@ def test_kinds_are_written_as_they_were_fitted(looks):
 def test_colours_that_were_not_measured_are_the_usual_on_that_ground(looks):
     colour = np.where(np.arange(len(looks.pixels)) % 2, np.nan, 50.0)
     factors = factors_of(replace(looks, colour=colour))
-    np.testing.assert_allclose(factors[:, 7], 1.0)
+    np.testing.assert_allclose(factors[:, NAMES.index("contrast")], 1.0)
     (model,) = contrast_models(looks)
     mean, std = model.surfaces[SURFACES[0]]
     assert abs(mean - 30) < 3

@@ -45,6 +45,7 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
     fields = dict(
         view=0.0,
         front=0.0,
+        front_near=0.0,
         hidden=0.0,
         cut=0.0,
         edge_y=0.0,
@@ -189,6 +190,8 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
         turned = replace(sign(), yaw_rad=yaw_rad)
         found = looks([turned], model(table(scores=level, front=2.0)), far)
         assert_rate(sum(map(len, found)), LOOKS, chance(shift * np.sqrt(view)))
+        found = looks([turned], model(table(scores=level, front_near=2.0)), far)
+        assert_rate(sum(map(len, found)), LOOKS, chance(shift * (1.0 - 8.0 / 30.0) * np.sqrt(view)))
     blur = LENS.focal_px * CAMERA.exposure_s * 25.0 / true.position_enu_m[2] / 30.0
     found = looks([sign()], model(table(scores=level, blur=-4.0)), true, motion=Fast)
     assert_rate(sum(map(len, found)), LOOKS, chance(-4.0 * blur))

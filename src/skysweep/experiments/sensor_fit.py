@@ -34,7 +34,7 @@ from skysweep.sensing.statistical_model import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
     CONTRAST_USUAL,
-    EDGE_PX,
+    DETAIL_PX,
     FACTORS,
     BackgroundModel,
     BoxModel,
@@ -54,19 +54,19 @@ MIN_REPORTS, MIN_OBJECTS = 5, 3  # fewer reports, from fewer objects: the kind i
 FLOOR_SCORE = float(score_of(CONFIDENCE_FLOOR))
 _SPREAD_KNOTS_PX = (5.5, 20.0, 80.0)  # of its log, linear in between
 _LAPSE_KNOTS_PX = (4.0, 7.5, 20.0)  # of its logit
-_LOOK_WEIGHT = 0.5  # looks of one pass are alike: four say about as much as two
+_LOOK_WEIGHT = 0.7  # looks of one pass are alike: three say about as much as two
 _CURVE_STD = 0.3  # of the second differences of the mean from node to node
 _SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it is
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
-_SHIFT_MEAN = np.array([0.0, 0.0, -0.7, -0.7, 0.0, 0.0, -0.3, 0.0] + [0.0] * len(SURFACES))
-_SHIFT_STD = np.array([0.6, 1.0, 0.6, 1.2, 0.6, 0.4, 0.6, 0.2] + [0.5] * len(SURFACES))
+_SHIFT_MEAN = np.array([0.0, 0.0, 0.0, -0.7, -0.7, 0.0, 0.0, -0.3, 0.0] + [0.0] * len(SURFACES))
+_SHIFT_STD = np.array([0.6, 1.0, 1.5, 0.6, 1.2, 0.6, 0.4, 0.6, 0.2] + [0.5] * len(SURFACES))
 _LAPSE = (-3.5, 2.0)  # prior of its logit
 _LIMITS = (
     [(-9.0, 9.0)] * len(GRID_PX)
     + [(-2.3, 0.7)] * 3
-    + [(-6.0, 6.0)] * 7
+    + [(-6.0, 6.0)] * 8
     + [(-1.5, 1.5)]
     + [(-6.0, 6.0)] * len(SURFACES)
     + [(-9.0, 2.0)] * 3
@@ -74,6 +74,7 @@ _LIMITS = (
 _N = len(GRID_PX)
 _FIRST_SHIFT = _N + len(_SPREAD_KNOTS_PX)
 _LAPSE_AT = _FIRST_SHIFT + len(FACTORS) + len(SURFACES)
+_PAIR_REACH = 16  # looks at an object further apart in the list of them are not paired
 _PAIR_WEIGHT = 0.2
 _MAX_PAIRS = 4000
 _SHARES = np.linspace(0.0, 0.9, 19)
@@ -141,10 +142,10 @@ def factors_of(looks: Looks) -> F64:
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
     blur = looks.blur_px / looks.pixels
-    edge_y = looks.edge_y * np.maximum(1.0 - EDGE_PX / looks.pixels, 0.0)
-    seen = looks.view, looks.front, looks.hidden, looks.cut**2
+    detail = np.maximum(1.0 - DETAIL_PX / looks.pixels, 0.0)
+    seen = looks.view, looks.front, looks.front * detail, looks.hidden, looks.cut**2, looks.edge_y * detail
     ground = np.eye(len(SURFACES))[looks.surface]
-    return np.column_stack([*seen, edge_y, looks.beside, blur, contrast, ground])
+    return np.column_stack([*seen, looks.beside, blur, contrast, ground])
 
 
 def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
@@ -304,7 +305,7 @@ def pairs_of(looks: Looks, factors: F64, curve: Curve, c: int) -> tuple[Pairs, P
     order = np.lexsort((looks.picture, looks.instance))
     instance, picture = looks.instance[order], looks.picture[order]
     apart, together = [], []
-    for lag in range(1, 4 * PASS_LOOKS):
+    for lag in range(1, _PAIR_REACH):
         same = instance[lag:] == instance[:-lag]
         one_pass = picture[lag:] // PASS_LOOKS == picture[:-lag] // PASS_LOOKS
         pairs = np.column_stack([order[:-lag], order[lag:]])

@@ -82,7 +82,7 @@ class StatisticalSensor:
         once = np.random.default_rng([seed, 29])
         self._tabulate_objects(world, classes, once)
         self._tabulate_ghosts(world, classes, once)
-        self._key, self._look_number = int(np.random.default_rng([seed, 23]).integers(2**62)), 0
+        self._key, self._look_number = int(np.random.default_rng([seed, 31]).integers(2**62)), 0
         room = len(self._row_names) + _MAX_GHOSTS
         self._boxes, self._scores = np.empty((room, 4)), np.empty(room)
         self._rows = np.empty(room, dtype=np.int64)

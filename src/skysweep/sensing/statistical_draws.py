@@ -2,7 +2,7 @@
 
 Objects are rows of ``x, y, z, size, shape, beside, contrast, cos yaw, sin yaw``; each has one or more rows in
 a table of what it can be reported as: G scores, G spreads and G normal quantiles of the lapse over the grid
-of log pixels, then the eight factors, the object's own offset and the weights of the pass and of the rest, in
+of log pixels, then the nine factors, the object's own offset and the weights of the pass and of the rest, in
 standard deviations.
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that what is drawn
@@ -18,12 +18,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.sensing.occlusion import apparent_size, visible_share
-from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, EDGE_PX, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, DETAIL_PX, HIDDEN_MAX, VIEW_MAX
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-WIDTH = 11  # columns of a row after the three tables
+WIDTH = 12  # columns of a row after the three tables
 PLACES = 3  # where an object was in the last picture: u, v, pixels
 MIN_DEPTH_M = 0.1
 
@@ -112,7 +112,8 @@ def draw_objects(
         places[i, 0], places[i, 1], places[i, 2] = u, v, pixels
         inside_y = (high_v - low_v) / pixels
         inside = (high_u - low_u) / pixels * inside_y
-        edge_y = max(1.0 - EDGE_PX / pixels, 0.0) if inside_y < 1.0 - CUT_MIN else 0.0
+        detail = max(1.0 - DETAIL_PX / pixels, 0.0)
+        edge_y = detail if inside_y < 1.0 - CUT_MIN else 0.0
         clear = 1.0
         if inside > 1.0 - HIDDEN_MAX:
             around = near[near_start[i] : near_start[i + 1]]
@@ -135,15 +136,16 @@ def draw_objects(
             mean += (
                 row[3 * g] * min(view, VIEW_MAX)
                 + row[3 * g + 1] * front
-                + row[3 * g + 2] * (1.0 - clear)
-                + row[3 * g + 3] * (1.0 - inside) ** 2
-                + row[3 * g + 4] * edge_y
-                + row[3 * g + 5] * things[i, 5]
-                + row[3 * g + 6] * min(blur / pixels, BLUR_MAX)
-                + row[3 * g + 7] * things[i, 6]
+                + row[3 * g + 2] * front * detail
+                + row[3 * g + 3] * (1.0 - clear)
+                + row[3 * g + 4] * (1.0 - inside) ** 2
+                + row[3 * g + 5] * edge_y
+                + row[3 * g + 6] * things[i, 5]
+                + row[3 * g + 7] * min(blur / pixels, BLUR_MAX)
+                + row[3 * g + 8] * things[i, 6]
             )
-            rest = row[3 * g + 10] * standard_normal(seed, look, r, _REST)
-            score = mean + spread * (row[3 * g + 8] + row[3 * g + 9] * pass_state[r] + rest)
+            rest = row[3 * g + 11] * standard_normal(seed, look, r, _REST)
+            score = mean + spread * (row[3 * g + 9] + row[3 * g + 10] * pass_state[r] + rest)
             if score < threshold:
                 continue
             du = spread_px * standard_normal(seed, look, r, _CENTRE_U)

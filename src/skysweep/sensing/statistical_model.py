@@ -1,7 +1,7 @@
 """The numbers of the statistical sensor: a small YAML file, made for one detector and one camera.
 
 A look at an object has a score, the confidence that the detector gives it on the scale -log(-log c). It is
-normal: its mean and spread follow the pixels on target, and eight factors and the ground shift the mean.
+normal: its mean and spread follow the pixels on target, and nine factors and the ground shift the mean.
 What reaches the threshold is reported, so that one score explains both how often and how surely things are
 seen (a Tobit model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains
 (Wichmann and Hill, Perception & Psychophysics 63, 2001).
@@ -23,13 +23,13 @@ from skysweep.errors import UserError
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 from skysweep.sensing.model_files import model_file, sha256_of
 
-VERSION = 6
-FACTORS = ("view", "front", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
+VERSION = 7
+FACTORS = ("view", "front", "front_near", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75  # by anything, the edge too
 BLUR_MAX = 1.0
 CUT_MIN = 0.01  # of an object beyond an edge that cuts it
-EDGE_PX = 8.0  # objects this small look no different there
+DETAIL_PX = 8.0  # of objects this small neither sides nor cut parts look different
 CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 
@@ -55,6 +55,7 @@ class KindModel(_Part):
 
     - view: square of the sine of the line of sight's angle off the vertical;
     - front: cosine of the angle between the object's forward axis (its yaw) and the line to the camera;
+    - front_near: the same times 1 - 8 / pixels, at least 0, for what only larger objects show;
     - hidden: share of the object that trees and buildings hide;
     - cut: square of the share of it beyond the picture's edge;
     - edge_y: where it is the upper or lower edge that cuts it 1 - 8 / pixels, at least 0; else 0;
@@ -73,6 +74,7 @@ class KindModel(_Part):
     )
     view: float
     front: float
+    front_near: float
     hidden: float
     cut: float
     edge_y: float
