@@ -32,6 +32,8 @@ def test_every_kind_is_looked_at():
 def test_worlds_are_shared_out_as_planned():
     jobs = plan_jobs("skysweep", CAMERA, 6000, 0)
     assert sum(job.n_pictures for job in jobs) == 6000
+    of_nothing = sum(job.n_pictures for job in jobs if job.empty_share == 1.0)
+    assert abs(of_nothing - 2000) < PICTURES_PER_WORLD
     for layout in LAYOUTS:
         share = sum(job.layout == layout for job in jobs) / len(jobs)
         assert abs(share - layout.share) < 0.02

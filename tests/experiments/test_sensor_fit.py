@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scipy.special import ndtr
+from scipy.special import gamma, ndtr
 from scipy.stats import multivariate_normal
 
 from skysweep.experiments.sensor_check import calibration_error, goodness, tell
@@ -216,7 +216,8 @@ def test_errors_of_boxes_are_told_apart_by_size_and_blur():
     assert box.of_blur > 0.05
 
 
-def test_background_rates_follow_altitude():
+@pytest.mark.parametrize("shape", [1.0, 1.6])
+def test_background_rates_and_scores_follow_altitude(shape):
     rng = np.random.default_rng(1)
     altitudes = np.exp(rng.uniform(np.log(3), np.log(100), 4000))
     hectares = altitudes**2 * 1e-4
@@ -224,7 +225,7 @@ def test_background_rates_follow_altitude():
     counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0) * np.where(surface == 0, 0.2, 1.0))
     of_report = np.repeat(np.arange(4000), counts)
     n = len(of_report)
-    scores = score_of(CONFIDENCE_FLOOR) + rng.exponential(0.6, n)
+    scores = score_of(CONFIDENCE_FLOOR) + 0.6 * rng.weibull(shape, n) / gamma(1 + 1 / shape)
     seen = Background(
         altitude_agl_m=altitudes,
         hectares=hectares,
@@ -245,6 +246,7 @@ def test_background_rates_follow_altitude():
     assert fitted.surfaces[SURFACES[0]] / fitted.surfaces[SURFACES[1]] == pytest.approx(0.2, rel=0.3)
     assert fitted.wooded == pytest.approx(1.0)
     assert fitted.score_scale == pytest.approx([0.6] * len(ALTITUDES_M), abs=0.15)
+    assert fitted.score_shape == pytest.approx(shape, abs=0.15)
     assert fitted.again == pytest.approx(0.6, abs=0.05)
     assert fitted.same_share > 0.9
     assert fitted.pixels == 9.0

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from scipy.stats import binom, kstest, norm
+from scipy.special import gamma
+from scipy.stats import binom, kstest, norm, weibull_min
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, project
@@ -354,6 +355,7 @@ def background(**other):
         surfaces={"grass": 1.0, "water": 0.1},
         wooded=2.0,
         score_scale=[0.5, 0.5],
+        score_shape=1.0,
         again=0.5,
         same_share=0.5,
         pixels=12.0,
@@ -388,11 +390,15 @@ def test_background_depends_on_the_ground():
     assert wet / grass == pytest.approx(0.1, rel=0.4)
 
 
-def test_background_scores_above_the_floor_are_exponential():
+@pytest.mark.parametrize("shape", [1.0, 1.5])
+def test_background_scores_above_the_floor_have_their_mean_and_shape(shape):
     views = moving(31.9, LOOKS)
-    found = looks([], model(table(), background=[background()]), lambda: next(views), minimum=0.101)
+    tables = model(table(), background=[background(score_shape=shape)])
+    found = looks([], tables, lambda: next(views), minimum=0.101)
     scores = score_of(np.concatenate([d.confidences for d in found])) - score_of(0.1)
     assert scores.mean() == pytest.approx(0.5, rel=0.15)
+    strong = weibull_min(shape, scale=0.5 / gamma(1 + 1 / shape)).sf(1.0)
+    assert (scores > 1.0).mean() == pytest.approx(strong, rel=0.3)
 
 
 def test_background_reports_stay_where_they_are_and_come_again():

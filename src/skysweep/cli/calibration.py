@@ -25,7 +25,7 @@ def calibrate(
     camera: Annotated[
         str, typer.Option("--camera", "--camera-of", help="Scenario whose camera to fit: a name or a file.")
     ] = "clusters",
-    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 18000,
+    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
     out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(

@@ -228,7 +228,8 @@ def background_rates(fitted: BackgroundModel, model: StatisticalModel, seen: Bac
     """(M,): what the model says of each picture, reports a hectare with the missions' threshold."""
     at, grid = np.log(seen.altitude_agl_m), np.log(fitted.altitude_agl_m)
     excess = score_of(MISSION_CONFIDENCE_MIN) - score_of(model.experiment.confidence_floor)
-    strong = np.exp(-excess / np.interp(at, grid, fitted.score_scale))
+    scale = fitted.unit_scale * np.interp(at, grid, fitted.score_scale)
+    strong = np.exp(-((excess / scale) ** fitted.score_shape))
     on = np.array([fitted.surfaces[name] for name in SURFACES])[seen.surface]
     return np.asarray(
         np.interp(at, grid, fitted.per_hectare) * strong * on * np.where(seen.wooded, fitted.wooded, 1)

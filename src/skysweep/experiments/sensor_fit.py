@@ -19,7 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
-from scipy.special import expit, log_ndtr, ndtr
+from scipy.special import expit, gamma, log_ndtr, ndtr
 
 from skysweep.experiments.sensor_looks import (
     CLASSES,
@@ -82,6 +82,7 @@ _SHARE_STD = 0.15
 _USUAL_SHARES = (0.3, 0.3)
 _RATE_CURVE_STD, _RATE_SLOPE_STD = 0.5, 1.0  # of differences of the log rate, an octave of altitude apart
 _SCALE_CURVE_STD, _SCALE_SLOPE_STD = 0.3, 0.3  # and of the log of the mean score
+_SHAPE_STD = 0.3  # of the log of the scores' shape
 _GROUND_STD = 1.2  # prior of the log factors of a surface and of trees
 _FADES_PX = (4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 256.0, 512.0, 1024.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -446,7 +447,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
     """Reports of one class on no object, from the lowest of the altitudes up; None where there are too few.
 
     A rate a hectare, log-linear over log altitude (Poisson, smoothed), times a factor for the surface and one
-    for trees, both drawn towards 1 where little was seen; scores over the floor are exponential, their mean
+    for trees, both drawn towards 1 where little was seen; scores over the floor are Weibull's, their mean
     log-linear over log altitude too. What one world shows again and again is one finding: both likelihoods
     are divided by the reports a world that has any (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
     """
@@ -489,6 +490,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=False)},
         wooded=float(f"{factors[-1]:.3g}"),
         score_scale=[round(float(s), 3) for s in scales],
+        score_shape=round(_shape(over / (hats @ scales), alike), 3),
         again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),
         same_share=round(float(np.clip((same + 0.5 * 5) / (len(excess) + 5), 0.0, 1.0)), 3),
         pixels=round(float(np.median(seen.pixels[mine])), 1),
@@ -496,7 +498,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
 
 
 def _scales(hats: F64, over: F64, alike: float) -> F64:
-    """Means of exponential values (K,) at the altitudes, of rows (K, A) of altitude's hats."""
+    """Means of values (K,) at the altitudes, of rows (K, A) of altitude's hats (quasi-likelihood)."""
     bends = _smoothness(_SCALE_CURVE_STD, _SCALE_SLOPE_STD)
 
     def cost(logs: F64) -> tuple[float, F64]:
@@ -506,6 +508,17 @@ def _scales(hats: F64, over: F64, alike: float) -> F64:
 
     start = np.full(hats.shape[1], np.log(max(over.mean(), 1e-3)))
     return np.asarray(np.exp(minimize(cost, start, method="L-BFGS-B", jac=True).x))
+
+
+def _shape(ratios: F64, alike: float) -> float:
+    """Of the Weibull distribution of values (K,) whose mean is 1, drawn to that of an exponential one."""
+    ratios = np.maximum(ratios, 1e-3)
+    shapes, costs = np.linspace(0.5, 2.5, 81), []
+    for k in shapes:
+        scaled = ratios * gamma(1.0 + 1.0 / k)
+        likelihood = np.log(k * scaled ** (k - 1.0) * gamma(1.0 + 1.0 / k)) - scaled**k
+        costs.append(-likelihood.sum() / alike + 0.5 * (np.log(k) / _SHAPE_STD) ** 2)
+    return float(shapes[np.argmin(costs)])
 
 
 def _smoothness(curve_std: float, slope_std: float) -> F64:

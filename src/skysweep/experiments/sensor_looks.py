@@ -3,7 +3,8 @@
 Worlds hold one kind of ground, one light and objects of held-out looks on a loose grid, many of them beside
 trees that hide a part of them. Every pass is aimed at one object at a chosen number of pixels and looks at it
 twice, the camera a chosen step further the second time and moving so that the picture is blurred by a chosen
-length; whatever else is in view is scored as well. What is reported beside all objects is background.
+length; whatever else is in view is scored as well. What is reported beside all objects is background; since
+that is rare, the last third of the pictures is for it alone.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ CONFIDENCE_FLOOR = 0.1  # detections below are not looked at
 PASS_LOOKS = 2  # successive looks from nearly one place
 PASSES_PER_WORLD = 20
 PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
-EMPTY_SHARE = 0.3  # of the passes show no object
+EMPTY_SHARE = 0.3  # of the passes show no object, ...
+BACKGROUND_SHARE = 1 / 3  # ... and of the worlds nothing else is shown
 EDGE_SHARE = 0.4  # of the others begin with one that the picture's edge cuts
 PIXELS = (4.0, 220.0)
 STEP_PX = (0.5, 120.0)  # that the picture moves on between two looks of a pass
@@ -65,16 +67,14 @@ _CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # so far from every object is background:
 class Layout:
     """What stands in a world, on a grid so wide that neighbours stay apart in every picture."""
 
-    subjects: tuple[
-        tuple[str, str], ...
-    ]  # kind and pose; look-alikes are rarely reported and stand there twice
+    subjects: tuple[tuple[str, str], ...]  # kind and pose; one that stands here twice is seen twice as often
     surfaces: tuple[str, ...]
     spacing_m: float
     columns: int
     share: float  # of the worlds
 
 
-LAYOUTS = (
+LAYOUTS = (  # look-alikes twice: they are rarely reported
     Layout(
         (
             ("stop sign", "face-up"),
@@ -157,6 +157,7 @@ class WorldJob:
     model_path: str
     camera: CameraModel
     layout: Layout
+    empty_share: float
     index: int
     n_pictures: int
     seed: int
@@ -187,7 +188,7 @@ def observe(
 
 
 def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> list[WorldJob]:
-    """Worlds in a fixed order, layouts by share, the last world with the rest of the pictures."""
+    """Worlds in a fixed order, layouts by share; those for the background last."""
     jobs: list[WorldJob] = []
     counts = [0] * len(LAYOUTS)
     left = pictures
@@ -196,7 +197,8 @@ def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) ->
         chosen = int(np.argmax(owed))
         counts[chosen] += 1
         n = min(left, PICTURES_PER_WORLD)
-        jobs.append(WorldJob(model_path, camera, LAYOUTS[chosen], len(jobs), n, seed))
+        empty_share = EMPTY_SHARE if left > BACKGROUND_SHARE * pictures else 1.0
+        jobs.append(WorldJob(model_path, camera, LAYOUTS[chosen], empty_share, len(jobs), n, seed))
         left -= n
     return jobs
 
@@ -223,7 +225,7 @@ def look_around(job: WorldJob) -> tuple[Looks, Background]:
     scorer = _Scorer(world, lens, c.exposure_s)
     number = 0
     while number < job.n_pictures:
-        poses, velocity = _pass(world, job.layout, lens, c.exposure_s, rng)
+        poses, velocity = _pass(world, job, rng)
         start_s = float(rng.uniform(0, 60))
         for k, pose in enumerate(poses[: job.n_pictures - number]):
             rates = rng.normal(0, 0.05, 3)
@@ -296,12 +298,11 @@ def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) 
     return tuple(trees)
 
 
-def _pass(
-    world: World, layout: Layout, lens: Lens, exposure_s: float, rng: np.random.Generator
-) -> tuple[list[CameraPose], F64]:
+def _pass(world: World, job: WorldJob, rng: np.random.Generator) -> tuple[list[CameraPose], F64]:
     """Where a pass looks from, and the velocity that blurs its pictures."""
-    empty = rng.random() < EMPTY_SHARE
-    first, distance = _empty_view(layout, rng) if empty else _view(world, lens, rng)
+    lens, exposure_s = job.camera.lens, job.camera.exposure_s
+    empty = rng.random() < job.empty_share
+    first, distance = _empty_view(job.layout, rng) if empty else _view(world, lens, rng)
     step_px = float(np.exp(rng.uniform(*np.log(STEP_PX))))
     direction = rng.normal(size=3) * [1.0, 1.0, 0.5]
     step = direction / np.linalg.norm(direction) * step_px * distance / lens.focal_px

@@ -224,8 +224,18 @@ class StatisticalSensor:
         self._log_altitudes = [np.log(b.altitude_agl_m) for b in self._background]
         floor = float(score_of(m.experiment.confidence_floor))
         self._ghost_classes = np.array(
-            [[ndtri(b.again), floor, math.sqrt(1.0 - b.same_share), b.pixels] for b in self._background]
-        ).reshape(-1, 4)
+            [
+                [
+                    ndtri(b.again),
+                    floor,
+                    math.sqrt(1.0 - b.same_share),
+                    b.pixels,
+                    b.unit_scale,
+                    1.0 / b.score_shape,
+                ]
+                for b in self._background
+            ]
+        ).reshape(-1, 6)
         nodes = max(map(len, self._log_altitudes), default=0)
         self._ghosts_over_altitude = np.array(
             [

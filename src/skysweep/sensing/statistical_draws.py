@@ -162,7 +162,7 @@ def draw_ghosts(
     position: F64,
     R: F64,
     ghosts: F64,  # x, y, z, class, level, own offset; lowest levels first
-    classes: F64,  # chance of showing, floor, weight of the rest, pixels
+    classes: F64,  # chance of showing, floor, weight of the rest, pixels, scale of mean 1, 1 / shape
     over_altitude: F64,  # of each class: log altitudes, densities, scales of the score
     log_altitude: float,
     first: int,  # number of the first of these ghosts
@@ -173,7 +173,7 @@ def draw_ghosts(
     scores: F64,
     rows: I64,
 ) -> int:
-    """Like ``draw_objects`` for places where nothing is; ``rows`` are classes. Scores are exponential."""
+    """Like ``draw_objects`` for places where nothing is; ``rows`` are classes. Scores are Weibull's."""
     n = 0
     now = np.empty((len(classes), 2))
     for k in range(len(classes)):
@@ -201,7 +201,8 @@ def draw_ghosts(
         if standard_normal(seed, look, row, _SHOWS) > c[0]:
             continue
         z = g[5] + c[2] * standard_normal(seed, look, row, _SCORE)
-        score = c[1] - now[kind, 1] * math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
+        above = -math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
+        score = c[1] + now[kind, 1] * c[4] * above ** c[5]
         if score < threshold:
             continue
         half = c[3] / 2

@@ -118,9 +118,15 @@ class BackgroundModel(_Part):
     score_scale: list[float] = Field(
         description="Mean of what their score is above the floor, at these altitudes"
     )
+    score_shape: float = Field(gt=0, description="Of the Weibull distribution of that; 1 is exponential")
     again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")
     same_share: float = Field(ge=0, le=1, description="Of the score's variance: the same in every look")
     pixels: float = Field(gt=0)
+
+    @property
+    def unit_scale(self) -> float:
+        """Scale of a Weibull distribution of this shape whose mean is 1."""
+        return 1.0 / math.gamma(1.0 + 1.0 / self.score_shape)
 
 
 class BoxModel(_Part):
