@@ -65,11 +65,11 @@ def draw_looks(
     view, hidden, cut, blur = (rng.uniform(0, most, n) for most in (0.5, 0.5, 0.75, 0.8))
     beside = rng.integers(0, 2, n_objects)[instance].astype(float)
     edge_y, front = np.arange(n) % 2.0, np.sqrt(view) * np.cos(np.arange(n))
-    detail = np.maximum(1 - 8 / np.exp(x), 0)
+    at_edge_y = edge_y * np.maximum(1 - 8 / np.exp(x), 0)
     colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
     contrast = (colour - 30) / 20
-    sides = view, front, front * detail
-    factors = np.column_stack([*sides, hidden, cut**2, edge_y * detail, beside, blur, contrast])
+    sides = view, front, front * np.clip((x - np.log(8)) / np.log(8), 0, 1)
+    factors = np.column_stack([*sides, hidden, cut**2, at_edge_y, beside, blur, contrast])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
     reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
     confidences = np.zeros((n, len(CLASSES)))

@@ -192,7 +192,9 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
         found = looks([turned], model(table(scores=level, front=2.0)), far)
         assert_rate(sum(map(len, found)), LOOKS, chance(shift * np.sqrt(view)))
         found = looks([turned], model(table(scores=level, front_near=2.0)), far)
-        assert_rate(sum(map(len, found)), LOOKS, chance(shift * (1.0 - 8.0 / 30.0) * np.sqrt(view)))
+        assert_rate(
+            sum(map(len, found)), LOOKS, chance(shift * np.log(30.0 / 8.0) / np.log(8.0) * np.sqrt(view))
+        )
     blur = LENS.focal_px * CAMERA.exposure_s * 25.0 / true.position_enu_m[2] / 30.0
     found = looks([sign()], model(table(scores=level, blur=-4.0)), true, motion=Fast)
     assert_rate(sum(map(len, found)), LOOKS, chance(-4.0 * blur))

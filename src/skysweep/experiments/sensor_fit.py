@@ -34,8 +34,9 @@ from skysweep.sensing.statistical_model import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
     CONTRAST_USUAL,
-    DETAIL_PX,
+    EDGE_PX,
     FACTORS,
+    NEAR_PX,
     BackgroundModel,
     BoxModel,
     ContrastModel,
@@ -143,8 +144,9 @@ def factors_of(looks: Looks) -> F64:
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
     blur = looks.blur_px / looks.pixels
-    detail = np.maximum(1.0 - DETAIL_PX / looks.pixels, 0.0)
-    seen = looks.view, looks.front, looks.front * detail, looks.hidden, looks.cut**2, looks.edge_y * detail
+    edge_y = looks.edge_y * np.maximum(1.0 - EDGE_PX / looks.pixels, 0.0)
+    nearness = np.interp(np.log(looks.pixels), np.log(NEAR_PX), (0.0, 1.0))
+    seen = looks.view, looks.front, looks.front * nearness, looks.hidden, looks.cut**2, edge_y
     ground = np.eye(len(SURFACES))[looks.surface]
     return np.column_stack([*seen, looks.beside, blur, contrast, ground])
 

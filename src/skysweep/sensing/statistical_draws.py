@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.sensing.occlusion import apparent_size, visible_share
-from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, DETAIL_PX, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, EDGE_PX, HIDDEN_MAX, NEAR_PX, VIEW_MAX
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -112,8 +112,7 @@ def draw_objects(
         places[i, 0], places[i, 1], places[i, 2] = u, v, pixels
         inside_y = (high_v - low_v) / pixels
         inside = (high_u - low_u) / pixels * inside_y
-        detail = max(1.0 - DETAIL_PX / pixels, 0.0)
-        edge_y = detail if inside_y < 1.0 - CUT_MIN else 0.0
+        edge_y = max(1.0 - EDGE_PX / pixels, 0.0) if inside_y < 1.0 - CUT_MIN else 0.0
         clear = 1.0
         if inside > 1.0 - HIDDEN_MAX:
             around = near[near_start[i] : near_start[i + 1]]
@@ -122,6 +121,7 @@ def draw_objects(
             focal * optics[3] * math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
         )
         at = math.log(pixels)
+        nearness = min(max((at - math.log(NEAR_PX[0])) / math.log(NEAR_PX[1] / NEAR_PX[0]), 0.0), 1.0)
         unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(_TOO_SMALL)
         spread_px = math.sqrt(box_model[0] ** 2 + (box_model[1] * pixels) ** 2 + (box_model[2] * blur) ** 2)
         for r in range(row_starts[i], row_starts[i + 1]):
@@ -136,7 +136,7 @@ def draw_objects(
             mean += (
                 row[3 * g] * min(view, VIEW_MAX)
                 + row[3 * g + 1] * front
-                + row[3 * g + 2] * front * detail
+                + row[3 * g + 2] * front * nearness
                 + row[3 * g + 3] * (1.0 - clear)
                 + row[3 * g + 4] * (1.0 - inside) ** 2
                 + row[3 * g + 5] * edge_y

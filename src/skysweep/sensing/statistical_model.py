@@ -29,7 +29,8 @@ VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75  # by anything, the edge too
 BLUR_MAX = 1.0
 CUT_MIN = 0.01  # of an object beyond an edge that cuts it
-DETAIL_PX = 8.0  # of objects this small neither sides nor cut parts look different
+EDGE_PX = 8.0  # objects this small look no different there
+NEAR_PX = (8.0, 64.0)  # from which on, and up to which, more and more of an object's side shows
 CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 
@@ -55,7 +56,7 @@ class KindModel(_Part):
 
     - view: square of the sine of the line of sight's angle off the vertical;
     - front: cosine of the angle between the object's forward axis (its yaw) and the line to the camera;
-    - front_near: the same times 1 - 8 / pixels, at least 0, for what only larger objects show;
+    - front_near: the same times log(pixels / 8) / log(8), from 0 to 1: what only larger objects show;
     - hidden: share of the object that trees and buildings hide;
     - cut: square of the share of it beyond the picture's edge;
     - edge_y: where it is the upper or lower edge that cuts it 1 - 8 / pixels, at least 0; else 0;
