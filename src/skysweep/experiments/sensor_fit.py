@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
 from scipy.special import expit, gamma, log_ndtr, ndtr
+from scipy.stats import weibull_min
 
 from skysweep.experiments.sensor_looks import (
     CLASSES,
@@ -517,9 +518,8 @@ def _shape(ratios: F64, alike: float) -> float:
     ratios = np.maximum(ratios, 1e-3)
     shapes, costs = np.linspace(0.5, 2.5, 81), []
     for k in shapes:
-        scaled = ratios * gamma(1.0 + 1.0 / k)
-        likelihood = np.log(k * scaled ** (k - 1.0) * gamma(1.0 + 1.0 / k)) - scaled**k
-        costs.append(-likelihood.sum() / alike + 0.5 * (np.log(k) / _SHAPE_STD) ** 2)
+        likelihood = weibull_min.logpdf(ratios, k, scale=1.0 / gamma(1.0 + 1.0 / k)).sum()
+        costs.append(-likelihood / alike + 0.5 * (np.log(k) / _SHAPE_STD) ** 2)
     return float(shapes[np.argmin(costs)])
 
 
