@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from skysweep.errors import UserError
-from skysweep.mission.journal import FileJournal, MemoryJournal, read_journal
+from skysweep.mission.journal import FileJournal, MemoryJournal, line_of, read_journal
 
 
 def test_lines_come_back_as_plain_rounded_data(tmp_path):
@@ -44,6 +44,34 @@ def test_arrays_are_rounded_as_their_numbers_are(values):
     journal = MemoryJournal()
     journal.write(0.0, "state", p=values, q=values.tolist())
     assert repr(journal.lines[0]["p"]) == repr(journal.lines[0]["q"])
+
+
+_NUMBERS = st.floats(allow_nan=False) | st.integers(-(10**7), 10**7).map(lambda k: k / 2e4)
+_VALUES = st.one_of(
+    _NUMBERS,
+    st.booleans(),
+    st.sampled_from(["SCAN", None, {}, (1.0, 2)]),
+    arrays(float, (3,), elements=_NUMBERS),
+    arrays(float, st.sampled_from([(0, 2), (2, 2)]), elements=_NUMBERS),
+)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["state", "sighting", "look"]), st.floats(0, 1e6), _NUMBERS, _VALUES, _VALUES
+        )
+    )
+)
+def test_lines_made_together_are_those_made_one_by_one(told):
+    together = MemoryJournal()
+    alone = []
+    for kind, time_s, number, value, inner in told:
+        fields = {"a": number, "p": value, "cam": {"q": inner}}
+        together.write(time_s, kind, **fields)
+        alone.append(line_of(time_s, kind, fields))
+    assert repr(together.lines) == repr(alone)
 
 
 def test_infinity_in_an_array_is_said_in_words():

@@ -115,6 +115,26 @@ def test_yaw_turns_as_fast_as_px4(degrees: tuple[int, int], px4_s: float) -> Non
     assert turned_s == pytest.approx(px4_s, rel=0.25)
 
 
+@pytest.mark.parametrize("meanwhile", ["hold", "takeoff", "place", "restore"])
+def test_the_same_setpoint_again_is_flown_to_after_something_else(meanwhile: str) -> None:
+    v = hovering()
+    there, before = go(50.0, 0.0, 30.0), v.snapshot()
+    v.command(there)
+    v.advance(1.0)
+    match meanwhile:
+        case "hold":
+            v.hold()
+        case "takeoff":
+            v.takeoff(30.0)
+        case "place":
+            v.place([0.0, 0.0, 30.0], [0.0, 0.0, 0.0], 0.0)
+        case "restore":
+            v.restore(before)
+    v.command(there)
+    v.advance(30.0)
+    assert v.true_position_enu_m == pytest.approx([50.0, 0.0, 30.0], abs=0.3)
+
+
 def test_holds_its_place_in_wind_and_drifts_with_its_position_error() -> None:
     v = hovering(wind=Wind(mean_speed_mps=4.0, from_heading_deg=270.0, gust_std_mps=0.8))
     v.advance(20.0)

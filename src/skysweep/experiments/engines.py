@@ -13,7 +13,7 @@ from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.experiments.workers import run_jobs
+from skysweep.experiments.workers import prepare_process, run_jobs
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -164,7 +164,7 @@ class RayEngine:
 
 def _run_batch(work: Callable[[Job], Result], batch: list[Job]) -> tuple[list[Result], float]:
     """The results of a batch and how many seconds it took; on one thread, as each CPU has its own task."""
-    os.environ.update(OMP_NUM_THREADS="1", LP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+    prepare_process()
     started = time.perf_counter()
     return [work(job) for job in batch], time.perf_counter() - started
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -14,6 +15,7 @@ from typing import TypeVar
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
+_GARBAGE = 50_000  # new objects between two searches for cycles, of which missions make few: 3 % of the time
 _WINDOW = 8  # jobs handed out for each worker: enough that none waits while a result is written down
 
 
@@ -46,10 +48,16 @@ def run_jobs(
 
 
 def _start_worker() -> None:
-    """One thread for everything; Ctrl-C is the parent's business; an end with it, even where it is killed."""
+    """Ctrl-C is the parent's business; an end with it, even where it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.update(OMP_NUM_THREADS="1", LP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+    prepare_process()
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def prepare_process() -> None:
+    """One thread for everything, as each core has its own process; and garbage is looked for less often."""
+    os.environ.update(OMP_NUM_THREADS="1", LP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
+    gc.set_threshold(_GARBAGE)
 
 
 def _end_with_parent() -> None:

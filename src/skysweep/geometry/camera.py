@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -57,8 +58,7 @@ class Lens:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class CameraPose:
+class CameraPose(NamedTuple):
     """Where a camera is and how it looks. ``R_camera_to_enu`` (3, 3) maps optical axes to ENU."""
 
     position_enu_m: F64

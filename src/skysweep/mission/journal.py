@@ -70,16 +70,33 @@ class FileJournal:
 
 
 class MemoryJournal:
-    """Keeps the lines in memory, for missions by the thousand."""
+    """Keeps what happens in memory, for missions by the thousand. Its lines are made when they are read."""
 
     failed: str | None = None
 
     def __init__(self) -> None:
-        self.lines: list[dict[str, Any]] = []
+        self._told: list[tuple[float, str, dict[str, Any]]] = []
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Keep one line."""
-        self.lines.append(line_of(time_s, kind, fields))
+        self._told.append((time_s, kind, fields))
+
+    @property
+    def lines(self) -> list[dict[str, Any]]:
+        """The lines that a ``FileJournal`` would have written."""
+        alike: dict[tuple[str, ...], list[int]] = {}
+        for number, (_, kind, fields) in enumerate(self._told):
+            alike.setdefault((kind, *fields), []).append(number)
+        lines: list[dict[str, Any]] = [{}] * len(self._told)
+        for (kind, *_), numbers in alike.items():
+            told = [self._told[k] for k in numbers]
+            if kind in _EXACT:
+                made = [line_of(*each) for each in told]
+            else:
+                made = _plain_rows([{"t": t, "kind": kind} | fields for t, _, fields in told])
+            for number, line in zip(numbers, made, strict=True):
+                lines[number] = line
+        return lines
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
@@ -135,16 +152,53 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _plain_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What ``_plain`` makes of mappings with the same keys: much faster than one by one."""
+    columns = [_plain_column([row[key] for row in rows]) for key in rows[0]]
+    return [dict(zip(rows[0], values, strict=True)) for values in zip(*columns, strict=True)]
+
+
+def _plain_column(values: list[Any]) -> list[Any]:
+    first = values[0]
+    if len({_form(value) for value in values}) == 1:
+        if isinstance(first, dict) and first:
+            return _plain_rows(values)
+        if _form(first) is float or (isinstance(first, np.ndarray) and first.dtype == np.float64):
+            return list(_plain_table(np.array(values)))
+    return [_plain(value) for value in values]
+
+
+def _form(value: Any) -> Any:
+    """Values with the same one can be made plain together."""
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.shape
+    return tuple(value) if isinstance(value, dict) else type(value)
+
+
+def _plain_table(values: NDArray[np.float64]) -> Any:
+    """What ``_plain`` makes of each row."""
+    rounded = np.empty(values.shape)
+    certain = _round(values.ravel(), rounded.ravel())
+    plain: Any = rounded.tolist()
+    if not certain:
+        for k in np.unique(np.argwhere(np.isnan(rounded))[:, 0]).tolist():
+            plain[k] = _plain(values[k])
+    return plain
+
+
 @njit(cache=True)
 def _round(values: NDArray[np.float64], out: NDArray[np.float64]) -> bool:
-    """Write what Python's ``round(value, 4)`` gives into ``out``; False where that is not certain.
+    """Write finite values rounded to four digits into ``out``; whether that is certain for all.
 
-    It is not where a value is not finite, too large, or half way between two, and Python has to look closer.
+    It is not where a value is large or half way between two, and Python has to look closer: there is NaN.
     """
+    certain = True
     for k, value in enumerate(values):
         scaled = value * 1e4
         whole = np.rint(scaled)
-        if not (abs(scaled) < 1e12 and abs(abs(scaled - whole) - 0.5) > 1e-3):
-            return False
-        out[k] = whole / 1e4
-    return True
+        if abs(scaled) < 1e12 and abs(abs(scaled - whole) - 0.5) > 1e-3:
+            out[k] = whole / 1e4
+        else:
+            out[k] = np.nan
+            certain = False
+    return certain

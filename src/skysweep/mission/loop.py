@@ -274,8 +274,10 @@ class _Flight:
         )
 
     def _note(self, seen: Observation, events: tuple[Event, ...]) -> None:
+        if not (seen.sightings or seen.unsearched or events):
+            return
         self._notes.step(seen, events)
-        if not self._m.replays and (seen.sightings or seen.unsearched or events):
+        if not self._m.replays:
             self._notes.snapshot(seen.time_s, self._m.strategy, self._m.tracker)
 
     def _refuses(self, seen: Observation, command: Command) -> bool:

@@ -71,7 +71,7 @@ class StatisticalSensor:
         model: StatisticalModel | None = None,
     ) -> None:
         self._model = model or StatisticalModel.load()
-        self._ground_m = world.terrain.height_m
+        self._ground_at_m = world.terrain.height_at_m
         self._lens, self._latency_s = camera.lens, camera.latency_s
         self._optics = np.array(
             [self._lens.focal_px, self._lens.width_px, self._lens.height_px, camera.exposure_s]
@@ -148,8 +148,8 @@ class StatisticalSensor:
 
     def _ghost_boxes(self, pose: CameraPose, n: int) -> int:
         """Write what is reported where nothing is, from place ``n`` on; how many."""
-        ground = self._ground_m(pose.position_enu_m[None, :2])[0]
-        at = math.log(max(float(pose.position_enu_m[2] - ground), 1.0))
+        x, y, z = pose.position_enu_m.tolist()
+        at = math.log(max(z - self._ground_at_m(x, y), 1.0))
         k = min(int(at / math.log(2.0)), _OCTAVES - 1)
         first, last = self._octave_starts[k], self._octave_starts[k + 1]
         return int(

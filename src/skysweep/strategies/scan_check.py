@@ -68,7 +68,7 @@ class ScanCheck:
         return Command(self._mode, self._waypoint(observation), tuple(events))
 
     def _scan(self, seen: Observation, events: list[Event]) -> None:
-        x, y = float(seen.vehicle.position_enu_m[0]), float(seen.vehicle.position_enu_m[1])
+        x, y, _ = seen.vehicle.position_enu_m.tolist()
         for sighting in seen.sightings:
             if self._is_unknown(sighting.candidate_id):
                 self._scanned.append(sighting.candidate_id)
@@ -124,10 +124,10 @@ class ScanCheck:
             events.append(Event("scan_resumed"))
 
     def _is_above(self, seen: Observation, candidate_id: int) -> bool:
-        position = seen.candidates[candidate_id].position_enu_m
-        vehicle = seen.vehicle.position_enu_m
+        x, y, _ = seen.candidates[candidate_id].position_enu_m.tolist()
+        vehicle_x, vehicle_y, _ = seen.vehicle.position_enu_m.tolist()
         return (
-            math.hypot(vehicle[0] - position[0], vehicle[1] - position[1]) <= CHECK_ACCEPTANCE_M
+            math.hypot(vehicle_x - x, vehicle_y - y) <= CHECK_ACCEPTANCE_M
             and seen.altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M
         )
 
@@ -149,8 +149,8 @@ class ScanCheck:
     def _waypoint(self, seen: Observation) -> Waypoint | None:
         s = self._search
         if self._mode == "CHECK":
-            x, y, _ = seen.candidates[self._to_check[0]].position_enu_m
-            return Waypoint((float(x), float(y)), s.check_altitude_agl_m, s.check_speed_mps)
+            x, y, _ = seen.candidates[self._to_check[0]].position_enu_m.tolist()
+            return Waypoint((x, y), s.check_altitude_agl_m, s.check_speed_mps)
         if self._to_scan:
             return Waypoint(self._left_xy or self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps)
         return None
@@ -191,5 +191,5 @@ def _pair(xy: Sequence[float] | None) -> XY | None:
 
 
 def _event(kind: str, seen: Observation, candidate_id: int) -> Event:
-    x, y, z = seen.candidates[candidate_id].position_enu_m
-    return Event(kind, candidate_id, (float(x), float(y), float(z)))
+    x, y, z = seen.candidates[candidate_id].position_enu_m.tolist()
+    return Event(kind, candidate_id, (x, y, z))

@@ -104,6 +104,9 @@ ATTITUDE_ERROR_TIME_S = 0.2
 FOOT_M = 0.3048
 
 
+_inlined = njit(cache=True, error_model="numpy", inline="always")  # 5 % faster than calls
+
+
 @njit(cache=True, inline="always")
 def _uniform(rng):
     """SplitMix64 (Steele, Lea & Flood 2014) in (0, 1]."""
@@ -121,7 +124,7 @@ def _normal(rng):
     return math.sqrt(-2.0 * math.log(_uniform(rng))) * math.cos(2.0 * math.pi * _uniform(rng))
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _multiply(a, b):
     """Hamilton product of two quaternions."""
     return (
@@ -132,7 +135,7 @@ def _multiply(a, b):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _turn(vx, vy, vz):
     """Quaternion of a rotation vector; a short one by Taylor series, to the last bit of a double."""
     square = 0.25 * (vx * vx + vy * vy + vz * vz)
@@ -145,20 +148,20 @@ def _turn(vx, vy, vz):
     return cosine, k * vx, k * vy, k * vz
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _four(x, at):
     """The quaternion that begins at ``at``."""
     return x[at], x[at + 1], x[at + 2], x[at + 3]
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _set_unit(x, at, quaternion):
     a, b, c, d = quaternion
     n = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
     x[at], x[at + 1], x[at + 2], x[at + 3] = a * n, b * n, c * n, d * n
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _rotation(a):
     """The nine entries, row by row, of a quaternion's rotation matrix."""
     w, i, j, k = a[0], a[1], a[2], a[3]
@@ -175,17 +178,17 @@ def _rotation(a):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _wrap(angle):
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _clip(value, low, high):
     return min(max(value, low), high)
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def camera_quaternion(yaw_rad, pitch_rad):
     """Camera optical -> ENU for a level picture (geometry.frames.rotation_camera_to_enu)."""
     body = _multiply(
@@ -243,7 +246,7 @@ def _move_air_and_errors(x, rng, q):
         x[ATTITUDE_ERROR + i] = keep * x[ATTITUDE_ERROR + i] + fresh
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _vertical_limits(x, q):
     """Fastest climb and descent now, m/s, both positive; a negative climb keeps it on the ground."""
     agl = x[POSITION + 2] - x[GROUND_HEIGHT]
@@ -261,7 +264,7 @@ def _vertical_limits(x, q):
     return up, down
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _limited_xy(px, py, fx, fy, limit):
     """p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
     if math.hypot(px + fx, py + fy) <= limit:
@@ -275,7 +278,7 @@ def _limited_xy(px, py, fx, fy, limit):
     return px + s * ux, py + s * uy
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _velocity_setpoint(x, q):
     ex, ey, ez = (
         x[TARGET_POSITION] - x[POSITION] - x[POSITION_ERROR],
@@ -293,7 +296,7 @@ def _velocity_setpoint(x, q):
     return vx, vy, min(max(vz, -down), up)
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _thrust_setpoint(x, q):
     """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2.
 
@@ -333,7 +336,7 @@ def _thrust_setpoint(x, q):
     return tx - lx * lift, ty - ly * lift, lift + lx * tx + ly * ty
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _turn_towards(x, R, tx, ty, tz):
     """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves RATES and ATTITUDE."""
     T = math.sqrt(tx * tx + ty * ty + tz * tz)
@@ -365,7 +368,7 @@ def _turn_towards(x, R, tx, ty, tz):
     return T
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _move_body(x, q, R):
     """Thrust, linear drag against the air, gravity, and the ground."""
     along = (R[2], R[5], R[8])
@@ -393,7 +396,7 @@ def _stand(x, R):
         x[at : at + 3] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _believe_yaw(x):
     R = _rotation(_four(x, ATTITUDE))
     east = R[0] + x[ATTITUDE_ERROR + 1] * R[6] - x[ATTITUDE_ERROR + 2] * R[3]
@@ -401,7 +404,7 @@ def _believe_yaw(x):
     x[BELIEVED_YAW] = math.atan2(north, east)
 
 
-@njit(cache=True, error_model="numpy")
+@_inlined
 def _move_gimbal(x, R, pitch, rate_max, gain):
     """The body carries the camera along; the joints turn it back with a first-order lag and a rate limit."""
     _believe_yaw(x)

@@ -85,6 +85,7 @@ class Multirotor:
         self._x[d.POSITION + 2] = max(self._x[d.POSITION + 2], floor)
         d.start(self._x, self._rng, self._q)
         self._known_poses: F64 | None = None  # of this moment, once somebody has asked
+        self._followed: Setpoint | None = None
 
     # ---- what a mission uses -------------------------------------------------------------------------
 
@@ -112,6 +113,8 @@ class Multirotor:
 
         Raises RuntimeError on the ground and ValueError when a coordinate is not finite.
         """
+        if setpoint is self._followed:
+            return
         x = self._x
         if x.item(d.MODE) == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
@@ -123,6 +126,7 @@ class Multirotor:
         x[d.TARGET_VELOCITY : d.TARGET_VELOCITY + 3] = 0.0 if feed_forward is None else feed_forward
         x[d.TARGET_SPEED] = setpoint.speed_mps
         x[d.TARGET_YAW] = setpoint.yaw_rad
+        self._followed = setpoint
 
     def advance(self, duration_s: float) -> None:
         """Lets time pass, in steps of 4 ms; the rest of a step is kept for the next call."""
@@ -182,7 +186,7 @@ class Multirotor:
         self._time_s = snapshot["time_s"]
         self._ground_at_step = snapshot["ground_at_step"]
         self._q[d.GIMBAL_PITCH] = snapshot["gimbal_pitch_rad"]
-        self._known_poses = None
+        self._known_poses = self._followed = None
 
     # ---- simulation only -----------------------------------------------------------------------------
 
@@ -266,6 +270,7 @@ class Multirotor:
         self._known_poses = None
 
     def _hold_here(self) -> None:
+        self._followed = None
         x = self._x
         believed = x[d.POSITION : d.POSITION + 3] + x[d.POSITION_ERROR : d.POSITION_ERROR + 3]
         x[d.TARGET_POSITION : d.TARGET_POSITION + 3] = believed
