@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from skysweep.geometry.camera import CameraPose
 from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
 
@@ -112,7 +113,8 @@ class GroundTracker:
         boxes = detections.boxes_xyxy_px
         centres = (boxes[:, :2] + boxes[:, 2:]) / 2
         points = pixels_to_ground(detections.lens, detections.camera, centres, self._ground_height_m)
-        points[~self._plausible(detections, points)] = np.nan
+        extents_m = np.array([self._extents_m.get(name, (0.0, math.inf)) for name in detections.class_names])
+        _leave_out_implausible(points, boxes, detections.camera, detections.lens.focal_px, extents_m)
         covariances = _measurement_covariances(
             points, detections.camera.position_enu_m, self._model.angle_std_rad, self._model.position_std_m
         )
@@ -122,14 +124,6 @@ class GroundTracker:
             for i, x in enumerate(points[:, 0].tolist())
             if math.isfinite(x)
         )
-
-    def _plausible(self, detections: Detections, points: F64) -> NDArray[np.bool_]:
-        """(N,): whether each box spans on the ground what a target of its class may."""
-        camera, boxes = detections.camera, detections.boxes_xyxy_px
-        depths = (points - camera.position_enu_m) @ camera.R_camera_to_enu[:, 2]
-        spans = (boxes[:, 2:] - boxes[:, :2]).max(axis=1) * depths / detections.lens.focal_px
-        limits = np.array([self._extents_m.get(name, (0.0, math.inf)) for name in detections.class_names])
-        return np.asarray((limits[:, 0] <= spans) & (spans <= limits[:, 1]))
 
     def _assign(self, class_names: tuple[str, ...], points: F64, covariances: F64) -> dict[int, int]:
         """Detection index -> candidate id: the cheapest one-to-one assignment inside the gates."""
@@ -179,6 +173,21 @@ class GroundTracker:
 
     def _class_number(self, name: str) -> int:
         return self._class_numbers.setdefault(name, len(self._class_numbers))
+
+
+@njit(cache=True)
+def _leave_out_implausible(
+    points: F64, boxes: F64, camera: CameraPose, focal_px: float, extents_m: F64
+) -> None:
+    """Make those points (N, 3) NaN whose boxes span less or more on the ground than (N, 2) allow."""
+    eye, axis = camera.position_enu_m, camera.R_camera_to_enu[:, 2]
+    for k in range(len(points)):
+        depth = 0.0
+        for i in range(3):
+            depth += (points[k, i] - eye[i]) * axis[i]
+        across_px = max(boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1])
+        if not extents_m[k, 0] <= across_px * depth / focal_px <= extents_m[k, 1]:
+            points[k] = np.nan
 
 
 @njit(cache=True)
