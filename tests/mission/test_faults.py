@@ -418,7 +418,7 @@ class Misplaced(Around):
         state = self.inner.state()
         if not self.span[0] <= state.time_s < self.span[1]:
             return state
-        camera = replace(state.camera, position_enu_m=state.camera.position_enu_m + self.offset)
+        camera = state.camera._replace(position_enu_m=state.camera.position_enu_m + self.offset)
         return state._replace(
             position_enu_m=state.position_enu_m + self.offset, camera=camera, position_std_m=self.std_m
         )
