@@ -78,8 +78,7 @@ class Detections:
         return len(self.confidences)
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(NamedTuple):
     """A possible target on the ground, merged from sightings."""
 
     id: int
@@ -91,8 +90,7 @@ class Candidate:
     confidences: tuple[float, ...]  # of every sighting, oldest first
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+class Sighting(NamedTuple):
     """One detection on the ground, assigned to a candidate."""
 
     candidate_id: int

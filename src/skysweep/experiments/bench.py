@@ -102,9 +102,11 @@ def _vehicle_rtf(scenario: Scenario) -> float:
 
 def _mission_rtf(scenario: Scenario, seed: int, sensor_name: str) -> float:
     mission = build_mission(scenario, seed, sensor_name, threads=THREADS)
+    journal = MemoryJournal()
     with closing(mission.sensor):
         started = time.perf_counter()
-        fly(mission, MemoryJournal())
+        fly(mission, journal)
+        assert journal.lines
         return float(mission.vehicle.state().time_s) / (time.perf_counter() - started)
 
 

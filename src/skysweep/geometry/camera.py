@@ -76,7 +76,7 @@ def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64,
 
 def rays_enu(lens: Lens, pose: CameraPose, pixels: ArrayLike) -> F64:
     """Unit ray directions (N, 3) in ENU through pixels (N, 2)."""
-    uv = np.atleast_2d(np.asarray(pixels, dtype=float))
+    uv = np.asarray(pixels, dtype=float).reshape(-1, 2)
     return _unit_rays(uv, lens.width_px / 2, lens.height_px / 2, lens.focal_px) @ pose.R_camera_to_enu.T
 
 

@@ -17,6 +17,7 @@ from skysweep.mission.line_file import LineFile, read_lines
 
 _UNHURRIED = {"state", "look"}  # of these a power failure may take the newest: they are made again
 _EXACT = {"look", "snapshot"}  # these a mission goes on from, so their numbers are not rounded
+_PLAIN_TYPES = {str, int, bool, type(None)}
 
 
 class Journal(Protocol):
@@ -159,20 +160,16 @@ def _plain_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _plain_column(values: list[Any]) -> list[Any]:
-    first = values[0]
-    if len({_form(value) for value in values}) == 1:
-        if isinstance(first, dict) and first:
-            return _plain_rows(values)
-        if _form(first) is float or (isinstance(first, np.ndarray) and first.dtype == np.float64):
-            return list(_plain_table(np.array(values)))
+    types = set(map(type, values))
+    if types <= _PLAIN_TYPES:
+        return values
+    if types == {dict} and values[0] and len(set(map(tuple, values))) == 1:
+        return _plain_rows(values)
+    if types == {float} or (types == {np.ndarray} and len({(v.dtype, v.shape) for v in values}) == 1):
+        table = np.array(values)
+        if table.dtype == np.float64:
+            return list(_plain_table(table))
     return [_plain(value) for value in values]
-
-
-def _form(value: Any) -> Any:
-    """Values with the same one can be made plain together."""
-    if isinstance(value, np.ndarray):
-        return value.dtype, value.shape
-    return tuple(value) if isinstance(value, dict) else type(value)
 
 
 def _plain_table(values: NDArray[np.float64]) -> Any:

@@ -103,7 +103,7 @@ class StatisticalSensor:
         """One picture's worth of draws."""
         pose = self._pose()
         n = self._object_boxes(pose)
-        end = n + (self._ghost_boxes(pose, n) if self._background else 0)
+        end = self._ghost_boxes(pose, n) if self._background else n
         self._look_number += 1
         if not end:
             return Detections(state.time_s, *_NOTHING, state.camera, self._lens)
@@ -147,7 +147,7 @@ class StatisticalSensor:
         )
 
     def _ghost_boxes(self, pose: CameraPose, n: int) -> int:
-        """Write what is reported where nothing is, from place ``n`` on; how many."""
+        """Write what is reported where nothing is, from place ``n`` on; where that ends."""
         x, y, z = pose.position_enu_m.tolist()
         at = math.log(max(z - self._ground_at_m(x, y), 1.0))
         k = min(int(at / math.log(2.0)), _OCTAVES - 1)
@@ -165,9 +165,10 @@ class StatisticalSensor:
                 self._threshold,
                 self._key,
                 self._look_number,
-                self._boxes[n:],
-                self._scores[n:],
-                self._rows[n:],
+                n,
+                self._boxes,
+                self._scores,
+                self._rows,
             )
         )
 

@@ -169,12 +169,15 @@ def draw_ghosts(
     threshold: float,
     seed: int,
     look: int,
+    n: int,
     boxes: F64,
     scores: F64,
     rows: I64,
 ) -> int:
-    """Like ``draw_objects`` for places where nothing is; ``rows`` are classes. Scores are Weibull's."""
-    n = 0
+    """Like ``draw_objects`` for places where nothing is, from place ``n`` on; return where that ends.
+
+    ``rows`` are classes. Scores are Weibull's.
+    """
     now = np.empty((len(classes), 2))
     for k in range(len(classes)):
         grid = over_altitude[k, 0]
