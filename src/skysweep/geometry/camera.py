@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ class Lens:
     @property
     def focal_px(self) -> float:
         """Focal length in pixels: f = W / (2 tan(hfov / 2))."""
-        return self.width_px / (2.0 * np.tan(self.hfov_rad / 2.0))
+        return _focal_px(self.width_px, self.hfov_rad)
 
     @property
     def vfov_rad(self) -> float:
@@ -56,6 +57,11 @@ class Lens:
             self.width_px * self.gsd_m(altitude_agl_m),
             self.height_px * self.gsd_m(altitude_agl_m),
         )
+
+
+@lru_cache
+def _focal_px(width_px: int, hfov_rad: float) -> float:
+    return width_px / (2.0 * np.tan(hfov_rad / 2.0))
 
 
 class CameraPose(NamedTuple):
