@@ -83,15 +83,15 @@ def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64,
 def rays_enu(lens: Lens, pose: CameraPose, pixels: ArrayLike) -> F64:
     """Unit ray directions (N, 3) in ENU through pixels (N, 2)."""
     uv = np.asarray(pixels, dtype=float).reshape(-1, 2)
-    return _unit_rays(uv, lens.width_px / 2, lens.height_px / 2, lens.focal_px) @ pose.R_camera_to_enu.T
+    rays = np.empty((len(uv), 3))
+    _write_rays(rays, uv, lens.width_px / 2, lens.height_px / 2, lens.focal_px, pose.R_camera_to_enu)
+    return rays
 
 
 @njit(cache=True)
-def _unit_rays(uv: F64, centre_u: float, centre_v: float, focal: float) -> F64:
-    """In the camera's frame."""
-    out = np.empty((len(uv), 3))
+def _write_rays(rays: F64, uv: F64, centre_u: float, centre_v: float, focal: float, R: F64) -> None:
     for k in range(len(uv)):
         x, y = (uv[k, 0] - centre_u) / focal, (uv[k, 1] - centre_v) / focal
         length = math.sqrt(x * x + y * y + 1.0)
-        out[k, 0], out[k, 1], out[k, 2] = x / length, y / length, 1.0 / length
-    return out
+        for i in range(3):
+            rays[k, i] = (R[i, 0] * x + R[i, 1] * y + R[i, 2]) / length

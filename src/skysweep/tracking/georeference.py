@@ -27,26 +27,25 @@ def pixels_to_ground(lens: Lens, pose: CameraPose, pixels: ArrayLike, ground_hei
     origin = np.asarray(pose.position_enu_m, dtype=float)
     ground = float(ground_height_m(origin[None, :2])[0])
     directions = rays_enu(lens, pose, pixels)
-    flat, all_meet = _meet_level(directions, origin, ground)
-    if all_meet and all(abs(h - ground) < _LEVEL_M for h in ground_height_m(flat[:, :2]).tolist()):
-        return flat
+    points = np.empty(directions.shape)
+    if _meet_level(points, directions, origin, ground) and all(
+        abs(height - ground) < _LEVEL_M for height in ground_height_m(points[:, :2]).tolist()
+    ):
+        return points
     return np.array([_march(origin, d, ground_height_m) for d in directions]).reshape(-1, 3)
 
 
 @njit(cache=True)
-def _meet_level(directions: F64, origin: F64, ground: float) -> tuple[F64, bool]:
-    """Where rays (N, 3) meet a level ground (N, 3), NaN for those that do not, and whether all do."""
-    points = np.full(directions.shape, np.nan)
-    all_meet = True
+def _meet_level(points: F64, directions: F64, origin: F64, ground: float) -> bool:
+    """Write where rays (N, 3) meet a level ground into ``points`` (N, 3); False if one does not."""
     for k in range(len(directions)):
         drop = directions[k, 2]
         distance = (ground - origin[2]) / drop if drop < -1e-6 else np.inf
-        if 0.0 < distance < _MAX_RANGE_M:
-            for i in range(3):
-                points[k, i] = origin[i] + directions[k, i] * distance
-        else:
-            all_meet = False
-    return points, all_meet
+        if not 0.0 < distance < _MAX_RANGE_M:
+            return False
+        for i in range(3):
+            points[k, i] = origin[i] + directions[k, i] * distance
+    return True
 
 
 def _march(origin: F64, direction: F64, ground_height_m: GroundHeight) -> F64:

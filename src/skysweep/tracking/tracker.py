@@ -114,9 +114,16 @@ class GroundTracker:
         centres = (boxes[:, :2] + boxes[:, 2:]) / 2
         points = pixels_to_ground(detections.lens, detections.camera, centres, self._ground_height_m)
         extents_m = np.array([self._extents_m.get(name, (0.0, math.inf)) for name in detections.class_names])
-        _leave_out_implausible(points, boxes, detections.camera, detections.lens.focal_px, extents_m)
-        covariances = _measurement_covariances(
-            points, detections.camera.position_enu_m, self._model.angle_std_rad, self._model.position_std_m
+        covariances = np.empty((len(points), 2, 2))
+        _measure(
+            points,
+            covariances,
+            boxes,
+            extents_m,
+            *detections.camera,
+            detections.lens.focal_px,
+            self._model.angle_std_rad,
+            self._model.position_std_m,
         )
         assigned = self._assign(detections.class_names, points, covariances)
         return tuple(
@@ -129,7 +136,9 @@ class GroundTracker:
         """Detection index -> candidate id: the cheapest one-to-one assignment inside the gates."""
         if not self._candidates:
             return {}
-        cost = _gated_distances(
+        cost = np.empty((len(points), len(self._candidates)))
+        _write_gated_distances(
+            cost,
             points,
             covariances,
             np.array([self._class_number(name) for name in class_names]),
@@ -159,7 +168,8 @@ class GroundTracker:
         else:
             old = self._candidates[candidate_id]
             is_new = False
-            position, posterior = _merged(old.position_enu_m, old.covariance_m2, point, covariance, common_m2)
+            position, posterior = np.empty(3), np.empty((2, 2))
+            _merge(position, posterior, old.position_enu_m, old.covariance_m2, point, covariance, common_m2)
             position[2] = self._ground_height_m(position[None, :2])[0]
             class_name, first_seen_s = old.class_name, old.first_seen_s
             confidences = (*old.confidences, confidence)
@@ -176,26 +186,28 @@ class GroundTracker:
 
 
 @njit(cache=True)
-def _leave_out_implausible(
-    points: F64, boxes: F64, camera: CameraPose, focal_px: float, extents_m: F64
+def _measure(
+    points: F64,
+    covariances: F64,
+    boxes: F64,
+    extents_m: F64,
+    eye: F64,
+    R: F64,
+    focal_px: float,
+    angle_std: float,
+    position_std: float,
 ) -> None:
-    """Make those points (N, 3) NaN whose boxes span less or more on the ground than (N, 2) allow."""
-    eye, axis = camera.position_enu_m, camera.R_camera_to_enu[:, 2]
+    """Write the ``covariances`` (N, 2, 2) of ``points`` (N, 3): the angular error spread over the ground,
+    stretched where the ray is oblique.
+
+    Points whose boxes span less or more on the ground than ``extents_m`` (N, 2) allow become NaN.
+    """
     for k in range(len(points)):
-        depth = 0.0
-        for i in range(3):
-            depth += (points[k, i] - eye[i]) * axis[i]
+        x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
+        depth = x * R[0, 2] + y * R[1, 2] + z * R[2, 2]
         across_px = max(boxes[k, 2] - boxes[k, 0], boxes[k, 3] - boxes[k, 1])
         if not extents_m[k, 0] <= across_px * depth / focal_px <= extents_m[k, 1]:
             points[k] = np.nan
-
-
-@njit(cache=True)
-def _measurement_covariances(points: F64, eye: F64, angle_std: float, position_std: float) -> F64:
-    """(N, 2, 2): the angular error spread over the ground, stretched where the ray is oblique."""
-    out = np.empty((len(points), 2, 2))
-    for k in range(len(points)):
-        x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]
         distance = math.sqrt(x * x + y * y + z * z)
         sine = max(abs(z) / distance, 0.1)
         across = (angle_std * distance) ** 2
@@ -206,23 +218,29 @@ def _measurement_covariances(points: F64, eye: F64, angle_std: float, position_s
             x, y = 1.0, 0.0
         stretch = across * (1.0 / sine**2 - 1.0)
         steady = across + position_std**2
-        out[k, 0, 0], out[k, 1, 1] = steady + stretch * x * x, steady + stretch * y * y
-        out[k, 0, 1] = out[k, 1, 0] = stretch * x * y
-    return out
+        covariances[k, 0, 0], covariances[k, 1, 1] = steady + stretch * x * x, steady + stretch * y * y
+        covariances[k, 0, 1] = covariances[k, 1, 0] = stretch * x * y
 
 
 @njit(cache=True)
-def _gated_distances(
-    points: F64, covariances: F64, kinds: I64, positions: F64, spreads: F64, known_kinds: I64, gate: float
-) -> F64:
+def _write_gated_distances(
+    cost: F64,
+    points: F64,
+    covariances: F64,
+    kinds: I64,
+    positions: F64,
+    spreads: F64,
+    known_kinds: I64,
+    gate: float,
+) -> None:
     """Squared Mahalanobis distances (N, M) of sightings to candidates of their kind.
 
     ``_FAR`` outside the gate, for other kinds, and for sightings that are not on the ground (NaN).
     """
-    cost = np.full((len(points), len(positions)), _FAR)
     for r in range(len(points)):
         reach = 4.0 * math.sqrt(covariances[r, 0, 0] + covariances[r, 1, 1]) + 10.0
         for c in range(len(positions)):
+            cost[r, c] = _FAR
             x, y = positions[c, 0] - points[r, 0], positions[c, 1] - points[r, 1]
             if kinds[r] != known_kinds[c] or not (abs(x) < reach and abs(y) < reach):
                 continue
@@ -232,12 +250,13 @@ def _gated_distances(
             squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
             if squared <= gate:
                 cost[r, c] = squared
-    return cost
 
 
 @njit(cache=True)
-def _merged(position: F64, spread: F64, point: F64, covariance: F64, common_m2: float) -> tuple[F64, F64]:
-    """Kalman update of a candidate by a sighting: position (3,) without its height, covariance (2, 2).
+def _merge(
+    position: F64, posterior: F64, old: F64, spread: F64, point: F64, covariance: F64, common_m2: float
+) -> None:
+    """Kalman update of a candidate by a sighting: ``position`` (3,) but its height, ``posterior`` (2, 2).
 
     The error that all sightings share is left out of what they average, and put back after.
     """
@@ -246,9 +265,8 @@ def _merged(position: F64, spread: F64, point: F64, covariance: F64, common_m2: 
     determinant = sxx * syy - sxy * sxy
     gxx, gxy = (axx * syy - axy * sxy) / determinant, (axy * sxx - axx * sxy) / determinant
     gyx, gyy = (axy * syy - ayy * sxy) / determinant, (ayy * sxx - axy * sxy) / determinant
-    x, y = point[0] - position[0], point[1] - position[1]
-    posterior = np.empty((2, 2))
+    x, y = point[0] - old[0], point[1] - old[1]
+    position[0], position[1] = old[0] + gxx * x + gxy * y, old[1] + gyx * x + gyy * y
     posterior[0, 0] = (1.0 - gxx) * axx - gxy * axy + common_m2
     posterior[1, 1] = (1.0 - gyy) * ayy - gyx * axy + common_m2
     posterior[0, 1] = posterior[1, 0] = ((1.0 - gxx) * axy - gxy * ayy + (1.0 - gyy) * axy - gyx * axx) / 2.0
-    return np.array([position[0] + gxx * x + gxy * y, position[1] + gyx * x + gyy * y, 0.0]), posterior
