@@ -20,17 +20,18 @@ def state(t):
 def exposures(rate_hz, pose_delay_s=0.0, tick_s=0.1, duration_s=4.0):
     schedule = Exposures(rate_hz, pose_delay_s)
     states = [state(k * tick_s) for k in range(round(duration_s / tick_s))]
-    return [e for e in map(schedule.due, states) if e is not None]
+    shown = [(state, schedule.due(state)) for state in states]
+    return [(state, believed) for state, believed in shown if believed is not None]
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 5.0, 2.5, 1.0])
 def test_rates_that_divide_the_ticks_are_kept_exactly(rate_hz):
-    times = [e.time_s for e in exposures(rate_hz)]
+    times = [s.time_s for s, _ in exposures(rate_hz)]
     np.testing.assert_allclose(np.diff(times), 1 / rate_hz, atol=1e-6)
 
 
 def test_a_rate_between_ticks_is_kept_on_average():
-    times = [e.time_s for e in exposures(3.0, duration_s=30.0)]
+    times = [s.time_s for s, _ in exposures(3.0, duration_s=30.0)]
     assert abs(len(times) / 30.0 - 3.0) < 0.1
     assert np.diff(times).max() < 0.45
 
@@ -45,15 +46,14 @@ def test_a_sensor_that_was_not_asked_for_long_does_not_catch_up():
 
 @pytest.mark.parametrize("delay_s", [0.1, 0.13, 0.2])
 def test_the_pose_is_older_than_the_exposure(delay_s):
-    for e in exposures(2.5, delay_s, duration_s=6.0)[1:]:
-        was = e.time_s - delay_s
-        assert abs(e.camera.position_enu_m[0] - 5.0 * was) < 1e-3
-        up = -e.camera.R_camera_to_enu[:, 1]
+    for exposed, believed in exposures(2.5, delay_s, duration_s=6.0)[1:]:
+        was = exposed.time_s - delay_s
+        assert abs(believed.position_enu_m[0] - 5.0 * was) < 1e-3
+        up = -believed.R_camera_to_enu[:, 1]
         assert abs(wrap_angle(np.arctan2(up[1], up[0]) - YAW_RATE * was)) < 1e-3
-        assert e.position_enu_m[0] == pytest.approx(5.0 * e.time_s)
 
 
 def test_before_there_is_an_older_pose_the_oldest_is_taken():
-    first = exposures(2.5, 0.3)[0]
-    assert first.time_s == 0.0
-    np.testing.assert_array_equal(first.camera.position_enu_m, [0.0, 0.0, 30.0])
+    exposed, believed = exposures(2.5, 0.3)[0]
+    assert exposed.time_s == 0.0
+    np.testing.assert_array_equal(believed.position_enu_m, [0.0, 0.0, 30.0])

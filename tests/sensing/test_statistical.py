@@ -9,7 +9,7 @@ from scipy.special import gamma
 from scipy.stats import binom, kstest, norm, weibull_min
 
 from skysweep.errors import UserError
-from skysweep.geometry.camera import CameraPose, project
+from skysweep.geometry.camera import CameraMotion, CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import CameraModel, Light
@@ -99,14 +99,8 @@ def height_for(pixels, size=0.9):
     return float(LENS.focal_px * size / pixels)
 
 
-class Still:
-    velocity_mps = np.zeros(3)
-    rates_radps = np.zeros(3)
-
-
-class Fast:
-    velocity_mps = np.array([25.0, 0.0, 0.0])
-    rates_radps = np.zeros(3)
+STILL = CameraMotion(np.zeros(3), np.zeros(3))
+FAST = CameraMotion(np.array([25.0, 0.0, 0.0]), np.zeros(3))
 
 
 def sensor_of(
@@ -119,7 +113,7 @@ def sensor_of(
     classes=("stop sign",),
     camera=CAMERA,
     minimum=MINIMUM,
-    motion=Still,
+    motion=STILL,
     surface=FLAT,
 ):
     world = World(surface, tuple(objects), tuple(trees), (), Light(), 0)
@@ -196,7 +190,7 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
             sum(map(len, found)), LOOKS, chance(shift * np.log(30.0 / 8.0) / np.log(8.0) * np.sqrt(view))
         )
     blur = LENS.focal_px * CAMERA.exposure_s * 25.0 / true.position_enu_m[2] / 30.0
-    found = looks([sign()], model(table(scores=level, blur=-4.0)), true, motion=Fast)
+    found = looks([sign()], model(table(scores=level, blur=-4.0)), true, motion=FAST)
     assert_rate(sum(map(len, found)), LOOKS, chance(-4.0 * blur))
     contrast = ContrastModel(kind="stop sign", pose="face-up", surfaces={"grass": (50.0, 0.0)})
     tables = model(table(scores=level, contrast=0.7), contrasts=[contrast])

@@ -71,6 +71,13 @@ class CameraPose(NamedTuple):
     R_camera_to_enu: F64
 
 
+class CameraMotion(NamedTuple):
+    """How a camera moves, in its own optical axes (x right, y down, z forward)."""
+
+    velocity_mps: F64  # (3,)
+    rates_radps: F64  # (3,)
+
+
 def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64, F64]:
     """Pixels (N, 2) and depths (N,) in metres of points (N, 3). Depth <= 0 means behind the camera."""
     p = (np.atleast_2d(np.asarray(points_enu_m, dtype=float)) - pose.position_enu_m) @ pose.R_camera_to_enu

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skysweep.errors import UserError
-from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.loop import Mission
 from skysweep.planning.flight_plan import plan_scenario
@@ -22,7 +22,7 @@ from skysweep.sensing.statistical_model import model_for
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Camera, Detector, Sensor, Vehicle
-from skysweep.vehicles.multirotor import CameraMotion, Multirotor
+from skysweep.vehicles.multirotor import Multirotor
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend, Painter

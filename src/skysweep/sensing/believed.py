@@ -31,12 +31,14 @@ class DelayedPose:
     def at(self, time_s: float) -> CameraPose:
         """The pose at ``time_s - delay_s``: positions linear, attitudes by slerp, held beyond the ends."""
         t = time_s - self.delay_s
-        later = 0
-        while later < len(self._poses) and self._poses[later][0] <= t + _EPS_S:
-            later += 1
-        if later in (0, len(self._poses)):
-            return self._poses[-1 if later else 0][1]
-        (t0, a), (t1, b) = self._poses[later - 1], self._poses[later]
+        before = after = self._poses[0]
+        for after in self._poses:
+            if after[0] > t + _EPS_S:
+                break
+            before = after
+        (t0, a), (t1, b) = before, after
+        if a is b:
+            return a
         w = min(max((t - t0) / (t1 - t0), 0.0), 1.0)
         if w < _SAME:
             return a

@@ -101,8 +101,9 @@ class ImagingSensor:
 
         Raises DetectorError where the detector failed on that picture, or did not answer.
         """
-        exposed = self._exposures.due(state)
-        if exposed is not None and not self._is_late(state):
+        believed = self._exposures.due(state)
+        if believed is not None and not self._is_late(state):
+            exposed = state._replace(camera=believed)
             self._pending.append(self._remember(exposed) if self._recalled else self._look(exposed))
         if not self._is_due(state) or (self._patience_s == 0.0 and not self._pending[0][1].done()):
             return None

@@ -10,18 +10,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.scenarios.world import World, WorldObject
 from skysweep.sensing.occlusion import Occluders, middle_enu_m, shape_of
 from skysweep.sensing.schedule import Exposures
-from skysweep.sensing.statistical_draws import PLACES, WIDTH, draw_ghosts, draw_objects
+from skysweep.sensing.statistical_draws import OCTAVES, PLACES, WIDTH, draw_look
 from skysweep.sensing.statistical_model import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
@@ -36,19 +35,8 @@ from skysweep.types import Detections, VehicleState
 F64 = NDArray[np.float64]
 
 _EPS_S = 1e-6
-_OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 _MAX_GHOSTS = 64  # in one picture
 _NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
-
-
-class Motion(Protocol):
-    """How the camera moves, in its own optical axes."""
-
-    @property
-    def velocity_mps(self) -> F64: ...
-
-    @property
-    def rates_radps(self) -> F64: ...
 
 
 class StatisticalSensor:
@@ -63,7 +51,7 @@ class StatisticalSensor:
         world: World,
         camera: CameraModel,
         pose: Callable[[], CameraPose],
-        motion: Callable[[], Motion],
+        motion: Callable[[], CameraMotion],
         exposures: Exposures,
         classes: Sequence[str],
         confidence_min: float,
@@ -89,9 +77,9 @@ class StatisticalSensor:
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Draw a look if one is due; return the oldest result whose time has come."""
-        exposed = self._exposures.due(state)
-        if exposed is not None:
-            self._pending.append(self._look(exposed))
+        believed = self._exposures.due(state)
+        if believed is not None:
+            self._pending.append(self._look(state.time_s, believed))
         if self._pending and state.time_s >= self._pending[0].time_s + self._latency_s - _EPS_S:
             return self._pending.popleft()
         return None
@@ -99,78 +87,47 @@ class StatisticalSensor:
     def close(self) -> None:
         """Nothing is held open."""
 
-    def _look(self, state: VehicleState) -> Detections:
+    def _look(self, time_s: float, believed: CameraPose) -> Detections:
         """One picture's worth of draws."""
-        pose = self._pose()
-        n = self._object_boxes(pose)
-        end = self._ghost_boxes(pose, n) if self._background else n
+        position, R = self._pose()
+        velocity_mps, rates_radps = self._motion()
+        x, y, z = position.tolist()
+        n, end = draw_look(
+            self._optics,
+            position,
+            R,
+            velocity_mps,
+            rates_radps,
+            self._things,
+            self._solids,
+            self._near_start,
+            self._near,
+            self._row_starts,
+            self._row_table,
+            self._log_pixels,
+            self._box_model,
+            self._places,
+            self._pass_state,
+            self._ghosts,
+            self._octave_starts,
+            self._ghost_classes,
+            self._ghosts_over_altitude,
+            z - self._ground_at_m(x, y),
+            self._threshold,
+            self._key,
+            self._look_number,
+            self._boxes,
+            self._scores,
+            self._rows,
+        )
         self._look_number += 1
         if not end:
-            return Detections(state.time_s, *_NOTHING, state.camera, self._lens)
+            return Detections(time_s, *_NOTHING, believed, self._lens)
         rows = self._rows[:end].tolist()
         names = [self._row_names[row] for row in rows[:n]]
         names += [self._background[c].reported_as for c in rows[n:]]
         confidences = confidence_of(self._scores[:end])
-        return Detections(
-            state.time_s, self._boxes[:end].copy(), confidences, tuple(names), state.camera, self._lens
-        )
-
-    def _object_boxes(self, pose: CameraPose) -> int:
-        """Write what is reported of objects; how many."""
-        if not self._row_names:
-            return 0
-        motion = self._motion()
-        return int(
-            draw_objects(
-                self._optics,
-                pose.position_enu_m,
-                pose.R_camera_to_enu,
-                motion.velocity_mps,
-                motion.rates_radps,
-                self._things,
-                self._solids,
-                self._near_start,
-                self._near,
-                self._row_starts,
-                self._row_table,
-                self._log_pixels,
-                self._box_model,
-                self._threshold,
-                self._places,
-                self._pass_state,
-                self._key,
-                self._look_number,
-                self._boxes,
-                self._scores,
-                self._rows,
-            )
-        )
-
-    def _ghost_boxes(self, pose: CameraPose, n: int) -> int:
-        """Write what is reported where nothing is, from place ``n`` on; where that ends."""
-        x, y, z = pose.position_enu_m.tolist()
-        at = math.log(max(z - self._ground_at_m(x, y), 1.0))
-        k = min(int(at / math.log(2.0)), _OCTAVES - 1)
-        first, last = self._octave_starts[k], self._octave_starts[k + 1]
-        return int(
-            draw_ghosts(
-                self._optics,
-                pose.position_enu_m,
-                pose.R_camera_to_enu,
-                self._ghosts[first:last],
-                self._ghost_classes,
-                self._ghosts_over_altitude,
-                at,
-                first,
-                self._threshold,
-                self._key,
-                self._look_number,
-                n,
-                self._boxes,
-                self._scores,
-                self._rows,
-            )
-        )
+        return Detections(time_s, self._boxes[:end].copy(), confidences, tuple(names), believed, self._lens)
 
     def _tabulate_objects(self, world: World, classes: Sequence[str], once: np.random.Generator) -> None:
         """Objects that can be reported, and for each one row for every class that it can be reported as."""
@@ -243,15 +200,15 @@ class StatisticalSensor:
                 [np.pad(row, (0, nodes - len(row)), "edge") for row in (grid, b.per_hectare, b.score_scale)]
                 for grid, b in zip(self._log_altitudes, self._background, strict=True)
             ]
-        )
+        ).reshape(len(self._background), 3, nodes)
         west, south, east, north = world.terrain.bounds_enu_m
         hectares = (east - west) * (north - south) / 1e4
         factors = [
             b.surfaces.get(world.terrain.surface, 1.0) * (b.wooded if world.trees else 1.0)
             for b in self._background
         ]
-        octaves, self._octave_starts = [], [0]
-        for k in range(_OCTAVES):
+        octaves, starts = [], [0]
+        for k in range(OCTAVES):
             parts = [np.zeros((0, 6))]
             for c, b in enumerate(self._background):
                 ends = np.log(2.0) * np.array([k, k + 1])
@@ -266,8 +223,8 @@ class StatisticalSensor:
                 parts.append(np.column_stack([xy, z, np.full(n, c), once.uniform(0.0, top, n), own]))
             ghosts = np.concatenate(parts)
             octaves.append(ghosts[ghosts[:, 4].argsort(kind="stable")])
-            self._octave_starts.append(self._octave_starts[-1] + len(ghosts))
-        self._ghosts = np.concatenate(octaves)
+            starts.append(starts[-1] + len(ghosts))
+        self._ghosts, self._octave_starts = np.concatenate(octaves), np.array(starts)
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:

@@ -25,6 +25,7 @@ I64 = NDArray[np.int64]
 
 WIDTH = 12  # columns of a row after the three tables
 PLACES = 3  # where an object was in the last picture: u, v, pixels
+OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
 
 _TOO_SMALL = 0.8  # of the smallest size that was measured
@@ -55,7 +56,7 @@ def standard_normal(seed: int, look: int, row: int, what: int) -> float:
 
 
 @njit(cache=True)
-def draw_objects(
+def draw_look(
     optics: F64,  # focal length, width, height (px), exposure (s)
     position: F64,
     R: F64,
@@ -69,19 +70,95 @@ def draw_objects(
     table: F64,
     log_pixels: F64,
     box_model: F64,  # centre error: pixels, of the object, of the blur; fade_px
-    threshold: float,
     places: F64,
     pass_state: F64,
+    ghosts: F64,  # x, y, z, class, level, own offset; of every octave lowest levels first
+    octave_starts: I64,
+    classes: F64,  # chance of showing, floor, weight of the rest, pixels, scale of mean 1, 1 / shape
+    over_altitude: F64,  # of each class: log altitudes, densities, scales of the score
+    altitude_agl: float,
+    threshold: float,
+    seed: int,
+    look: int,
+    boxes: F64,
+    scores: F64,
+    rows: I64,
+) -> tuple[int, int]:
+    """Write what is reported into ``boxes``, ``scores`` and ``rows``; return how many objects, and how many
+    with what is reported where nothing is.
+
+    ``places`` and ``pass_state`` are the memory from look to look.
+    """
+    n = _draw_objects(
+        optics,
+        position,
+        R,
+        velocity,
+        rates,
+        things,
+        solids,
+        near_start,
+        near,
+        row_starts,
+        table,
+        log_pixels,
+        box_model,
+        places,
+        pass_state,
+        threshold,
+        seed,
+        look,
+        boxes,
+        scores,
+        rows,
+    )
+    log_altitude = math.log(max(altitude_agl, 1.0))
+    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
+    end = _draw_ghosts(
+        optics,
+        position,
+        R,
+        ghosts,
+        octave_starts[octave],
+        octave_starts[octave + 1],
+        classes,
+        over_altitude,
+        log_altitude,
+        threshold,
+        seed,
+        look,
+        n,
+        boxes,
+        scores,
+        rows,
+    )
+    return n, end
+
+
+@njit(cache=True)
+def _draw_objects(
+    optics: F64,
+    position: F64,
+    R: F64,
+    velocity: F64,
+    rates: F64,
+    things: F64,
+    solids: F64,
+    near_start: I64,
+    near: I64,
+    row_starts: I64,
+    table: F64,
+    log_pixels: F64,
+    box_model: F64,
+    places: F64,
+    pass_state: F64,
+    threshold: float,
     seed: int,
     look: int,
     boxes: F64,
     scores: F64,
     rows: I64,
 ) -> int:
-    """Write what is reported into ``boxes``, ``scores`` and ``rows``; return how many.
-
-    ``places`` and ``pass_state`` are the memory from look to look.
-    """
     focal, width, height = optics[0], optics[1], optics[2]
     g, n = len(log_pixels), 0
     for i in range(len(things)):
@@ -157,15 +234,16 @@ def draw_objects(
 
 
 @njit(cache=True)
-def draw_ghosts(
+def _draw_ghosts(
     optics: F64,
     position: F64,
     R: F64,
-    ghosts: F64,  # x, y, z, class, level, own offset; lowest levels first
-    classes: F64,  # chance of showing, floor, weight of the rest, pixels, scale of mean 1, 1 / shape
-    over_altitude: F64,  # of each class: log altitudes, densities, scales of the score
+    ghosts: F64,
+    first: int,
+    end: int,
+    classes: F64,
+    over_altitude: F64,
     log_altitude: float,
-    first: int,  # number of the first of these ghosts
     threshold: float,
     seed: int,
     look: int,
@@ -174,17 +252,19 @@ def draw_ghosts(
     scores: F64,
     rows: I64,
 ) -> int:
-    """Like ``draw_objects`` for places where nothing is, from place ``n`` on; return where that ends.
+    """Those from ``first`` to ``end``, written from place ``n`` on; where that ends.
 
     ``rows`` are classes. Scores are Weibull's.
     """
+    if first == end:
+        return n
     now = np.empty((len(classes), 2))
     for k in range(len(classes)):
         grid = over_altitude[k, 0]
         now[k, 0] = _at(log_altitude, grid, over_altitude[k, 1])
         now[k, 1] = _at(log_altitude, grid, over_altitude[k, 2])
     highest = now[:, 0].max()
-    for i in range(len(ghosts)):
+    for i in range(first, end):
         g = ghosts[i]
         if g[4] >= highest:
             break
@@ -200,7 +280,7 @@ def draw_ghosts(
         v = optics[0] * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + optics[2] / 2
         if not (0.0 <= u <= optics[1] and 0.0 <= v <= optics[2]) or n == len(rows):
             continue
-        row = _FIRST_GHOST + first + i
+        row = _FIRST_GHOST + i
         if standard_normal(seed, look, row, _SHOWS) > c[0]:
             continue
         z = g[5] + c[2] * standard_normal(seed, look, row, _SCORE)

@@ -18,7 +18,6 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from skysweep.geometry.camera import CameraPose
 from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
 from skysweep.types import Setpoint, VehicleState
 from skysweep.vehicles import dynamics as d
@@ -31,14 +31,6 @@ class Airframe:
 
     mass_kg: float = 1.0
     drag_n_per_mps: float = 1.0  # SIH_KDV
-
-
-@dataclass(frozen=True, slots=True)
-class CameraMotion:
-    """How the camera moves, in its own optical axes (x right, y down, z forward)."""
-
-    velocity_mps: F64  # (3,)
-    rates_radps: F64  # (3,)
 
 
 class Multirotor:
@@ -104,8 +96,10 @@ class Multirotor:
             CameraPose(p[5], p[6:9]),
             max(0.0, 1.0 - energy_wh / self._battery_wh),
             energy_wh,
-            bool(x.item(d.AIRBORNE)),
-            wind_enu_mps=self._wind_enu_mps,
+            x.item(d.AIRBORNE) != 0.0,
+            0.0,
+            0.0,
+            self._wind_enu_mps,
         )
 
     def command(self, setpoint: Setpoint) -> None:
