@@ -124,6 +124,12 @@ def test_numbers_may_be_infinite_but_not_nonsense(tmp_path):
     assert "inf" in result.stderr
 
 
+def test_a_camera_for_a_sensor_without_pictures_is_refused(tmp_path, scenario):
+    result = skysweep("run", scenario, "--sensor", "statistical", "--camera", "gazebo", cwd=tmp_path)
+    refused(result, "--camera gazebo", "takes no pictures")
+    assert not (tmp_path / "runs").exists()
+
+
 def test_any_field_can_be_set(tmp_path, scenario):
     changes = ("--set", "search.n_c=.inf", "--set", "wind.mean_speed_mps=0")
     result = skysweep("run", scenario, "--sensor", "statistical", *changes, "--out", "r", cwd=tmp_path)

@@ -1,5 +1,7 @@
 """The experiment behind the statistical sensor, with the real renderer and the shipped detector."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -86,3 +88,30 @@ def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
 def test_a_missing_detector_is_told_before_anything_is_rendered(tmp_path):
     with pytest.raises(UserError, match=r"gone\.onnx"):
         observe(str(tmp_path / "gone.onnx"), CAMERA, 60, 0)
+
+
+@pytest.mark.parametrize(
+    ("out", "words"),
+    [
+        (["--out", "folder"], ["--out folder", "no YAML file"]),
+        (["--out", "sensor.png"], ["--out sensor.png", "no YAML file"]),
+        (["--out", "file/sensor.yaml"], ["--out file", "cannot be made or written to"]),
+        (["--out", "taken.yaml"], ["taken.yaml is there and cannot be replaced"]),
+        (["validate", "--out", "file"], ["--out file", "cannot be made or written to"]),
+    ],
+)
+def test_where_nothing_can_be_written_nothing_is_rendered(tmp_path, out, words):
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "taken.yaml").mkdir()
+    result = subprocess.run(
+        [sys.executable, "-m", "skysweep.cli", "calibrate", *out],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in result.stderr

@@ -284,8 +284,73 @@ def test_it_asks_with_an_estimate_before_anything_is_written(tmp_path):
     assert estimates[0].missions == 30 - 16
     assert estimates[0].workers == 1
     assert 0.01 < estimates[0].mission_s < 60
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
     assert Estimate(7200, 2, 3.0).seconds == 10_800
+
+
+def test_stopped_before_the_estimate_it_keeps_what_was_flown(tmp_path):
+    flown = []
+
+    def stop(error):
+        flown.append(error)
+        if len(flown) == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Sweep(spec(), tmp_path / "out").fly(Here(), on_done=stop)
+    assert Sweep(spec(), tmp_path / "out").left == 30 - 3
+
+
+@pytest.mark.parametrize(
+    ("sensor", "change", "said"),
+    [
+        ("statistical", "detector.confidence_min: [0.05]", r"confidence_min is 0\.05, below 0\.1"),
+        ("statistical", "detector.model: [gone.onnx]", r"gone\.onnx: there is no such model file"),
+        ("imaging", "detector.model: [gone.onnx]", r"gone\.onnx: there is no such model file"),
+    ],
+)
+def test_what_no_sensor_can_see_with_is_refused_before_anything_flies(tmp_path, sensor, change, said):
+    text = SPEC.replace("search.n_c: [1, .inf]", change) + f"sensor: {sensor}\n"
+    with pytest.raises(UserError, match=said):
+        Sweep(parse_spec(text, "spec.yaml"), tmp_path / "out").fly(Here())
+    assert not (tmp_path / "out").exists()
+
+
+def command(*arguments):
+    from typer.testing import CliRunner
+
+    from skysweep.cli import app
+
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def test_results_that_would_not_last_are_refused(tmp_path):
+    (tmp_path / "small.yaml").write_text(SPEC)
+    result = command("sweep", tmp_path / "small.yaml", "--out", "memory://lost")
+    assert result.exit_code == 2
+    assert "--out memory://lost: is lost" in result.stderr
+
+
+def test_at_a_file_url_the_report_lies_beside_the_table(whole):
+    result = command("report", f"file://{whole}")
+    assert result.exit_code == 0, result.stderr
+    assert (whole / "report" / "report.html").exists()
+
+
+def test_when_every_mission_fails_so_does_the_command(tmp_path, monkeypatch):
+    def fail(_job):
+        raise UserError("no")
+
+    import skysweep.experiments.engines
+    import skysweep.experiments.sweep
+
+    monkeypatch.setattr(skysweep.experiments.sweep, "fly_in_memory", lambda *_: fail(None))
+    monkeypatch.setattr(skysweep.experiments.engines, "make_engine", lambda *_: Here())
+    (tmp_path / "small.yaml").write_text(SPEC.replace("seeds: 10", "seeds: 1"))
+    result = command("sweep", tmp_path / "small.yaml", "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "3 of 3 missions failed: no" in result.stderr
+    assert (tmp_path / "out" / "missions.parquet").exists()
 
 
 @pytest.mark.parametrize(("option", "code", "said"), [([], 2, "add --yes"), (["--yes"], 0, "table: ")])

@@ -159,6 +159,7 @@ def test_ranges_and_fixed_values():
         (["search.n_c=one:two"], [], ["'one' is no number"]),
         (["search.c_t=0.5:1.5"], [], ["search.c_t", "less than 1"]),
         (["search.check_altitude_agl_m=3:60"], [], ["not below the lowest scan altitude"]),
+        (["search.n_c=1:3"], ["search.n_c"], ["--fix search.n_c", "leave out one"]),
         ([], ["search.n_c=-2"], ["search.n_c", "greater than 0"]),
         ([], list(TUNED), ["nothing is left to tune"]),
     ],
@@ -304,6 +305,8 @@ def test_the_command_end_to_end(tmp_path, scenario_file):
     assert result.returncode == 0, result.stderr
     assert "Recommended for tiny" in result.stdout
     assert "Runner-up" in result.stdout
+    assert ", cost +" in result.stdout
+    assert "…" not in result.stdout, "no number is cut short"
     folder = out / "tiny"
     trials = pl.read_parquet(folder / "trials.parquet")
     assert len(trials) == 6
@@ -373,6 +376,7 @@ def test_two_commands_share_a_study(tmp_path, scenario_file):
     [
         (["clusterz"], ["clusterz", "did you mean 'clusters'?"]),
         (["clusters", "clusters"], ["both called 'clusters'"]),
+        (["clusters", "--false-positive-cost-s", "inf"], ["--false-positive-cost-s", "inf"]),
         (["clusters", "--storage", "sqlite:////nowhere/at/all.db"], ["--storage", "cannot be used"]),
         (["clusters", "--storage", "nonsense"], ["--storage nonsense", "check the URL"]),
         (

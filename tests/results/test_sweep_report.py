@@ -206,7 +206,8 @@ def test_a_sweep_that_still_runs_with_missions_cut_short(table, tmp_path):
     missions = load_missions(str(tmp_path / "sweep"), lambda spec: jobs)
     assert missions.table["job"].to_list() == list(range(24))
     assert not len(missions.failed)  # the mission that failed in one part was flown again in the other
-    (sentence,) = write_sweep_report(missions, tmp_path / "out")
+    unfinished, sentence = write_sweep_report(missions, tmp_path / "out")
+    assert unfinished.startswith("The sweep is not finished")
     assert not sentence.startswith("calm: n_c = ∞")
     html = (tmp_path / "out/report.html").read_text("utf-8")
     assert "The sweep is not finished" in html
@@ -228,6 +229,7 @@ def test_what_the_sweep_command_has_so_far(tmp_path):
     result = CliRunner().invoke(app, ["report", str(tmp_path / "sweep")])
     assert result.exit_code == 0, result.stderr
     assert "clusters: " in result.stdout
+    assert "not finished" in result.stdout
     html = (tmp_path / "sweep/report/report.html").read_text("utf-8")
     assert "3 missions, 1 scenario, 2 configurations, 2 seeds" in html
     assert "not finished" in html
@@ -414,6 +416,15 @@ def test_labels(table):
     assert configuration_label(named, with_strategy=True) == (
         "low-only, d_c = 60 m, terrain surface = grass, a b = true"
     )
+
+
+def test_a_value_that_a_strategy_never_changes_is_not_in_its_label(table):
+    baseline = table.filter(pl.col("scenario") == "calm", pl.col(N_C) == 3).with_columns(
+        pl.col("job") + 1000, strategy=pl.lit("scan-only")
+    )
+    both = pl.concat([table.filter(pl.col("scenario") == "calm"), baseline])
+    labels = [f.label for f in by_scenario(load_missions_of(both))["calm"]]
+    assert labels == [f"scan-check, n_c = {n}" for n in ("1", "3", "∞")] + ["scan-only"]
 
 
 def load_missions_of(table: pl.DataFrame):

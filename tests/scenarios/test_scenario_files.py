@@ -369,7 +369,7 @@ scenario_data = st.fixed_dictionaries(
         "forests": st.lists(st.fixed_dictionaries({"trees_per_hectare": st.floats(0.1, 50)}), max_size=2),
         "terrain": st.fixed_dictionaries({"heightmap_m": st.just([[0.5, 1e-17], [-3.25, 1e17]])}),
         "search": st.fixed_dictionaries(
-            {}, optional={"n_c": positive_or_infinite, "d_c_m": positive_or_infinite}
+            {}, optional={"n_c": st.integers(1, 1000) | st.just(math.inf), "d_c_m": positive_or_infinite}
         ),
     },
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,12 +10,24 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from skysweep.cli.common import SeedOption, bar, console, errors, friendly, number_or_inf
+from skysweep.cli.common import (
+    SeedOption,
+    bar,
+    console,
+    errors,
+    friendly,
+    make_folder,
+    number_or_inf,
+    show,
+)
+from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.sensing.statistical_model import HeldOut
 
 app = typer.Typer()
+
+FIRST_LOOK = 6000  # pictures below which a fit is rough
 
 
 @app.callback(invoke_without_command=True)
@@ -49,19 +62,43 @@ def calibrate(
     from skysweep.experiments.calibrate import calibrate as fit
     from skysweep.scenarios.files import load_scenario
 
-    with bar() as progress:
-        task = progress.add_task("looking", total=pictures)
-        model = fit(
-            detector,
-            load_scenario(camera).camera,
-            out,
-            pictures,
-            seed,
-            workers,
-            lambda done, total: progress.update(task, completed=done, total=total),
-        )
+    _refuse_unwritable(out)
+    try:
+        with bar() as progress:
+            task = progress.add_task("looking", total=pictures)
+            model = fit(
+                detector,
+                load_scenario(camera).camera,
+                out,
+                pictures,
+                seed,
+                workers,
+                lambda done, total: progress.update(
+                    task, completed=done, total=total, description="fitting" if done == total else "looking"
+                ),
+            )
+    except KeyboardInterrupt:
+        errors.print("stopped; nothing was written, and the same command starts anew")
+        raise typer.Exit(130) from None
     _print_fit(model.held_out)
+    if pictures < FIRST_LOOK:
+        errors.print(
+            f"[yellow]warning:[/] {pictures} pictures are few, and what was not seen often enough is left "
+            f"out; {FIRST_LOOK} do for a first look",
+            soft_wrap=True,
+            highlight=False,
+        )
     console.print(f"sensor model: {out}, picture: {out.with_suffix('.png')}", soft_wrap=True)
+
+
+def _refuse_unwritable(out: Path) -> None:
+    """Before anything is rendered. Raises UserError."""
+    if out.suffix not in (".yaml", ".yml"):
+        raise UserError(f"--out {out}: is no YAML file; write a name such as sensor.yaml")
+    make_folder(out.parent)
+    for path in (out, out.with_suffix(".png")):
+        if path.exists() and not (path.is_file() and os.access(path, os.W_OK)):
+            raise UserError(f"--out {out}: {path} is there and cannot be replaced; choose another name")
 
 
 def _print_fit(held_out: list[HeldOut]) -> None:
@@ -77,7 +114,9 @@ def _print_fit(held_out: list[HeldOut]) -> None:
     parts = Table("looks not seen by the fit", "looks", "reported", "drawn")
     for part in [part for h in held_out for part in h.parts]:
         parts.add_row(part.part, str(part.looks), f"{part.measured:.3f}", f"{part.drawn:.3f}")
-    console.print(parts, scores)
+    for table in (parts, scores):
+        if table.row_count:
+            show(table)
 
 
 @app.command()
@@ -117,6 +156,7 @@ def validate(
         validation_text,
     )
 
+    make_folder(out)
     scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)
     missions = len(scenarios) * len(values) * seeds
     with Progress(
@@ -139,6 +179,6 @@ def validate(
     table = Table(*HEADER)
     for cell in cells:
         table.add_row(*cell.row)
-    console.print(table)
-    console.print(validation_text(cells).splitlines()[0])
+    show(table)
+    console.print(validation_text(cells).splitlines()[0], soft_wrap=True, highlight=False)
     console.print(f"written: {out / 'validate.json'}, {out / 'validate.md'}", soft_wrap=True)

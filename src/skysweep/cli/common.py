@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import wraps
+from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 
 import typer
@@ -18,14 +20,15 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
 from skysweep.errors import UserError
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-console = Console()
-errors = Console(stderr=True)
+console = Console(emoji=False)
+errors = Console(stderr=True, emoji=False)
 
 
 def friendly(command: Callable[P, R]) -> Callable[P, R]:
@@ -81,6 +84,39 @@ def changes_of(assignments: list[str] | None) -> dict[str, Any]:
         if not equals or changes[field.strip()] is None:
             raise UserError(f"--set {text}: write FIELD=VALUE, such as search.n_c=3")
     return changes
+
+
+def show(table: Table) -> None:
+    """Print a table with every character; a terminal folds what is wider than itself."""
+    for column in table.columns:
+        column.no_wrap, column.overflow = not console.is_terminal, "fold"
+    natural = console.measure(table, options=console.options.update(max_width=10_000)).maximum
+    console.print(table, width=console.width if console.is_terminal else natural, crop=False)
+
+
+def local_folder(address: str) -> Path | None:
+    """The folder that a path or an fsspec URL means; None where it is not on this computer."""
+    if "://" in address and not address.startswith(("file://", "local://")):
+        return None
+    return Path(address.partition("://")[2] or address)
+
+
+def make_folder(out: Path) -> None:
+    """Raises UserError where it cannot be made or written to."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=out):
+            return
+    except OSError as error:
+        raise UserError(
+            f"--out {out}: cannot be made or written to ({error.strerror}); choose another"
+        ) from None
+
+
+def refuse_unused_eye(sensor: str, camera: str) -> None:
+    """Raises UserError where a camera is given to a sensor that takes no pictures."""
+    if sensor == "statistical" and camera != "rendered":
+        raise UserError(f"--camera {camera}: the statistical sensor takes no pictures; leave one of them out")
 
 
 def bar() -> Progress:

@@ -14,7 +14,16 @@ from rich.markup import escape
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from skysweep.cli.common import SeedOption, SensorOption, SetOption, changes_of, console, errors, friendly
+from skysweep.cli.common import (
+    SeedOption,
+    SensorOption,
+    SetOption,
+    changes_of,
+    console,
+    errors,
+    friendly,
+    refuse_unused_eye,
+)
 from skysweep.cli.missions import free_folder, print_summary
 from skysweep.errors import UserError
 
@@ -90,6 +99,7 @@ def fly(
         chosen = change_scenario(
             scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
         )
+    refuse_unused_eye(sensor, camera)
     signal.signal(signal.SIGTERM, _end)
     key = None if signing_key is None else read_signing_key(signing_key)
     with Px4Flight(chosen, connection, timeout, key) as flight:

@@ -23,6 +23,7 @@ from skysweep.cli.common import (
     errors,
     friendly,
     number_or_inf,
+    refuse_unused_eye,
 )
 from skysweep.errors import UserError
 
@@ -94,6 +95,7 @@ def run(
     for warning in warnings_for(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
+    refuse_unused_eye(sensor, camera)
     engines: dict[str, Backend] = {"gazebo": "gazebo", "gz": "gz"}
     engine = engines.get(camera, renderer)
     on_topics = (

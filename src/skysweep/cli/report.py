@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skysweep.cli.common import bar, console, friendly
+from skysweep.cli.common import bar, console, friendly, local_folder
 
 
 @friendly
@@ -38,10 +38,13 @@ def report(
     from skysweep.results.sweep_missions import load_missions
     from skysweep.results.sweep_report import REPORT_FILE, write_sweep_report
 
-    if out is None and "://" in folder:
-        raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
+    target = out
+    if target is None:
+        here = local_folder(folder)
+        if here is None:
+            raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
+        target = here / "report"
     missions = load_missions(folder, lambda spec: Matrix.of(parse_spec(spec, f"{folder}/spec.yaml")).table())
-    target = out or Path(folder) / "report"
     with bar() as progress:
         task = progress.add_task("report", total=None)
         sentences = write_sweep_report(

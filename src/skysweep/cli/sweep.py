@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.markup import escape
 
-from skysweep.cli.common import bar, errors, friendly
+from skysweep.cli.common import bar, errors, friendly, local_folder
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -59,6 +59,8 @@ def sweep(
     from skysweep.experiments.sweep_spec import load_spec
 
     wanted = load_spec(spec)
+    if out is not None and out.startswith("memory:"):
+        raise UserError(f"--out {out}: is lost when this command ends; write a folder or another URL")
     folder = out or f"sweeps/{wanted.name}"
     runner = make_engine(engine, address, workers)
     flight = Sweep(wanted, folder, retry_failed)
@@ -98,9 +100,14 @@ def sweep(
             progress.stop()
             _say("stopped; what was flown is kept: give the same command again to go on")
             raise typer.Exit(130) from None
-    for error, count in Counter(flight.errors()).most_common(3):
+    wrong = flight.errors()
+    for error, count in Counter(wrong).most_common(3):
         _say(f"[yellow]warning:[/] {count:,} of {flight.missions:,} missions failed: {escape(error)}")
-    _say(f"table: {escape(flight.address)}\nstatistics: skysweep report {escape(folder)}")
+    _say(f"table: {escape(flight.address)}")
+    if len(wrong) == flight.missions:
+        raise typer.Exit(1)
+    elsewhere = "" if local_folder(folder) else f" --out {wanted.name}-report"
+    _say(f"statistics: skysweep report {escape(folder)}{elsewhere}")
 
 
 def _say(text: str) -> None:

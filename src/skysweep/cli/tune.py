@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.markup import escape
 
-from skysweep.cli.common import SetOption, bar, changes_of, console, errors, friendly
+from skysweep.cli.common import SetOption, bar, changes_of, console, errors, friendly, make_folder, show
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -86,6 +87,10 @@ def tune(
     from skysweep.experiments.tune_space import changed_space, default_space
     from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario
 
+    if not math.isfinite(false_positive_cost_s):
+        raise UserError(
+            f"--false-positive-cost-s: is {false_positive_cost_s}; write a number of seconds, such as 600"
+        )
     changes = changes_of(change)
     given = [change_scenario(load_scenario(name), changes) for name in scenarios]
     shipped = list_scenarios()
@@ -170,7 +175,7 @@ def _tune_one(
     )
 
     if storage is None:
-        _make(folder)
+        make_folder(folder)
     _say_what_is_tuned(problem)
     database = storage or f"sqlite:///{(folder / 'study.db').absolute()}"
     with bar() as progress:
@@ -189,7 +194,7 @@ def _tune_one(
     if not validation_seeds:
         errors.print("searched only; give --validation-seeds for a recommendation", soft_wrap=True)
         return
-    _make(folder)
+    make_folder(folder)
     with bar() as progress:
         task = progress.add_task(f"{problem.name}: validation", total=None)
 
@@ -218,13 +223,6 @@ def _tune_one(
     console.print(
         f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}", soft_wrap=True, highlight=False
     )
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"--out {folder}: cannot be made ({error.strerror}); choose another") from None
 
 
 def _say_what_is_tuned(problem: Problem) -> None:
@@ -279,7 +277,7 @@ def _print_grid(grid: Grid) -> None:
 
     table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
     for k, column in enumerate(grid.header):
-        table.add_column(column, justify="left" if grid.words or k == 0 else "right", no_wrap=True)
+        table.add_column(column, justify="left" if grid.words or k == 0 else "right")
     for k, row in enumerate(grid.rows):
         table.add_row(*row, style="bold" if k in grid.best else None)
-    console.print(table)
+    show(table)

@@ -8,6 +8,7 @@ from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
 import fsspec
+from fsspec.implementations.local import LocalFileSystem
 
 from skysweep.errors import UserError
 
@@ -78,10 +79,13 @@ class Folder:
     @_told
     def try_out(self) -> None:
         """Write a file and remove it again. Raises UserError where that cannot be done."""
+        is_new = isinstance(self._files, LocalFileSystem) and not self._files.exists(self._root)
         self._files.makedirs(self._root, exist_ok=True)
         path = self._path(f"{_UNFINISHED}{os.getpid()}")
         self._files.pipe_file(path, b"-")
         self._files.rm_file(path)
+        if is_new:
+            self._files.rmdir(self._root)
 
     @_told
     def names(self, folder: str) -> list[str]:

@@ -19,6 +19,7 @@ from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.sweep_matrix import Matrix, SweepJob
 from skysweep.experiments.sweep_spec import SweepSpec, differences, dump_spec
 from skysweep.experiments.sweep_store import KEY, TABLE_FILE, SweepStore, outcome
+from skysweep.mission.build import refuse_unseeable
 
 _FIRST = 16  # missions at least that the estimate is made from, of as many configurations
 _FIRST_S = 20.0  # and after this long no more of them than needed
@@ -93,8 +94,13 @@ class Sweep:
         ``confirm`` is asked once the first missions tell how long it will take; what it raises ends the
         sweep with nothing written. ``on_done`` gets every mission's error, or None. An interruption keeps
         what was flown: another ``Sweep`` with the same folder goes on.
+
+        Raises UserError, with nothing flown, where a configuration's sensor does not fit its detector or
+        camera, or the folder cannot be written to.
         """
         if self._todo:
+            for configuration in self._matrix.configurations:
+                refuse_unseeable(configuration.scenario, self._matrix.sensor)
             self._folder.try_out()
             with engine:
                 self._fly(engine, confirm, on_done)
@@ -118,12 +124,18 @@ class Sweep:
         rest = sorted(set(self._todo).difference(first))
         rows: list[dict[str, Any]] = []
         with closing(engine.run(fly_job, self._matrix.jobs([*first, *rest]))) as results:
-            for _, row in results:
-                rows.append(row)
-                on_done(row["error"])
-                late = time.monotonic() - started > _FIRST_S
-                if len(rows) == len(first) or (late and len(rows) > engine.workers):
-                    break
+            try:
+                for _, row in results:
+                    rows.append(row)
+                    on_done(row["error"])
+                    late = time.monotonic() - started > _FIRST_S
+                    if len(rows) == len(first) or (late and len(rows) > engine.workers):
+                        break
+            except BaseException:
+                if rows:
+                    self._store.write_spec(dump_spec(self._spec))
+                    self._store.append(rows)
+                raise
             if left := len(self._todo) - len(rows):
                 confirm(Estimate(left, min(engine.workers, left), _mission_s(rows, engine.workers)))
             self._store.write_spec(dump_spec(self._spec))

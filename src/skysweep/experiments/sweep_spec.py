@@ -35,6 +35,7 @@ Parameters = dict[str, Annotated[list[Value], Field(min_length=1)]]
 Points = list[Annotated[dict[str, Value], Field(min_length=1)]]
 
 _UNION_ARMS = ("bool", "int", "float", "str", "list[int]", "dict[str,any]")  # in pydantic's error paths
+_FIRST_FIELD = {"scenarios": "scenario", "strategies": "strategy"}
 _OWN_PLACE = {"search.strategy": "strategies", "name": "a scenario's label"}
 
 
@@ -95,6 +96,13 @@ class SweepSpec(Model):
     def _plain_strategies(cls, entries: Any) -> Any:
         return _spelt_out(entries, "strategy")
 
+    @field_validator("seeds", mode="before")
+    @classmethod
+    def _no_truth(cls, seeds: Any) -> Any:
+        if isinstance(seeds, bool):
+            raise ValueError(f"is {str(seeds).lower()}; write how many, or a list of whole numbers")
+        return seeds
+
     @field_validator("seeds")
     @classmethod
     def _some_and_once(cls, seeds: int | list[int]) -> int | list[int]:
@@ -106,6 +114,12 @@ class SweepSpec(Model):
             if min(seeds) < 0 or max(seeds) > MAX_SEED:
                 raise ValueError(f"a seed is out of range; write numbers from 0 to {MAX_SEED}")
         return seeds
+
+    @model_validator(mode="after")
+    def _one_way_to_say_which(self) -> SweepSpec:
+        if isinstance(self.seeds, list) and self.first_seed:
+            raise ValueError("first_seed: seeds is a list, which says where it starts; leave first_seed out")
+        return self
 
     @model_validator(mode="after")
     def _fields_exist(self) -> SweepSpec:
@@ -344,8 +358,13 @@ def _sentence(error: ValidationError) -> str:
     if kind == "too_short":
         return f"{path}: is empty, so there is nothing to fly; write at least one"
     found = _shown(detail["input"])
+    if kind == "string_pattern_mismatch":
+        return f"{path}: is {found}; write letters, digits, spaces, dots, - and _, a letter or digit first"
     if parts[0] == "seeds":
         return f"seeds: is {found}; write how many, or a list of whole numbers"
+    if kind in ("model_type", "dict_type", "model_attributes_type"):
+        first = _FIRST_FIELD.get(str(parts[0]), "name")
+        return f"{path}: is {found}; write a name, or fields such as  {first}: ..."
     if detail["loc"][-1] in _UNION_ARMS[:4]:
         return f"{path}: is {found}; write a number, .inf, a word, true or false"
     return f"{path}: is {found}; {detail['msg'].replace('Input should', 'it should')}"

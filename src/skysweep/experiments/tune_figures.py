@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from skysweep.experiments.tune_race import F64
 from skysweep.experiments.tune_validate import Cell
 from skysweep.results.figures import GREEN, GREY, ORANGE, PAGE_IN, PURPLE, VERMILLION, save_figure, style
+from skysweep.results.table_files import math_text
 
 _COLUMNS = 4
 _BLUE = "#0072B2"
@@ -52,10 +53,11 @@ def draw_search(table: pl.DataFrame, fields: Sequence[str], symbols: Mapping[str
                     _places(table, field, mine[f"param.{field}"].to_numpy()), mine["cost_s"], **marks
                 )
         axes[0].set(xlabel="Mission time (s)", ylabel="False positives")
-        axes[0].set_ylim(bottom=-0.05 * max(1.0, axes[0].get_ylim()[1]))
+        most = max(1.0, float(np.nanmax(table["false_positives"].to_numpy())))
+        axes[0].set_ylim(-0.06 * most, 1.06 * most)
         _show_the_good(axes[0].set_xlim, table, "mission_time_s")
         for k, (axis, field) in enumerate(zip(axes[1:], fields, strict=False), start=1):
-            axis.set_xlabel(symbols[field])
+            axis.set_xlabel(math_text(symbols[field]))
             _show_the_good(axis.set_ylim, table, "cost_s")
             _infinity_tick(axis, table, field)
             if k % _COLUMNS == 0 or k == 1:
@@ -75,7 +77,7 @@ def draw_matters(cells: Sequence[Cell], name: str, path: Path) -> None:
     n_cs = sorted({cell.n_c for cell in cells})
     distances = sorted({cell.d_c_m for cell in cells if cell.d_c_m is not None})
     with style():
-        figure = Figure(figsize=(PAGE_IN / 2, 2.7), layout="constrained")
+        figure = Figure(figsize=(PAGE_IN / 2, 3.0), layout="constrained")
         axis = figure.subplots()
         for k, (d_c_m, (colour, marker)) in enumerate(zip(distances, _LINES, strict=False)):
             line = [c for c in cells if c.d_c_m in (d_c_m, None)]
@@ -98,7 +100,7 @@ def draw_matters(cells: Sequence[Cell], name: str, path: Path) -> None:
         axis.set(xlabel="$n_c$", ylabel="Mission time (s)")
         axis.set_title(name, loc="left")
         axis.grid(lw=0.3, color="0.88")
-        axis.legend(frameon=False)
+        figure.legend(loc="outside lower center", ncols=2, frameon=False)
         for suffix in (".png", ".svg"):
             save_figure(figure, path.with_suffix(suffix))
 
@@ -120,7 +122,9 @@ def _infinity_tick(axis: Axes, table: pl.DataFrame, field: str) -> None:
     values = table[f"param.{field}"]
     if values.is_infinite().any():
         place = _infinity_place(table, field)
-        ticks = [t for t in axis.get_xticks() if values.filter(values.is_finite()).min() <= t < 0.95 * place]  # type: ignore[operator]
+        finite = np.unique(values.filter(values.is_finite()).to_numpy())
+        ticks = [t for t in axis.get_xticks() if len(finite) > 3 and finite[0] <= t < 0.95 * place]
+        ticks = ticks or finite.tolist()
         axis.set_xticks([*ticks, place], [*(f"{t:g}" for t in ticks), "∞"])
 
 

@@ -236,7 +236,7 @@ def describe(values: dict[str, float]) -> str:
 def _against(standing: Standing) -> str:
     pair = standing.cost_over_best_s
     assert pair is not None
-    text = f"{standing.label}, {interval(pair.test, 1, sign=True)} s; "
+    text = f"{standing.label}, cost {interval(pair.test, 1, sign=True)} s; "
     if pair.test.n_zero == pair.test.n_pairs:
         return text + "the same in every mission."
     if not math.isfinite(pair.test.low):

@@ -63,13 +63,17 @@ def changed_space(
     """
     left = {parameter.field: parameter for parameter in space}
     settings: dict[str, float] = {}
+    ranged = set()
     for text in ranges:
         field, _, wanted = text.partition("=")
         field = known_field(field.strip(), f"--range {text}")
         left[field] = Parameter(field, _parsed_range(text, field, wanted.strip()))
+        ranged.add(field)
     for text in fixed:
         field, equals, setting = text.partition("=")
         field = known_field(field.strip(), f"--fix {text}")
+        if field in ranged:
+            raise UserError(f"--fix {text}: --range gives {field} a range; leave out one of the two")
         left.pop(field, None)
         if equals:
             settings[field] = _number(setting, f"--fix {text}")

@@ -16,6 +16,7 @@ from skysweep.mission.loop import Mission
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
+from skysweep.sensing.model_files import existing_model_file
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_model import model_for
@@ -148,6 +149,17 @@ def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | P
 
         return GzRenderer(world, scenario, looks_hz)
     return renderer
+
+
+def refuse_unseeable(scenario: Scenario, sensor_name: str) -> None:
+    """Raises UserError where the sensor's or the detector's file is missing or made for something else."""
+    if sensor_name == "statistical":
+        model_for(scenario)
+        return
+    model = scenario.detector.model
+    registered = {entry.name for entry in entry_points(group="skysweep.detectors")}
+    if model not in registered:
+        existing_model_file(model)
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:

@@ -237,13 +237,18 @@ def by_scenario(missions: Missions) -> dict[str, list[Flown]]:
     table = missions.table
     columns = [PARAMETER + field for field in missions.parameters]
     several = table["strategy"].n_unique() > 1
-    varied = {field for field in missions.parameters if table[PARAMETER + field].n_unique() > 1}
+    varied = {
+        (strategy, field)
+        for (strategy,), rows in table.group_by("strategy")
+        for field in missions.parameters
+        if rows[PARAMETER + field].n_unique() > 1
+    }
     groups: dict[str, list[Flown]] = {}
     for key, rows in table.group_by("scenario", "strategy", *columns, maintain_order=True):
         scenario, strategy, *values = key
         chosen = tuple((f, v) for f, v in zip(missions.parameters, values, strict=True) if v is not None)
         configuration = Configuration(str(strategy), chosen)
-        shown = Configuration(str(strategy), tuple((f, v) for f, v in chosen if f in varied))
+        shown = Configuration(str(strategy), tuple(p for p in chosen if (strategy, p[0]) in varied))
         label = configuration_label(shown, with_strategy=several)
         groups.setdefault(str(scenario), []).append(_flown(configuration, label, rows))
     return groups

@@ -39,6 +39,7 @@ from skysweep.results.table_files import write_tables
 from skysweep.results.wording import definitions
 
 MOST_ROWS_BEFORE_FIGURES = 12
+_NOT_FINISHED = "The sweep is not finished: this is what it has flown so far."
 REPORT_FILE, TABLES, FIGURES = "report.html", "tables", "figures"
 
 
@@ -57,7 +58,8 @@ def write_sweep_report(
         on_step: is told how many of how many parts are done.
 
     Returns:
-        One sentence a scenario: the best configuration and how sure that is.
+        Whether the sweep is not finished, and one sentence a scenario: the best configuration and how sure
+        that is.
 
     Raises:
         UserError: ``out`` cannot be written to.
@@ -93,7 +95,7 @@ def write_sweep_report(
         )
     except OSError as error:
         raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another --out") from None
-    return sentences
+    return sentences if missions.finished else [_NOT_FINISHED, *sentences]
 
 
 def _title(missions: Missions) -> str:
@@ -113,7 +115,7 @@ def _lead(missions: Missions) -> str:
     sensors = sorted(set(table["sensor"].drop_nulls())) if "sensor" in table.columns else []
     lead = text + (f"; sensor: {', '.join(sensors)}." if sensors else ".")
     if not missions.finished:
-        lead += " The sweep is not finished: this is what it has flown so far."
+        lead += f" {_NOT_FINISHED}"
     return lead
 
 

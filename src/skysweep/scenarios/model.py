@@ -297,11 +297,25 @@ class Search(Model):
     transect_heading_deg: float | None = Field(None, ge=0, lt=360, description="Default: the best angle")
     plan: str | None = Field(None, description="A QGroundControl .plan whose survey becomes F")
 
+    @field_validator("n_c", "d_c_m", mode="before")
+    @classmethod
+    def _no_truth(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("write a number > 0, or .inf")
+        return value
+
     @field_validator("n_c", "d_c_m")
     @classmethod
     def _no_nan(cls, value: float) -> float:
         if math.isnan(value):
             raise ValueError("write a number > 0, or .inf")
+        return value
+
+    @field_validator("n_c")
+    @classmethod
+    def _whole(cls, value: float) -> float:
+        if math.isfinite(value) and value != round(value):
+            raise ValueError("write a whole number of candidates, or .inf")
         return value
 
     @model_validator(mode="after")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.sensing.classes import default_names
 from skysweep.sensing.layouts import Boxes, Layout, PixelFormat, Probe, recognise
-from skysweep.sensing.model_files import OWN_MODEL, model_file
+from skysweep.sensing.model_files import OWN_MODEL, existing_model_file
 from skysweep.types import Detections, Frame
 
 U8 = NDArray[np.uint8]
@@ -63,7 +63,7 @@ class YoloDetector:
         tiles: int = 1,
         threads: int = 1,
     ) -> None:
-        self._path = model_file(model_path)
+        self._path = existing_model_file(model_path)
         self._confidence_min, self._iou_max, self._tiles = confidence_min, iou_max, tiles
         self._session = _open(self._path, threads)
         self._network = _Network(self._session, self._path)
@@ -234,10 +234,6 @@ def _pixels(canvas: U8, pixels: PixelFormat, dtype: type) -> NDArray[Any]:
 
 
 def _open(path: Path, threads: int) -> ort.InferenceSession:
-    if not path.is_file():
-        raise UserError(
-            f"{path}: there is no such model file; write the path of an ONNX file or {OWN_MODEL!r}"
-        )
     options = ort.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1

@@ -7,6 +7,8 @@ from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
+from skysweep.errors import UserError
+
 OWN_MODEL = "skysweep"
 
 
@@ -18,6 +20,16 @@ def own_model_path() -> Path:
 def model_file(model: Path | str) -> Path:
     """The file that a scenario's ``detector.model`` names: "skysweep" or a path."""
     return own_model_path() if str(model) == OWN_MODEL else Path(model)
+
+
+def existing_model_file(model: Path | str) -> Path:
+    """The same. Raises UserError where it is missing."""
+    path = model_file(model)
+    if not path.is_file():
+        raise UserError(
+            f"{path}: there is no such model file; write the path of an ONNX file or {OWN_MODEL!r}"
+        )
+    return path
 
 
 def sha256_of(path: Path) -> str:

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from skysweep.errors import UserError
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
-from skysweep.sensing.model_files import model_file, sha256_of
+from skysweep.sensing.model_files import existing_model_file, sha256_of
 
 VERSION = 7
 FACTORS = ("view", "front", "front_near", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
@@ -230,8 +230,11 @@ class StatisticalModel(_Part):
             return _read(source, status.st_mtime_ns, status.st_size)
         except ValidationError as error:
             first = error.errors()[0]
-            reason = ": ".join([*(str(part) for part in first["loc"]), first["msg"]])
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            message = first["msg"].removeprefix("Value error, ")
+            reason = ": ".join([*(str(part) for part in first["loc"]), message])
+        except OSError as error:
+            reason = str(error.strerror)
+        except (UnicodeDecodeError, yaml.YAMLError) as error:
             reason = str(error).splitlines()[0]
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
 
@@ -279,12 +282,8 @@ def _read(source: Path, _changed_ns: int, _size: int) -> StatisticalModel:
 
 
 def _other_detector(made_for: Detecting, model: str) -> str | None:
-    path = model_file(model)
-    try:
-        if sha256_of(path) == made_for.sha256:
-            return None
-    except OSError:
-        return f"detector.model '{model}' is no file, not {made_for.name}"
+    if sha256_of(existing_model_file(model)) == made_for.sha256:
+        return None
     if model == made_for.name:
         return f"detector.model '{model}' has changed since"
     return f"detector.model is '{model}', not {made_for.name}"
