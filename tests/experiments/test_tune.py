@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
+from skysweep.experiments import tune_study
 from skysweep.experiments.tune import Problem, family_of, search
 from skysweep.experiments.tune_race import (
     Flown,
@@ -351,6 +352,18 @@ def test_killed_and_continued_it_keeps_what_was_finished(tmp_path, scenario_file
     assert {number: after[number] for number in before} == before
     states = {state for (state,) in _query(out / "tiny" / "study.db", "SELECT state FROM trials")}
     assert states <= {"COMPLETE", "FAIL"}
+
+
+def test_a_trial_that_was_never_claimed_does_not_use_up_the_budget(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune_study, "_CLAIM_S", 0.2)
+    path, space = f"sqlite:///{tmp_path}/study.db", default_space([tiny()])
+    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, Rules(0.95, 60.0), 0)
+    study._study.ask()  # and the process dies
+    trial = study.ask(1)
+    assert trial is not None
+    states = _query(tmp_path / "study.db", "SELECT number, state FROM trials ORDER BY number")
+    assert states == [(0, "FAIL"), (1, "RUNNING")]
+    assert study.ask(1) is None, "one that is being flown is left alone"
 
 
 def test_two_commands_share_a_study(tmp_path, scenario_file):

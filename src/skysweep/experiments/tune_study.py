@@ -22,6 +22,7 @@ from skysweep.experiments.tune_race import Flown, Outcome, Rules
 from skysweep.experiments.tune_space import Parameter
 
 _STALE_S = 120.0  # a running trial without a sign of life for longer has lost its process
+_CLAIM_S = 20.0  # and one that nobody has claimed for longer was never begun
 _RANDOM_TRIALS = 12  # before the sampler trusts what it has learnt
 
 
@@ -130,12 +131,27 @@ class TuningStudy:
 
     def _requeue_abandoned(self) -> None:
         """What a process left when it died fails, and its values wait to be flown again."""
-        state = self._optuna.trial.TrialState
-        for trial in self._study.get_trials(deepcopy=False, states=(state.RUNNING,)):
-            if _is_abandoned(trial):
-                self._study.tell(trial.number, state=state.FAIL, skip_if_finished=True)
+        unclaimed = self._unclaimed()
+        failed = self._optuna.trial.TrialState.FAIL
+        for trial in self._running():
+            is_claimed = "owner" in trial.user_attrs
+            if _is_abandoned(trial) if is_claimed else trial.number in unclaimed:
+                self._study.tell(trial.number, state=failed, skip_if_finished=True)
                 if len(trial.params) == len(self._space):
                     self._study.enqueue_trial(trial.params)
+
+    def _unclaimed(self) -> set[int]:
+        """Numbers of the trials whose process died as it was given them, before it could say so."""
+        watched_s = time.monotonic()
+        while unclaimed := {t.number for t in self._running() if "owner" not in t.user_attrs}:
+            if time.monotonic() - watched_s > _CLAIM_S:
+                break
+            time.sleep(0.05)
+        return unclaimed
+
+    def _running(self) -> list[Any]:
+        states = (self._optuna.trial.TrialState.RUNNING,)
+        return list(self._study.get_trials(deepcopy=False, states=states))
 
     def _sampler(self, ended: int, running: int) -> Any:
         """Multi-objective TPE, seeded by how far the study is, so that one process alone repeats itself."""
@@ -218,8 +234,8 @@ def _database(url: str) -> Any:
 
 
 def _is_abandoned(trial: Any) -> bool:
-    owner = trial.user_attrs.get("owner")
-    if owner is not None and owner["host"] == socket.gethostname() and os.name == "posix":
+    owner = trial.user_attrs["owner"]
+    if owner["host"] == socket.gethostname() and os.name == "posix":
         try:
             os.kill(owner["process"], 0)
         except ProcessLookupError:
