@@ -2,6 +2,7 @@
 
 import json
 import math
+import multiprocessing
 import signal
 import sqlite3
 import subprocess
@@ -307,8 +308,12 @@ def test_the_command_end_to_end(tmp_path, scenario_file):
     assert "Recommended for tiny" in result.stdout
     assert "Runner-up" in result.stdout
     assert ", cost +" in result.stdout
-    assert "…" not in result.stdout, "no number is cut short"
     folder = out / "tiny"
+    lines = (folder / "tuning.md").read_text().splitlines()
+    cells = {cell.strip() for line in lines if line.startswith("| ") for cell in line.split("|")}
+    numbers = {cell for cell in cells if cell[:1] in set("+0123456789")}
+    assert len(numbers) > 20
+    assert {number for number in numbers if number not in result.stdout} == set(), "cut short"
     trials = pl.read_parquet(folder / "trials.parquet")
     assert len(trials) == 6
     assert trials["seeds_used"].is_between(1, 4).all()
@@ -354,16 +359,32 @@ def test_killed_and_continued_it_keeps_what_was_finished(tmp_path, scenario_file
     assert states <= {"COMPLETE", "FAIL"}
 
 
-def test_a_trial_that_was_never_claimed_does_not_use_up_the_budget(tmp_path, monkeypatch):
+@pytest.mark.parametrize("locks", [True, False])
+def test_a_trial_that_was_never_claimed_does_not_use_up_the_budget(tmp_path, monkeypatch, locks):
     monkeypatch.setattr(tune_study, "_CLAIM_S", 0.2)
     path, space = f"sqlite:///{tmp_path}/study.db", default_space([tiny()])
     study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, Rules(0.95, 60.0), 0)
+    study._locks = locks
     study._study.ask()  # and the process dies
     trial = study.ask(1)
     assert trial is not None
     states = _query(tmp_path / "study.db", "SELECT number, state FROM trials ORDER BY number")
     assert states == [(0, "FAIL"), (1, "RUNNING")]
     assert study.ask(1) is None, "one that is being flown is left alone"
+
+
+def _first_number(path):
+    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, default_space([tiny()]), Rules(0.95, 60.0), 0)
+    return study.ask(100).number
+
+
+def test_processes_that_ask_at_once_are_given_different_trials(tmp_path):
+    path, space = f"sqlite:///{tmp_path}/study.db", default_space([tiny()])
+    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, Rules(0.95, 60.0), 0)
+    study.start([{p.field: p.values[k] for p in space} for k in range(3)])
+    with multiprocessing.get_context("spawn").Pool(4) as pool:
+        numbers = pool.map(_first_number, [path] * 12, chunksize=1)
+    assert sorted(numbers) == list(range(12))
 
 
 def test_two_commands_share_a_study(tmp_path, scenario_file):

@@ -27,6 +27,8 @@ from skysweep.errors import UserError
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_WIDEST = 10_000  # characters of a table in a file
+
 console = Console(emoji=False)
 errors = Console(stderr=True, emoji=False)
 
@@ -87,11 +89,14 @@ def changes_of(assignments: list[str] | None) -> dict[str, Any]:
 
 
 def show(table: Table) -> None:
-    """Print a table with every character; a terminal folds what is wider than itself."""
+    """Print a table with every character: a terminal folds what is wider than itself, a file takes it all."""
     for column in table.columns:
-        column.no_wrap, column.overflow = not console.is_terminal, "fold"
-    natural = console.measure(table, options=console.options.update(max_width=10_000)).maximum
-    console.print(table, width=console.width if console.is_terminal else natural, crop=False)
+        column.overflow = "fold"
+    if console.is_terminal:
+        console.print(table)
+    else:
+        wide = Console(emoji=False, width=_WIDEST)
+        Console(emoji=False, width=wide.measure(table).maximum).print(table)
 
 
 def local_folder(address: str) -> Path | None:

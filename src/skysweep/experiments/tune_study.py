@@ -12,7 +12,8 @@ import os
 import socket
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
@@ -20,6 +21,11 @@ from typing import Any
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.experiments.tune_race import Flown, Outcome, Rules
 from skysweep.experiments.tune_space import Parameter
+
+try:
+    import fcntl
+except ImportError:  # only POSIX has it
+    fcntl = None  # type: ignore[assignment]
 
 _STALE_S = 120.0  # a running trial without a sign of life for longer has lost its process
 _CLAIM_S = 20.0  # and one that nobody has claimed for longer was never begun
@@ -67,6 +73,8 @@ class TuningStudy:
     ) -> None:
         self._optuna = _optuna()
         self._space, self._rules, self._seed = tuple(space), rules, seed
+        self._file = storage.partition("sqlite:///")[2]
+        self._locks = bool(self._file) and fcntl is not None
         directions = ["minimize"] * (2 if rules.min_recall is not None else 3)
         try:
             self._study = self._optuna.create_study(
@@ -91,15 +99,19 @@ class TuningStudy:
 
     def start(self, first: Sequence[dict[str, float]]) -> None:
         """Queue ``first`` where nobody has begun yet; values out of range are left out."""
-        if not self._study.get_trials(deepcopy=False):
-            for values in first:
+        with self._alone():
+            for values in first if not self._study.get_trials(deepcopy=False) else ():
                 indices = self._indices(values)
                 if indices is not None:
                     self._study.enqueue_trial(indices)
 
     def ask(self, budget: int) -> OpenTrial | None:
         """The next trial, or None when the study has ``budget`` of them, whoever flies them."""
-        self._requeue_abandoned()
+        with self._alone():
+            self._requeue_abandoned()
+            return self._ask(budget)
+
+    def _ask(self, budget: int) -> OpenTrial | None:
         state = self._optuna.trial.TrialState
         before = self._study.get_trials(deepcopy=False, states=(state.COMPLETE, state.RUNNING))
         ended = sum(trial.state == state.COMPLETE for trial in before)
@@ -129,6 +141,16 @@ class TuningStudy:
         except ValueError:
             return None
 
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """No other process asks meanwhile. SQLite locks no rows: two would be given one waiting trial."""
+        if not self._locks:
+            yield
+            return
+        with open(f"{self._file}.lock", "a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+
     def _requeue_abandoned(self) -> None:
         """What a process left when it died fails, and its values wait to be flown again."""
         unclaimed = self._unclaimed()
@@ -142,9 +164,9 @@ class TuningStudy:
 
     def _unclaimed(self) -> set[int]:
         """Numbers of the trials whose process died as it was given them, before it could say so."""
-        watched_s = time.monotonic()
+        until_s = time.monotonic() + (0.0 if self._locks else _CLAIM_S)
         while unclaimed := {t.number for t in self._running() if "owner" not in t.user_attrs}:
-            if time.monotonic() - watched_s > _CLAIM_S:
+            if time.monotonic() >= until_s:
                 break
             time.sleep(0.05)
         return unclaimed
