@@ -89,76 +89,6 @@ def draw_look(
 
     ``places`` and ``pass_state`` are the memory from look to look.
     """
-    n = _draw_objects(
-        optics,
-        position,
-        R,
-        velocity,
-        rates,
-        things,
-        solids,
-        near_start,
-        near,
-        row_starts,
-        table,
-        log_pixels,
-        box_model,
-        places,
-        pass_state,
-        threshold,
-        seed,
-        look,
-        boxes,
-        scores,
-        rows,
-    )
-    log_altitude = math.log(max(altitude_agl, 1.0))
-    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
-    end = _draw_ghosts(
-        optics,
-        position,
-        R,
-        ghosts,
-        octave_starts[octave],
-        octave_starts[octave + 1],
-        classes,
-        over_altitude,
-        log_altitude,
-        threshold,
-        seed,
-        look,
-        n,
-        boxes,
-        scores,
-        rows,
-    )
-    return n, end
-
-
-@njit(cache=True)
-def _draw_objects(
-    optics: F64,
-    position: F64,
-    R: F64,
-    velocity: F64,
-    rates: F64,
-    things: F64,
-    solids: F64,
-    near_start: I64,
-    near: I64,
-    row_starts: I64,
-    table: F64,
-    log_pixels: F64,
-    box_model: F64,
-    places: F64,
-    pass_state: F64,
-    threshold: float,
-    seed: int,
-    look: int,
-    boxes: F64,
-    scores: F64,
-    rows: I64,
-) -> int:
     focal, width, height = optics[0], optics[1], optics[2]
     g, n = len(log_pixels), 0
     for i in range(len(things)):
@@ -230,7 +160,24 @@ def _draw_objects(
             _put_box(boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
             scores[n], rows[n] = score, r
             n += 1
-    return n
+    end = _draw_ghosts(
+        optics,
+        position,
+        R,
+        ghosts,
+        octave_starts,
+        classes,
+        over_altitude,
+        altitude_agl,
+        threshold,
+        seed,
+        look,
+        n,
+        boxes,
+        scores,
+        rows,
+    )
+    return n, end
 
 
 @njit(cache=True)
@@ -239,11 +186,10 @@ def _draw_ghosts(
     position: F64,
     R: F64,
     ghosts: F64,
-    first: int,
-    end: int,
+    octave_starts: I64,
     classes: F64,
     over_altitude: F64,
-    log_altitude: float,
+    altitude_agl: float,
     threshold: float,
     seed: int,
     look: int,
@@ -252,10 +198,13 @@ def _draw_ghosts(
     scores: F64,
     rows: I64,
 ) -> int:
-    """Those from ``first`` to ``end``, written from place ``n`` on; where that ends.
+    """Those of this altitude's octave, written from place ``n`` on; where that ends.
 
     ``rows`` are classes. Scores are Weibull's.
     """
+    log_altitude = math.log(max(altitude_agl, 1.0))
+    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
+    first, end = octave_starts[octave], octave_starts[octave + 1]
     if first == end:
         return n
     now = np.empty((len(classes), 2))
