@@ -36,6 +36,7 @@ class VehicleState(NamedTuple):
     position_std_m: float = 0.0  # horizontal, 1 sigma, that the estimator claims; inf: no position
     silent_s: float = 0.0  # since telemetry was last heard
     wind_enu_mps: F64 | None = None  # (3,) estimated mean wind; None: unknown
+    taken_over: str = ""  # why somebody else flies it now, in words; empty: nobody does
 
 
 class Setpoint(NamedTuple):

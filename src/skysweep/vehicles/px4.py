@@ -7,22 +7,20 @@ from __future__ import annotations
 
 import atexit
 import math
-import time
 from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
-from mavsdk.exceptions import MavsdkError
-from mavsdk.plugins.param.param import Param
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.geometry.frames import LocalFrame
+from skysweep.geometry.frames import LocalFrame, enu_from_ned
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.types import Setpoint, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.px4 import Mode
-from skysweep.vehicles.px4_link import CONNECT_S, ORDER_S, Link
+from skysweep.vehicles.px4_authority import Authority
+from skysweep.vehicles.px4_link import CONNECT_S, ORDER_S, Link, message_id
 from skysweep.vehicles.px4_offboard import Offboard
 from skysweep.vehicles.px4_telemetry import SILENCE_S, Anchor, Telemetry
 
@@ -32,6 +30,7 @@ MAX_FROM_HOME_M = 200.0  # between the vehicle and the home that a scenario name
 _MULTICOPTERS = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 _RATES_HZ = {"LOCAL_POSITION_NED": 30.0, "ATTITUDE_QUATERNION": 30.0, "EXTENDED_SYS_STATE": 5.0}
 _RATES_HZ |= {"BATTERY_STATUS": 2.0, "ESTIMATOR_STATUS": 2.0, "WIND_COV": 1.0, "HOME_POSITION": 1.0}
+_RATES_HZ |= {"CURRENT_MODE": 10.0, "SYS_STATUS": 2.0}
 _GIMBAL_RATE_HZ = 20.0
 _GIMBAL_STATUS_HZ = 1.0
 _GIMBAL_S = 3.0  # on the wall, until it is ours
@@ -54,23 +53,14 @@ _SPARED = (
     "VIBRATION",
 )
 _FAST = 1.5  # times real time: a simulator
-_LOST_US_S = 5.0  # on the wall: a silence that ended so recently explains why it left Offboard
 _HOLD_S = 3.0  # on the wall: more is of no use to a mission that must go on
 _TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
 _HELLO_S = 1.0
 _POSITION_GAIN = 0.95  # MPC_XY_P
-_FOLLOWS = {
-    Mode.TAKEOFF: (Mode.TAKEOFF, Mode.HOLD),
-    Mode.OFFBOARD: (Mode.OFFBOARD,),
-    Mode.HOLD: (Mode.HOLD,),
-    Mode.LAND: (Mode.LAND,),
-}
-_ON_GROUND = (Mode.LAND, Mode.HOLD)
-_FLYING = (Mode.OFFBOARD, Mode.TAKEOFF, Mode.HOLD, None)
-_HEARTBEAT_S = 1.5  # on the wall: an older one says nothing about now
+_BRAKES_MPS2 = 3.0  # in a hover that begins at speed
+_OFFBOARD_BELOW_M = 5.0  # the height of a take-off, where Offboard takes over
 _LEFT_OVER = (Mode.OFFBOARD, Mode.LAND, Mode.RETURN, Mode.MISSION, Mode.TAKEOFF)
-_WAITING = (Mode.HOLD, None)  # where COM_OBL_RC_ACT leaves a vehicle that lost us: Hold, or Position
 
 
 class Px4Vehicle:
@@ -91,16 +81,16 @@ class Px4Vehicle:
         scenario: Scenario,
         ground_height_m: Callable[[F64], F64],
         timeout_s: float = CONNECT_S,
+        system_id: int | None = None,
+        open_link: Callable[[str, float, int | None], Link] = Link,
     ) -> None:
         self.scenario = scenario
         self._ground_height_m = ground_height_m
-        self._since_boot_s = 0.0
-        self._wanted: Mode | None = None  # the mode that we put it in
-        self._unheard = False  # that was ordered, and is still to be seen
-        self._taken = False  # someone else flies it now
+        self._must_land = False  # was ordered while nobody heard it
+        self._offboard_from_m: float | None = None  # of a take-off under way: height above ground
         self._closed = False
         self._pointed_s = -math.inf  # by the vehicle's clock
-        self.link = Link(url, timeout_s)
+        self.link = open_link(url, timeout_s, system_id)
         try:
             self._identify()
             self.telemetry = Telemetry(
@@ -109,9 +99,11 @@ class Px4Vehicle:
             self._ask_for_telemetry(timeout_s)
             self.anchor = self._anchored()
             self.gimbal = self._take_gimbal()
-            self.parameters = Param(self.link.system)
-            gain = self.parameter("MPC_XY_P")
-            self._offboard = Offboard(self.link, self.telemetry, gain or _POSITION_GAIN)
+            self._since_boot_s = self.telemetry.boot_s
+            on_loss = self.link.parameter("COM_OBL_RC_ACT")
+            self.authority = Authority(self.link, self.telemetry, None if on_loss is None else int(on_loss))
+            gain = self.link.parameter("MPC_XY_P") or _POSITION_GAIN
+            self._offboard = Offboard(self.link, self.telemetry, self.authority.may_stream, gain)
         except BaseException:
             self.link.close()
             raise
@@ -126,19 +118,17 @@ class Px4Vehicle:
         return self._state
 
     def command(self, setpoint: Setpoint) -> None:
-        """Flies to the setpoint in Offboard, entering it where need be.
+        """Flies to the setpoint in Offboard, entering it first. Nothing while somebody else flies it.
 
-        Raises UserError when someone else took the vehicle over, or it refuses.
+        Raises UserError when the vehicle refuses.
         """
         if not all(map(math.isfinite, setpoint.position_enu_m)):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
-        self._check_in_command()
-        if self._taken:
-            raise UserError("someone else took the vehicle over; it is theirs")
+        if self.authority.lost():
+            return
         self._offboard.aim(setpoint, self.anchor)
-        if self.telemetry.mode is not Mode.OFFBOARD and self.telemetry.silent_s < SILENCE_S:
-            self._offboard.start()
-            self._change_mode(Mode.OFFBOARD, "go into Offboard")
+        if self.authority.wanted is not Mode.OFFBOARD:
+            self._go_into_offboard()
 
     def advance(self, duration_s: float) -> None:
         """Waits until the vehicle's clock has moved by that much; not longer than it is silent."""
@@ -152,7 +142,7 @@ class Px4Vehicle:
             raise UserError(
                 "the vehicle's clock went back: it was restarted in flight; look after it by hand"
             )
-        self._check_in_command()
+        self._look_after_orders()
         if self.gimbal and told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
             self.look(told.gimbal_pitch_rad)
         self._state = self._look()
@@ -160,14 +150,13 @@ class Px4Vehicle:
     def takeoff(self, altitude_agl_m: float) -> None:
         """Arms, has PX4 take off, and returns when it left the ground; in the air it climbs in Offboard.
 
-        ``altitude_agl_m`` is above the ground below. Time begins here.
+        ``altitude_agl_m`` is above the ground below. Time begins here. Offboard takes over before PX4 has
+        finished: a Hold that PX4 chose by itself could not be told from one that somebody chose.
         """
         told = self.telemetry
         if told.airborne:
             self._start_clock()
-            here = self._state.position_enu_m
-            up = float(self._ground_height_m(here[None, :2])[0]) + altitude_agl_m
-            self.command(Setpoint(np.array([here[0], here[1], up]), 1.0, told.yaw_rad))
+            self.command(self._above_here(altitude_agl_m))
             return
         for left in reversed(range(_TAKE_OFF_TRIES)):
             self._arm()
@@ -179,36 +168,37 @@ class Px4Vehicle:
             except UserError:
                 if left == 0 or told.armed:
                     raise
-        if not self.link.wait(lambda: told.airborne, _LEFT_GROUND_S):
+        if not self.link.wait(lambda: told.airborne or self.authority.lost(), _LEFT_GROUND_S):
             raise UserError(f"the vehicle did not leave the ground in {_LEFT_GROUND_S:g} s; look after it")
+        if not told.airborne:
+            raise UserError(f"the vehicle did not take off: {self.authority.theirs}; it stands on the ground")
         self._state = self._look()
+        self._offboard_from_m = max(altitude_agl_m - _OFFBOARD_BELOW_M, 0.5 * altitude_agl_m)
+        self._offboard.aim(self._above_here(altitude_agl_m), self.anchor)
+        self._offboard.start()
 
     def land(self) -> None:
-        """PX4 lands where it is; a silent one as soon as it hears us."""
-        if self._taken:
-            return
-        try:
-            self._change_mode(Mode.LAND, "land", lambda: not self.telemetry.airborne)
-        except UserError:
-            if self.telemetry.silent_s < SILENCE_S:
-                raise
-            self._wanted, self._unheard = Mode.LAND, True
-        self._offboard.stop()
+        """PX4 lands where it is, a silent one when it is heard; nothing while somebody else flies it."""
+        self._must_land = not self.authority.lost()
+        self._look_after_orders()
 
     def hold(self) -> None:
-        """PX4 stops and stays. Nothing where someone else flies it, or nobody does.
+        """Stops and hovers, in Offboard: so a Hold of the autopilot is always somebody else's.
 
-        A silent one does what COM_OBL_RC_ACT says, and holds as soon as it hears us.
+        Nothing where somebody else flies it, or nobody does.
         """
-        if self._wanted is None or self._taken:
-            return
-        if self.telemetry.airborne and self.telemetry.mode is not Mode.HOLD:
+        if self.authority.wanted is Mode.OFFBOARD and not self.authority.lost():
+            self._offboard.aim(self._stop_here(), self.anchor)
+
+    def regain(self) -> None:
+        """A person gave the vehicle back: hovers where it is, where PX4 does not refuse."""
+        if self.authority.theirs:
+            self.authority.regain(None)
+            self._offboard.aim(self._stop_here(), self.anchor)
             try:
-                self._change_mode(Mode.HOLD, "hold", timeout_s=_HOLD_S)
-            except UserError:
-                self._unheard = True
-        self._offboard.stop()
-        self._wanted = Mode.HOLD
+                self._go_into_offboard()
+            except UserError as error:
+                self.authority.keep_out(str(error))
 
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal, where there is one, above (+) or below the horizon; yaw stays the vehicle's.
@@ -229,13 +219,6 @@ class Px4Vehicle:
         said = self.link.newest("GIMBAL_MANAGER_STATUS")
         return None if said is None else (said["primary_control_sysid"], said["primary_control_compid"])
 
-    def parameter(self, name: str) -> float | None:
-        """One of PX4's parameters, None where it does not say; asked twice, because radios lose."""
-        for get in (self.parameters.get_param_float, self.parameters.get_param_int) * 2:
-            with suppress(MavsdkError):
-                return float(get(name))
-        return None
-
     def wait_disarmed(self, seconds: float) -> bool:
         """Whether the motors stand still within so many seconds on the wall; then it stands by."""
         disarmed = self.link.wait(lambda: not self.telemetry.armed, seconds)
@@ -248,19 +231,19 @@ class Px4Vehicle:
         told = self.telemetry
         if not (told.armed or told.airborne) and told.mode in _LEFT_OVER:
             self._change_mode(Mode.HOLD, "go into Hold")
-            self._wanted = None
+            self.authority.regain(None)
 
     def close(self) -> None:
         """Hands over to Hold where it flies on our orders, and lets go of the link."""
         if not self._closed:
             self._closed = True
             atexit.unregister(self.close)
-            self.hold()
+            self._hand_over()
             self._offboard.stop()
             if self.gimbal:
                 self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, _RELEASE, _RELEASE, _LEAVE, _LEAVE)
             for name in self._spared:
-                self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, _number(name), 0.0)
+                self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 0.0)
             self.link.close()
 
     # ---- inside: getting to know it ------------------------------------------------------------------
@@ -284,12 +267,12 @@ class Px4Vehicle:
         told = self.telemetry
         self._spared: tuple[str, ...] = ()
         if self.link.wait(lambda: told.has_position, _HELLO_S):
-            boot_s, wall_s = told.boot_s, time.monotonic()
-            self.link.wait(lambda: time.monotonic() - wall_s > 0.5, 0.6)
-            if told.boot_s - boot_s > _FAST * (time.monotonic() - wall_s):
+            boot_s, wall_s, now_s = told.boot_s, self.link.now_s(), self.link.now_s
+            self.link.wait(lambda: now_s() - wall_s > 0.5, 0.6)
+            if told.boot_s - boot_s > _FAST * (now_s() - wall_s):
                 self._spared = _SPARED
         for name in self._spared:
-            self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, _number(name), -1.0)
+            self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), -1.0)
         for name, rate_hz in _RATES_HZ.items():
             self.link.every(name, rate_hz)
 
@@ -353,12 +336,12 @@ class Px4Vehicle:
         told = self.telemetry
         above_home_m = -(told.ned_m[2] - (told.home or {})["z"])
         up_amsl_m = (told.home or {})["altitude"] * 1e-3 + above_home_m + altitude_agl_m
-        self._wanted = Mode.TAKEOFF
-        self.link.order(
+        self._order(
+            Mode.TAKEOFF,
             "take off",
             m.MAV_CMD_NAV_TAKEOFF,
-            [0.0, 0.0, 0.0, None, None, None, up_amsl_m],
-            lambda: told.airborne or (told.armed and told.mode is Mode.TAKEOFF),
+            (0.0, 0.0, 0.0, None, None, None, up_amsl_m),
+            lambda: told.airborne,
         )
 
     def _change_mode(
@@ -368,48 +351,82 @@ class Px4Vehicle:
         or_else: Callable[[], bool] = lambda: False,
         timeout_s: float = ORDER_S,
     ) -> None:
-        self.link.order(
-            what,
-            m.MAV_CMD_DO_SET_MODE,
-            _numbers(mode),
-            lambda: self.telemetry.mode is mode or or_else(),
-            timeout_s,
-        )
-        self._wanted, self._unheard = mode, False
+        main, sub = mode.value
+        numbers = float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(main), float(sub)
+        self._order(mode, what, m.MAV_CMD_DO_SET_MODE, numbers, or_else, timeout_s)
 
-    def _say_mode(self, mode: Mode) -> None:
-        self.link.command(m.MAV_CMD_DO_SET_MODE, *_numbers(mode))
+    def _order(
+        self,
+        mode: Mode,
+        what: str,
+        number: int,
+        params: tuple[float | None, ...],
+        or_else: Callable[[], bool],
+        timeout_s: float = ORDER_S,
+    ) -> None:
+        """Orders what brings it into a mode; gives up when it goes into any other meanwhile."""
+        told, before = self.telemetry, self.telemetry.flown
 
-    def _check_in_command(self) -> None:
-        """Raises UserError where it does not do what we ordered: someone else or a failsafe flies it."""
-        told, wanted = self.telemetry, self._wanted
-        landed = wanted in _ON_GROUND and not told.airborne
-        if wanted is None or self._taken or landed:
+        def elsewhere() -> bool:
+            return told.flown not in (before, mode.value) or self.authority.lost()
+
+        done = lambda: told.flown == mode.value or or_else()  # noqa: E731
+        if self.link.order(what, number, params, done, timeout_s, elsewhere):
+            self.authority.regain(mode)
+        else:
+            self.authority.keep_out()
+
+    def _go_into_offboard(self) -> None:
+        if self.authority.knows():
+            self._offboard_from_m = None
+            self._offboard.start()
+            self._change_mode(Mode.OFFBOARD, "go into Offboard")
+
+    def _look_after_orders(self) -> None:
+        """Gives the orders that had to wait; none while somebody else flies it, or it is not heard."""
+        authority, told = self.authority, self.telemetry
+        if authority.lost() or not authority.knows():
             return
-        if self.link.silent_s("HEARTBEAT") > _HEARTBEAT_S:
-            return
-        if told.armed and told.mode in _FOLLOWS[wanted]:
-            self._unheard = False
-            return
-        if told.armed and self._unheard and told.mode in _FLYING:
-            self._say_mode(wanted)
-            return
-        lost_us = told.silent_s > SILENCE_S or time.monotonic() - told.silence_ended_s < _LOST_US_S
-        if told.armed and lost_us and told.mode in _WAITING:
-            return
-        self._taken = True
-        self._offboard.stop()
-        now = f"is in {told.mode.name.title() if told.mode else 'a mode with sticks'}"
-        raise UserError(
-            f"the vehicle {now if told.armed else 'disarmed'} at {told.boot_s - self._since_boot_s:.0f} s: "
-            "its pilot or a failsafe flies it now, and this program keeps out"
-        )
+        ours = authority.wanted is None or told.flown in (Mode.OFFBOARD.value, Mode.TAKEOFF.value)
+        if self._must_land and ours:
+            self._change_mode(Mode.LAND, "land", lambda: not told.airborne)
+            self._must_land = False
+            self._offboard.stop()
+        elif self._offboard_from_m is not None and self._height_agl_m() >= self._offboard_from_m:
+            self._go_into_offboard()
+
+    def _hand_over(self) -> None:
+        """Leaves a flying vehicle in PX4's own Hold; one that is not heard does what COM_OBL_RC_ACT says."""
+        wanted, authority = self.authority.wanted, self.authority
+        flying = wanted in (Mode.OFFBOARD, Mode.TAKEOFF) and self.telemetry.airborne
+        if flying and authority.knows() and not authority.lost():
+            with suppress(UserError):
+                self._change_mode(Mode.HOLD, "hold", timeout_s=_HOLD_S)
+
+    def _height_agl_m(self) -> float:
+        x, y, z = self.anchor.enu(self.telemetry.ned_m).tolist()
+        return float(z - self._ground_height_m(np.array([[x, y]]))[0])
+
+    def _above_here(self, altitude_agl_m: float) -> Setpoint:
+        x, y, _ = self.anchor.enu(self.telemetry.ned_m).tolist()
+        up = float(self._ground_height_m(np.array([[x, y]]))[0]) + altitude_agl_m
+        return Setpoint(np.array([x, y, up]), 1.0, self.telemetry.yaw_rad)
+
+    def _stop_here(self) -> Setpoint:
+        """Where it comes to rest."""
+        told = self.telemetry
+        velocity = enu_from_ned(told.velocity_ned_mps)
+        speed = math.hypot(velocity[0], velocity[1])
+        place = self.anchor.enu(told.ned_m)
+        place[:2] += velocity[:2] * speed / (2.0 * _BRAKES_MPS2)
+        return Setpoint(place, max(speed, 1.0), told.yaw_rad)
 
     def _start_clock(self) -> None:
         self._since_boot_s = self._due_s = self.telemetry.boot_s
 
     def _look(self) -> VehicleState:
-        return self.telemetry.state(self.anchor, self._since_boot_s)
+        state = self.telemetry.state(self.anchor, self._since_boot_s)
+        return state._replace(taken_over=self.authority.theirs)
 
 
 def names_its_place(scenario: Scenario) -> bool:
@@ -432,12 +449,3 @@ def placed(scenario: Scenario, latitude_deg: float, longitude_deg: float, altitu
         }
     )
     return scenario.model_copy(update={"home": home})
-
-
-def _numbers(mode: Mode) -> tuple[float, float, float]:
-    """Parameters of MAV_CMD_DO_SET_MODE."""
-    return float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), *mode.value
-
-
-def _number(name: str) -> int:
-    return int(getattr(m, f"MAVLINK_MSG_ID_{name}"))

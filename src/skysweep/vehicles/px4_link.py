@@ -11,6 +11,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
@@ -19,9 +22,12 @@ from skysweep.vehicles.mavlink.dialect import mavlink as m
 try:
     from mavsdk.component_type import ComponentType
     from mavsdk.connection_result import ConnectionResult
+    from mavsdk.exceptions import MavsdkError
     from mavsdk.logging import log_subscribe
     from mavsdk.mavsdk import Configuration, Mavsdk
     from mavsdk.plugins.mavlink_direct.mavlink_direct import MavlinkDirect, MavlinkMessage
+    from mavsdk.plugins.param.param import Param
+    from mavsdk.system import System
 except ImportError:
     raise MissingExtraError("flying a PX4", "px4") from None
 
@@ -30,7 +36,10 @@ Fields = dict[str, Any]
 CONNECT_S = 10.0
 ORDER_S = 10.0  # until an order has to show in what the vehicle does
 _REPEAT_S = 0.5
+_NEIGHBOURS_S = 1.5  # until every vehicle on the link has sent a heartbeat
+_STREAM_S = 0.05  # a setpoint goes out even when no position comes in
 _AUTOPILOT = 1  # component id
+CURRENT_MODE = 436  # message id; not yet in every dialect
 _OF_ANY_COMPONENT = (
     "GIMBAL_MANAGER_INFORMATION",
     "GIMBAL_MANAGER_STATUS",
@@ -38,6 +47,7 @@ _OF_ANY_COMPONENT = (
 )
 _HEARD = (
     "HEARTBEAT",
+    "CURRENT_MODE",
     "LOCAL_POSITION_NED",
     "ATTITUDE_QUATERNION",
     "EXTENDED_SYS_STATE",
@@ -58,13 +68,15 @@ _RESULTS = {1: "not now", 2: "denied", 3: "unsupported", 4: "failed"}  # MAV_RES
 
 
 class Link:
-    """Hears one vehicle and speaks to it. Raises UserError where nothing answers at ``url`` in ``timeout_s``.
+    """Hears one vehicle and speaks to it.
 
     ``url``: ``udpin://0.0.0.0:14540``, ``tcpout://HOST:PORT``, ``serial:///dev/ttyUSB0:57600``. Messages are
-    dictionaries of their fields, NaN is None.
+    dictionaries of their fields, NaN is None. ``system_id`` chooses among several vehicles on one link.
+
+    Raises UserError where no vehicle answers in ``timeout_s``, and where several do and none is chosen.
     """
 
-    def __init__(self, url: str, timeout_s: float = CONNECT_S) -> None:
+    def __init__(self, url: str, timeout_s: float = CONNECT_S, system_id: int | None = None) -> None:
         self.url = url
         self._news = threading.Condition()
         self._newest: dict[str, Fields] = {}
@@ -77,12 +89,15 @@ class Link:
         self.own_ids = (int(configuration.system_id), int(configuration.component_id))
         self._mavsdk = Mavsdk(configuration)
         try:
-            self._connect(url, timeout_s)
+            self._connect(url, timeout_s, system_id)
         except BaseException:
             self.close()
             raise
 
-    def _connect(self, url: str, timeout_s: float) -> None:
+    def _connect(self, url: str, timeout_s: float, system_id: int | None) -> None:
+        port = _serial_port(url)
+        if port is not None and not port.exists():
+            raise UserError(f"--connection {url}: there is no serial port {port}; {_ports()}")
         opened = self._mavsdk.add_any_connection(url)
         if opened is not ConnectionResult.SUCCESS:
             why = opened.name.lower().replace("_", " ")
@@ -90,18 +105,32 @@ class Link:
                 f"--connection {url}: cannot be opened ({why}); write udpin://0.0.0.0:14540, "
                 "tcpout://HOST:PORT or serial:///dev/ttyUSB0:57600"
             )
-        self.system = self._mavsdk.first_autopilot(timeout_s)
-        if self.system is None:
-            raise UserError(
-                f"--connection {url}: no vehicle was heard in {timeout_s:g} s; switch it on, or write the "
-                "address that it sends to"
-            )
+        self.system = self._find_vehicle(url, timeout_s, system_id)
         self.system_id = int(self.system.get_system_id())
         self._direct = MavlinkDirect(self.system)
         for name in _HEARD:
             self._direct.subscribe_message(name, self._hear)
         if not self.wait(lambda: "HEARTBEAT" in self._newest, timeout_s):
             raise UserError(f"--connection {url}: the vehicle sent no heartbeat in {timeout_s:g} s")
+
+    def _find_vehicle(self, url: str, timeout_s: float, system_id: int | None) -> System:
+        first = self._mavsdk.first_autopilot(timeout_s)
+        if first is None:
+            raise UserError(
+                f"--connection {url}: no vehicle was heard in {timeout_s:g} s; switch it on, or write the "
+                "address that it sends to"
+            )
+        end_s = self.now_s() + (_NEIGHBOURS_S if system_id is None else timeout_s)
+        found: dict[int, System] = {}
+        while self.now_s() < end_s and system_id not in found:
+            time.sleep(_STREAM_S)
+            found = {int(s.get_system_id()): s for s in self._mavsdk.get_systems() if s.has_autopilot()}
+        ids = ", ".join(map(str, sorted(found)))
+        if system_id is None and len(found) > 1:
+            raise UserError(f"--connection {url}: several vehicles answer; choose one: --system-id {ids}")
+        if system_id is not None and system_id not in found:
+            raise UserError(f"--system-id {system_id}: no such vehicle was heard at {url}; heard: {ids}")
+        return first if system_id is None else found[system_id]
 
     # ---- hearing -------------------------------------------------------------------------------------
 
@@ -113,10 +142,30 @@ class Link:
         """Calls ``listener`` with every message of a kind, in the thread that receives."""
         self._listeners.setdefault(name, []).append(listener)
 
+    def now_s(self) -> float:
+        """The clock of this side of the link: the wall's, monotonic."""
+        return time.monotonic()
+
+    def heard_s(self, name: str) -> float:
+        """When a kind was last heard, by ``now_s``; -inf where it never was."""
+        return self._heard_s.get(name, float("-inf"))
+
     def silent_s(self, name: str) -> float:
-        """Seconds on the wall since a kind was last heard; inf where it never was."""
-        heard = self._heard_s.get(name)
-        return float("inf") if heard is None else time.monotonic() - heard
+        """Seconds since a kind was last heard; inf where it never was."""
+        return self.now_s() - self.heard_s(name)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The newest warnings that the vehicle said, oldest first, each once."""
+        return tuple(dict.fromkeys(self._texts))
+
+    def parameter(self, name: str) -> float | None:
+        """One of the vehicle's parameters, None where it does not say; asked twice, because radios lose."""
+        parameters = Param(self.system)
+        for get in (parameters.get_param_float, parameters.get_param_int) * 2:
+            with suppress(MavsdkError):
+                return float(get(name))
+        return None
 
     def wait(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Until ``condition`` is true after some message; False when ``seconds`` on the wall are over."""
@@ -129,10 +178,12 @@ class Link:
             return
         if message.component_id != _AUTOPILOT and name not in _OF_ANY_COMPONENT:
             return
-        fields = json.loads(message.fields_json)
+        self._take(name, json.loads(message.fields_json))
+
+    def _take(self, name: str, fields: Fields) -> None:
         with self._news:
             self._newest[name] = fields
-            self._heard_s[name] = time.monotonic()
+            self._heard_s[name] = self.now_s()
             if name == "STATUSTEXT" and fields["severity"] <= _WARNING:
                 self._texts.append(str(fields["text"]).strip())
             elif name == "COMMAND_ACK":
@@ -167,20 +218,24 @@ class Link:
         params: Iterable[float | None],
         done: Callable[[], bool],
         timeout_s: float = ORDER_S,
-    ) -> None:
-        """Says a command again and again until ``done``, which looks at what the vehicle reports.
+        given_up: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Repeats a command until ``done``, which looks at what the vehicle reports; whether that came.
 
+        ``given_up`` is asked before the command is said again: someone else's will must not be overruled.
         Raises UserError with the vehicle's own reasons where it does not come to that in ``timeout_s``.
         """
         self._texts.clear()
         self._results.pop(number, None)
         params = tuple(params)
-        end_s = time.monotonic() + timeout_s
-        while time.monotonic() < end_s:
+        end_s = self.now_s() + timeout_s
+        while self.now_s() < end_s:
+            if given_up():
+                return False
             self.command(number, *params)
-            if self.wait(done, _REPEAT_S):
-                return
-        reasons = list(dict.fromkeys(self._texts))
+            if self.wait(lambda: done() or given_up(), _REPEAT_S):
+                return done()
+        reasons = list(self.warnings)
         result = self._results.get(number)
         if result is None:
             reasons.append("no answer")
@@ -192,19 +247,64 @@ class Link:
 
     def every(self, name: str, rate_hz: float) -> None:
         """Asks for a message at a rate of vehicle time."""
-        number = getattr(m, f"MAVLINK_MSG_ID_{name}")
-        self.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate_hz)
+        self.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 1e6 / rate_hz)
+
+    def request(self, name: str) -> None:
+        """Asks for a message, once."""
+        self.command(m.MAV_CMD_REQUEST_MESSAGE, message_id(name))
+
+    def stream(self, say: Callable[[], None]) -> Callable[[], None]:
+        """Calls ``say`` with every position that comes in, and at least 20 times a second, from a thread.
+
+        Returns what ends it.
+        """
+        running = threading.Event()
+        running.set()
+
+        def run() -> None:
+            while running.is_set():
+                heard = self._heard_s.get("LOCAL_POSITION_NED")
+                self.wait(partial(self._has_more, heard), _STREAM_S)
+                say()
+
+        thread = threading.Thread(target=run, name="setpoints", daemon=True)
+        thread.start()
+
+        def end() -> None:
+            running.clear()
+            thread.join()
+
+        return end
+
+    def _has_more(self, heard_s: float | None) -> bool:
+        return self._heard_s.get("LOCAL_POSITION_NED") != heard_s
 
     def ask(self, name: str, seconds: float) -> Fields | None:
         """Asks for a message; None where it does not come in ``seconds``."""
-        number = getattr(m, f"MAVLINK_MSG_ID_{name}")
         self._newest.pop(name, None)
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s and name not in self._newest:
-            self.command(m.MAV_CMD_REQUEST_MESSAGE, number)
+        end_s = self.now_s() + seconds
+        while self.now_s() < end_s and name not in self._newest:
+            self.request(name)
             self.wait(lambda: name in self._newest, min(_REPEAT_S, seconds))
         return self._newest.get(name)
 
     def close(self) -> None:
         """Let go of the connection."""
         self._mavsdk.destroy()
+
+
+def message_id(name: str) -> int:
+    """MAVLink's number of a message."""
+    return CURRENT_MODE if name == "CURRENT_MODE" else int(getattr(m, f"MAVLINK_MSG_ID_{name}"))
+
+
+def _serial_port(url: str) -> Path | None:
+    """The port of ``serial:///dev/ttyUSB0:57600``; None for other connections."""
+    kind, _, rest = url.partition("://")
+    return Path(rest.rpartition(":")[0] or rest) if kind.startswith("serial") else None
+
+
+def _ports() -> str:
+    patterns = "ttyUSB*", "ttyACM*", "ttyAMA*"
+    there = sorted(str(port) for pattern in patterns for port in Path("/dev").glob(pattern))
+    return f"write one of {', '.join(there)}" if there else "plug the radio in (none is there now)"

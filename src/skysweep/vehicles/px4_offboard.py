@@ -1,9 +1,9 @@
-"""Setpoints to a PX4 in Offboard, at least 20 times a second of the vehicle's time, from a thread."""
+"""Setpoints to a PX4 in Offboard, at least 20 times a second."""
 
 from __future__ import annotations
 
 import math
-import threading
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from skysweep.vehicles.px4_telemetry import Anchor, Telemetry
 
 F64 = NDArray[np.float64]
 
-_LATEST_S = 0.05  # on the wall: a setpoint goes out even when no position comes in
 _NO_XY = m.POSITION_TARGET_TYPEMASK_X_IGNORE | m.POSITION_TARGET_TYPEMASK_Y_IGNORE
 _POSITION_VELOCITY_YAW = (
     m.POSITION_TARGET_TYPEMASK_AX_IGNORE
@@ -40,13 +39,15 @@ def horizontal_velocity_enu_mps(setpoint: Setpoint, position_enu_m: F64, gain_pe
 
 
 class Offboard:
-    """Streams the newest setpoint from ``start`` to ``stop``: with every position that comes in."""
+    """Streams the newest setpoint from ``start`` to ``stop``, while ``may_stream``."""
 
-    def __init__(self, link: Link, telemetry: Telemetry, gain_per_s: float) -> None:
-        self._link, self._telemetry, self._gain_per_s = link, telemetry, gain_per_s
+    def __init__(
+        self, link: Link, telemetry: Telemetry, may_stream: Callable[[], bool], gain_per_s: float
+    ) -> None:
+        self._link, self._telemetry, self._may_stream = link, telemetry, may_stream
+        self._gain_per_s = gain_per_s
         self._goal: tuple[Setpoint, Anchor] | None = None
-        self._running = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._end: Callable[[], None] | None = None
 
     def aim(self, setpoint: Setpoint, anchor: Anchor) -> None:
         """Flies there from the next message on."""
@@ -54,32 +55,18 @@ class Offboard:
 
     def start(self) -> None:
         """Begins to stream; ``aim`` first."""
-        if self._thread is None:
-            self._running.set()
-            self._thread = threading.Thread(target=self._stream, name="offboard", daemon=True)
-            self._thread.start()
+        if self._end is None:
+            self._end = self._link.stream(self._send)
 
     def stop(self) -> None:
         """Says nothing more. Then PX4 does what COM_OBL_RC_ACT says, unless it was told another mode."""
-        self._running.clear()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-
-    def _stream(self) -> None:
-        sent_s = -math.inf
-
-        def news() -> bool:
-            return self._telemetry.boot_s > sent_s
-
-        while self._running.is_set():
-            self._link.wait(news, _LATEST_S)
-            sent_s = self._telemetry.boot_s
-            self._send()
+        if self._end is not None:
+            self._end()
+            self._end = None
 
     def _send(self) -> None:
         goal, told = self._goal, self._telemetry
-        if goal is None:
+        if goal is None or not self._may_stream():
             return
         setpoint, anchor = goal
         x, y, z = anchor.ned(setpoint.position_enu_m).tolist()

@@ -124,7 +124,7 @@ def _mode(vehicle: Px4Vehicle) -> Check:
 
 
 def _offboard_lost(vehicle: Px4Vehicle) -> Check:
-    action, after_s = vehicle.parameter("COM_OBL_RC_ACT"), vehicle.parameter("COM_OF_LOSS_T")
+    action, after_s = vehicle.link.parameter("COM_OBL_RC_ACT"), vehicle.link.parameter("COM_OF_LOSS_T")
     if action is None or after_s is None:
         return Check("if we fall silent", None, "unknown: PX4 does not say COM_OBL_RC_ACT")
     said = f"{_OFFBOARD_LOST.get(int(action), '?')} after {after_s:g} s"
@@ -134,7 +134,7 @@ def _offboard_lost(vehicle: Px4Vehicle) -> Check:
 
 
 def _speed(vehicle: Px4Vehicle) -> Check:
-    limit, wanted = vehicle.parameter("MPC_XY_VEL_MAX"), vehicle.scenario.search.scan_speed_mps
+    limit, wanted = vehicle.link.parameter("MPC_XY_VEL_MAX"), vehicle.scenario.search.scan_speed_mps
     if limit is None or limit >= wanted:
         return Check("speed", True, f"scan at {wanted:g} m/s")
     return Check("speed", None, f"MPC_XY_VEL_MAX is {limit:g} m/s, the scan wants {wanted:g}")
@@ -142,7 +142,7 @@ def _speed(vehicle: Px4Vehicle) -> Check:
 
 def _fence_and_rally(vehicle: Px4Vehicle, plan: QgcPlan, upload: bool) -> tuple[Check, Check]:
     has_fence = bool(plan.geoFence.polygons or plan.geoFence.circles)
-    action = vehicle.parameter("GF_ACTION") if has_fence else None
+    action = vehicle.link.parameter("GF_ACTION") if has_fence else None
     then = "" if action is None else f"; crossing it: {_FENCE_ACTIONS.get(int(action), '?')}"
     n_fence, n_rally = upload_fence_and_rally(vehicle.link, plan) if upload else (0, 0)
     if not has_fence:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +23,7 @@ from skysweep.vehicles.mavlink.px4 import Mode, mode_of
 from skysweep.vehicles.px4_link import Fields, Link
 
 F64 = NDArray[np.float64]
+PxMode = tuple[int, int]  # PX4's main and sub mode
 
 SILENCE_S = 0.5  # on the wall, without a position
 _POSITION_GOOD = m.ESTIMATOR_POS_HORIZ_ABS | m.ESTIMATOR_POS_HORIZ_REL
@@ -31,6 +31,20 @@ _IN_AIR = (m.MAV_LANDED_STATE_IN_AIR, m.MAV_LANDED_STATE_TAKEOFF, m.MAV_LANDED_S
 _GIMBAL_TOLERANCE_RAD = 0.1
 _CAMERA_BELOW_M = 0.1  # as on the embedded vehicle
 _LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
+_MODE_NAMES = {
+    (1, 0): "Manual", (2, 0): "Altitude", (3, 0): "Position", (3, 1): "Orbit", (4, 1): "Ready",
+    (4, 2): "Take-off", (4, 3): "Hold", (4, 4): "Mission", (4, 5): "Return", (4, 6): "Land",
+    (4, 8): "Follow", (4, 9): "Precision land", (5, 0): "Acro", (6, 0): "Offboard", (7, 0): "Stabilized",
+}  # fmt: skip
+
+
+def mode_name(mode: PxMode) -> str:
+    """A mode as ground stations call it."""
+    return _MODE_NAMES.get(mode, f"mode {mode[0]}.{mode[1]}")
+
+
+def _mode(custom_mode: int) -> PxMode:
+    return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +83,11 @@ class Telemetry:
         self.R_body_to_enu = np.eye(3)
         self.has_position = self.has_attitude = False
         self.restarted = False
-        self.silence_ended_s = -math.inf  # on the wall's monotonic clock
-        self._heard_s = math.inf
+        self.flown: PxMode = (0, 0)
+        self.intended: PxMode | None = None  # None: it does not say
+        self.mode_heard_s = self.intended_heard_s = -math.inf  # by the link's clock
+        link.on("HEARTBEAT", self._heartbeat)
+        link.on("CURRENT_MODE", self._current_mode)
         link.on("LOCAL_POSITION_NED", self._position)
         link.on("ATTITUDE_QUATERNION", self._attitude)
         link.on("BATTERY_STATUS", self._power)
@@ -94,9 +111,16 @@ class Telemetry:
 
     @property
     def mode(self) -> Mode | None:
-        """The mode of the last heartbeat; None for one that is not ours (those with sticks, for example)."""
-        custom = int((self._link.newest("HEARTBEAT") or {}).get("custom_mode", 0))
-        return mode_of(custom >> 16 & 0xFF, custom >> 24 & 0xFF)
+        """The mode that it flies; None for one that is not ours (those with sticks, for example)."""
+        return mode_of(*self.flown)
+
+    @property
+    def manual_control(self) -> bool:
+        """Whether a pilot's sticks are heard; in doubt they are."""
+        status = self._link.newest("SYS_STATUS")
+        return status is None or bool(
+            status["onboard_control_sensors_present"] & m.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+        )
 
     @property
     def airborne(self) -> bool:
@@ -160,6 +184,14 @@ class Telemetry:
 
     # ---- hearing -------------------------------------------------------------------------------------
 
+    def _heartbeat(self, said: Fields) -> None:
+        self.flown, self.mode_heard_s = _mode(int(said["custom_mode"])), self._link.now_s()
+
+    def _current_mode(self, said: Fields) -> None:
+        self.flown, self.mode_heard_s = _mode(int(said["custom_mode"])), self._link.now_s()
+        if said["intended_custom_mode"]:
+            self.intended, self.intended_heard_s = _mode(int(said["intended_custom_mode"])), self.mode_heard_s
+
     def _position(self, said: Fields) -> None:
         numbers = [said.get(k) for k in ("x", "y", "z", "vx", "vy", "vz")]
         if not all(isinstance(v, int | float) and math.isfinite(v) for v in numbers):
@@ -171,10 +203,6 @@ class Telemetry:
         values = np.array(numbers, dtype=float)
         if np.abs(values[3:]).max() > _LAWLESS_MPS:
             return
-        now_s = time.monotonic()
-        if now_s - self._heard_s > SILENCE_S:
-            self.silence_ended_s = now_s
-        self._heard_s = now_s
         self._boot_s, self.ned_m, self.velocity_ned_mps = boot_s, values[:3], values[3:]
         self.has_position = True
 

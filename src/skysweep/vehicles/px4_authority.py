@@ -1,0 +1,151 @@
+"""Who flies the vehicle: this program, nobody because PX4 lost this program, or somebody else.
+
+A person and the autopilot always win. PX4 keeps the mode that somebody chose (the intended mode) apart from
+the one that it flies: a failsafe changes only what is flown. When Offboard is lost (COM_OF_LOSS_T,
+COM_OBL_RC_ACT) the intention stays Offboard, and PX4 goes back by itself when setpoints are heard again,
+unless somebody chose another mode or another failsafe holds. So no mode is ever ordered to get the vehicle
+back: setpoints are sent again where nobody else can be flying it, and what PX4 does then is the proof.
+"""
+
+from __future__ import annotations
+
+import threading
+
+from skysweep.vehicles.mavlink.px4 import Mode
+from skysweep.vehicles.px4_link import Link
+from skysweep.vehicles.px4_telemetry import SILENCE_S, PxMode, Telemetry, mode_name
+
+RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints again
+_CATCH_UP_S = 1.0  # a link that was held up delivers the past first
+_CLOCK_SLACK_S = 0.3
+_NO_STICKS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
+_STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
+
+
+class Authority:
+    """Judges, with every message, whether setpoints may be sent and orders given.
+
+    ``wanted`` is the mode that this program ordered; None: none yet. ``theirs`` says who flies it instead,
+    in words, and stays until ``regain``: only a person gives the vehicle back.
+    """
+
+    def __init__(self, link: Link, telemetry: Telemetry, on_loss: int | None) -> None:
+        self._link, self._told, self._on_loss = link, telemetry, on_loss
+        self._lock = threading.RLock()
+        self.wanted: Mode | None = None
+        self.theirs = ""
+        self._deaf = False
+        self._before: tuple[float, float] = (0.0, 0.0)  # now_s and boot_s when it was last heard
+        self._heard_again_s = float("-inf")
+        self._asked = False
+        self._not_followed_s: float | None = None  # since when PX4 is elsewhere, and setpoints go out
+
+    def may_stream(self) -> bool:
+        """Whether setpoints may go out now."""
+        with self._lock:
+            return self._look() and not self.theirs
+
+    def lost(self) -> bool:
+        """Whether somebody else has it; looks again."""
+        with self._lock:
+            self._look()
+            return bool(self.theirs)
+
+    def knows(self) -> bool:
+        """Whether the vehicle is heard, and what it said is of now."""
+        with self._lock:
+            return self._look()
+
+    def regain(self, mode: Mode | None) -> None:
+        """A person gave the vehicle back, or this program begins: its next order is ``mode``."""
+        with self._lock:
+            self.wanted, self.theirs, self._not_followed_s = mode, "", None
+
+    def keep_out(self, why: str = "") -> None:
+        """Somebody else flies it now."""
+        with self._lock:
+            if why:
+                self.theirs = why
+            else:
+                self._give_up(self._told.flown)
+
+    def _look(self) -> bool:
+        """Judges what is known; False while nothing certain is known."""
+        link, told = self._link, self._told
+        now_s = link.now_s()
+        if told.silent_s >= SILENCE_S:
+            if not self._deaf:
+                self._deaf, self._before = True, (now_s - told.silent_s, told.boot_s)
+            self._heard_again_s, self._asked = float("inf"), False
+            return False
+        if self._deaf:
+            self._heard_again_s = min(self._heard_again_s, now_s)
+            if not self._asked:
+                self._asked = True
+                link.request("HEARTBEAT")
+                link.request("SYS_STATUS")
+            if not self._caught_up(now_s) or told.mode_heard_s <= self._heard_again_s:
+                return False
+        certain = self.wanted is None or bool(self.theirs) or self._judge(now_s)
+        self._deaf = self._deaf and not certain
+        return certain
+
+    def _caught_up(self, now_s: float) -> bool:
+        left_s, boot_s = self._before
+        passed_s = self._heard_again_s - left_s
+        caught_up = self._told.boot_s - boot_s >= passed_s - _CLOCK_SLACK_S
+        return caught_up or now_s - self._heard_again_s > _CATCH_UP_S
+
+    def _judge(self, now_s: float) -> bool:
+        """Whether that is certain; sets ``theirs``."""
+        told, wanted = self._told, self.wanted
+        assert wanted is not None
+        if not told.armed:
+            if told.airborne or wanted is not Mode.LAND:
+                self.theirs = "its motors were stopped" if told.airborne else "it was disarmed"
+            return True
+        mode = told.flown
+        if mode == wanted.value or mode == Mode.OFFBOARD.value:
+            self._not_followed_s = None
+            return True
+        if wanted is Mode.LAND and not told.airborne:
+            return True
+        if wanted is not Mode.OFFBOARD:
+            self._give_up(mode)
+            return True
+        return self._judge_loss(mode, now_s)
+
+    def _judge_loss(self, mode: PxMode, now_s: float) -> bool:
+        """PX4 is not in Offboard, where this program flies it: is it for the loss of our setpoints?"""
+        told = self._told
+        if told.intended is None and self._deaf:
+            chosen = False  # an older PX4 does not say: it goes back by itself, or it does not
+        elif told.intended_heard_s <= self._heard_again_s and self._deaf:
+            return False
+        else:
+            chosen = told.intended != Mode.OFFBOARD.value
+        action = self._on_loss
+        if not chosen and action in _STICKS and mode == _STICKS[action]:
+            if self._deaf and self._link.heard_s("SYS_STATUS") <= self._heard_again_s:
+                return False
+            chosen = told.manual_control
+        elif not chosen and (action not in _NO_STICKS or mode != _NO_STICKS[action].value):
+            chosen = True
+        if chosen:
+            self._give_up(mode)
+            return True
+        if self._not_followed_s is None:
+            self._not_followed_s = now_s
+        elif now_s - self._not_followed_s > RETURNS_S:
+            self._give_up(mode)
+        return True
+
+    def _give_up(self, mode: PxMode) -> None:
+        told = self._told
+        if told.intended is not None and told.intended != Mode.OFFBOARD.value and told.intended == mode:
+            why = "somebody chose that"
+        elif self._link.warnings:
+            why = f"the autopilot says: {'; '.join(self._link.warnings)}"
+        else:
+            why = "the autopilot or its pilot chose that"
+        self.theirs = f"it is in {mode_name(mode)}: {why}"
