@@ -46,6 +46,9 @@ def fly(
         Path | None,
         typer.Option(help="File with 64 hexadecimal digits: sign every frame, hear only signed ones."),
     ] = None,
+    system_id: Annotated[
+        int | None, typer.Option("--system-id", min=1, max=255, help="Which of several vehicles on one link.")
+    ] = None,
     sensor: SensorOption = "imaging",
     camera: Annotated[
         str,
@@ -102,8 +105,10 @@ def fly(
     refuse_unused_eye(sensor, camera)
     signal.signal(signal.SIGTERM, _end)
     key = None if signing_key is None else read_signing_key(signing_key)
-    with Px4Flight(chosen, connection, timeout, key) as flight:
-        checks = flight.preflight(upload=not dry_run)
+    name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
+    folder = begun or out or free_folder(Path("runs"), name)
+    with Px4Flight(chosen, connection, timeout, key, system_id) as flight:
+        checks = flight.preflight(not dry_run, folder)
         _print_checks(checks)
         excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
         failed = [check for check in checks if check.passed is False and check.name not in excused]
@@ -114,8 +119,6 @@ def fly(
         question = "Arm and take off?" if begun is None else "Go on with the mission?"
         if not yes and not typer.confirm(question, err=True):
             raise typer.Exit(1)
-        name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
-        folder = begun or out or free_folder(Path("runs"), name)
         columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
         with Progress(*columns, console=errors) as progress, _Operator() as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)

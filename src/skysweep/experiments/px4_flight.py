@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from contextlib import ExitStack, closing
+from dataclasses import asdict
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.experiments.resume import resume_folder
@@ -18,7 +25,7 @@ from skysweep.sensing.video_camera import VideoCamera
 from skysweep.strategies import strategy_spec
 from skysweep.types import Camera
 from skysweep.vehicles.px4 import Px4Vehicle
-from skysweep.vehicles.px4_preflight import Check, preflight
+from skysweep.vehicles.px4_preflight import Check, Demands, preflight
 from skysweep.vehicles.signed_link import SignedLink
 
 if TYPE_CHECKING:
@@ -26,6 +33,10 @@ if TYPE_CHECKING:
 
 RENDERED = "rendered"
 _MOTORS_STOP_S = 20.0  # on the wall, after landing
+_PARAMETERS_S = 30.0  # on the wall: what a slow radio does not bring in this time is left out
+_RETURN_CLEARANCE_M = 5.0  # of the autopilot's own way home above what lies there
+_STEP_M = 5.0  # between samples of the terrain
+_LITTLE_BYTES, _FEW_BYTES = 50e6, 1e9
 
 
 class Px4Flight:
@@ -38,18 +49,24 @@ class Px4Flight:
     """
 
     def __init__(
-        self, scenario: Scenario, url: str, timeout_s: float, signing_key: bytes | None = None
+        self,
+        scenario: Scenario,
+        url: str,
+        timeout_s: float,
+        signing_key: bytes | None = None,
+        system_id: int | None = None,
     ) -> None:
+        self._checks: tuple[Check, ...] = ()
         self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
         plan_scenario(scenario, self._altitude_agl_m)
         height_m = build_terrain(scenario).height_m
         self._ending = ExitStack()
         if signing_key is None:
-            self.vehicle = Px4Vehicle(url, scenario, height_m, timeout_s)
+            self.vehicle = Px4Vehicle(url, scenario, height_m, timeout_s, system_id)
         else:
             link = self._ending.enter_context(closing(SignedLink(url, signing_key, timeout_s)))
             try:
-                self.vehicle = Px4Vehicle(link.url, scenario, height_m, timeout_s)
+                self.vehicle = Px4Vehicle(link.url, scenario, height_m, timeout_s, system_id)
             except UserError as error:
                 self._ending.close()
                 if link.refused == 0 or link.accepted > 0:
@@ -63,11 +80,28 @@ class Px4Flight:
                 raise
         self.scenario = self.vehicle.scenario
 
-    def preflight(self, upload: bool) -> tuple[Check, ...]:
-        """The list to read before arming; with ``upload`` the fence and the rally points are sent."""
-        coverage, estimate = plan_scenario(self.scenario, self._altitude_agl_m)
-        share = estimate.energy_wh / self.scenario.vehicle.battery_wh
-        return preflight(self.vehicle, plan_of_mission(self.scenario, coverage), share, upload)
+    def preflight(self, upload: bool, folder: Path) -> tuple[Check, ...]:
+        """The list to read before arming; with ``upload`` the fence and the rally points are sent.
+
+        ``folder`` is where the run will be written.
+        """
+        self._checks = (*preflight(self.vehicle, self._demands(), upload), _storage(folder))
+        return self._checks
+
+    def _demands(self) -> Demands:
+        scenario = self.scenario
+        coverage, estimate = plan_scenario(scenario, self._altitude_agl_m)
+        home = np.array(scenario.home.position_enu_m, dtype=float)
+        places = np.vstack([coverage.waypoints_xy_enu_m, home])
+        terrain = build_terrain(scenario)
+        ground_m = terrain.height_m(_along(places, home)) - terrain.height_m(home[None])[0]
+        return Demands(
+            plan_of_mission(scenario, coverage),
+            estimate.energy_wh / scenario.vehicle.battery_wh,
+            float(np.linalg.norm(places - home, axis=1).max()),
+            float(ground_m.max()) + self._altitude_agl_m,
+            float(ground_m.max()) + _RETURN_CLEARANCE_M,
+        )
 
     def fly(
         self,
@@ -81,19 +115,59 @@ class Px4Flight:
         operator: Operator,
     ) -> dict[str, Any]:
         """Arm, fly the mission and land; the summary of its run folder."""
+        self._keep_record(out)
         camera = self.open_camera(camera_source) if sensor_name == "imaging" else None
         summary = fly_to_folder(
-            self.scenario, seed, out, sensor_name, renderer, threads, watch, self.vehicle, camera, operator
+            self.scenario,
+            seed,
+            out,
+            sensor_name,
+            renderer,
+            threads,
+            watch,
+            self.vehicle,
+            camera,
+            self._heeding(operator),
         )
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 
     def resume(self, folder: Path, camera_source: str, watch: Watch, operator: Operator) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
+        self._keep_record(folder)
         camera = self.open_camera(camera_source)
-        summary = resume_folder(folder, watch, vehicle=self.vehicle, camera=camera, operator=operator)
+        summary = resume_folder(
+            folder, watch, vehicle=self.vehicle, camera=camera, operator=self._heeding(operator)
+        )
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
+
+    def _heeding(self, operator: Operator) -> Operator:
+        """Whose "continue" takes the vehicle back from whoever flies it."""
+
+        def heed() -> str | None:
+            word = operator()
+            if word == "continue":
+                self.vehicle.regain()
+            return word
+
+        return heed
+
+    def _keep_record(self, folder: Path) -> None:
+        """The list, the autopilot's version and its parameters, in a file that nothing overwrites."""
+        record = {
+            "utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "autopilot": self.vehicle.link.newest("AUTOPILOT_VERSION"),
+            "checks": [asdict(check) for check in self._checks],
+            "parameters": self.vehicle.link.parameters(_PARAMETERS_S),
+        }
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            names = (folder / f"preflight{k}.json" for k in ("", *(f"-{n}" for n in range(2, 10_000))))
+            path = next(path for path in names if not path.exists())
+            path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"{folder}: cannot be written ({error.strerror}); write another --out") from None
 
     def open_camera(self, source: str) -> Camera | None:
         """The camera of that name, None for the rendered one. Raises UserError where it shows nothing."""
@@ -118,3 +192,18 @@ class Px4Flight:
     def __exit__(self, *_: object) -> None:
         with self._ending:
             self.vehicle.close()
+
+
+def _along(places_xy_m: NDArray[np.float64], home_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 2) samples of the ways from each place to home."""
+    steps = max(2, int(np.linalg.norm(places_xy_m - home_xy_m, axis=1).max() / _STEP_M))
+    shares = np.linspace(0.0, 1.0, steps)[:, None, None]
+    return (home_xy_m + shares * (places_xy_m - home_xy_m)).reshape(-1, 2)
+
+
+def _storage(folder: Path) -> Check:
+    """Of this computer, where the run is written."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    free = shutil.disk_usage(there).free
+    passed = False if free < _LITTLE_BYTES else None if free < _FEW_BYTES else True
+    return Check("storage", passed, f"{free / 1e9:.1f} GB free for the run")

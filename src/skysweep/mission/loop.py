@@ -19,6 +19,7 @@ from skysweep.mission.notes import Notes
 from skysweep.mission.safety import CHECK_PERIOD_S, Action, Alarm, Guard, Phase
 from skysweep.scenarios.model import Scenario
 from skysweep.types import (
+    XY,
     Command,
     Detections,
     Event,
@@ -40,6 +41,9 @@ Operator = Callable[[], str | None]
 _LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
+_CLIMBS_MPS = 1.0  # horizontally
+_DISPLACED_M = 10.0  # by somebody else, or by what the autopilot did while the link was lost
+_BACK_M = 2.0
 _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
@@ -119,6 +123,8 @@ class _Flight:
         self._refused = False
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the last setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
+        self._left_xy: XY | None = None  # where the search was at its last step
+        self._going_back = False
 
     def refuse_before_take_off(self) -> None:
         """Raises UserError."""
@@ -164,6 +170,14 @@ class _Flight:
         latest_s = state.time_s + longest_s
         while self._altitude_agl_m(state) < altitude - 1.0:
             alarm = self._look_after(state, "TAKEOFF")
+            if alarm.action is Action.KEEP_OUT:
+                state = self._keep_out(state, "TAKEOFF")
+                if not state.airborne:
+                    return alarm
+                x, y, _ = state.position_enu_m.tolist()
+                vehicle.command(self._setpoint(state, Waypoint((x, y), altitude, _CLIMBS_MPS)))
+                latest_s = state.time_s + longest_s
+                continue
             if state.time_s + state.silent_s > latest_s:
                 alarm = Alarm(Action.LAND, "take-off", f"Not up after {longest_s:.0f} s: landing.")
                 self._notes.safety(state.time_s, alarm)
@@ -180,6 +194,11 @@ class _Flight:
         done_s = math.inf  # when the strategy had nothing more to do
         while True:
             alarm = self._look_after(state, "SEARCH")
+            if alarm.action is Action.KEEP_OUT:
+                state = self._keep_out(state, "SEARCH")
+                if not state.airborne:
+                    return alarm
+                continue
             if alarm.action > Action.HOLD:
                 return alarm
             detections = self._look(state)
@@ -188,6 +207,9 @@ class _Flight:
                 state = self._pass_time(state, "HOLD", detections)
                 continue
             self._holding = False
+            if self._goes_back(state):
+                state = self._pass_time(state, self._mode, detections)
+                continue
             observation = self._observation(state, detections)
             command = m.strategy.step(observation)
             self._mode = command.mode
@@ -213,6 +235,11 @@ class _Flight:
         state = m.vehicle.state()
         while math.dist(state.position_enu_m[:2].tolist(), home) > _HOME_ACCEPTANCE_M:
             alarm = self._look_after(state, "RETURN")
+            if alarm.action is Action.KEEP_OUT:
+                state = self._keep_out(state, "RETURN")
+                if not state.airborne:
+                    return
+                continue
             if alarm.action is Action.LAND:
                 return
             if alarm.action is Action.HOLD:
@@ -226,6 +253,9 @@ class _Flight:
         self._m.vehicle.land()
         state = self._m.vehicle.state()
         while state.airborne:
+            if state.taken_over:
+                state = self._keep_out(state, "RETURN")
+                self._m.vehicle.land()
             state = self._pass_time(state, "LAND")
 
     # ---- the steps ---------------------------------------------------------------------------------------
@@ -303,6 +333,28 @@ class _Flight:
         if self._sent is None or self._sent[0] != asked:
             self._sent = asked, Setpoint(np.array(asked[:3]), waypoint.speed_mps, self._m.yaw_rad)
         return self._sent[1]
+
+    def _keep_out(self, state: VehicleState, phase: Phase) -> VehicleState:
+        """Commands nothing while somebody else flies; the state when they gave it back, or it stands."""
+        while state.taken_over and state.airborne:
+            self._look_after(state, phase)
+            state = self._pass_time(state, "HOLD", self._look(state))
+        self._look_after(state, phase)
+        return state
+
+    def _goes_back(self, state: VehicleState) -> bool:
+        """Whether it flies back to where the scan was interrupted: what lies in between was not seen."""
+        x, y, _ = state.position_enu_m.tolist()
+        away_m = 0.0 if self._left_xy is None else math.dist((x, y), self._left_xy)
+        limit_m = _BACK_M if self._going_back else _DISPLACED_M
+        self._going_back = self._mode == "SCAN" and away_m > limit_m
+        if self._left_xy is None or not self._going_back:
+            self._left_xy = (x, y)
+            return False
+        speed_mps = self._m.scenario.vehicle.cruise_speed_mps
+        back = Waypoint(self._left_xy, self._m.cover_altitude_agl_m, speed_mps)
+        self._m.vehicle.command(self._setpoint(state, back))
+        return True
 
     def _hold(self) -> None:
         if not self._holding:

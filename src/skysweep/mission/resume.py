@@ -103,17 +103,22 @@ def recorded_answers(records: Iterable[Record]) -> list[Answer]:
 
 
 class LaterVehicle:
-    """A vehicle whose time begins with its take-off, in a mission that has lasted ``earlier_s`` already."""
+    """A vehicle in a mission that has lasted ``earlier_s`` already: time stands still until it takes off."""
 
     def __init__(self, vehicle: Vehicle, earlier_s: float) -> None:
-        self._vehicle, self._earlier_s = vehicle, earlier_s
+        self._vehicle, self._earlier_s, self._flies = vehicle, earlier_s, False
         self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
-        self.takeoff, self.land = vehicle.takeoff, vehicle.land
+        self.land = vehicle.land
+
+    def takeoff(self, altitude_agl_m: float) -> None:
+        """The vehicle's own time begins with that."""
+        self._vehicle.takeoff(altitude_agl_m)
+        self._flies = True
 
     def state(self) -> VehicleState:
         """The vehicle's, in the mission's time."""
         state = self._vehicle.state()
-        return state._replace(time_s=state.time_s + self._earlier_s)
+        return state._replace(time_s=self._earlier_s + (state.time_s if self._flies else 0.0))
 
 
 def restored(mission: Mission, journal: FileJournal) -> Mission:

@@ -35,6 +35,7 @@ OVER = {
     "detector silent": "The detector answers again.",
     "wind": "The wind has dropped.",
     "operator": "The operator lets it go on.",
+    "taken over": "The vehicle was given back.",
 }  # what is told when a cause has passed that let the mission live
 
 
@@ -46,6 +47,7 @@ class Action(IntEnum):
     HOLD = 2
     RETURN = 3
     LAND = 4
+    KEEP_OUT = 5  # somebody else flies it: nothing is commanded until a person says continue
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,8 @@ class Guard:
         self._add_up_jumps(state)
         if self._is_calm(state, altitude_agl_m) and phase == "SEARCH":
             return ()
+        if state.taken_over:
+            return (Alarm(Action.KEEP_OUT, "taken over", _keeps_out(state.taken_over)),)
         found = [*self._link(state, now_s), *self._position(state, now_s), *self._battery(state, phase)]
         lost = any(a.cause in ("position lost", "position jump") for a in found)
         silent = any(a.cause == "telemetry silent" for a in found)
@@ -107,7 +111,8 @@ class Guard:
         self._x, self._y = x, y
         limits = self._limits
         return (
-            step_m > limits.position_jump_m
+            bool(state.taken_over)
+            or step_m > limits.position_jump_m
             or state.silent_s > limits.link_hold_s
             or state.position_std_m > limits.position_std_max_m
         )
@@ -158,6 +163,7 @@ class Guard:
             or self._word
             or self._jumped_m != (0.0, 0.0)
             or self._fence.exists
+            or bool(state.taken_over)
             or state.silent_s > limits.link_hold_s
             or state.position_std_m > limits.position_std_max_m
             or state.battery_remaining < limits.battery_low
@@ -269,9 +275,13 @@ class Guard:
             t0, x0, y0, vx0, vy0 = self._last
             mean_s = 0.5 * (state.time_s - t0)
             jump = (x - x0 - mean_s * (vx + vx0), y - y0 - mean_s * (vy + vy0))
-            steady = state.time_s - t0 <= _LONGEST_STEP_S
+            steady = 0.0 <= state.time_s - t0 <= _LONGEST_STEP_S
             least_m = 0.5 * self._limits.position_jump_m
             if steady and math.hypot(*jump) > least_m:
                 jumped = (self._jumped_m[0] + jump[0], self._jumped_m[1] + jump[1])
                 self._jumped_m = jumped if math.hypot(*jumped) > least_m else (0.0, 0.0)
         self._last = (state.time_s, x, y, vx, vy)
+
+
+def _keeps_out(why: str) -> str:
+    return f"Somebody else flies the vehicle ({why}): it is theirs until a person says continue."

@@ -57,6 +57,7 @@ _HOLD_S = 3.0  # on the wall: more is of no use to a mission that must go on
 _TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
 _HELLO_S = 1.0
+_CHECKS_S = 1.5  # on the wall, for the reasons against arming
 _POSITION_GAIN = 0.95  # MPC_XY_P
 _BRAKES_MPS2 = 3.0  # in a hover that begins at speed
 _OFFBOARD_BELOW_M = 5.0  # the height of a take-off, where Offboard takes over
@@ -157,6 +158,7 @@ class Px4Vehicle:
         if told.airborne:
             self._start_clock()
             self.command(self._above_here(altitude_agl_m))
+            self._state = self._look()
             return
         for left in reversed(range(_TAKE_OFF_TRIES)):
             self._arm()
@@ -218,6 +220,14 @@ class Px4Vehicle:
         """System and component that the gimbal obeys; (0, 0) is nobody, None where it does not say."""
         said = self.link.newest("GIMBAL_MANAGER_STATUS")
         return None if said is None else (said["primary_control_sysid"], said["primary_control_compid"])
+
+    def arming_checks(self) -> tuple[str, ...]:
+        """What speaks against arming, in PX4's words: it looks anew and says so."""
+        asked_s = self.link.now_s()
+        self.link.command(m.MAV_CMD_RUN_PREARM_CHECKS)
+        self.link.wait(lambda: False, _CHECKS_S)
+        said = self.link.warnings(asked_s)
+        return tuple(text for text in said if not text.startswith("Arming denied"))
 
     def wait_disarmed(self, seconds: float) -> bool:
         """Whether the motors stand still within so many seconds on the wall; then it stands by."""
@@ -329,8 +339,13 @@ class Px4Vehicle:
     # ---- inside: orders ------------------------------------------------------------------------------
 
     def _arm(self) -> None:
-        if not self.telemetry.armed:
+        if self.telemetry.armed:
+            return
+        try:
             self.link.order("arm", m.MAV_CMD_COMPONENT_ARM_DISARM, [1.0], lambda: self.telemetry.armed)
+        except UserError as error:
+            reasons = self.arming_checks()
+            raise UserError(f"{error}; {'; '.join(reasons)}" if reasons else str(error)) from None
 
     def _order_take_off(self, altitude_agl_m: float) -> None:
         told = self.telemetry

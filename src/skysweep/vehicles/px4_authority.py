@@ -18,6 +18,7 @@ from skysweep.vehicles.px4_telemetry import SILENCE_S, PxMode, Telemetry, mode_n
 RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints again
 _CATCH_UP_S = 1.0  # a link that was held up delivers the past first
 _CLOCK_SLACK_S = 0.3
+_RECENT_S = 10.0  # a warning that explains why
 _NO_STICKS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
 _STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
 
@@ -141,11 +142,11 @@ class Authority:
         return True
 
     def _give_up(self, mode: PxMode) -> None:
-        told = self._told
+        told, warnings = self._told, self._link.warnings(self._link.now_s() - _RECENT_S)
         if told.intended is not None and told.intended != Mode.OFFBOARD.value and told.intended == mode:
             why = "somebody chose that"
-        elif self._link.warnings:
-            why = f"the autopilot says: {'; '.join(self._link.warnings)}"
+        elif warnings:
+            why = f"the autopilot says: {'; '.join(warnings)}"
         else:
             why = "the autopilot or its pilot chose that"
         self.theirs = f"it is in {mode_name(mode)}: {why}"

@@ -63,6 +63,8 @@ _HEARD = (
     "PARAM_VALUE",
     *_OF_ANY_COMPONENT,
 )
+_TEXTS = 20  # kept
+_TEXT_CHARACTERS = 50  # in one message
 _WARNING = 4  # MAV_SEVERITY; smaller is worse
 _RESULTS = {1: "not now", 2: "denied", 3: "unsupported", 4: "failed"}  # MAV_RESULT
 
@@ -82,7 +84,8 @@ class Link:
         self._newest: dict[str, Fields] = {}
         self._heard_s: dict[str, float] = {}
         self._listeners: dict[str, list[Callable[[Fields], None]]] = {}
-        self._texts: deque[str] = deque(maxlen=5)
+        self._texts: deque[tuple[float, str]] = deque(maxlen=_TEXTS)
+        self._parts: dict[int, str] = {}  # of texts that come in several messages, by their id
         self._results: dict[int, int] = {}
         log_subscribe(lambda *_: True)
         configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
@@ -154,10 +157,9 @@ class Link:
         """Seconds since a kind was last heard; inf where it never was."""
         return self.now_s() - self.heard_s(name)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The newest warnings that the vehicle said, oldest first, each once."""
-        return tuple(dict.fromkeys(self._texts))
+    def warnings(self, since_s: float) -> tuple[str, ...]:
+        """Warnings that the vehicle said since then by ``now_s``, oldest first, each once."""
+        return tuple(dict.fromkeys(text for heard_s, text in self._texts if heard_s >= since_s))
 
     def parameter(self, name: str) -> float | None:
         """One of the vehicle's parameters, None where it does not say; asked twice, because radios lose."""
@@ -166,6 +168,20 @@ class Link:
             with suppress(MavsdkError):
                 return float(get(name))
         return None
+
+    def parameters(self, seconds: float) -> dict[str, float]:
+        """All of the vehicle's parameters by name; none where they do not come in that time."""
+        found: dict[str, float] = {}
+
+        def fetch() -> None:
+            with suppress(MavsdkError):
+                said = Param(self.system).get_all_params()
+                found.update({p.name: p.value for p in (*said.int_params, *said.float_params)})
+
+        thread = threading.Thread(target=fetch, name="parameters", daemon=True)
+        thread.start()
+        thread.join(seconds)
+        return dict(sorted(found.items()))
 
     def wait(self, condition: Callable[[], bool], seconds: float) -> bool:
         """Until ``condition`` is true after some message; False when ``seconds`` on the wall are over."""
@@ -185,12 +201,24 @@ class Link:
             self._newest[name] = fields
             self._heard_s[name] = self.now_s()
             if name == "STATUSTEXT" and fields["severity"] <= _WARNING:
-                self._texts.append(str(fields["text"]).strip())
+                self._take_text(fields)
             elif name == "COMMAND_ACK":
                 self._results[fields["command"]] = fields["result"]
             for listener in self._listeners.get(name, ()):
                 listener(fields)
             self._news.notify_all()
+
+    def _take_text(self, fields: Fields) -> None:
+        part, number = str(fields["text"]), int(fields.get("id", 0))
+        if number:
+            first = fields.get("chunk_seq", 0) == 0
+            part = self._parts[number] = part if first else self._parts.get(number, "") + part
+            if len(self._parts) > _TEXTS:
+                del self._parts[next(iter(self._parts))]
+            if len(str(fields["text"])) == _TEXT_CHARACTERS:
+                return
+        if part.strip():
+            self._texts.append((self.now_s(), part.strip()))
 
     # ---- speaking ------------------------------------------------------------------------------------
 
@@ -225,17 +253,17 @@ class Link:
         ``given_up`` is asked before the command is said again: someone else's will must not be overruled.
         Raises UserError with the vehicle's own reasons where it does not come to that in ``timeout_s``.
         """
-        self._texts.clear()
         self._results.pop(number, None)
         params = tuple(params)
-        end_s = self.now_s() + timeout_s
+        begun_s = self.now_s()
+        end_s = begun_s + timeout_s
         while self.now_s() < end_s:
             if given_up():
                 return False
             self.command(number, *params)
             if self.wait(lambda: done() or given_up(), _REPEAT_S):
                 return done()
-        reasons = list(self.warnings)
+        reasons = list(self.warnings(begun_s))
         result = self._results.get(number)
         if result is None:
             reasons.append("no answer")

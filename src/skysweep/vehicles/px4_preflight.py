@@ -15,8 +15,15 @@ GIMBAL_S = 5.0  # on the wall, until it looks where it was told
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
 _MAX_STD_M = 5.0
 _FIXES = {2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
-_OFFBOARD_LOST = {0: "Position", 1: "Altitude", 2: "Manual", 3: "Return", 4: "Land", 5: "Hold"}
+_OFFBOARD_LOST = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold"}
+_OFFBOARD_LOST |= {6: "Terminate", 7: "Disarm"}
 _WITHOUT_PILOT = (3, 4, 5)
+_FALLS = (6, 7)
+_STICKS_LOST = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6: "Disarm"}
+_STICKS_LOST_FALLS = (5, 6)
+_LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land"}
+_NO_FENCE = (0, 1)  # GF_ACTION that keeps nobody inside
+_FENCE_SLACK_M = 3.0  # that a flight may leave its path by
 _FENCE_ACTIONS = {0: "nothing", 1: "a warning", 2: "Hold", 3: "Return", 4: "Terminate", 5: "Land"}
 
 
@@ -29,10 +36,21 @@ class Check:
     said: str
 
 
+@dataclass(frozen=True, slots=True)
+class Demands:
+    """What a flight asks of the vehicle. Heights are above home."""
+
+    plan: QgcPlan
+    energy_share: float  # of a full battery, for the plan without checks
+    farthest_m: float  # from home, horizontally
+    highest_m: float
+    return_clear_m: float  # a Return at this height or higher meets no ground and no known obstacle
+
+
 def preflight(
-    vehicle: Px4Vehicle, plan: QgcPlan, needed_share: float, upload: bool, ready_s: float = READY_S
+    vehicle: Px4Vehicle, demands: Demands, upload: bool, ready_s: float = READY_S
 ) -> tuple[Check, ...]:
-    """The list for a flight that needs a share of a full battery. Waits ``ready_s`` for the vehicle.
+    """The list for a flight. Waits ``ready_s`` for the vehicle.
 
     ``upload``: have it stand by in Hold, and send the plan's fence and rally points when nothing else speaks
     against the flight. Without, only the gimbal is moved.
@@ -45,15 +63,19 @@ def preflight(
         Check("vehicle", True, f"{_version(vehicle)}, {vehicle.kind}"),
         _position(vehicle),
         _home(vehicle),
-        _battery(vehicle, needed_share),
+        _battery(vehicle, demands.energy_share),
+        _low_battery(vehicle),
         _mode(vehicle),
-        Check("ready", _is_ready(vehicle), "PX4 would arm" if _is_ready(vehicle) else "PX4 would not arm"),
-        _offboard_lost(vehicle),
+        _ready(vehicle),
+        _link_lost(vehicle),
+        _pilot(vehicle),
+        _return_altitude(vehicle, demands.return_clear_m),
+        _own_fence(vehicle, demands),
         _speed(vehicle),
         _gimbal(vehicle),
     ]
     blocked = any(check.passed is False for check in checks)
-    return (*checks, *_fence_and_rally(vehicle, plan, upload and not blocked))
+    return (*checks, *_fence_and_rally(vehicle, demands.plan, upload and not blocked))
 
 
 def _gimbal(vehicle: Px4Vehicle) -> Check:
@@ -92,6 +114,13 @@ def _is_ready(vehicle: Px4Vehicle) -> bool:
     return bool(health & m.MAV_SYS_STATUS_PREARM_CHECK)
 
 
+def _ready(vehicle: Px4Vehicle) -> Check:
+    if _is_ready(vehicle):
+        return Check("ready", True, "PX4 would arm")
+    reasons = "; ".join(vehicle.arming_checks())
+    return Check("ready", False, f"PX4 would not arm: {reasons or 'it does not say why'}")
+
+
 def _position(vehicle: Px4Vehicle) -> Check:
     std = vehicle.telemetry.position_std_m
     gps = vehicle.link.newest("GPS_RAW_INT") or {}
@@ -123,14 +152,66 @@ def _mode(vehicle: Px4Vehicle) -> Check:
     return Check("mode", not (told.armed or told.airborne), f"{mode}, {armed}, {where}")
 
 
-def _offboard_lost(vehicle: Px4Vehicle) -> Check:
-    action, after_s = vehicle.link.parameter("COM_OBL_RC_ACT"), vehicle.link.parameter("COM_OF_LOSS_T")
+def _low_battery(vehicle: Px4Vehicle) -> Check:
+    action = vehicle.link.parameter("COM_LOW_BAT_ACT")
+    if action is None:
+        return Check("low battery", None, "unknown: PX4 does not say COM_LOW_BAT_ACT")
+    said = f"PX4 answers with {_LOW_BATTERY.get(int(action), '?')}"
+    if int(action) == 0:
+        return Check("low battery", None, f"{said}: if this program ends, nothing brings it home")
+    return Check("low battery", True, said)
+
+
+def _link_lost(vehicle: Px4Vehicle) -> Check:
+    name, action = "link lost", vehicle.link.parameter("COM_OBL_RC_ACT")
+    after_s = vehicle.link.parameter("COM_OF_LOSS_T")
     if action is None or after_s is None:
-        return Check("if we fall silent", None, "unknown: PX4 does not say COM_OBL_RC_ACT")
+        return Check(name, None, "unknown: PX4 does not say COM_OBL_RC_ACT")
     said = f"{_OFFBOARD_LOST.get(int(action), '?')} after {after_s:g} s"
+    if int(action) in _FALLS:
+        return Check(name, False, f"{said}: the motors stop in the air; set COM_OBL_RC_ACT to 5 (Hold)")
     if int(action) in _WITHOUT_PILOT:
-        return Check("if we fall silent", True, said)
-    return Check("if we fall silent", None, f"{said}: wants a pilot with sticks; COM_OBL_RC_ACT 5 is Hold")
+        return Check(name, True, said)
+    return Check(name, None, f"{said}, for a pilot with sticks, who keeps it; COM_OBL_RC_ACT 5 is Hold")
+
+
+def _pilot(vehicle: Px4Vehicle) -> Check:
+    if not vehicle.telemetry.manual_control:
+        return Check("pilot", None, "no sticks are heard: nobody can take over by hand")
+    action = int(vehicle.link.parameter("NAV_RCL_ACT") or 0)
+    said = f"sticks are heard; when they are lost: {_STICKS_LOST.get(action, '?')}"
+    if action in _STICKS_LOST_FALLS:
+        return Check("pilot", False, f"{said}: the motors stop in the air; set NAV_RCL_ACT to 2 (Return)")
+    return Check("pilot", True, said)
+
+
+def _return_altitude(vehicle: Px4Vehicle, clear_m: float) -> Check:
+    name, altitude_m = "return altitude", vehicle.link.parameter("RTL_RETURN_ALT")
+    if altitude_m is None:
+        return Check(name, None, "unknown: PX4 does not say RTL_RETURN_ALT")
+    said = f"PX4 returns {altitude_m:g} m above home"
+    if altitude_m < clear_m:
+        needed_m = math.ceil(clear_m)
+        return Check(
+            name, False, f"{said}, too low for what lies on the way; set RTL_RETURN_ALT to {needed_m}"
+        )
+    return Check(name, True, said)
+
+
+def _own_fence(vehicle: Px4Vehicle, demands: Demands) -> Check:
+    """The vehicle's own limits around home (GF_MAX_*), which count besides the fence that is uploaded."""
+    limits = {
+        "GF_MAX_HOR_DIST": demands.farthest_m + _FENCE_SLACK_M,
+        "GF_MAX_VER_DIST": demands.highest_m + _FENCE_SLACK_M,
+    }
+    said = []
+    for name, needed_m in limits.items():
+        limit_m = vehicle.link.parameter(name)
+        if limit_m is not None and 0.0 < limit_m < needed_m:
+            text = f"{name} is {limit_m:g} m, the flight needs {math.ceil(needed_m)}"
+            return Check("own fence", False, f"{text}; raise it, or search a smaller area")
+        said.append(f"{name} " + {None: "unknown", 0.0: "off"}.get(limit_m, f"{limit_m or 0.0:g} m"))
+    return Check("own fence", True, ", ".join(said))
 
 
 def _speed(vehicle: Px4Vehicle) -> Check:
@@ -142,14 +223,14 @@ def _speed(vehicle: Px4Vehicle) -> Check:
 
 def _fence_and_rally(vehicle: Px4Vehicle, plan: QgcPlan, upload: bool) -> tuple[Check, Check]:
     has_fence = bool(plan.geoFence.polygons or plan.geoFence.circles)
-    action = vehicle.link.parameter("GF_ACTION") if has_fence else None
+    action = vehicle.link.parameter("GF_ACTION")
     then = "" if action is None else f"; crossing it: {_FENCE_ACTIONS.get(int(action), '?')}"
     n_fence, n_rally = upload_fence_and_rally(vehicle.link, plan) if upload else (0, 0)
     if not has_fence:
         fence = Check("fence", None, "none in the plan; the vehicle keeps its own")
     else:
         said = f"{n_fence} corners uploaded and read back" if n_fence else "not uploaded"
-        fence = Check("fence", True, said + then)
+        fence = Check("fence", None if action in _NO_FENCE else True, said + then)
     n = len(plan.rallyPoints.points)
     said = f"{n_rally} uploaded" if n_rally else f"{n or 'none'} in the plan"
     return fence, Check("rally points", True, said)
