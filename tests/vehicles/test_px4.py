@@ -26,7 +26,7 @@ from skysweep.vehicles.mavlink.px4 import Mode
 from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer
 from skysweep.vehicles.px4 import Px4Vehicle, names_its_place, placed
 from skysweep.vehicles.px4_offboard import horizontal_velocity_enu_mps
-from skysweep.vehicles.px4_preflight import preflight
+from skysweep.vehicles.px4_preflight import Demands, preflight
 from skysweep.vehicles.px4_telemetry import Anchor, Telemetry
 
 SPEED = 5.0
@@ -59,6 +59,10 @@ def fly_until(vehicle, condition, longest_s=120.0):
     while not condition(vehicle.state()):
         vehicle.advance(0.1)
         assert vehicle.state().time_s < end_s, vehicle.state()
+
+
+def demands(plan, energy_share=0.1, farthest_m=100.0, highest_m=20.0, return_clear_m=10.0):
+    return Demands(plan, energy_share, farthest_m, highest_m, return_clear_m)
 
 
 def hovering(vehicle, up=8.0):
@@ -189,9 +193,9 @@ def test_it_takes_off_flies_waits_lands_and_stands_by():
         truth = pilot.state.position_enu_m
         assert np.linalg.norm(vehicle.state().position_enu_m - truth) < 2.0
         vehicle.hold()
-        assert pilot.mode is Mode.HOLD
-        vehicle.command(setpoint(20.0, 10.0, 8.0))
+        fly_until(vehicle, lambda s: np.linalg.norm(s.velocity_enu_mps) < 0.3)
         assert pilot.mode is Mode.OFFBOARD
+        vehicle.command(setpoint(20.0, 10.0, 8.0))
         fly_until(vehicle, lambda s: distance(s, 20.0, 10.0, 8.0) < 1.0)
         vehicle.land()
         fly_until(vehicle, lambda s: not s.airborne)
@@ -221,30 +225,46 @@ def test_the_gimbal_is_pointed_and_believed():
 def test_preflight_says_whose_the_gimbal_is():
     with connected() as (vehicle, server):
         plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])
-        (check,) = [c for c in preflight(vehicle, plan, 0.1, upload=False) if c.name == "gimbal"]
+        (check,) = [c for c in preflight(vehicle, demands(plan), False) if c.name == "gimbal"]
         assert (check.passed, check.said) == (True, "ours, looks to -90 degrees, told -90")
         server.face.payload.control = 7, 1
         assert vehicle.link.wait(lambda: vehicle.gimbal_obeys == (7, 1), 10.0)
-        (check,) = [c for c in preflight(vehicle, plan, 0.1, upload=False) if c.name == "gimbal"]
+        (check,) = [c for c in preflight(vehicle, demands(plan), False) if c.name == "gimbal"]
         assert check.passed is False
         assert check.said.startswith("obeys 7/1, not us (245/190)")
 
 
-def test_whoever_takes_it_over_keeps_it():
+def test_whoever_takes_it_over_keeps_it_until_a_person_gives_it_back():
     with connected() as (vehicle, server):
         pilot = server.face.pilot
         hovering(vehicle)
         vehicle.command(setpoint(15.0, 0.0, 8.0))
         vehicle.advance(1.0)
         pilot.change_mode(Mode.RETURN)
-        with pytest.raises(UserError, match=r"is in Return .* keeps out"):
-            fly_until(vehicle, lambda _: False, 20.0)
-        vehicle.hold()
-        with pytest.raises(UserError, match="theirs"):
-            vehicle.command(setpoint(15.0, 0.0, 8.0))
+        fly_until(vehicle, lambda s: s.taken_over, 20.0)
+        assert "Return" in vehicle.state().taken_over
+        for order in (vehicle.hold, vehicle.land, lambda: vehicle.command(setpoint(15.0, 0.0, 8.0))):
+            order()
+            vehicle.advance(0.5)
+            assert pilot.mode in (Mode.RETURN, Mode.LAND)
+        vehicle.regain()
+        vehicle.advance(0.5)
+        assert (pilot.mode, vehicle.state().taken_over) == (Mode.OFFBOARD, "")
+        pilot.change_mode(Mode.RETURN)
+        fly_until(vehicle, lambda s: s.taken_over, 20.0)
         vehicle.close()
         time.sleep(0.5)
         assert pilot.mode in (Mode.RETURN, Mode.LAND)
+
+
+def test_a_hold_during_take_off_is_somebody_elses():
+    with connected() as (vehicle, server):
+        vehicle.takeoff(20.0)
+        server.face.pilot.change_mode(Mode.HOLD)
+        fly_until(vehicle, lambda s: s.taken_over, 10.0)
+        vehicle.command(setpoint(15.0, 0.0, 8.0))
+        vehicle.advance(1.0)
+        assert server.face.pilot.mode is Mode.HOLD
 
 
 def test_its_end_hands_over_to_hold():
@@ -322,11 +342,11 @@ def test_the_preflight_list_and_the_fence_that_it_uploads():
     )
     with connected(of) as (vehicle, server):
         plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])
-        looked = {check.name: check for check in preflight(vehicle, plan, 0.3, upload=False)}
+        looked = {check.name: check for check in preflight(vehicle, demands(plan), False)}
         assert all(check.passed is not False for check in looked.values()), looked
         assert "not uploaded" in looked["fence"].said
         assert server.face.pilot.fence.inside == ()
-        sent = {check.name: check for check in preflight(vehicle, plan, 0.3, upload=True)}
+        sent = {check.name: check for check in preflight(vehicle, demands(plan), True)}
         assert "7 corners uploaded" in sent["fence"].said
         fence = server.face.pilot.fence
         assert fence.allows(np.array([140.0, 80.0, 0.0]))
@@ -339,7 +359,7 @@ def test_a_battery_that_is_not_enough_stops_it_before_the_fence_is_sent():
     of = scenario(geofence_enu_m=[[-30, -30], [150, -30], [150, 110], [-30, 110]])
     with connected(of) as (vehicle, server):
         plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])
-        (battery,) = (c for c in preflight(vehicle, plan, 0.95, upload=True) if c.passed is False)
+        (battery,) = (c for c in preflight(vehicle, demands(plan, 0.95), True) if c.passed is False)
         assert battery.name == "battery"
         assert server.face.pilot.fence.inside == ()
 
