@@ -7,7 +7,7 @@ import socket
 import time
 
 import numpy as np
-from pymavlink.dialects.v20 import common as m
+from pymavlink.dialects.v20 import development as m
 
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.embedded import embedded_vehicle
@@ -26,6 +26,7 @@ CALM = {
     "search": {"scan_altitude_agl_m": 20.0},
 }
 OFFBOARD, HOLD, MISSION, RETURN, LAND = (6, 0), (4, 3), (4, 4), (4, 5), (4, 6)
+POSITION, ALTITUDE, STABILIZED, TERMINATION = (3, 0), (2, 0), (7, 0), (10, 0)
 POSITION_ONLY, VELOCITY_ONLY = 0b1101_1111_1000, 0b1101_1100_0111
 
 
@@ -139,11 +140,11 @@ class Program:
         return " ".join(h.text for h in self.of("STATUSTEXT"))
 
     def command(self, number: int, *params: float, component: int = 1) -> int:
-        """The result of a COMMAND_LONG."""
+        """The result of a COMMAND_LONG, the second one of a mode: PX4's link answers first."""
         params = (*params, *[0.0] * (7 - len(params)))
-        (ack,) = self.answers(m.MAVLink_command_long_message(1, component, number, 0, *params), "COMMAND_ACK")
-        assert ack.command == number
-        return ack.result
+        acks = self.answers(m.MAVLink_command_long_message(1, component, number, 0, *params), "COMMAND_ACK")
+        assert [a.command for a in acks] == [number] * (2 if number == m.MAV_CMD_DO_SET_MODE else 1)
+        return acks[-1].result
 
     def mode(self, main: int, sub: int) -> int:
         return self.command(m.MAV_CMD_DO_SET_MODE, 1, main, sub)

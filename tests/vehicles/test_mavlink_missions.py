@@ -219,25 +219,6 @@ def test_the_nearest_rally_point_is_where_it_returns(sky, gcs):
     assert sky.ned[:2] == pytest.approx([0.0, 60.0], abs=1.2)
 
 
-@pytest.mark.parametrize(("action", "mode"), [(1, "OFFBOARD"), (2, "HOLD"), (3, "RETURN"), (5, "LAND")])
-def test_crossing_the_fence_does_what_gf_action_says(sky, gcs, action, mode):
-    from mavlink_clients import OFFBOARD, VELOCITY_ONLY, local
-
-    gcs.set("GF_ACTION", action)
-    assert gcs.upload(square(sky, 20.0), FENCE) == ACCEPTED
-    gcs.take_off(8.0)
-    east = local(0, 0, 0, VELOCITY_ONLY, velocity=(0.0, 5.0, 0.0))
-    gcs.say(east)
-    assert gcs.mode(*OFFBOARD) == 0
-    while sky.ned[1] < 21.5:
-        sky.fly_streaming(gcs, east, 0.1)
-    assert sky.pilot.mode.name == mode
-    assert "Geofence" in gcs.texts()
-    if mode == "HOLD":
-        sky.fly(15.0)
-        assert sky.ned[1] < 27.5
-
-
 @pytest.mark.parametrize("limit", ["GF_MAX_HOR_DIST", "GF_MAX_VER_DIST"])
 def test_farther_or_higher_than_allowed_is_outside_too(sky, gcs, limit):
     gcs.set(limit, 15.0)

@@ -8,16 +8,23 @@ from typing import Protocol
 import numpy as np
 
 from skysweep.types import Setpoint, Vehicle
+from skysweep.vehicles.mavlink.failsafes import CRITICAL_BATTERY, Action, Failsafes, Health, why_not
 from skysweep.vehicles.mavlink.items import NO_FENCE, Fence
-from skysweep.vehicles.mavlink.link import NOTICE, WARNING
+from skysweep.vehicles.mavlink.link import NOTICE
 from skysweep.vehicles.mavlink.manoeuvres import Hold, Land, Return, TakeOff
 from skysweep.vehicles.mavlink.mission_run import MissionRun
 from skysweep.vehicles.mavlink.offboard import Offboard
 from skysweep.vehicles.mavlink.parameters import Parameters
-from skysweep.vehicles.mavlink.px4 import F64, Mode, Refused, Site
+from skysweep.vehicles.mavlink.px4 import F64, STICK_MODES, Mode, Refused, Site
+from skysweep.vehicles.mavlink.sticks import ByStick, Sticks
 
 _TAKE_OFF_RAMP_S = 4.0  # COM_SPOOLUP_TIME and MPC_TKO_RAMP_T
-_FORGOTTEN_ON_DISARM = (Mode.TAKEOFF, Mode.MISSION, Mode.RETURN, Mode.LAND)
+_NOT_FROM_THE_GROUND = (Mode.RETURN, Mode.LAND, Mode.TERMINATION)
+_FENCE_EVERY_S = 0.2
+_WITHOUT_GNSS_S = 5.0  # EKF2_NOAID_TOUT: how long the estimator knows where it is
+_WITH_GNSS_S = 2.0  # until it knows again; measured
+_OVERRIDE_AUTO, _OVERRIDE_OFFBOARD = 1, 2  # COM_RC_OVERRIDE
+_BATTERY_LIMITS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
 
 
 class Manoeuvre(Protocol):
@@ -26,15 +33,32 @@ class Manoeuvre(Protocol):
     def step(self, pilot: Autopilot) -> None: ...
 
 
+_MANOEUVRES: dict[Mode, Callable[[], Manoeuvre]] = {
+    Mode.HOLD: Hold,
+    Mode.TAKEOFF: TakeOff,
+    Mode.RETURN: Return,
+    Mode.LAND: Land,
+    Mode.POSITION: ByStick,
+    Mode.ALTITUDE: ByStick,
+    Mode.STABILIZED: ByStick,
+    Mode.TERMINATION: Land,
+}
+
+
 class Autopilot:
-    """Flies ``vehicle`` by PX4's modes. ``say(text, severity)`` tells every listener."""
+    """Flies ``vehicle`` by PX4's modes. ``say(text, severity)`` tells every listener.
+
+    ``intended`` is the mode that somebody chose, ``mode`` the one that is flown: another one in a failsafe.
+    ``gnss_lost`` and ``battery_share`` (None: the vehicle's own) are for tests to set.
+    """
 
     def __init__(
         self, vehicle: Vehicle, site: Site, parameters: Parameters, say: Callable[[str, int], None]
     ) -> None:
         self.site, self.parameters, self.say = site, parameters, say
         self.state = vehicle.state()
-        self.mode, self.armed, self.failsafe = Mode.HOLD, False, False
+        self.intended = self.mode = Mode.HOLD
+        self.armed = False
         self.flying = False  # from the order to take off until touchdown
         self.landing = False
         self.setpoint: Setpoint | None = None
@@ -44,9 +68,18 @@ class Autopilot:
         self.rally_enu_m: tuple[F64, ...] = ()
         self.mission = MissionRun()
         self.offboard = Offboard()
+        self.sticks = Sticks()
+        self.gnss_lost = False
+        self.battery_share: float | None = None
         self._vehicle = vehicle
         self._doing: Manoeuvre = Hold()
+        self._failsafes = Failsafes(parameters, say)
+        self._after_disarm: Mode | None = None  # None: nobody ever chose a mode
         self._armed_s = self._lifted_s = self._landed_s = -np.inf
+        self.position_lost = False  # the estimator's
+        self._gnss_s = 0.0  # when that last was as it should be with the GNSS there is
+        self._outside, self._fence_next_s = False, 0.0
+        self._battery_level = 0
 
     # ---- time ----------------------------------------------------------------------------------------
 
@@ -59,6 +92,8 @@ class Autopilot:
             self._landed_s = self.time_s
             self.setpoint = None
             self.say("landed", NOTICE)
+        self._look_around()
+        self._decide(duration_s, sticks=self._take_over_by_stick())
         if self.armed:
             self._doing.step(self)
             self._disarm_when_idle()
@@ -90,60 +125,156 @@ class Autopilot:
         """Whether the gentle beginning of a take-off is still under way."""
         return self.flying and not (self.state.airborne and self.time_s - self._lifted_s >= _TAKE_OFF_RAMP_S)
 
+    @property
+    def failsafe(self) -> bool:
+        """Whether a failsafe flies."""
+        return self._failsafes.action > Action.WARN
+
+    @property
+    def battery_remaining(self) -> float:
+        """0..1."""
+        return self.state.battery_remaining if self.battery_share is None else self.battery_share
+
     # ---- orders --------------------------------------------------------------------------------------
 
     def arm(self) -> None:
         """Raises Refused with the reason that speaks against it."""
         if self.armed:
             return
-        if self.mode in (Mode.RETURN, Mode.LAND):
-            raise Refused("Arming denied: not in this mode, choose Hold")
-        if self.parameters["GF_ACTION"] > 0 and self.outside_fence():
-            raise Refused("Arming denied: outside the geofence")
-        if self.state.battery_remaining < self.parameters["BAT_CRIT_THR"]:
-            raise Refused("Arming denied: battery")
+        why = self.why_not_arm()
+        if why is not None:
+            raise Refused(f"Arming denied: {why}")
         self.armed, self._armed_s = True, self.time_s
         self.home_enu_m = self.state.position_enu_m
         self.say("armed", NOTICE)
 
-    def disarm(self) -> None:
-        """Raises Refused in the air: this vehicle does not let itself fall."""
+    def why_not_arm(self) -> str | None:
+        """What speaks against arming now."""
         if self.flying:
+            return "still coming down"
+        if self.mode in _NOT_FROM_THE_GROUND:
+            return "not in this mode, choose Hold"
+        if self.parameters["GF_ACTION"] > 0 and self.outside_fence():
+            return "outside the geofence"
+        if self._battery_level >= CRITICAL_BATTERY:
+            return "battery"
+        return self._why_not(self.mode)
+
+    def disarm(self, forced: bool = False) -> None:
+        """Raises Refused in the air unless ``forced``: then it comes down, its motors do not stop."""
+        if self.flying and not forced:
             raise Refused("Disarming denied: not landed")
         if not self.armed:
             return
-        self.armed = self.failsafe = False
+        self.armed = False
         self.speed_mps = None
-        if self.mode in _FORGOTTEN_ON_DISARM:
-            self.enter(Mode.HOLD, Hold())
         self.say("disarmed", NOTICE)
+        if self.flying:
+            self.touch_down()
+        self.enter(self._after_disarm or Mode.HOLD)
 
-    def change_mode(self, mode: Mode) -> None:
-        """Raises Refused where the mode cannot be had now."""
-        if mode is self.mode and mode is not Mode.HOLD:
-            return
-        doing: Manoeuvre
-        if mode is Mode.OFFBOARD:
-            if not self.offboard.is_fresh(self):
-                raise Refused("Offboard needs a stream of setpoints first")
-            doing = self.offboard
-        elif mode is Mode.MISSION:
-            self.mission.begin(self)
-            doing = self.mission
-        else:
-            doing = {Mode.HOLD: Hold, Mode.TAKEOFF: TakeOff, Mode.RETURN: Return, Mode.LAND: Land}[mode]()
-        self.failsafe = False
+    def change_mode(self, mode: Mode, doing: Manoeuvre | None = None) -> None:
+        """Somebody chooses ``mode``, flown by ``doing``. Raises Refused where it cannot be had now."""
+        if self.mode is Mode.TERMINATION:
+            raise Refused("flight terminated")
+        if self.armed and mode is not Mode.LAND:  # which is always accepted
+            why = self._why_not(mode)
+            if why is not None:
+                raise Refused(f"{mode.name.title()} denied: {why}")
         self.enter(mode, doing)
 
-    def enter(self, mode: Mode, doing: Manoeuvre) -> None:
-        """Goes into a mode whose conditions are met."""
-        self.mode, self._doing = mode, doing
+    def enter(self, mode: Mode, doing: Manoeuvre | None = None) -> None:
+        """``mode`` is wanted from now on, and flown by ``doing`` unless a failsafe flies."""
+        if doing is None:
+            doing = self._doing if mode is self.mode and self._goes_on(mode) else self._manoeuvre(mode)
+        self._intend(mode)
+        self._decide(0.0, asked=True)
+        if self.mode is mode:
+            self._doing = doing
 
-    def take_failsafe(self, mode: Mode, why: str) -> None:
-        """Goes into a mode that nobody asked for."""
-        self.failsafe = True
-        self.enter(mode, {Mode.HOLD: Hold, Mode.RETURN: Return, Mode.LAND: Land}[mode]())
-        self.say(f"{why}: {mode.name.lower()}", WARNING)
+    def _goes_on(self, mode: Mode) -> bool:
+        """Whether choosing the mode that is flown changes nothing."""
+        return mode is not Mode.HOLD and not (mode is Mode.MISSION and self.mission.finished)
+
+    def _intend(self, mode: Mode) -> None:
+        self.intended = mode
+        if mode is Mode.TERMINATION or mode not in (*_NOT_FROM_THE_GROUND, Mode.TAKEOFF):
+            self._after_disarm = mode
+
+    # ---- what is flown -------------------------------------------------------------------------------
+
+    def _decide(self, elapsed_s: float, asked: bool = False, sticks: bool = False) -> None:
+        """Flies the mode that failsafes leave."""
+        failsafes = self._failsafes
+        intended = failsafes.update(self.armed, self.intended, asked, sticks, self._health(), elapsed_s)
+        if intended is not self.intended:
+            self._intend(intended)
+        if failsafes.action is Action.DISARM:
+            self.disarm(forced=True)
+            return
+        mode = failsafes.mode(intended)
+        if mode is not self.mode:
+            self.mode, self._doing = mode, self._manoeuvre(mode)
+
+    def _manoeuvre(self, mode: Mode) -> Manoeuvre:
+        if mode is Mode.OFFBOARD:
+            return self.offboard
+        if mode is Mode.MISSION:
+            self.mission.begin()
+            return self.mission
+        return _MANOEUVRES[mode]()
+
+    def _take_over_by_stick(self) -> bool:
+        """Lets moving sticks choose Position; whether they moved while a failsafe flies instead."""
+        self.sticks.tick(self.time_s, self.parameters["COM_RC_LOSS_T"], self.parameters["COM_RC_STICK_OV"])
+        if not self.armed:
+            if not self.sticks.lost and self._after_disarm is None:
+                self.enter(Mode.POSITION)
+            return False
+        if not self.sticks.moving or self.mode in (*STICK_MODES, Mode.TERMINATION):
+            return False
+        bit = _OVERRIDE_OFFBOARD if self.mode is Mode.OFFBOARD else _OVERRIDE_AUTO
+        if not int(self.parameters["COM_RC_OVERRIDE"]) & bit:
+            return False
+        if not self.failsafe:
+            self.say("pilot took over with sticks", NOTICE)
+            self.enter(Mode.POSITION)
+            return False
+        return True
+
+    def _why_not(self, mode: Mode) -> str | None:
+        """What speaks against choosing a mode."""
+        if mode in STICK_MODES and self.sticks.lost:
+            return "no manual control"
+        if mode is Mode.OFFBOARD and not self.offboard.is_fresh(self):
+            return "no stream of setpoints"
+        if mode is Mode.MISSION:
+            why = self.mission.why_not(self)
+            if why is not None:
+                return why
+        return why_not(mode, self._health())
+
+    def _health(self) -> Health:
+        return Health(
+            setpoints_lost=self.position_lost or not self.offboard.is_fresh(self),
+            sticks_lost=self.sticks.lost,
+            position_lost=self.position_lost,
+            outside_fence=self._outside,
+            battery_level=self._battery_level,
+        )
+
+    def _look_around(self) -> None:
+        """Looks after GNSS, fence and battery; the battery's level does not get better in flight."""
+        if self.gnss_lost == self.position_lost:
+            self._gnss_s = self.time_s
+        elif self.time_s - self._gnss_s > (_WITHOUT_GNSS_S if self.gnss_lost else _WITH_GNSS_S):
+            self.position_lost = self.gnss_lost
+        if self.time_s >= self._fence_next_s:
+            self._fence_next_s = self.time_s + _FENCE_EVERY_S
+            self._outside = self.flying and self.parameters["GF_ACTION"] > 0 and self.outside_fence()
+        share = self.battery_remaining
+        level = sum(share < self.parameters[name] for name in _BATTERY_LIMITS)
+        self._battery_level = max(level, self._battery_level) if self.armed else level
 
     def outside_fence(self, position_enu_m: F64 | None = None) -> bool:
         """Whether a position (default: the vehicle's) is beyond the fence or farther than GF_MAX_*."""

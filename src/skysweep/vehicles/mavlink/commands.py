@@ -13,16 +13,28 @@ from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.items import ABOVE_HOME
 from skysweep.vehicles.mavlink.link import Sender
 from skysweep.vehicles.mavlink.manoeuvres import Hold, TakeOff
-from skysweep.vehicles.mavlink.px4 import CAMERA, F64, Mode, Refused, finite, mode_of, whole
+from skysweep.vehicles.mavlink.px4 import (
+    AUTOPILOT,
+    CAMERA,
+    F64,
+    STICK_MODES,
+    Mode,
+    Refused,
+    finite,
+    mode_of,
+    whole,
+)
 from skysweep.vehicles.mavlink.wire import Message
 
 if TYPE_CHECKING:
     from skysweep.vehicles.mavlink.face import Face
 
 _OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
-_UNSUPPORTED = m.MAV_RESULT_UNSUPPORTED
+_UNSUPPORTED, _FAILED = m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_FAILED
+_TERMINATES = 0.5  # MAV_CMD_DO_FLIGHTTERMINATION, above it
+_FORCED = 21196  # MAV_CMD_COMPONENT_ARM_DISARM
 _FARTHEST_HOME_M = 100_000.0
-_ALWAYS_ALLOWED = (Mode.HOLD, Mode.RETURN, Mode.LAND)  # to whoever asks, whoever is in control
+_ALWAYS_ALLOWED = (*STICK_MODES, Mode.HOLD, Mode.RETURN, Mode.LAND)  # to whoever asks, whoever is in control
 
 
 class _Denied(Refused):
@@ -57,6 +69,7 @@ class Commands:
         self._do: dict[int, Callable[[Order], int | None]] = {
             m.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             m.MAV_CMD_DO_SET_MODE: self._set_mode,
+            m.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
             m.MAV_CMD_NAV_TAKEOFF: self._take_off,
             m.MAV_CMD_NAV_LAND: lambda order: self._change(Mode.LAND, order.sender),
             m.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda order: self._change(Mode.RETURN, order.sender),
@@ -90,6 +103,8 @@ class Commands:
         """Carries out a command and acknowledges it; the reason of a refusal goes with it as a text."""
         to_camera = message.target_component == CAMERA
         do = (self._of_camera if to_camera else self._do).get(message.command)
+        if do == self._set_mode:  # PX4's link answers before its commander, which answers again
+            self._acknowledge(message, _OK, sender)
         result = _UNSUPPORTED
         if do is not None:
             try:
@@ -98,10 +113,13 @@ class Commands:
             except Refused as why:
                 result = _DENIED if isinstance(why, _Denied) else _LATER
                 sender.tell(str(why))
+        self._acknowledge(message, result, sender)
+
+    def _acknowledge(self, message: Message, result: int, sender: Sender) -> None:
         acknowledgement = m.MAVLink_command_ack_message(
             message.command, result, _NOT_GIVEN, 0, sender.system, sender.component
         )
-        sender.reply(acknowledgement, CAMERA if to_camera else message.target_component or 1)
+        sender.reply(acknowledgement, message.target_component or AUTOPILOT)
 
     # ---- arming and modes ----------------------------------------------------------------------------
 
@@ -112,8 +130,12 @@ class Commands:
         if wanted:
             self._pilot.arm()
         else:
-            self._pilot.disarm()
+            self._pilot.disarm(forced=whole(order.params[1]) == _FORCED)
         return None
+
+    def _terminate(self, order: Order) -> None:
+        if order.params[0] > _TERMINATES:
+            self._pilot.change_mode(Mode.TERMINATION)
 
     def _set_mode(self, order: Order) -> int | None:
         base, main, sub = (whole(v) for v in order.params[:3])
@@ -147,10 +169,10 @@ class Commands:
         altitude = None
         if finite(order.z) and order.z != 0.0:
             altitude = float(self._place(order.frame, 0.0, 0.0, order.z)[2])
-        if altitude is None and self._pilot.mode is Mode.TAKEOFF:
+        if altitude is None:
+            self._pilot.change_mode(Mode.TAKEOFF)
             return
-        self._pilot.failsafe = False
-        self._pilot.enter(Mode.TAKEOFF, TakeOff(altitude))
+        self._pilot.change_mode(Mode.TAKEOFF, TakeOff(altitude))
 
     def _start_mission(self, order: Order) -> None:
         self._must_be_free(order.sender)
@@ -203,9 +225,8 @@ class Commands:
     def _hold_at(self, there: F64, yaw: float) -> None:
         if self._pilot.outside_fence(there):
             raise _Denied("denied: outside the geofence")
-        self._pilot.failsafe = False
         heading = yaw_from_heading(float(np.degrees(yaw))) if abs(yaw) < 1e3 else None
-        self._pilot.enter(Mode.HOLD, Hold(there, heading))
+        self._pilot.change_mode(Mode.HOLD, Hold(there, heading))
 
     def _change_speed(self, order: Order) -> int | None:
         self._must_be_free(order.sender)
@@ -243,7 +264,7 @@ class Commands:
     def _set_interval(self, order: Order) -> int | None:
         kind = whole(order.params[0])
         streams = self._face.streams_of(order.sender)
-        return None if kind is not None and streams.set_interval(kind, order.params[1]) else _DENIED
+        return None if kind is not None and streams.set_interval(kind, order.params[1]) else _FAILED
 
     def _get_interval(self, order: Order) -> int | None:
         kind = whole(order.params[0])

@@ -9,7 +9,6 @@ from skysweep.types import Vehicle
 from skysweep.vehicles.mavlink.autopilot import Autopilot
 from skysweep.vehicles.mavlink.commands import Commands
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.failsafes import Failsafes
 from skysweep.vehicles.mavlink.items import FENCE, MISSION, RALLY, Item, fence_of
 from skysweep.vehicles.mavlink.link import Address, Peer, Sender, status_texts
 from skysweep.vehicles.mavlink.offboard import Target, target_from_global, target_from_local
@@ -51,7 +50,6 @@ class Face:
         self.transfers = Transfers(self._take_items)
         self._transmit, self._unix_start_s = transmit, unix_start_s
         self._reports = reports(self.payload)
-        self._failsafes = Failsafes()
         self._commands = Commands(self)
         self._peers: dict[Address, Peer] = {}
         self._streams: dict[Address, Streams] = {}
@@ -68,6 +66,7 @@ class Face:
             "SET_MODE": self._set_mode,
             "SET_POSITION_TARGET_LOCAL_NED": self._follow_local,
             "SET_POSITION_TARGET_GLOBAL_INT": self._follow_global,
+            "MANUAL_CONTROL": self._hear_sticks,
             "PARAM_REQUEST_LIST": self._list_parameters,
             "PARAM_REQUEST_READ": lambda message, sender: _reply(sender, self.parameters.read(message)),
             "PARAM_SET": lambda message, sender: _reply(sender, self.parameters.write(message)),
@@ -139,6 +138,11 @@ class Face:
                 self._refused[sender.key] = pilot.time_s + _REFUSAL_EVERY_S
                 sender.tell(str(why))
 
+    def _hear_sticks(self, message: Message, sender: Sender) -> None:
+        if message.target in (0, SYSTEM_ID):
+            in_mode = int(self.parameters["COM_RC_IN_MODE"])
+            self.pilot.sticks.hear(message, sender.peer.address, in_mode, self.pilot.time_s)
+
     def _list_parameters(self, _: Message, sender: Sender) -> None:
         self._lists[sender.peer.address] = self.parameters.list()
 
@@ -192,7 +196,6 @@ class Face:
     def tick(self) -> None:
         """Lets TICK_S of vehicle time pass and sends what is due."""
         self.pilot.advance(TICK_S)
-        self._failsafes.check(self.pilot)
         self.transfers.tick()
         self._measure_power()
         picture = self._picture()

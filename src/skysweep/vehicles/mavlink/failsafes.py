@@ -1,65 +1,259 @@
-"""What the vehicle does on its own account: offboard control lost, fence crossed, battery low.
+"""Failsafes: what is flown instead of the mode that was asked for, and how somebody ends it.
 
-Actions and parameters are PX4's. A failsafe acts once when its condition begins, and never replaces a more
-careful action that is under way; after it, whoever is in charge may choose another mode.
+Semantics of PX4 v1.17 (commander, failsafe): each cause asks for an action, the worst action wins, and some
+actions stay after their cause is gone. Return and Land of most causes begin with a Hold of COM_FAIL_ACT_T.
+A mode command, or sticks where the cause allows it, ends an action until another cause comes up.
 """
 
 from __future__ import annotations
 
-from skysweep.vehicles.mavlink.autopilot import Autopilot
-from skysweep.vehicles.mavlink.link import CRITICAL, WARNING
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+from skysweep.vehicles.mavlink.link import CRITICAL, NOTICE, WARNING
+from skysweep.vehicles.mavlink.parameters import Parameters
 from skysweep.vehicles.mavlink.px4 import Mode
 
-_CARE = {Mode.HOLD: 1, Mode.RETURN: 2, Mode.LAND: 3}
-_OFFBOARD_LOST = {3: Mode.RETURN, 4: Mode.LAND}  # COM_OBL_RC_ACT; the others want a pilot and come to Hold
-_FENCE_CROSSED = {2: Mode.HOLD, 3: Mode.RETURN, 4: Mode.LAND, 5: Mode.LAND}  # GF_ACTION
-_BATTERY_CRITICAL = {2: Mode.LAND, 3: Mode.RETURN}  # COM_LOW_BAT_ACT
-_FENCE_EVERY_S = 0.2
+_NO_STICKS = 4  # COM_RC_IN_MODE
+_NEED_POSITION = (Mode.POSITION, Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RETURN, Mode.LAND)
+_STICKS_OPTIONAL = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.TAKEOFF: 2, Mode.OFFBOARD: 4}  # COM_RCL_EXCEPT
+
+
+class Action(IntEnum):
+    """What a failsafe does, the worse the higher."""
+
+    NONE = 0
+    WARN = 1
+    POSITION = 2
+    ALTITUDE = 3
+    STABILIZED = 4
+    HOLD = 5
+    RETURN = 6
+    LAND = 7
+    DESCEND = 8
+    DISARM = 9
+    TERMINATE = 10
+
+
+_MODES = {
+    Action.POSITION: Mode.POSITION,
+    Action.ALTITUDE: Mode.ALTITUDE,
+    Action.STABILIZED: Mode.STABILIZED,
+    Action.HOLD: Mode.HOLD,
+    Action.RETURN: Mode.RETURN,
+    Action.LAND: Mode.LAND,
+    Action.DESCEND: Mode.LAND,  # what PX4 shows for it
+    Action.TERMINATE: Mode.TERMINATION,
+}
+
+
+class Response(NamedTuple):
+    """What a cause asks for."""
+
+    action: Action
+    latched: bool = False  # stays after the cause is gone, until the mode is changed or it is disarmed
+    waits: bool = True  # in Hold for COM_FAIL_ACT_T, before an action worse than that
+    mode_only: bool = False  # ended by a mode command, not by sticks
+
+
+_PILOT_LOST = {  # NAV_RCL_ACT; 4 is nothing
+    1: Response(Action.HOLD, latched=True),
+    2: Response(Action.RETURN, latched=True),
+    3: Response(Action.LAND, latched=True),
+    5: Response(Action.TERMINATE),
+    6: Response(Action.DISARM),
+}
+_FENCE_CROSSED = {  # GF_ACTION
+    1: Response(Action.WARN),
+    2: Response(Action.HOLD, latched=True, waits=False, mode_only=True),
+    3: Response(Action.RETURN, latched=True),
+    4: Response(Action.TERMINATE),
+    5: Response(Action.LAND, latched=True),
+}
+CRITICAL_BATTERY = 2  # level
+_BATTERY_TEXTS = ("", "battery low", "battery critical", "battery nearly empty")
+_BATTERY = {  # COM_LOW_BAT_ACT, then by level
+    0: (Action.NONE, Action.WARN, Action.WARN, Action.WARN),
+    1: (Action.NONE, Action.WARN, Action.RETURN, Action.RETURN),
+    2: (Action.NONE, Action.WARN, Action.LAND, Action.LAND),
+    3: (Action.NONE, Action.WARN, Action.RETURN, Action.LAND),
+}
+_OFFBOARD_LOST = {  # COM_OBL_RC_ACT
+    0: Action.POSITION,
+    1: Action.ALTITUDE,
+    2: Action.STABILIZED,
+    3: Action.RETURN,
+    4: Action.LAND,
+    5: Action.HOLD,
+    6: Action.TERMINATE,
+    7: Action.DISARM,
+}
+_AT_ONCE = (Action.NONE, Action.HOLD, Action.DISARM, Action.TERMINATE)  # whatever waits
+_SHORTEST_WAIT_S = 0.1
+_STICKS_LOST, _OUTSIDE = "manual control lost", "geofence crossed"
+_NO_OFFBOARD, _NO_POSITION = "offboard control lost", "no position"
+
+
+class Health(NamedTuple):
+    """What failsafes look at."""
+
+    setpoints_lost: bool
+    sticks_lost: bool
+    position_lost: bool
+    outside_fence: bool
+    battery_level: int  # 0 full enough, 1 low, 2 critical, 3 nearly empty
+
+
+def why_not(mode: Mode, health: Health) -> str | None:
+    """What speaks against flying a mode; sticks are needed to choose one of theirs, not to stay in it."""
+    if mode is Mode.OFFBOARD and health.setpoints_lost:
+        return _NO_OFFBOARD
+    return _NO_POSITION if health.position_lost and mode in _NEED_POSITION else None
+
+
+@dataclass(slots=True)
+class _Active:
+    """A response under way."""
+
+    response: Response
+    mode_only: bool
+    failing: bool = True
 
 
 class Failsafes:
-    """Looks after an autopilot."""
+    """``action`` is what is done now; ``say(text, severity)`` tells everybody why."""
 
-    def __init__(self) -> None:
-        self._outside = False
-        self._fence_next_s = 0.0
-        self._battery_level = 0
+    def __init__(self, parameters: Parameters, say: Callable[[str, int], None]) -> None:
+        self.action = Action.NONE
+        self.taken_over = False
+        self._parameters, self._say = parameters, say
+        self._active: dict[str, _Active] = {}
+        self._armed = False
+        self._intended = Mode.HOLD
+        self._sticks_optional = True  # not there when it was armed, nor since
+        self._wait_s = 0.0  # until an action that waits in Hold begins
+        self._waited_s = 0.0  # lately, so that a cause that comes and goes does not wait for ever
 
-    def check(self, pilot: Autopilot) -> None:
-        """Once a tick."""
-        if pilot.mode is Mode.OFFBOARD and not pilot.offboard.is_fresh(pilot):
-            action = _OFFBOARD_LOST.get(int(pilot.parameters["COM_OBL_RC_ACT"]), Mode.HOLD)
-            if pilot.flying:
-                pilot.take_failsafe(action, "Offboard control lost")
-            else:
-                pilot.change_mode(Mode.HOLD)
-        if pilot.time_s >= self._fence_next_s:
-            self._fence_next_s = pilot.time_s + _FENCE_EVERY_S
-            self._check_fence(pilot)
-        self._check_battery(pilot)
+    def mode(self, intended: Mode) -> Mode:
+        """The mode that is flown."""
+        return _MODES.get(self.action, intended)
 
-    def _check_fence(self, pilot: Autopilot) -> None:
-        action = int(pilot.parameters["GF_ACTION"])
-        outside = pilot.flying and action > 0 and pilot.outside_fence()
-        if outside and not self._outside:
-            self._act(pilot, _FENCE_CROSSED.get(action), "Geofence crossed")
-        self._outside = outside
+    def update(
+        self, armed: bool, intended: Mode, asked: bool, sticks: bool, health: Health, dt_s: float
+    ) -> Mode:
+        """Looks again, ``dt_s`` later; the mode that is intended from now on, which only sticks change.
 
-    def _check_battery(self, pilot: Autopilot) -> None:
-        limits = [pilot.parameters[name] for name in ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")]
-        level = sum(pilot.state.battery_remaining < limit for limit in limits)
-        action = int(pilot.parameters["COM_LOW_BAT_ACT"])
-        if level > self._battery_level and pilot.flying:
-            self._battery_level = level
-            if level == 1:
-                pilot.say("Battery low", WARNING)
-            elif level == 2:
-                self._act(pilot, _BATTERY_CRITICAL.get(action), "Battery critical")
-            else:
-                self._act(pilot, Mode.LAND if action >= 2 else None, "Battery nearly empty")
-
-    def _act(self, pilot: Autopilot, mode: Mode | None, why: str) -> None:
-        if mode is None or _CARE.get(pilot.mode, 0) >= _CARE[mode]:
-            pilot.say(why, CRITICAL)
+        ``asked``: somebody chose a mode, the same one perhaps. ``sticks``: they moved during a failsafe.
+        """
+        asked |= intended is not self._intended
+        if armed != self._armed:
+            self.taken_over = False
+            self._active.clear()
+        if asked or self.taken_over:
+            self._active = {cause: active for cause, active in self._active.items() if active.failing}
+        if not (armed and self._armed):
+            self._sticks_optional = health.sticks_lost
+        elif not health.sticks_lost:
+            self._sticks_optional = False
+        self._armed = armed
+        self._wait_s = max(self._wait_s - dt_s, 0.0)
+        warned = self._look(self._causes(intended, health) if armed else {})
+        if self.action > Action.HOLD or health.position_lost or self.taken_over:
+            self._wait_s = 0.0
+        before = self.action
+        cause, delayed, self._intended = self._choose(intended, asked, sticks, health)
+        if delayed:
+            self._waited_s += dt_s
         else:
-            pilot.take_failsafe(mode, why)
+            self._waited_s = max(self._waited_s - 0.25 * dt_s, 0.0)
+        if self.action > before or (self.action and warned):
+            self._tell(cause, delayed)
+        return self._intended
+
+    def _causes(self, intended: Mode, health: Health) -> dict[str, Response]:
+        """What each cause that is there asks for."""
+        p = self._parameters
+        found: dict[str, Response | None] = {}
+        excepted = int(p["COM_RCL_EXCEPT"]) & _STICKS_OPTIONAL.get(intended, 0)
+        optional = self._sticks_optional or excepted or p["COM_RC_IN_MODE"] == _NO_STICKS
+        if health.sticks_lost and not optional:
+            found[_STICKS_LOST] = _PILOT_LOST.get(int(p["NAV_RCL_ACT"]))
+        if health.outside_fence:
+            found[_OUTSIDE] = _FENCE_CROSSED.get(int(p["GF_ACTION"]))
+        level = health.battery_level
+        if level:
+            found[_BATTERY_TEXTS[level]] = Response(_BATTERY[int(p["COM_LOW_BAT_ACT"])][level])
+        why = why_not(intended, health)
+        if why is not None:
+            found[why] = Response(self._instead_of(intended, health), waits=False)
+        return {cause: response for cause, response in found.items() if response is not None}
+
+    def _instead_of(self, mode: Mode, health: Health) -> Action:
+        """The action for a mode that cannot be flown, NONE for one that can."""
+        why = why_not(mode, health)
+        if why is None:
+            return Action.NONE
+        if why == _NO_OFFBOARD:
+            return _OFFBOARD_LOST[int(self._parameters["COM_OBL_RC_ACT"])]
+        return Action.ALTITUDE if mode is Mode.POSITION else Action.RETURN
+
+    def _look(self, causes: dict[str, Response]) -> bool:
+        """Brings what is under way up to date; whether a warning was added."""
+        for cause in [cause for cause in self._active if cause not in causes]:
+            self._active[cause].failing = False
+            if not self._active[cause].response.latched:
+                del self._active[cause]
+        warned, hold_s = False, self._parameters["COM_FAIL_ACT_T"]
+        for cause, response in causes.items():
+            active = self._active.get(cause)
+            if active is not None:
+                active.failing, active.response = True, active.response._replace(action=response.action)
+                continue
+            waits = response.waits and hold_s > _SHORTEST_WAIT_S
+            self._active[cause] = _Active(response, response.mode_only or (response.waits and not waits))
+            warned |= response.action is Action.WARN
+            if waits and response.action is not Action.WARN and self._wait_s == 0.0:
+                self._wait_s = max(hold_s - self._waited_s, 0.0)
+            if response.action >= Action.HOLD:
+                self.taken_over = False
+        return warned
+
+    def _choose(self, intended: Mode, asked: bool, sticks: bool, health: Health) -> tuple[str, Action, Mode]:
+        """Sets the action; its cause, the action that waits behind a Hold, and the intended mode."""
+        before, delayed = self.action, Action.NONE
+        if intended is Mode.TERMINATION or before is Action.TERMINATE:
+            self.action = Action.TERMINATE
+            return "flight terminated", delayed, intended
+        if not self._active:
+            self.action, self.taken_over = Action.NONE, False
+            return "", delayed, intended
+        cause, worst = max(self._active.items(), key=lambda item: item[1].response.action)
+        action, mode_only = worst.response.action, any(a.mode_only for a in self._active.values())
+        if self._wait_s > 0.0 and not self.taken_over and action not in _AT_ONCE:
+            delayed, action, mode_only = action, Action.HOLD, True
+        over = self.taken_over or (asked and before > Action.WARN) or (sticks and not mode_only)
+        over &= Action.HOLD <= action <= Action.DESCEND
+        if over:
+            if sticks and not self.taken_over:
+                intended = Mode.POSITION
+                self._say("pilot took over with sticks", NOTICE)
+            delayed, action = Action.NONE, max(Action.WARN, self._instead_of(intended, health))
+        self.taken_over = over
+        if Action.POSITION <= action < Action.DESCEND:
+            worse = [a for a in _MODES if action <= a < Action.DESCEND]
+            action = next((a for a in worse if why_not(_MODES[a], health) is None), Action.DESCEND)
+        on_its_way = intended in (Mode.LAND, Mode.RETURN) and why_not(intended, health) is None
+        if on_its_way and Action.RETURN in (action, delayed):
+            delayed, action = Action.NONE, Action.WARN
+        self.action = action
+        return cause, delayed, intended
+
+    def _tell(self, cause: str, delayed: Action) -> None:
+        text, severity = cause.capitalize(), WARNING
+        if self.action > Action.WARN:
+            text, severity = f"{text}: {self.action.name.lower()}", CRITICAL
+        if delayed:
+            text += f", {delayed.name.lower()} in {self._wait_s:.0f} s"
+        self._say(text, severity)

@@ -10,8 +10,8 @@ from skysweep.geometry.frames import yaw_from_heading
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.items import Item, heading_towards
 from skysweep.vehicles.mavlink.link import NOTICE
-from skysweep.vehicles.mavlink.manoeuvres import Hold, Return
-from skysweep.vehicles.mavlink.px4 import F64, Mode, Refused, finite, whole
+from skysweep.vehicles.mavlink.manoeuvres import Hold
+from skysweep.vehicles.mavlink.px4 import F64, Mode, finite, whole
 
 if TYPE_CHECKING:
     from skysweep.vehicles.mavlink.autopilot import Autopilot
@@ -44,21 +44,23 @@ class MissionRun:
         self.current, self.finished = index, False
         self._target = self._since_s = None
 
-    def begin(self, pilot: Autopilot) -> None:
-        """Before the mode is entered. Raises Refused without a mission, or with one that leaves the fence."""
+    def why_not(self, pilot: Autopilot) -> str | None:
+        """What speaks against flying it."""
         places = [i for i in self.items if i.is_place]
-        if not places:
-            raise Refused("no mission to fly")
         for place in places:
             at_zero = place.x == place.y == 0 and place.command in _ANYWHERE
             if not at_zero and pilot.outside_fence(place.position_enu_m(pilot.site, pilot.home_enu_m)):
-                raise Refused("the mission leaves the geofence")
+                return "the mission leaves the geofence"
+        return None if places else "no mission to fly"
+
+    def begin(self) -> None:
+        """When the mode is entered."""
         self.go_to(0 if self.finished else self.current)
 
     def step(self, pilot: Autopilot) -> None:
         """One item is looked at in a step, so a jump in a circle costs time as any other item."""
         if not self.items:  # cleared in flight
-            pilot.enter(Mode.HOLD, Hold())
+            pilot.enter(Mode.HOLD)
             return
         if self.finished or not (pilot.flying or pilot.may_lift_off):
             return
@@ -70,7 +72,7 @@ class MissionRun:
         elif item.command == m.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self._done(pilot)
             self.finished = True
-            pilot.enter(Mode.RETURN, Return())
+            pilot.enter(Mode.RETURN)
         else:
             if item.command == m.MAV_CMD_DO_CHANGE_SPEED and finite(item.params[1]):
                 pilot.speed_mps = item.params[1] if item.params[1] > 0.0 else None

@@ -21,12 +21,16 @@ AUTOPILOT, CAMERA = 1, 100  # component ids
 TICK_S = 0.02  # how often the autopilot decides, in vehicle time
 
 _MAIN_AUTO, _MAIN_OFFBOARD = 4, 6
-_CUSTOM, _AUTO, _GUIDED, _STABILISED, _ARMED = 1, 4, 8, 16, 128  # MAV_MODE_FLAG
+_CUSTOM, _AUTO, _GUIDED, _STABILISED, _MANUAL, _ARMED = 1, 4, 8, 16, 64, 128  # MAV_MODE_FLAG
 
 
 class Mode(Enum):
     """A flight mode; its value is PX4's (main mode, sub mode)."""
 
+    ALTITUDE = (2, 0)
+    POSITION = (3, 0)
+    STABILIZED = (7, 0)
+    TERMINATION = (10, 0)
     TAKEOFF = (_MAIN_AUTO, 2)
     HOLD = (_MAIN_AUTO, 3)
     MISSION = (_MAIN_AUTO, 4)
@@ -42,14 +46,30 @@ class Mode(Enum):
 
     def base_mode(self, armed: bool) -> int:
         """HEARTBEAT.base_mode."""
-        flags = _CUSTOM | _STABILISED | (0 if self is Mode.OFFBOARD else _AUTO | _GUIDED)
-        return flags | (_ARMED if armed else 0)
+        return _CUSTOM | _FLAGS.get(self, _STABILISED | _AUTO | _GUIDED) | (_ARMED if armed else 0)
+
+    @property
+    def standard_mode(self) -> int:
+        """CURRENT_MODE.standard_mode, MAV_STANDARD_MODE."""
+        return _STANDARD_MODES.get(self, 0)
+
+
+STICK_MODES = (Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED)
+_FLAGS = dict.fromkeys(STICK_MODES, _STABILISED | _MANUAL) | {Mode.OFFBOARD: _STABILISED, Mode.TERMINATION: 0}
+_STANDARD_MODES = {
+    Mode.POSITION: 1,
+    Mode.ALTITUDE: 4,
+    Mode.RETURN: 5,
+    Mode.MISSION: 6,
+    Mode.LAND: 7,
+    Mode.TAKEOFF: 8,
+}
 
 
 def mode_of(main: int, sub: int) -> Mode | None:
-    """The mode of these numbers, None where the vehicle has no such mode (those with sticks, for example)."""
+    """The mode of these numbers, None where the vehicle has no such mode."""
     try:
-        return Mode((main, 0 if main == _MAIN_OFFBOARD else sub))
+        return Mode((main, sub if main == _MAIN_AUTO else 0))
     except ValueError:
         return None
 

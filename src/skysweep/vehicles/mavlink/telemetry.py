@@ -41,6 +41,7 @@ _ESTIMATES = (
     | m.ESTIMATOR_PRED_POS_HORIZ_REL
     | m.ESTIMATOR_PRED_POS_HORIZ_ABS
 )
+_ESTIMATES_WITHOUT_POSITION = m.ESTIMATOR_ATTITUDE | m.ESTIMATOR_VELOCITY_VERT | m.ESTIMATOR_POS_VERT_ABS
 _CAPABILITIES = (
     m.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     | m.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -54,7 +55,7 @@ _CAPABILITIES = (
 _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255  # 1.17.0, release
 _UID = 0x736B79737765  # "skyswe"
 _CELLS, _CELL_EMPTY_V, _CELL_FULL_V = 4, 3.6, 4.05
-_GPS_3D, _SATELLITES = 3, 12
+_NO_GPS, _GPS_3D, _SATELLITES = 0, 3, 12
 _NONE_U16, _MAX_I16 = 65535, 32767
 _HORIZONTAL_M, _VERTICAL_M = 0.3, 0.15
 
@@ -106,7 +107,7 @@ class Picture:
 
     @property
     def volts(self) -> float:
-        full = self.state.battery_remaining
+        full = self.pilot.battery_remaining
         return _CELLS * (_CELL_EMPTY_V + full * (_CELL_FULL_V - _CELL_EMPTY_V))
 
     @property
@@ -116,9 +117,12 @@ class Picture:
 
 def _heartbeat(p: Picture) -> Message:
     pilot = p.pilot
-    status = m.MAV_STATE_STANDBY
-    if pilot.armed:
+    if pilot.mode is Mode.TERMINATION:
+        status = m.MAV_STATE_FLIGHT_TERMINATION
+    elif pilot.armed:
         status = m.MAV_STATE_CRITICAL if pilot.failsafe else m.MAV_STATE_ACTIVE
+    else:
+        status = m.MAV_STATE_STANDBY if pilot.why_not_arm() is None else m.MAV_STATE_UNINIT
     return m.MAVLink_heartbeat_message(
         m.MAV_TYPE_QUADROTOR,
         m.MAV_AUTOPILOT_PX4,
@@ -127,6 +131,11 @@ def _heartbeat(p: Picture) -> Message:
         status,
         3,
     )
+
+
+def _current_mode(p: Picture) -> Message:
+    mode, intended = p.pilot.mode, p.pilot.intended
+    return m.MAVLink_current_mode_message(mode.standard_mode, mode.custom_mode, intended.custom_mode)
 
 
 def _attitude(p: Picture) -> Message:
@@ -159,7 +168,7 @@ def _gps(p: Picture) -> Message:
     course = np.degrees(np.arctan2(p.velocity_ned[1], p.velocity_ned[0])) % 360.0
     return m.MAVLink_gps_raw_int_message(
         p.boot_us,
-        _GPS_3D,
+        _NO_GPS if p.pilot.gnss_lost else _GPS_3D,
         e7(latitude),
         e7(longitude),
         round(altitude * 1e3),
@@ -167,7 +176,7 @@ def _gps(p: Picture) -> Message:
         110,
         round(p.ground_speed_mps * 100.0),
         round(course * 100.0) % 36000,
-        _SATELLITES,
+        0 if p.pilot.gnss_lost else _SATELLITES,
         round(altitude * 1e3),
         round(_HORIZONTAL_M * 1e3),
         round(_VERTICAL_M * 1e3),
@@ -201,19 +210,21 @@ def _battery(p: Picture) -> Message:
         p.centiamperes,
         -1,
         round(p.state.energy_used_wh * 36.0),
-        round(p.state.battery_remaining * 100.0),
+        round(p.pilot.battery_remaining * 100.0),
     )
 
 
 def _sys_status(p: Picture) -> Message:
+    # As with PX4, a missing pilot counts as a sensor that is needed and does not work.
+    without, pilot = p.pilot.sticks.lost, m.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     return m.MAVLink_sys_status_message(
-        _SENSORS,
-        _SENSORS,
-        _SENSORS,
+        _SENSORS if without else _SENSORS | pilot,
+        _SENSORS | pilot,
+        _SENSORS if without else _SENSORS | pilot,
         300,
         round(p.volts * 1e3),
         p.centiamperes,
-        round(p.state.battery_remaining * 100.0),
+        round(p.pilot.battery_remaining * 100.0),
         0,
         0,
         0,
@@ -259,8 +270,9 @@ def _system_time(p: Picture) -> Message:
 
 
 def _estimator(p: Picture) -> Message:
+    known = _ESTIMATES_WITHOUT_POSITION if p.pilot.position_lost else _ESTIMATES
     return m.MAVLink_estimator_status_message(
-        p.boot_us, _ESTIMATES, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, _HORIZONTAL_M, _VERTICAL_M
+        p.boot_us, known, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, _HORIZONTAL_M, _VERTICAL_M
     )
 
 
@@ -317,6 +329,7 @@ def reports(payload: Payload) -> dict[int, Report]:
     """All that can be streamed or requested, by message id."""
     return {
         m.MAVLINK_MSG_ID_HEARTBEAT: Report(_heartbeat, 1.0),
+        m.MAVLINK_MSG_ID_CURRENT_MODE: Report(_current_mode, 0.5),
         m.MAVLINK_MSG_ID_ATTITUDE: Report(_attitude, 25.0),
         m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Report(_attitude_quaternion, 25.0),
         m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Report(_local_position, 25.0),
@@ -359,9 +372,11 @@ class Streams:
         self._next_s = dict.fromkeys(self._periods_s, 0.0)
 
     def set_interval(self, kind: int, interval_us: float) -> bool:
-        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default. False for what is not streamed."""
+        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default. False for the heartbeat, whose rate
+        PX4 fixes, and for what is not streamed.
+        """
         report = self._messages.get(kind)
-        if report is None or not abs(interval_us) < 1e10:
+        if report is None or kind == m.MAVLINK_MSG_ID_HEARTBEAT or not abs(interval_us) < 1e10:
             return False
         self._periods_s.pop(kind, None)
         if interval_us > 0.0:

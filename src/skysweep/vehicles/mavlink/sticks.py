@@ -1,0 +1,111 @@
+"""A pilot's sticks: MANUAL_CONTROL messages, when they count, and flying by them.
+
+Semantics of PX4 v1.17: manual_control (which sender counts, when sticks move enough to take over) and the
+multicopter's Position mode (speed by deflection). Without a pilot the sticks are centred.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skysweep.vehicles.mavlink.link import Address
+from skysweep.vehicles.mavlink.px4 import F64, TICK_S
+from skysweep.vehicles.mavlink.wire import Message
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.autopilot import Autopilot
+
+RC_ONLY, MAVLINK_ONLY, FALL_BACK, KEEP_FIRST, NONE = range(5)  # COM_RC_IN_MODE; PX4's 5 to 8 sort by link
+_CENTRED = np.zeros(4)
+_MOVED_OVER_S = 0.1  # time constant of the filter on how fast they move
+_DEAD_ZONE, _EXPONENTIAL = 0.1, 0.6  # MAN_DEADZONE; MPC_XY_MAN_EXPO, MPC_Z_MAN_EXPO and MPC_YAW_EXPO
+
+
+class Sticks:
+    """Where the sticks are: (4,) forward, right, up and clockwise, each from -1 to 1."""
+
+    def __init__(self) -> None:
+        self.lost = True
+        self.moving = False  # enough for the pilot to take over
+        self._position = self._before = _CENTRED
+        self._speed = _CENTRED  # of the sticks, 1/s, filtered
+        self._source: Address | None = None
+        self._first: Address | None = None
+        self._heard_s = -np.inf
+
+    @property
+    def position(self) -> F64:
+        """Centred while nobody holds them."""
+        return _CENTRED if self.lost else self._position
+
+    def hear(self, message: Message, address: Address, in_mode: int, time_s: float) -> None:
+        """Takes MANUAL_CONTROL where ``in_mode``, COM_RC_IN_MODE, lets this sender in."""
+        if in_mode in (RC_ONLY, NONE) or (not self.lost and address != self._source):
+            return
+        if in_mode == KEEP_FIRST and self._first not in (None, address):
+            return
+        self._first = self._first or address
+        axes = np.array([message.x, message.y, 2.0 * message.z - 1000.0, message.r]) / 1000.0
+        self._position = np.where(np.abs(axes) <= 1.0, axes, 0.0)
+        if self.lost:
+            self._before, self._speed = self._position, _CENTRED
+        self._source, self._heard_s, self.lost = address, time_s, False
+
+    def tick(self, time_s: float, lost_after_s: float, moved_percent: float) -> None:
+        """Once a tick: COM_RC_LOSS_T and COM_RC_STICK_OV."""
+        self.lost = self.lost or time_s - self._heard_s > lost_after_s
+        self.moving = False
+        if not self.lost:
+            share = TICK_S / (TICK_S + _MOVED_OVER_S)
+            self._speed = self._speed + share * ((self._position - self._before) / TICK_S - self._speed)
+            self._before = self._position
+            self.moving = bool((np.abs(self._speed) > 0.01 * moved_percent).any())
+
+
+class ByStick:
+    """Flies as fast as the sticks are deflected, in the vehicle's heading; holds axes that are centred."""
+
+    def __init__(self) -> None:
+        self._place: F64 | None = None
+        self._moving = np.ones(3, dtype=bool)
+        self._yaw_rad = 0.0
+
+    def step(self, pilot: Autopilot) -> None:
+        if not pilot.flying:
+            return
+        state = pilot.state
+        if not state.airborne:
+            pilot.touch_down()
+            return
+        if self._place is None:
+            self._place, self._yaw_rad = state.position_enu_m, pilot.yaw_rad
+        velocity, turn = _wanted(pilot)
+        moving = np.array([velocity[:2].any(), velocity[:2].any(), velocity[2] != 0.0])
+        if not (moving.any() or turn or self._moving.any()):
+            return
+        self._yaw_rad -= turn * TICK_S
+        # Half a tick ahead: the position controller then pulls neither way along an axis that moves.
+        drifting = state.position_enu_m + 0.5 * TICK_S * velocity
+        stopping = state.position_enu_m + state.velocity_enu_mps / pilot.parameters["MPC_XY_P"]
+        held = np.where(self._moving, stopping, self._place)
+        self._place, self._moving = np.where(moving, drifting, held), moving
+        pilot.fly_to(self._place, self._yaw_rad, np.inf, velocity)
+
+
+def _wanted(pilot: Autopilot) -> tuple[F64, float]:
+    """ENU velocity (3,) and clockwise yaw rate in rad/s."""
+    p, (forward, right, up, turn) = pilot.parameters, _shaped(pilot.sticks.position)
+    size = max(float(np.hypot(forward, right)), 1.0)
+    ahead, aside = p["MPC_VEL_MANUAL"] / size * np.array([forward, right])
+    c, s = np.cos(pilot.yaw_rad), np.sin(pilot.yaw_rad)
+    climb = up * p["MPC_Z_VEL_MAX_UP" if up > 0.0 else "MPC_Z_VEL_MAX_DN"]
+    velocity = np.array([c * ahead + s * aside, s * ahead - c * aside, climb])
+    return velocity, float(turn * np.radians(p["MPC_MAN_Y_MAX"]))
+
+
+def _shaped(sticks: F64) -> F64:
+    """Zero in the middle, gentle around it."""
+    beyond = np.sign(sticks) * np.maximum(np.abs(sticks) - _DEAD_ZONE, 0.0) / (1.0 - _DEAD_ZONE)
+    return np.asarray((1.0 - _EXPONENTIAL) * beyond + _EXPONENTIAL * beyond**3)
