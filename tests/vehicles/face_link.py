@@ -7,7 +7,7 @@ import threading
 from collections import deque
 
 from mavlink_clients import Sky
-from pymavlink.dialects.v20 import common as m
+from skysweep.vehicles.mavlink.dialect import mavlink as m
 
 from skysweep.vehicles.mavlink.px4 import TICK_S
 from skysweep.vehicles.mavlink.signing import Signing
@@ -105,5 +105,3 @@ def _plain(value):
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return list(value) if isinstance(value, list | tuple) else value
-
-

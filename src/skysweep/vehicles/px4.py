@@ -400,7 +400,10 @@ class Px4Vehicle:
     def _look_after_orders(self) -> None:
         """Gives the orders that had to wait; none while somebody else flies it, or it is not heard."""
         authority, told = self.authority, self.telemetry
-        if authority.lost() or not authority.knows():
+        if authority.lost():
+            self._offboard.aim(self._stop_here(), self.anchor)
+            return
+        if not authority.knows():
             return
         ours = authority.wanted is None or told.flown in (Mode.OFFBOARD.value, Mode.TAKEOFF.value)
         if self._must_land and ours:

@@ -19,6 +19,7 @@ RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints 
 _CATCH_UP_S = 1.0  # a link that was held up delivers the past first
 _CLOCK_SLACK_S = 0.3
 _RECENT_S = 10.0  # a warning that explains why
+_AUTO = 4  # PX4's main mode of Hold, Return and Land
 _NO_STICKS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
 _STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
 
@@ -42,9 +43,15 @@ class Authority:
         self._not_followed_s: float | None = None  # since when PX4 is elsewhere, and setpoints go out
 
     def may_stream(self) -> bool:
-        """Whether setpoints may go out now."""
+        """Whether setpoints may go out now.
+
+        They go on, for a hover, while a failsafe of PX4's own flies: silence would be one more, and with
+        COM_OBL_RC_ACT 7 stop the motors.
+        """
         with self._lock:
-            return self._look() and not self.theirs
+            told = self._told
+            failsafe = told.intended == Mode.OFFBOARD.value and told.flown[0] == _AUTO
+            return self._look() and (failsafe or not self.theirs)
 
     def lost(self) -> bool:
         """Whether somebody else has it; looks again."""
