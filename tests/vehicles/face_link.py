@@ -7,16 +7,18 @@ import threading
 from collections import deque
 
 from mavlink_clients import Sky
-from skysweep.vehicles.mavlink.dialect import mavlink as m
 
+from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.px4 import TICK_S
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
-from skysweep.vehicles.px4_link import Link
+from skysweep.vehicles.px4_link import HEARD, Link, message_id
 
 _ADDRESS = ("10.0.0.9", 9)
 _OURS = (245, 190)
 _STREAM_S = 0.05
+_AUTOPILOT = 1
+_NUMBERS = {message_id(name) for name in HEARD}
 
 
 class FaceLink(Link):
@@ -64,9 +66,9 @@ class FaceLink(Link):
         self._sky.face.tick()
         moved = False
         for datagram in self._inbox:
-            message = self._decoder.decode(bytearray(datagram))
-            if message.get_srcComponent() != 1:
+            if datagram[6] != _AUTOPILOT or int.from_bytes(datagram[7:10], "little") not in _NUMBERS:
                 continue
+            message = self._decoder.decode(bytearray(datagram))
             fields = {k: _plain(v) for k, v in message.to_dict().items()}
             self._take(message.get_type(), fields)
             moved |= message.get_type() == "LOCAL_POSITION_NED"

@@ -27,7 +27,10 @@ PHASES = ("take-off", "scan", "check", "hold", "return")
 GAPS_S = (0.3, 0.75, 2.0, 30.0)
 AFTER_S = (-1.0, 0.2, 0.75, 2.0, 10.0, 30.0)  # -1: in the middle of the gap
 ON_LOSS = (0, 1, 3, 5, 7)
+PARAMETERS = {"COM_RC_IN_MODE": 1, "COM_RC_OVERRIDE": 3, "COM_LOW_BAT_ACT": 3}  # a joystick, which takes over
 NOBODY = "nobody"
+PEOPLE = ("sticks", *GROUND_STATION, "kill")
+_EVERY = 9
 SAID_WITHIN_S = 6.0  # PX4 takes seconds to notice a lost GNSS; see LATE_S
 LATE_S = {"GNSS loss": 25.0, "low battery": 12.0}
 LISTENS_S = 4.0
@@ -128,11 +131,20 @@ def cells() -> list[Cell]:
             if loss == 7 and gap > 1.0:
                 continue  # it fell: nobody can take it
             for after in AFTER_S:
-                people = [w for w in WHO if w not in FAILSAFES] if after < 30.0 else ["LOITER"]
-                found += [Cell(who, "scan", loss, gap, after) for who in people if gap > 0.5 or after > 0.0]
+                if gap < 0.5 and after < 0.0:
+                    continue
+                people = PEOPLE if gap < 10.0 and after < 10.0 else ("LOITER", "POSCTL")
+                found += [Cell(who, "scan", loss, gap, after) for who in people]
             if gap == 2.0:
                 found += [Cell("geofence", "scan", loss, gap, after) for after in (-1.0, 0.2, 2.0)]
     return found
+
+
+def cells_for_px4() -> list[Cell]:
+    """Every tenth, and all without anybody: the real PX4 flies in real time."""
+    everything = cells()
+    alone = [c for c in everything if c.who == NOBODY and c.on_loss != 1]
+    return alone + [c for c in everything if c.who != NOBODY][::_EVERY]
 
 
 def play(cell: Cell, there: Range) -> Outcome:

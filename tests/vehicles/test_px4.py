@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-import select
 import socket
 import threading
 import time
@@ -13,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mavlink_clients import free_port, scenario, served, wait
 from pymavlink.dialects.v20 import common as m
+from relay import Relay
 
 pytest.importorskip("mavsdk.mavsdk")
 
@@ -277,38 +277,6 @@ def test_its_end_hands_over_to_hold():
         vehicle.close()
         assert server.face.pilot.mode is Mode.HOLD
         assert not server.face.pilot.failsafe
-
-
-class Relay:
-    """Carries datagrams between a server and a program, while ``open``."""
-
-    def __init__(self, program_port: int) -> None:
-        self.open, self._running = True, True
-        self._there = (LOOPBACK, program_port)
-        self._vehicle: tuple[str, int] | None = None
-        self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-        self._near.bind((LOOPBACK, 0))
-        self._far.bind((LOOPBACK, 0))
-        self.port = self._near.getsockname()[1]
-        self._thread = threading.Thread(target=self._carry, daemon=True)
-        self._thread.start()
-
-    def _carry(self) -> None:
-        while self._running:
-            for ready in select.select([self._near, self._far], [], [], 0.05)[0]:
-                datagram, sender = ready.recvfrom(65_535)
-                if ready is self._near:
-                    self._vehicle = sender
-                if self.open and ready is self._near:
-                    self._far.sendto(datagram, self._there)
-                elif self.open and self._vehicle is not None:
-                    self._near.sendto(datagram, self._vehicle)
-
-    def close(self) -> None:
-        self._running = False
-        self._thread.join()
-        self._near.close()
-        self._far.close()
 
 
 def test_a_link_that_is_lost_and_found_again():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from face_link import FaceLink
 from mavlink_clients import Program, Sky
-from takeovers import FAILSAFES, NOBODY, ON_LOSS, ORDERS, PHASES, WHO, Cell, cells, play
+from takeovers import FAILSAFES, NOBODY, ON_LOSS, ORDERS, PARAMETERS, PHASES, WHO, Cell, cells, play
 
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.px4 import Px4Vehicle
@@ -25,12 +25,7 @@ class LookAlike:
         self._link.others.append(self._speak)
         self._moving: bool | None = None
         self._next_stick_s = self._next_beat_s = self._open_again_s = 0.0
-        for name, value in {
-            "COM_OBL_RC_ACT": on_loss,
-            "COM_RC_IN_MODE": 1,
-            "COM_RC_OVERRIDE": 3,
-            "COM_LOW_BAT_ACT": 3,
-        }.items():
+        for name, value in (PARAMETERS | {"COM_OBL_RC_ACT": on_loss}).items():
             assert self.sky.face.parameters.set(name, value), name
         self.vehicle = Px4Vehicle(
             "virtual", self.sky.scenario, lambda xy: np.zeros(len(xy)), open_link=lambda *_: self._link

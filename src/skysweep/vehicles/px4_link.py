@@ -45,7 +45,7 @@ _OF_ANY_COMPONENT = (
     "GIMBAL_MANAGER_STATUS",
     "GIMBAL_DEVICE_ATTITUDE_STATUS",
 )
-_HEARD = (
+HEARD = (
     "HEARTBEAT",
     "CURRENT_MODE",
     "LOCAL_POSITION_NED",
@@ -111,7 +111,7 @@ class Link:
         self.system = self._find_vehicle(url, timeout_s, system_id)
         self.system_id = int(self.system.get_system_id())
         self._direct = MavlinkDirect(self.system)
-        for name in _HEARD:
+        for name in HEARD:
             self._direct.subscribe_message(name, self._hear)
         if not self.wait(lambda: "HEARTBEAT" in self._newest, timeout_s):
             raise UserError(f"--connection {url}: the vehicle sent no heartbeat in {timeout_s:g} s")
