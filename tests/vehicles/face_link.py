@@ -41,6 +41,11 @@ class FaceLink(Link):
         self._beat_s = -math.inf
         assert self.wait(lambda: "HEARTBEAT" in self._newest, 3.0)
 
+    def drop(self) -> None:
+        """The program at this end is gone, without a word."""
+        self._streams.clear()
+        self._listeners.clear()
+
     def hear(self, datagram: bytes) -> None:
         if self.open:
             self._inbox.append(datagram)
@@ -97,7 +102,7 @@ class FaceLink(Link):
 
     def stream(self, say):
         self._streams.append(say)
-        return lambda: self._streams.remove(say)
+        return lambda: self._streams.clear()
 
     def close(self) -> None:
         self._sky.programs.pop(_ADDRESS, None)

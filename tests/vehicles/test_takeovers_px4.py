@@ -33,6 +33,7 @@ pytestmark = [
     pytest.mark.skipif(SITL is None, reason="PX4_SITL names no build of PX4's simulator"),
 ]
 _PROGRAM, _STATION, _OURS = 14540, 18570, 24540  # ports of instance 0
+_FIRST = 4  # instance: the ports of the lower ones are for whoever else flies here
 _START_S = 60.0
 _REAL = m.MAV_PARAM_TYPE_REAL32
 
@@ -184,7 +185,7 @@ class RealPx4:
 
 @pytest.mark.parametrize("cell", cells_for_px4(), ids=str)
 def test_whoever_takes_the_real_px4_keeps_it(cell: Cell, tmp_path, worker_id):
-    instance = int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0
+    instance = _FIRST + (int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0)
     there = RealPx4(tmp_path, instance, cell.on_loss)
     try:
         outcome = play(cell, there)

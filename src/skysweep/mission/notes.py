@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from skysweep.mission.loop import Mission
 
 STATE_PERIOD_S = 0.5  # between lines of the state
+_PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # the mission goes on after
 _SETTLING = ("confirmed", "rejected", "unchecked")
 
 
@@ -113,7 +114,7 @@ class Notes:
             if self._alarms.get(alarm.cause) is not alarm.action:
                 self.safety(time_s, alarm)
         for cause, action in self._alarms.items():
-            if cause not in current and action <= Action.HOLD:
+            if cause not in current and action in _PASSING:
                 self.safety(time_s, Alarm(Action.CONTINUE, cause, OVER[cause]))
         self._alarms = current
 

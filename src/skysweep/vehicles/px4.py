@@ -57,6 +57,7 @@ _HOLD_S = 3.0  # on the wall: more is of no use to a mission that must go on
 _TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
 _HELLO_S = 1.0
+_STREAM_FIRST_S = 0.2  # on the wall: PX4 wants setpoints before it goes into Offboard
 _CHECKS_S = 1.5  # on the wall, for the reasons against arming
 _POSITION_GAIN = 0.95  # MPC_XY_P
 _BRAKES_MPS2 = 3.0  # in a hover that begins at speed
@@ -394,7 +395,8 @@ class Px4Vehicle:
     def _go_into_offboard(self) -> None:
         if self.authority.knows():
             self._offboard_from_m = None
-            self._offboard.start()
+            if self._offboard.start():
+                self.link.wait(lambda: False, _STREAM_FIRST_S)
             self._change_mode(Mode.OFFBOARD, "go into Offboard")
 
     def _look_after_orders(self) -> None:

@@ -53,10 +53,12 @@ class Offboard:
         """Flies there from the next message on."""
         self._goal = setpoint, anchor
 
-    def start(self) -> None:
-        """Begins to stream; ``aim`` first."""
-        if self._end is None:
-            self._end = self._link.stream(self._send)
+    def start(self) -> bool:
+        """Begins to stream, ``aim`` first; False where it did already."""
+        if self._end is not None:
+            return False
+        self._end = self._link.stream(self._send)
+        return True
 
     def stop(self) -> None:
         """Says nothing more. Then PX4 does what COM_OBL_RC_ACT says, unless it was told another mode."""

@@ -1,0 +1,188 @@
+"""Whole missions on the look-alike: somebody takes the vehicle, the link is lost, our program is killed."""
+
+import numpy as np
+import pytest
+from look_alike import LookAlike
+from takeovers import HOLD, LAND, OFFBOARD, POSITION
+
+from skysweep.experiments.resume import resume_folder
+from skysweep.experiments.single import fly_to_folder
+from skysweep.mission.build import build_mission
+from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import fly
+from skysweep.results.run_folder import load_run
+from skysweep.scenarios.model import Scenario
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+
+SMALL = {
+    "name": "small",
+    "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]},
+    "home": {"position_enu_m": [-5, -5]},
+    "targets": [
+        {"class": "stop sign", "position_enu_m": [20, 20], "size_m": 0.9},
+        {"class": "stop sign", "position_enu_m": [45, 12], "size_m": 0.9},
+    ],
+    "wind": {"mean_speed_mps": 0.0, "gust_std_mps": 0.0},
+    "camera": {"hfov_rad": 1.2},
+}
+BOOTED_S = 900.0
+
+
+def small() -> Scenario:
+    return Scenario.model_validate(SMALL)
+
+
+class Flight:
+    """A mission on the look-alike; ``happens`` is asked at every step and may give the operator's word."""
+
+    def __init__(self, happens, on_loss=5):
+        self.there = LookAlike(on_loss, small(), BOOTED_S)
+        mission = build_mission(small(), 0, "statistical", vehicle=self.there.vehicle)
+        journal, self.states, self._word = MemoryJournal(), [], None
+
+        def watch(state, mode, _new):
+            self.states.append((state.time_s, mode, state.position_enu_m, bool(state.taken_over)))
+            self._word = happens(self.there, state, mode)
+            if self._word == "continue":
+                self.there.vehicle.regain()
+
+        def operator():
+            word, self._word = self._word, None
+            return word
+
+        self.reason = fly(mission, journal, watch, operator)
+        self.lines = journal.lines
+
+    def of_kind(self, kind):
+        return [line for line in self.lines if line["kind"] == kind]
+
+    @property
+    def safety(self):
+        return [(line["cause"], line["action"]) for line in self.of_kind("safety")]
+
+    def assert_found(self):
+        places = np.array([line["p"][:2] for line in self.of_kind("confirmed")])
+        for target in SMALL["targets"]:
+            assert np.hypot(*(places - target["position_enu_m"]).T).min() < 1.5
+
+
+class Pilot:
+    """Takes the vehicle ``at_s`` into a scan and flies it away; gives it back ``for_s`` later."""
+
+    def __init__(self, at_s=18.0, for_s=25.0):
+        self.at_s, self.for_s, self.took_s, self.took_at, self.ours = at_s, for_s, None, None, []
+
+    def __call__(self, there, state, mode):
+        if self.took_s is None and state.time_s > self.at_s and mode == "SCAN":
+            self.took_s, self.took_at = state.time_s, state.position_enu_m
+            there.sticks(moving=False)
+            there.wait(0.2)
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+            there.sticks(moving=True)
+            there.orders()
+        elif self.took_s is not None and state.time_s < self.took_s + self.for_s:
+            self.ours += there.orders()
+            assert there.flown()[0] == POSITION
+        elif state.taken_over:
+            there.sticks(moving=False)
+            return "continue"
+        return None
+
+
+def test_a_pilot_keeps_the_vehicle_and_the_search_goes_on_where_it_was_left():
+    pilot = Pilot()
+    flight = Flight(pilot)
+    assert flight.reason == "completed"
+    assert pilot.ours == []
+    assert flight.safety == [("taken over", "KEEP_OUT"), ("taken over", "CONTINUE")]
+    assert "until a person says continue" in flight.of_kind("safety")[0]["sentence"]
+    away = max(np.linalg.norm(p - pilot.took_at) for _, _, p, taken in flight.states if taken)
+    assert away > 30.0
+    after = [p for t, mode, p, _ in flight.states if t > pilot.took_s + pilot.for_s and mode == "SCAN"]
+    assert min(np.linalg.norm((p - pilot.took_at)[:2]) for p in after) < 3.0
+    flight.assert_found()
+
+
+def test_a_pilot_who_lands_ends_the_mission_and_what_was_seen_is_reported():
+    def happens(there, state, mode):
+        if state.time_s > 30.0 and there.flown()[0] == OFFBOARD:
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *LAND)
+
+    flight = Flight(happens)
+    assert flight.reason == "taken over"
+    assert not flight.there.sky.vehicle.state().airborne
+    assert flight.of_kind("landed")
+    assert flight.lines[-1]["kind"] == "end"
+
+
+@pytest.mark.parametrize("on_loss", [0, 3, 5])
+def test_px4_gives_it_back_by_itself_after_a_lost_link(on_loss):
+    cut = []
+
+    def happens(there, state, mode):
+        if not cut and state.time_s > 20.0 and mode == "SCAN":
+            cut.append((state.time_s, state.position_enu_m))
+            there.cut(20.0)
+
+    flight = Flight(happens, on_loss)
+    assert flight.reason == "completed"
+    assert flight.safety == [("telemetry silent", "HOLD"), ("telemetry silent", "CONTINUE")]
+    flight.assert_found()
+    after_s, place = cut[0][0] + 20.0, cut[0][1]
+    scan = [p for t, mode, p, _ in flight.states if after_s < t < after_s + 40.0 and mode == "SCAN"]
+    assert min(np.linalg.norm((p - place)[:2]) for p in scan) < 8.0  # silence is noticed late
+
+
+def test_a_ground_station_that_holds_it_is_not_overruled_for_ever():
+    held = []
+
+    def happens(there, state, mode):
+        if not held and state.time_s > 20.0:
+            held.append(state.time_s)
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
+        if held and state.time_s > held[0] + 300.0:
+            return "continue" if state.taken_over else None
+        assert not held or there.flown()[0] == HOLD
+
+    flight = Flight(happens)
+    assert flight.reason == "completed"
+    flight.assert_found()
+
+
+class Killed(BaseException):
+    """Our program is killed: nothing is said to the vehicle."""
+
+
+def test_a_flight_killed_twice_goes_on_in_the_missions_time(tmp_path):
+    there = LookAlike(5, small(), BOOTED_S)
+    uninterrupted = fly_to_folder(
+        small(), 0, tmp_path / "whole", "statistical", vehicle=LookAlike(5, small()).vehicle
+    )
+
+    def killer(at_s):
+        def watch(state, _mode, _new):
+            assert state.time_s < BOOTED_S
+            if state.time_s > at_s:
+                there.vehicle.hold = lambda: None
+                raise Killed
+
+        return watch
+
+    with pytest.raises(Killed):
+        fly_to_folder(small(), 0, tmp_path / "run", "statistical", watch=killer(30.0), vehicle=there.vehicle)
+    for at_s in (55.0, 1e9):
+        there.connect()
+        there.wait(40.0)
+        assert there.flown()[0] == HOLD
+        try:
+            summary = resume_folder(tmp_path / "run", killer(at_s), vehicle=there.vehicle)
+        except Killed:
+            continue
+    run = load_run(tmp_path / "run")
+    times = [r["t"] for r in run.records if r["kind"] == "state"]
+    assert max(np.diff(times)) < 5.0
+    assert min(np.diff(times)) > -2.0
+    assert not [r for r in run.records if r["kind"] == "safety"]
+    assert summary["n_confirmed"] == uninterrupted["n_confirmed"] == 2
+    assert summary["mission_time_s"] == pytest.approx(times[-1], abs=60.0)
+    assert summary["mission_time_s"] < uninterrupted["mission_time_s"] + 60.0
