@@ -258,6 +258,13 @@ def test_a_mode_that_cannot_be_had_in_the_air_is_refused_and_says_why(sky, gcs, 
     assert sky.pilot.mode.name == "HOLD"
 
 
+def test_a_mode_is_acknowledged_twice_as_by_px4(sky, gcs):
+    gcs.take_off(5.0)
+    for mode, results in ((HOLD, [0, 0]), (OFFBOARD, [0, m.MAV_RESULT_TEMPORARILY_REJECTED])):
+        gcs.mode(*mode)
+        assert [a.result for a in gcs.of("COMMAND_ACK")] == results
+
+
 @pytest.mark.parametrize(
     ("mode", "why"),
     [
