@@ -133,9 +133,11 @@ class Commands:
             self._pilot.disarm(forced=whole(order.params[1]) == _FORCED)
         return None
 
-    def _terminate(self, order: Order) -> None:
-        if order.params[0] > _TERMINATES:
-            self._pilot.change_mode(Mode.TERMINATION)
+    def _terminate(self, order: Order) -> int | None:
+        if not (self._pilot.armed and order.params[0] > _TERMINATES):
+            return _DENIED
+        self._pilot.change_mode(Mode.TERMINATION)
+        return None
 
     def _set_mode(self, order: Order) -> int | None:
         base, main, sub = (whole(v) for v in order.params[:3])
@@ -147,7 +149,7 @@ class Commands:
     def set_mode(self, main: int, sub: int, sender: Sender) -> None:
         """By PX4's numbers of a mode. Raises Refused."""
         mode = mode_of(main, sub)
-        if mode is None:
+        if mode is None or mode is Mode.TERMINATION:  # which has a command of its own
             raise Refused("this vehicle has no such mode")
         self._change(mode, sender)
 
