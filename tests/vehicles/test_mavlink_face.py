@@ -13,6 +13,7 @@ from mavlink_clients import (
     POSITION,
     RETURN,
     STABILIZED,
+    TERMINATION,
     Program,
     Sky,
     scenario,
@@ -249,7 +250,9 @@ def test_hold_stops_a_vehicle_at_speed(sky, gcs):
     assert 3.0 < sky.ned[0] - before < 9.0
 
 
-@pytest.mark.parametrize("mode", [MISSION, OFFBOARD, POSITION, ALTITUDE, STABILIZED, (1, 0), (4, 99), (10, 0)])
+@pytest.mark.parametrize(
+    "mode", [MISSION, OFFBOARD, POSITION, ALTITUDE, STABILIZED, TERMINATION, (1, 0), (4, 99)]
+)
 def test_a_mode_that_cannot_be_had_in_the_air_is_refused_and_says_why(sky, gcs, mode):
     gcs.take_off(5.0)
     gcs.forget()
