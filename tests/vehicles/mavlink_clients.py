@@ -140,11 +140,14 @@ class Program:
         return " ".join(h.text for h in self.of("STATUSTEXT"))
 
     def command(self, number: int, *params: float, component: int = 1) -> int:
-        """The result of a COMMAND_LONG, the second one of a mode: PX4's link answers first."""
+        """The last result of a COMMAND_LONG: PX4's link accepts a mode before its commander looks."""
         params = (*params, *[0.0] * (7 - len(params)))
         acks = self.answers(m.MAVLink_command_long_message(1, component, number, 0, *params), "COMMAND_ACK")
-        assert [a.command for a in acks] == [number] * (2 if number == m.MAV_CMD_DO_SET_MODE else 1)
-        return acks[-1].result
+        *accepted, last = acks
+        assert {a.command for a in acks} == {number}
+        assert [a.result for a in accepted] in ([], [m.MAV_RESULT_ACCEPTED])
+        assert not accepted or number == m.MAV_CMD_DO_SET_MODE
+        return last.result
 
     def mode(self, main: int, sub: int) -> int:
         return self.command(m.MAV_CMD_DO_SET_MODE, 1, main, sub)

@@ -13,6 +13,7 @@ from mavlink_clients import (
     POSITION,
     RETURN,
     STABILIZED,
+    TERMINATION,
     Program,
     Sky,
     scenario,
@@ -249,13 +250,22 @@ def test_hold_stops_a_vehicle_at_speed(sky, gcs):
     assert 3.0 < sky.ned[0] - before < 9.0
 
 
-@pytest.mark.parametrize("mode", [MISSION, OFFBOARD, POSITION, ALTITUDE, STABILIZED, (1, 0), (4, 99)])
+@pytest.mark.parametrize(
+    "mode", [MISSION, OFFBOARD, POSITION, ALTITUDE, STABILIZED, TERMINATION, (1, 0), (4, 99)]
+)
 def test_a_mode_that_cannot_be_had_in_the_air_is_refused_and_says_why(sky, gcs, mode):
     gcs.take_off(5.0)
     gcs.forget()
     assert gcs.mode(*mode) == m.MAV_RESULT_TEMPORARILY_REJECTED
     assert gcs.texts()
     assert sky.pilot.mode.name == "HOLD"
+
+
+def test_a_mode_is_acknowledged_twice_as_by_px4(sky, gcs):
+    gcs.take_off(5.0)
+    for mode, results in ((HOLD, [0, 0]), (OFFBOARD, [0, m.MAV_RESULT_TEMPORARILY_REJECTED])):
+        gcs.mode(*mode)
+        assert [a.result for a in gcs.of("COMMAND_ACK")] == results
 
 
 @pytest.mark.parametrize(

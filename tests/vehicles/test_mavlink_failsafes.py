@@ -168,6 +168,27 @@ def test_on_the_ground_it_falls_back_too_and_disarms():
     assert flight.seen() == (OFFBOARD, OFFBOARD, m.MAV_STATE_UNINIT)
 
 
+def test_it_takes_off_again_when_setpoints_are_back_before_it_has_disarmed():
+    flight = Flight(COM_OBL_RC_ACT=4)
+    flight.engage()
+    flight.sky.fly(until=lambda: not flight.pilot.flying)
+    assert flight.pilot.armed
+    flight.stream(15.0)
+    assert flight.sky.ned[2] == pytest.approx(-10.0, abs=0.3)
+
+
+def test_a_gap_at_lift_off_delays_the_take_off():
+    flight = Flight()
+    flight.program.say(HERE)
+    assert flight.program.mode(*OFFBOARD) == 0
+    assert flight.program.arm() == 0
+    flight.stream(0.3)
+    flight.silence(1.6)
+    assert flight.seen() == (POSITION, OFFBOARD, m.MAV_STATE_CRITICAL)
+    flight.stream(15.0)
+    assert flight.sky.ned[2] == pytest.approx(-10.0, abs=0.3)
+
+
 def test_current_mode_comes_every_two_seconds_unless_asked(flight):
     flight.program.forget()
     flight.stream(10.0)
@@ -456,6 +477,7 @@ def test_a_kill_in_the_air_disarms_at_once_and_it_comes_down(flight):
 
 
 def test_termination_by_command(flight):
+    assert flight.station.command(m.MAV_CMD_DO_FLIGHTTERMINATION, 0) == m.MAV_RESULT_DENIED
     assert flight.station.command(m.MAV_CMD_DO_FLIGHTTERMINATION, 1) == 0
     flight.stream(0.5)
     assert flight.seen() == (TERMINATION, TERMINATION, m.MAV_STATE_FLIGHT_TERMINATION)

@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from mavlink_clients import HOLD, LAND, MISSION, OFFBOARD, RETURN, Program, Sky, item, local
-from pymavlink.dialects.v20 import common as m
+from mavlink_clients import HOLD, LAND, MISSION, OFFBOARD, POSITION, RETURN, Program, Sky, item, local
+from pymavlink.dialects.v20 import development as m
 
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
@@ -25,7 +25,8 @@ def frames(seed: int, sky: Sky, keys: list):
     known = list(m.mavlink_map.values())
     heard = [kind for kind in known if kind.msgname in sky.face._handle]
     sensible = list(sensible_messages(sky))
-    commands = list(sky.face._commands._do)
+    final = m.MAV_CMD_DO_FLIGHTTERMINATION  # nothing would fly after it
+    commands = [number for number in sky.face._commands._do if number != final]
     while True:
         i = draw.randrange(STREAMS)
         choice = draw.random()
@@ -95,8 +96,9 @@ def sensible_messages(sky: Sky):
     yield command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     yield command(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan)
     yield command(m.MAV_CMD_MISSION_START)
-    for mode in (HOLD, MISSION, OFFBOARD, RETURN, LAND):
+    for mode in (HOLD, MISSION, OFFBOARD, POSITION, RETURN, LAND):
         yield command(m.MAV_CMD_DO_SET_MODE, 1, *mode)
+    yield m.MAVLink_manual_control_message(1, 600, -300, 700, 200, 0)
     yield local(5, 5, -10)
     yield local(0, 0, 0, 0b1101_1100_0111, velocity=(3.0, 1.0, -1.0))
     yield m.MAVLink_param_request_list_message(1, 1)

@@ -1,4 +1,4 @@
-"""The command protocol: COMMAND_LONG and COMMAND_INT, each answered with one COMMAND_ACK."""
+"""The command protocol: COMMAND_LONG and COMMAND_INT, each answered with a COMMAND_ACK."""
 
 from __future__ import annotations
 
@@ -103,8 +103,6 @@ class Commands:
         """Carries out a command and acknowledges it; the reason of a refusal goes with it as a text."""
         to_camera = message.target_component == CAMERA
         do = (self._of_camera if to_camera else self._do).get(message.command)
-        if do == self._set_mode:  # PX4's link answers before its commander, which answers again
-            self._acknowledge(message, _OK, sender)
         result = _UNSUPPORTED
         if do is not None:
             try:
@@ -113,6 +111,8 @@ class Commands:
             except Refused as why:
                 result = _DENIED if isinstance(why, _Denied) else _LATER
                 sender.tell(str(why))
+        if do == self._set_mode and result != _DENIED:  # PX4's link accepts it before its commander looks
+            self._acknowledge(message, _OK, sender)
         self._acknowledge(message, result, sender)
 
     def _acknowledge(self, message: Message, result: int, sender: Sender) -> None:
@@ -133,9 +133,11 @@ class Commands:
             self._pilot.disarm(forced=whole(order.params[1]) == _FORCED)
         return None
 
-    def _terminate(self, order: Order) -> None:
-        if order.params[0] > _TERMINATES:
-            self._pilot.change_mode(Mode.TERMINATION)
+    def _terminate(self, order: Order) -> int | None:
+        if not (self._pilot.armed and order.params[0] > _TERMINATES):
+            return _DENIED
+        self._pilot.change_mode(Mode.TERMINATION)
+        return None
 
     def _set_mode(self, order: Order) -> int | None:
         base, main, sub = (whole(v) for v in order.params[:3])
@@ -147,7 +149,7 @@ class Commands:
     def set_mode(self, main: int, sub: int, sender: Sender) -> None:
         """By PX4's numbers of a mode. Raises Refused."""
         mode = mode_of(main, sub)
-        if mode is None:
+        if mode is None or mode is Mode.TERMINATION:  # which has a command of its own
             raise Refused("this vehicle has no such mode")
         self._change(mode, sender)
 

@@ -80,7 +80,7 @@ class Offboard:
         here = pilot.state.position_enu_m
         if not pilot.flying:
             up = target.position_enu_m[2] - here[2]
-            if pilot.may_lift_off and (up > _LIFT_OFF_M or target.velocity_enu_mps[2] > _LIFT_OFF_MPS):
+            if up > _LIFT_OFF_M or target.velocity_enu_mps[2] > _LIFT_OFF_MPS:
                 pilot.lift_off(float(here[2] + (up if up > _LIFT_OFF_M else 1.0)))
             return
         if target.yaw_rad is None:

@@ -21,7 +21,7 @@ OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # where PX4's simulation send
 _LARGEST_DATAGRAM = 65_535
 _DATAGRAMS_IN_A_ROW = 200  # then the vehicle's turn
 _WATCH_EVERY_S = 0.2  # on the wall
-_WAITS_FOR_PROGRAMS = ("COM_OF_LOSS_T", "COM_DISARM_PRFLT")
+_WAITS_FOR_PROGRAMS = ("COM_OF_LOSS_T", "COM_RC_LOSS_T", "COM_DISARM_PRFLT")
 _MAX_LAG_S = 0.5  # on the wall; a machine that is slower than this lets vehicle time run slower
 
 
