@@ -23,6 +23,7 @@ from skysweep.experiments.sweep import fly_job
 from skysweep.experiments.sweep_matrix import Matrix
 from skysweep.experiments.sweep_spec import dump_spec, parse_spec
 from skysweep.experiments.sweep_store import SweepStore
+from skysweep.results import sweep_figures
 from skysweep.results.statistics import holm
 from skysweep.results.sweep_analysis import analyse, sensitivity, verdict
 from skysweep.results.sweep_missions import (
@@ -92,6 +93,24 @@ def test_everything_is_there_and_the_page_needs_nothing_else(reported):
     assert "name: mine" in html
     for sentence in sentences:
         assert sentence.replace("&", "&amp;").replace("<", "&lt;") in html
+
+
+def test_recall_axes_end_at_1(table, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(sweep_figures, "save_figure", lambda figure, path: drawn.append(figure) or path)
+    flown_there = by_scenario(load_missions_of(table))["calm"]
+    (analysis,) = analyse({"calm": flown_there})
+    sweep_figures.draw_pareto(analysis, tmp_path / "pareto")
+    sweep_figures.draw_pos(analysis, tmp_path / "pos")
+    sweep_figures.draw_sensitivity(sensitivity(flown_there, "search.n_c"), "search.n_c", tmp_path / "n_c")
+    shares = {
+        id(axis): axis
+        for figure in drawn
+        for axis in figure.axes
+        if "recall" in axis.get_ylabel().lower() or "POS" in axis.get_ylabel()
+    }
+    assert [axis.get_ylim()[1] for axis in shares.values()] == [1.0, 1.0, 1.0]
+    assert all(axis.get_ylim()[0] < 1.0 for axis in shares.values())
 
 
 def test_means_are_those_of_the_table(reported, table):
@@ -261,6 +280,22 @@ def test_a_comparison_with_the_paper(table, tmp_path):
     ledger.write_text("\n".join([*lines, lines[0]]))
     with pytest.raises(UserError, match="different parameters"):
         load_missions(str(tmp_path))
+
+
+def test_a_comparison_tells_scan_only_from_the_n_c_of_its_scenario(tmp_path):
+    base = {"scenario": "calm", "sensor": "statistical", "completed": True, "recall": 1.0}
+    base |= {"false_positives": 0, "pos_curve": [[0.0, 0.0], [9.0, 1.0]]}
+    ways = (("scan-check", 5), ("scan-check", "inf"), ("scan-only", 5))
+    summaries = [
+        base | {"strategy": strategy, "n_c": n_c, "seed": seed, "mission_time_s": 100.0 + seed}
+        for strategy, n_c in ways
+        for seed in range(3)
+    ]
+    lines = [json.dumps({"key": str(k), "summary": s}) for k, s in enumerate(summaries)]
+    (tmp_path / "missions.jsonl").write_text("\n".join(lines) + "\n")
+    flown_there = by_scenario(load_missions(str(tmp_path)))["calm"]
+    assert [f.label for f in flown_there] == ["scan-check, n_c = 5", "scan-check, n_c = ∞", "scan-only"]
+    assert [f.n for f in flown_there] == [3, 3, 3]
 
 
 @pytest.mark.parametrize(
