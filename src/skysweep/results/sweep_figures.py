@@ -76,7 +76,6 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
                     color=_BLUE if on_front else "0.6",
                     elinewidth=0.7,
                     zorder=3 if on_front else 2,
-                    clip_on=False,
                 )
             for place, numbers in _numbered(named, metric).items():
                 axis.annotate(
@@ -111,9 +110,11 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
 
 
 def _end_recall_at_1(axis: Axes, metric: Metric) -> None:
-    """No axis promises a recall that cannot be."""
+    """No axis promises a recall that cannot be; marks at 1 are drawn whole."""
     if metric is RECALL:
         axis.set_ylim(top=1.0)
+        for line in axis.lines:
+            line.set_clip_on(not np.size(line.get_xdata()))
 
 
 def _numbered(named: Sequence[Member], metric: Metric) -> dict[tuple[float, float], list[str]]:
@@ -250,7 +251,7 @@ def _curve(
     joined &= joined.sum() > 1
     apart = ~joined
     x = np.array([places[v] for v in curve.values]) + np.where(joined, 0.0, shift)
-    look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 3.5, "clip_on": False}
+    look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 3.5}
     axis.plot(x[joined], mean[joined], ls=dash, lw=1.2, label=math_text(curve.label), zorder=3, **look)
     axis.fill_between(x[joined], low[joined], high[joined], color=colour, alpha=0.15, lw=0)
     bars = np.abs(np.stack([mean - low, high - mean]))[:, apart]

@@ -234,7 +234,7 @@ HEADER = (
     "Mission\ntime (s)",
     "95 % CI",
     "Paper\n(s)",
-    "Differ-\nence",
+    "Diffe-\nrence",
     "False\nscans",
     "False\npos.",
     "Paper\nf. p.",
@@ -251,7 +251,7 @@ PAIRED_HEADER = (
     "Faster?",
 )
 PAIRED_CAPTION = "Paired over seeds: best choice minus the other"
-CHECK_HEADER = ("Scenario", "n_c", "Time (s)", "Recall", "False positives", "Pairs", "CHECK brings")
+CHECK_HEADER = ("Scenario", "n_c", "Time (s)", "Recall", "False positives", "CHECK brings")
 CHECK_CAPTION = "What CHECK costs and brings: the paper's best choice minus scan-only, paired over seeds"
 
 
@@ -293,7 +293,6 @@ def check_cells(effect: CheckEffect) -> tuple[str, ...]:
         _difference(effect.mission_time_s, 1),
         _difference(effect.recall, 3),
         _difference(effect.false_positives, 2),
-        str(effect.n_pairs),
         effect.brings,
     )
 
