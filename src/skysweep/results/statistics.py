@@ -108,8 +108,8 @@ def bca_intervals(values: F64, resamples: int = RESAMPLES) -> tuple[F64, F64]:
     for start in range(0, columns, _BLOCK):
         block = slice(start, start + _BLOCK)
         bounds[:, block] = _bca_block(deviations[:, block], resamples)
-    low, high = np.clip(mean + scale * bounds, values.min(axis=0), values.max(axis=0))
-    return low, high
+    low, high = mean + scale * bounds
+    return np.where(np.abs(low) < 1e-12 * scale, 0.0, low), np.where(np.abs(high) < 1e-12 * scale, 0.0, high)
 
 
 def _bca_block(deviations: F64, resamples: int) -> F64:
