@@ -9,6 +9,9 @@ import time
 import psutil
 import pytest
 
+from skysweep.experiments.compare import paper_jobs
+from skysweep.results.tables import PAPER
+
 COMMAND = [
     sys.executable,
     "-m",
@@ -22,8 +25,11 @@ COMMAND = [
 ]
 
 
-def rows(folder):
-    return json.loads((folder / "compare.json").read_text())
+SCENARIOS = ["clusters", "abundance", "sparse"]
+
+
+def rows(folder, name="compare"):
+    return json.loads((folder / f"{name}.json").read_text())
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +41,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_eight_rows_three_tables_and_a_report(whole):
+def test_eight_rows_scan_only_three_tables_and_a_report(whole):
     out, stdout = whole
     table = rows(out)
     assert [(r["scenario"], r["n_c"]) for r in table] == [
@@ -54,6 +60,19 @@ def test_eight_rows_three_tables_and_a_report(whole):
     )
     assert set(wanted.split()) <= set(table[0])
     assert "379.66" in stdout.replace(" ", "") or "379.7" in stdout
+    baselines = rows(out, "baselines")
+    assert [(r["scenario"], r["strategy"], r["n_seeds"]) for r in baselines] == [
+        (scenario, "scan-only", 1) for scenario in SCENARIOS
+    ]
+    for scenario, row in zip(SCENARIOS, baselines, strict=True):
+        assert (
+            0.0
+            < row["mission_time_mean_s"]
+            < min(r["mission_time_mean_s"] for r in table if r["scenario"] == scenario)
+        )
+        assert 0.0 < row["recall_mean"] <= 1.0
+        assert (out / "runs" / f"{scenario}-scan-only-seed0" / "map.png").exists()
+    assert stdout.count("scan-only") >= 3
     assert (out / "report.html").stat().st_size > 10_000
     assert (out / "trajectories.png").exists()
 
@@ -76,6 +95,34 @@ def test_killed_and_continued_it_ends_with_the_same_rows(whole, tmp_path):
     subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
     assert ledger.read_text().splitlines()[:2] == before, "finished missions are not flown again"
     assert rows(out) == rows(whole[0])
+    assert rows(out, "baselines") == rows(whole[0], "baselines")
+
+
+@pytest.mark.slow
+def test_a_ledger_of_eight_rows_counts_and_only_scan_only_is_flown(whole, tmp_path):
+    out = tmp_path / "out"
+    lines = (whole[0] / "missions.jsonl").read_text().splitlines()
+    eight = [line for line in lines if json.loads(line)["summary"]["strategy"] == "scan-check"]
+    assert len(lines) == 11
+    assert len(eight) == 8
+    out.mkdir()
+    (out / "missions.jsonl").write_text("\n".join(eight) + "\n")
+    subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
+    after = (out / "missions.jsonl").read_text().splitlines()
+    assert after[:8] == eight
+    assert [json.loads(line)["summary"]["strategy"] for line in after[8:]] == ["scan-only"] * 3
+    assert rows(out) == rows(whole[0])
+    assert rows(out, "baselines") == rows(whole[0], "baselines")
+
+
+def test_scan_only_keeps_the_rows_settings_and_the_keys_of_the_others(tmp_path):
+    jobs = paper_jobs(2, "statistical", tmp_path, {"wind.mean_speed_mps": 4.0})
+    assert len(jobs) == len({job.key for job in jobs}) == 22
+    only = [job.config for job in jobs if job.n_c is None]
+    assert {config.search.strategy for config in only} == {"scan-only"}
+    assert {config.wind.mean_speed_mps for config in only} == {4.0}
+    rows = [(job.scenario, job.n_c) for job in jobs if job.n_c is not None and job.seed == 0]
+    assert rows == [(row.scenario, row.n_c) for row in PAPER]
 
 
 def _alive_after(processes, seconds):

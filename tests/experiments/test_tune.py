@@ -3,6 +3,7 @@
 import json
 import math
 import multiprocessing
+import re
 import signal
 import sqlite3
 import subprocess
@@ -30,6 +31,7 @@ from skysweep.experiments.tune_race import (
     incumbents,
     why_dropped,
 )
+from skysweep.experiments.tune_report import matters_grid
 from skysweep.experiments.tune_space import (
     CHECK_SPEED,
     D_C,
@@ -300,6 +302,27 @@ def test_when_it_matters(tmp_path):
     assert [(e.held, e.value) for e in effects(table)] == [("d_c", 5.0), ("d_c", math.inf), ("n_c", 5.0)]
 
 
+def test_a_clear_interval_is_never_called_as_good_as_the_fastest():
+    scenario = tiny(**{"search.n_c": 5.0})
+    cells = [c for c in matters_candidates(scenario) if c.changes[D_C] == math.inf]
+    few, many = (
+        matters_table(
+            cells, [flown(100.0 + 8.0 * k + 0.1 * np.arange(n)) for k in range(len(cells))], scenario
+        )
+        for n in (4, 20)
+    )
+    assert len(few) == 6
+    assert [c.as_good for c in few] == [True, *[False] * 5]
+    assert [c.undecided for c in few] == [False, *[True] * 5]
+    assert [(c.as_good, c.undecided) for c in many[1:]] == [(False, False)] * 5
+    grid = matters_grid("tiny", few)
+    assert "+8 (8 to 8) ?" in grid.rows[1]
+    assert "too few seeds to tell after correcting for 5 comparisons, at least 8 are needed" in grid.caption
+    assert "?" not in str(matters_grid("tiny", many))
+    equal = matters_table(cells, [flown(100.0 + 0.1 * np.arange(4))] * 6, scenario)
+    assert all(c.as_good for c in equal)
+
+
 def test_the_command_end_to_end(tmp_path, scenario_file):
     out = tmp_path / "out"
     arguments = [scenario_file, *FEW, "--trials", 6, "--seeds", 4, "--validation-seeds", 3, "--out", out]
@@ -307,11 +330,19 @@ def test_the_command_end_to_end(tmp_path, scenario_file):
     assert result.returncode == 0, result.stderr
     assert "Recommended for tiny" in result.stdout
     assert "Runner-up" in result.stdout
+    rule = (
+        "mean recall of at least 0.95 in every scenario, the one with the least cost: mission time and 60 s"
+    )
+    assert rule in result.stdout
     assert ", cost +" in result.stdout
     folder = out / "tiny"
     lines = (folder / "tuning.md").read_text().splitlines()
     cells = {cell.strip() for line in lines if line.startswith("| ") for cell in line.split("|")}
-    numbers = {cell for cell in cells if cell[:1] in set("+0123456789")}
+    figures = re.findall(r"^\| (?:trial|own).*", "\n".join(lines), re.M)
+    assert len(figures) >= 2
+    for row in figures:
+        assert len(re.findall(r"[\d.]+ \([\d.]+ to [\d.]+\)", "|".join(row.split("|")[2:5]))) == 3, row
+    numbers = {part for cell in cells if cell[:1] in set("+0123456789") for part in cell.split(" (")}
     assert len(numbers) >= 15
     assert {number for number in numbers if number not in result.stdout} == set(), "cut short"
     trials = pl.read_parquet(folder / "trials.parquet")

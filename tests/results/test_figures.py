@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 from results_data import tiny_records, write_run
 
+from skysweep.results import figures
 from skysweep.results.figures import panels, pos_curves, run_map, step_values
 from skysweep.results.run_folder import load_run
 
@@ -36,6 +37,14 @@ def test_panels_come_in_three_formats_and_leave_missing_cells_empty(tmp_path):
     height, width = image.shape
     bottom_left = image[int(height * 0.55) : int(height * 0.75), : int(width * 0.4)]
     assert (bottom_left > 250).all()
+
+
+def test_pos_axis_ends_at_1(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "save_figure", lambda figure, path: drawn.append(figure) or path)
+    pos_curves({"one": [np.array([[0.0, 0.0], [10.0, 1.0]])]}, tmp_path / "pos.svg")
+    (axis,) = drawn[0].axes
+    assert axis.get_ylim() == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("missions", [1, 3])

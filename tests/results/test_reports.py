@@ -122,6 +122,7 @@ def test_comparison_writes_tables_and_figures(comparison):
     assert [row["mission_time_mean_s"] for row in written] == [79.5, 59.5]
     assert {p.name for p in folder.iterdir()} == {
         "runs",
+        "baselines.json",
         "compare.json",
         "compare.md",
         "report.html",
@@ -132,6 +133,26 @@ def test_comparison_writes_tables_and_figures(comparison):
     assert len(page.sources) == 2
     assert "sparse: n_c = ∞ is faster than n_c = 1 -20.0 s" in page.text
     assert "the same in all rows" in page.text
+
+
+def test_comparison_shows_scan_only_beside_the_rows(comparison):
+    folder, summaries = comparison
+    for seed in (0, 1):
+        records = tiny_records()
+        records[0] |= {"seed": seed, "strategy": "scan-only"}
+        run = write_run(folder / f"runs/sparse-scan-only-seed{seed}", records, name="sparse")
+        summaries.append(compute_summary(load_run(run)))
+    rows = write_compare_report(folder, summaries)
+    assert [(r.n_c, r.n_seeds) for r in rows] == [(1, 2), ("inf", 2), (None, 2)]
+    assert [r["n_c"] for r in json.loads((folder / "compare.json").read_text())] == [1, "inf"]
+    (baseline,) = json.loads((folder / "baselines.json").read_text())
+    assert baseline["mission_time_mean_s"] == 60
+    page = read_page(folder / "report.html")
+    assert "What CHECK costs and brings" in page.text
+    assert "sparse ∞ -0.5" in page.text
+    assert "the same in all rows" in page.text
+    for figure in ("trajectories.svg", "pos-sparse.svg"):
+        assert "scan-only" in (folder / figure).read_text(), figure
 
 
 def test_comparison_tells_of_searches_that_were_not_finished(comparison):

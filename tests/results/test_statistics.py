@@ -19,6 +19,7 @@ from skysweep.results.statistics import (
     holm,
     paired_tests,
     pairs_needed,
+    pairs_to_tell,
     pareto_front,
     pointwise_band,
     resample_counts,
@@ -45,6 +46,16 @@ def test_one_value_has_no_interval_and_none_has_no_mean():
 def test_values_that_do_not_vary_give_no_width():
     e = estimate(np.full(30, 0.1))
     assert (e.low, e.high) == (pytest.approx(0.1, abs=1e-15), pytest.approx(0.1, abs=1e-15))
+
+
+@given(arrays(float, st.integers(2, 40), elements=st.integers(0, 3).map(lambda k: k / 8)))
+@settings(deadline=None, max_examples=30)
+def test_a_bound_of_zero_is_zero_whatever_the_rounding(values):
+    low, high = (float(bound[0]) for bound in bca_intervals(values[:, None] - values.min(), 500))
+    assert math.copysign(1.0, low) > 0
+    assert low == 0.0 or low > 1e-6
+    low, high = (float(bound[0]) for bound in bca_intervals(values[:, None] - values.max(), 500))
+    assert high == 0.0 or high < -1e-6
 
 
 def test_resamples_draw_n_of_n_alike_every_time():
@@ -209,6 +220,28 @@ def test_holm_never_helps_and_keeps_the_order(p):
 def test_pairs_needed_is_the_first_number_that_can_show_anything(family):
     n = pairs_needed(family)
     assert smallest_p(n) * family <= 0.05 < smallest_p(n - 1) * family
+
+
+@given(
+    arrays(float, st.integers(2, 60), elements=st.floats(-9, 9, allow_subnormal=False)),
+    st.integers(1, 500),
+)
+@settings(deadline=None)
+def test_pairs_to_tell_asks_for_more_pairs_where_a_family_hides_a_difference(differences, family):
+    (test,) = paired_tests(differences[:, None])
+    if test.p * family >= 0.05:
+        assert pairs_to_tell(test, family) > test.n_pairs
+        assert pairs_to_tell(test, family) >= pairs_needed(family)
+
+
+def test_pairs_to_tell_is_about_right():
+    rng = np.random.default_rng(3)
+    few = paired_tests(rng.normal(0.5, 1, (30, 400)))
+    median = sorted(few, key=lambda test: test.p)[200]
+    n = pairs_to_tell(median, 66)
+    assert n > 30
+    enough = paired_tests(rng.normal(0.5, 1, (n, 400)))
+    assert 0.3 < np.mean([test.p * 66 < 0.05 for test in enough]) < 0.7
 
 
 def test_smallest_p_is_reached():

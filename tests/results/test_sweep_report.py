@@ -12,6 +12,8 @@ import numpy as np
 import polars as pl
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 from sweep_data import fly_sweep, tiny_scenario
 from typer.testing import CliRunner
@@ -23,8 +25,9 @@ from skysweep.experiments.sweep import fly_job
 from skysweep.experiments.sweep_matrix import Matrix
 from skysweep.experiments.sweep_spec import dump_spec, parse_spec
 from skysweep.experiments.sweep_store import SweepStore
-from skysweep.results.statistics import holm
-from skysweep.results.sweep_analysis import analyse, sensitivity, verdict
+from skysweep.results import sweep_figures
+from skysweep.results.statistics import holm, pairs_needed
+from skysweep.results.sweep_analysis import analyse, best_rule, sensitivity, verdict
 from skysweep.results.sweep_missions import (
     MISSION_TIME,
     Configuration,
@@ -94,6 +97,24 @@ def test_everything_is_there_and_the_page_needs_nothing_else(reported):
         assert sentence.replace("&", "&amp;").replace("<", "&lt;") in html
 
 
+def test_recall_axes_end_at_1(table, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(sweep_figures, "save_figure", lambda figure, path: drawn.append(figure) or path)
+    flown_there = by_scenario(load_missions_of(table))["calm"]
+    (analysis,) = analyse({"calm": flown_there})
+    sweep_figures.draw_pareto(analysis, tmp_path / "pareto")
+    sweep_figures.draw_pos(analysis, tmp_path / "pos")
+    sweep_figures.draw_sensitivity(sensitivity(flown_there, "search.n_c"), "search.n_c", tmp_path / "n_c")
+    shares = {
+        id(axis): axis
+        for figure in drawn
+        for axis in figure.axes
+        if "recall" in axis.get_ylabel().lower() or "POS" in axis.get_ylabel()
+    }
+    assert [axis.get_ylim()[1] for axis in shares.values()] == [1.0, 1.0, 1.0]
+    assert all(axis.get_ylim()[0] < 1.0 for axis in shares.values())
+
+
 def test_means_are_those_of_the_table(reported, table):
     out, _ = reported
     statistics = pl.read_csv(out / "tables" / "statistics.csv")
@@ -157,9 +178,9 @@ def test_sentences_say_the_fastest_and_how_sure(reported, table):
     means = table.filter(pl.col("scenario") == "calm").group_by(N_C).agg(pl.mean("mission_time_s", "recall"))
     fastest = means.filter(pl.col("recall") >= 0.95).sort("mission_time_s").row(0, named=True)
     sign = "∞" if math.isinf(fastest[N_C]) else f"{fastest[N_C]:g}"
-    assert calm.startswith(f"calm: n_c = {sign} has the shortest mean mission time")
-    assert f"{fastest['mission_time_s']:.1f} s (95 % CI" in calm
-    assert "8 seeds" in calm
+    assert calm.startswith(f"calm: n_c = {sign} is the best: recall ")
+    assert f"mission time {fastest['mission_time_s']:.1f} s (95 % CI" in calm
+    assert "over 8 seeds" in calm
     assert "1 seed: no interval" in gale
     assert "not distinguishable" in gale
 
@@ -263,6 +284,22 @@ def test_a_comparison_with_the_paper(table, tmp_path):
         load_missions(str(tmp_path))
 
 
+def test_a_comparison_tells_scan_only_from_the_n_c_of_its_scenario(tmp_path):
+    base = {"scenario": "calm", "sensor": "statistical", "completed": True, "recall": 1.0}
+    base |= {"false_positives": 0, "pos_curve": [[0.0, 0.0], [9.0, 1.0]]}
+    ways = (("scan-check", 5), ("scan-check", "inf"), ("scan-only", 5))
+    summaries = [
+        base | {"strategy": strategy, "n_c": n_c, "seed": seed, "mission_time_s": 100.0 + seed}
+        for strategy, n_c in ways
+        for seed in range(3)
+    ]
+    lines = [json.dumps({"key": str(k), "summary": s}) for k, s in enumerate(summaries)]
+    (tmp_path / "missions.jsonl").write_text("\n".join(lines) + "\n")
+    flown_there = by_scenario(load_missions(str(tmp_path)))["calm"]
+    assert [f.label for f in flown_there] == ["scan-check, n_c = 5", "scan-check, n_c = ∞", "scan-only"]
+    assert [f.n for f in flown_there] == [3, 3, 3]
+
+
 @pytest.mark.parametrize(
     ("prepare", "says"),
     [
@@ -298,7 +335,11 @@ def test_the_command(table, tmp_path):
 
 
 def flown(
-    time_s: list[float], recall: list[float] | float = 1.0, strategy: str = "scan-check", **parameters: float
+    time_s: list[float],
+    recall: list[float] | float = 1.0,
+    strategy: str = "scan-check",
+    false_positives: list[float] | float = 0.0,
+    **parameters: float,
 ) -> Flown:
     """A configuration whose numbers are given, for computing by hand."""
     times = np.array(time_s, dtype=float)
@@ -307,7 +348,7 @@ def flown(
         "mission_time_s": times,
         "recall": np.broadcast_to(np.asarray(recall, dtype=float), times.shape),
         "false_scans": np.zeros_like(times),
-        "false_positives": np.zeros_like(times),
+        "false_positives": np.broadcast_to(np.asarray(false_positives, dtype=float), times.shape),
     }
     label = configuration_label(configuration, with_strategy=False)
     return Flown(configuration, label, np.arange(len(times)), values, (), 0, 0)
@@ -323,7 +364,8 @@ NOISE = np.random.default_rng(0).normal(size=30)
 def test_verdict_faster():
     text = verdict_of(flown(300 + NOISE, n_c=5), flown(310 + 2 * NOISE, n_c=1))
     assert text.startswith(
-        "here: n_c = 5 has the shortest mean mission time with a mean recall of at least 0.95"
+        "here: n_c = 5 is the best: recall 1.000 (with every seed), false positives 0.00 (with every seed), "
+        "mission time "
     )
     assert re.search(
         r"it is (9\.\d|10\.\d) s \(95 % CI .* 30 common seeds\) faster than the runner-up n_c = 1", text
@@ -336,7 +378,7 @@ def test_verdict_not_distinguishable():
         flown(300 + NOISE, n_c=5), flown(300.05 + NOISE[::-1], n_c=1), flown(400 + NOISE, n_c=2)
     )
     assert "not distinguishable from the runner-up n_c = 1" in text
-    assert "of the 2 others with that recall it cannot be told from 1" in text
+    assert "from 1 of the 2 others with recall and false positives that are as good" in text
 
 
 def test_verdict_equal_with_every_seed():
@@ -346,8 +388,33 @@ def test_verdict_equal_with_every_seed():
 
 def test_verdict_too_few_seeds():
     text = verdict_of(flown([300, 301, 302, 303], n_c=5), flown([400, 402, 404, 405], n_c=1))
-    assert "not distinguishable" in text
+    assert re.search(r"runner-up n_c = 1 is 101\.\d s .* slower, but these are too few seeds to tell: ", text)
     assert "at least 6 common seeds are needed" in text
+    assert "not distinguishable" not in text
+
+
+def test_verdict_too_few_seeds_after_correction():
+    others = [flown(np.arange(8) + 100.0 * k, n_c=k) for k in (5, 6, 7, 8)]
+    text = verdict_of(flown(NOISE[:8] - 170, n_c=1), *others)
+    needed = pairs_needed(10)
+    assert needed == 9
+    assert "too few seeds to tell after correcting for 10 comparisons: at least 9 common seeds" in text
+
+
+def test_a_difference_that_only_the_correction_hides_is_no_contradiction():
+    rng = np.random.default_rng(1)
+    gaps = np.where(np.arange(20) < 7, -30.0, 60.0) + NOISE[:20]
+    members = [flown(300 + np.zeros(20), n_c=5), flown(300 + gaps, n_c=1)]
+    members += [flown(900 + rng.normal(size=20), n_c=10 + k) for k in range(10)]
+    (analysis,) = analyse({"here": members})
+    runner_up = analysis.compare(MISSION_TIME, 1, 0)
+    assert not runner_up.too_few
+    assert runner_up.test.low > 0
+    assert runner_up.undecided
+    text = verdict(analysis)
+    assert "not distinguishable from the runner-up" not in text
+    (needed,) = re.findall(r"after correcting for 66 comparisons: at least (\d+) common seeds", text)
+    assert int(needed) > 20
 
 
 def test_verdict_other_seeds():
@@ -358,15 +425,86 @@ def test_verdict_other_seeds():
 
 def test_verdict_recall_first():
     quick, sure = flown(200 + NOISE, recall=0.8, n_c=9), flown(300 + NOISE, n_c=1)
-    assert "here: n_c = 1 has" in verdict_of(quick, sure)
-    assert "no other configuration reaches that recall" in verdict_of(quick, sure)
-    assert "here: n_c = 9 has" in verdict_of(quick, sure, min_recall=0.7)
+    for floor in (0.95, 0.7):
+        text = verdict_of(quick, sure, min_recall=floor)
+        assert "here: n_c = 1 is the best" in text
+        assert "no other configuration has recall and false positives that are as good" in text
+        assert "n_c = 9 is faster but finds less: recall 0.800 (with every seed), false positives" in text
     assert "no configuration reaches a mean recall of 0.95" in verdict_of(quick)
-    assert "highest recall is 0.800 (with every seed), by n_c = 9" in verdict_of(quick)
+    assert "highest recall is that of n_c = 9: recall 0.800 (with every seed)" in verdict_of(quick)
+
+
+COUNTS = (np.arange(30) % 3).astype(float)  # 0, 1, 2, on average 1
+
+
+def test_verdict_false_positives_before_time():
+    quick = flown(100 + NOISE, false_positives=COUNTS + 12, n_c=9)
+    quiet = flown(400 + NOISE, false_positives=COUNTS, n_c=1)
+    slow = flown(500 + NOISE, false_positives=COUNTS[::-1], n_c=2)
+    text = verdict_of(quick, quiet, slow)
+    assert text.startswith("here: n_c = 1 is the best: ")
+    assert "false positives 1.00 (95 % CI" in text
+    assert "faster than the runner-up n_c = 2" in text
+    assert "n_c = 9 is faster but has more false positives: recall 1.000 (with every seed), false" in text
+    assert "false positives 13.00 (95 % CI" in text
+
+
+def test_verdict_time_decides_between_equals():
+    text = verdict_of(
+        flown(
+            142 + NOISE, recall=1.0 - 0.125 * (COUNTS[::-1] == 2) * (NOISE > 1), false_positives=COUNTS, n_c=9
+        ),
+        flown(312 + NOISE, false_positives=COUNTS[::-1], n_c=1),
+    )
+    assert text.startswith("here: n_c = 9 is the best: ")
+    assert "faster than the runner-up n_c = 1" in text
+
+
+def test_verdict_says_when_the_seeds_are_too_few_to_weigh():
+    quick, quiet = flown([100, 101, 102], false_positives=9.0, n_c=9), flown([400, 401, 402], n_c=1)
+    text = verdict_of(quick, quiet)
+    assert "here: n_c = 9 is the best" in text
+    assert "too few seeds to weigh recall and false positives: at least 6 common seeds are needed" in text
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(100, 400), st.sampled_from([0.96, 0.98, 1.0]), st.integers(0, 9)),
+        min_size=1,
+        max_size=5,
+    )
+)
+@settings(max_examples=25, deadline=None)
+def test_the_best_is_the_rule(rows):
+    """By means alone, where every seed gives the same and so every difference is distinguishable."""
+    members = [
+        flown([float(t)] * 30, recall=r, false_positives=float(f), n_c=k + 1.0)
+        for k, (t, r, f) in enumerate(rows)
+    ]
+    (analysis,) = analyse({"here": members})
+    assert sorted(analysis.ranking) == list(range(len(rows)))
+    t, r, f = rows[analysis.ranking[0]]
+    assert (-r, f, t) == min((-r, f, t) for t, r, f in rows)
+
+
+def test_the_rule_is_on_the_page_and_in_the_help(reported):
+    out, _ = reported
+    page = (out / "report.html").read_text("utf-8")
+    help_text = " ".join(CliRunner().invoke(app, ["report", "--help"], terminal_width=200).stdout.split())
+    docs = " ".join((Path(__file__).parents[2] / "docs/statistics.md").read_text("utf-8").split())
+    rule = (
+        "not distinguishable from the highest; of these, those whose false positives are not distinguishable"
+    )
+    for text in (page, help_text.replace("│ ", ""), docs):
+        assert rule in text
+    assert best_rule().startswith("The best: ")
+    assert best_rule() in page
 
 
 def test_verdict_one_configuration():
-    assert "one configuration was flown (n_c = 5): mean mission time" in verdict_of(flown(300 + NOISE, n_c=5))
+    assert "one configuration was flown (n_c = 5): recall 1.000 (with" in verdict_of(
+        flown(300 + NOISE, n_c=5)
+    )
 
 
 def test_comparisons_turn_around():

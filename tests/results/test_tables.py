@@ -7,6 +7,8 @@ import pytest
 from rich.console import Console
 
 from skysweep.results.tables import (
+    baselines_json,
+    check_effects,
     compare_json,
     compare_rows,
     markdown_tables,
@@ -16,14 +18,15 @@ from skysweep.results.tables import (
 )
 
 
-def summary(scenario, n_c, seed, time_s, false_scans=0, recall=1.0):
+def summary(scenario, n_c, seed, time_s, false_scans=0, recall=1.0, strategy="scan-check", false_positives=0):
     return {
         "scenario": scenario,
+        "strategy": strategy,
         "n_c": n_c,
         "seed": seed,
         "mission_time_s": time_s,
         "false_scans": false_scans,
-        "false_positives": 0,
+        "false_positives": false_positives,
         "recall": recall,
     }
 
@@ -39,6 +42,10 @@ SUMMARIES = [
     summary("clusters", "inf", 1, 370),
     summary("clusters", "inf", 7, 100),
     summary("mine", 2.5, 0, 10),
+]
+SCAN_ONLY = [
+    summary("clusters", 5, seed, 140 + seed, recall=recall, strategy="scan-only", false_positives=fp)
+    for seed, recall, fp in ((0, 0.8, 0), (1, 0.9, 2), (2, 0.85, 1), (9, 0.1, 50))
 ]
 
 
@@ -94,10 +101,60 @@ def test_json_has_the_agreed_keys_and_no_infinity():
     assert rows[3]["mission_time_ci95_s"] == [None, None]
 
 
+def test_scan_only_has_rows_of_its_own_and_leaves_the_papers_as_they_are():
+    alone, both = compare_rows(SUMMARIES), compare_rows(SUMMARIES + SCAN_ONLY)
+    assert [(r.scenario, r.n_c) for r in both[-1:]] == [("clusters", None)]
+    assert both[:-1] == alone
+    assert compare_json(both) == compare_json(alone)
+    assert paired_differences(SUMMARIES + SCAN_ONLY) == paired_differences(SUMMARIES)
+    (row,) = json.loads(json.dumps(baselines_json(both), allow_nan=False))
+    assert set(row) == {
+        "scenario",
+        "strategy",
+        "mission_time_mean_s",
+        "mission_time_ci95_s",
+        "recall_mean",
+        "false_positives_mean",
+        "n_seeds",
+    }
+    assert (row["scenario"], row["strategy"], row["n_seeds"]) == ("clusters", "scan-only", 4)
+    assert row["mission_time_mean_s"] == pytest.approx(143)
+    assert row["recall_mean"] == pytest.approx(2.65 / 4)
+    assert row["false_positives_mean"] == pytest.approx(53 / 4)
+    low, high = row["mission_time_ci95_s"]
+    assert low < 143 < high
+
+
+def test_what_check_costs_and_brings_is_over_common_seeds():
+    (effect,) = check_effects(SUMMARIES + SCAN_ONLY)
+    assert (effect.scenario, effect.n_c, effect.n_pairs) == ("clusters", 5, 3)
+    assert effect.mission_time_s[0] == pytest.approx(209)  # 200, 209, 218; seed 9 has no partner
+    assert effect.recall[0] == pytest.approx(0.15)  # 0.2, 0.1, 0.15: interval 0.026 to 0.274
+    assert effect.false_positives[0] == pytest.approx(-1)  # 0, -2, -1: interval -3.5 to 1.5
+    assert effect.brings == "more recall"
+
+
+@pytest.mark.parametrize(
+    ("seeds", "brings"), [(1, "not shown"), (3, "nothing that shows")], ids=["one seed", "ties"]
+)
+def test_check_brings_nothing_where_nothing_differs(seeds, brings):
+    flown = [summary("sparse", "inf", seed, 318) for seed in range(seeds)]
+    flown += [summary("sparse", "inf", seed, 142, strategy="scan-only") for seed in range(seeds)]
+    (effect,) = check_effects(flown)
+    assert effect.brings == brings
+    fewer = [s | {"false_positives": 2 + s["seed"]} if s["strategy"] == "scan-only" else s for s in flown]
+    (effect,) = check_effects(fewer)
+    assert effect.brings == ("not shown" if seeds == 1 else "fewer false positives")
+
+
 def test_terminal_and_markdown_show_the_same_numbers():
-    rows = compare_rows(SUMMARIES)
+    summaries = SUMMARIES + SCAN_ONLY
+    rows = compare_rows(summaries)
     console = Console(file=io.StringIO(), width=80)
-    print_tables(console, rows, SUMMARIES)
-    for text in (console.file.getvalue(), markdown_tables(rows, paired_differences(SUMMARIES))):
+    print_tables(console, rows, summaries)
+    for text in (console.file.getvalue(), markdown_tables(rows, summaries)):
         for shown in ("Table 1", "379.66", "390.0", "+2.7%", "one seed", "-40.0", "n_c = ∞"):
             assert shown in text
+        for shown in ("scan-only", "143.0", "136.5 to 149.5", "13.25", "+209.0", "186.6 to 231.4", "+0.150"):
+            assert shown in text
+        assert "…" not in text

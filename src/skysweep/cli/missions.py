@@ -213,15 +213,17 @@ def print_summary(summary: dict[str, Any]) -> None:
 
 @friendly
 def compare_paper_command(
-    seeds: Annotated[int, typer.Option(min=1, help="Missions for each of the 8 rows.")] = 5,
+    seeds: Annotated[int, typer.Option(min=1, help="Missions for each row.")] = 5,
     sensor: SensorOption = "imaging",
-    out: Annotated[Path, typer.Option(help="Folder for compare.json, figures, report and runs.")] = Path(
-        "paper-run"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Folder for compare.json, baselines.json, figures, report, runs.")
+    ] = Path("paper-run"),
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
     change: SetOption = None,
 ) -> None:
-    """Fly the 8 rows of the paper's Tables 1-3 and print them beside the paper's numbers.
+    """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.
+
+    scan-only flies the same transects and never descends: the difference is what CHECK costs and brings.
 
     An interrupted comparison goes on where it was when the same command is given again.
 
@@ -233,18 +235,18 @@ def compare_paper_command(
 
         skysweep compare paper --sensor statistical --seeds 30 --set camera.gimbal.lag_s=0.06 --out lag-60
     """
-    from skysweep.experiments.compare import PaperJob, compare_paper
+    from skysweep.experiments.compare import ROWS, PaperJob, compare_paper
     from skysweep.results.compare_report import write_compare_report
-    from skysweep.results.tables import PAPER, print_tables
+    from skysweep.results.tables import choice, print_tables
 
     with bar() as progress:
-        task = progress.add_task("missions", total=seeds * len(PAPER))
+        task = progress.add_task("missions", total=seeds * len(ROWS))
 
         def on_done(job: PaperJob, summary: dict[str, Any]) -> None:
             progress.advance(task)
             if job.folder is not None:
                 progress.console.print(
-                    f"{job.scenario} n_c={job.n_c:g} seed {job.seed}: {summary['mission_time_s']:.0f} s, "
+                    f"{job.scenario} {choice(job.n_c)} seed {job.seed}: {summary['mission_time_s']:.0f} s, "
                     f"recall {summary['recall']:.2f}, picture {job.folder / 'map.png'}",
                     soft_wrap=True,
                     highlight=False,

@@ -22,7 +22,9 @@ def report(
 ) -> None:
     """Say what the missions of a sweep show, with intervals, tests, tables and figures in one report.html.
 
-    A sweep that still runs is reported as far as it is.
+    The best of a scenario: of the configurations that reach --min-recall, those whose recall is not
+    distinguishable from the highest; of these, those whose false positives are not distinguishable from the
+    fewest; of these, the fastest. A sweep that still runs is reported as far as it is.
 
     Examples:
 

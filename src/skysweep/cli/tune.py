@@ -70,6 +70,9 @@ def tune(
 ) -> None:
     """Find good n_c, d_c, altitudes, speeds and sidelap by flying many missions without pictures.
 
+    The best: of what finishes every search with a mean recall of at least --min-recall, the least cost, which
+    is mission time and --false-positive-cost-s for each false positive; chosen on fresh seeds.
+
     Writes recommended.yaml, which `skysweep run` flies. The same command goes on where it was stopped.
 
     Examples:
@@ -162,6 +165,7 @@ def _tune_one(
         matters_grid,
         matters_sentences,
         recommendation,
+        recommendation_rule,
         recommendation_sentence,
         standings_table,
         write_tuning,
@@ -212,7 +216,7 @@ def _tune_one(
     tuned = Tuned(problem, found, standings(candidates, flown, problem.rules), tables)
     recommended = write_tuning(tuned, folder)
     _print_grid(recommendation(tuned))
-    for sentence in (recommendation_sentence(tuned), *how_sure(tuned)):
+    for sentence in (recommendation_sentence(tuned), recommendation_rule(problem.rules), *how_sure(tuned)):
         console.print(sentence, soft_wrap=True, highlight=False)
     _print_grid(standings_table(tuned))
     for name, table in tables.items():

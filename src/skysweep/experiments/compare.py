@@ -1,4 +1,4 @@
-"""The paper's Tables 1-3: eight rows, many seeds, one set of parameters."""
+"""The paper's Tables 1-3 and scan-only beside them: many seeds, one set of parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from typing import Any
 
 from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_in_memory, fly_to_folder
-from skysweep.results.tables import PAPER
+from skysweep.results.metrics import finite_or_inf
+from skysweep.results.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.model_files import fingerprint
@@ -21,6 +22,10 @@ from skysweep.sensing.statistical_model import model_for
 
 MISSIONS_FILE = "missions.jsonl"
 UNFINISHED = ".part"
+ROWS: tuple[tuple[str, float | None], ...] = (
+    *((row.scenario, row.n_c) for row in PAPER),
+    *((scenario, None) for scenario in CAPTIONS),
+)  # scenario and n_c, None: scan-only
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +33,7 @@ class PaperJob:
     """One mission of the comparison. ``folder`` is None for a mission that leaves no files."""
 
     scenario: str
-    n_c: float
+    n_c: float | None  # None: scan-only
     seed: int
     sensor: str
     folder: Path | None
@@ -37,7 +42,9 @@ class PaperJob:
     @property
     def config(self) -> Scenario:
         """The scenario with the row's n_c; d_c is infinite in all rows of the paper."""
-        row = {"search.strategy": "scan-check", "search.n_c": self.n_c, "search.d_c_m": math.inf}
+        row: dict[str, Any] = {"search.strategy": BASELINE}
+        if self.n_c is not None:
+            row = {"search.strategy": "scan-check", "search.n_c": self.n_c, "search.d_c_m": math.inf}
         return change_scenario(load_scenario(self.scenario), dict(self.changes) | row)
 
     @property
@@ -55,22 +62,16 @@ def paper_jobs(
 ) -> list[PaperJob]:
     """Every row for every seed. With pictures each mission gets a folder; without, those of seed 0 do."""
 
-    def folder(scenario: str, n_c: float, seed: int) -> Path | None:
+    def folder(scenario: str, n_c: float | None, seed: int) -> Path | None:
         if sensor == "statistical" and seed > 0:
             return None
-        return out / "runs" / f"{scenario}-nc{'inf' if math.isinf(n_c) else int(n_c)}-seed{seed}"
+        how = BASELINE if n_c is None else f"nc{finite_or_inf(n_c)}"
+        return out / "runs" / f"{scenario}-{how}-seed{seed}"
 
     return [
-        PaperJob(
-            row.scenario,
-            row.n_c,
-            seed,
-            sensor,
-            folder(row.scenario, row.n_c, seed),
-            tuple((changes or {}).items()),
-        )
+        PaperJob(scenario, n_c, seed, sensor, folder(scenario, n_c, seed), tuple((changes or {}).items()))
         for seed in range(seeds)
-        for row in PAPER
+        for scenario, n_c in ROWS
     ]
 
 
@@ -101,7 +102,7 @@ def compare_paper(
 ) -> list[dict[str, Any]]:
     """Fly everything that ``out`` does not hold yet; return the summaries in the order of the jobs.
 
-    ``changes`` (dotted field -> value) apply to all eight rows alike.
+    ``changes`` (dotted field -> value) apply to all rows alike.
 
     Finished missions are kept in ``missions.jsonl``, so that an interrupted comparison goes on. Missions
     flown with other parameters are flown again.

@@ -15,12 +15,19 @@ import yaml
 
 from skysweep.experiments.tune import Problem
 from skysweep.experiments.tune_figures import draw_matters, draw_search
-from skysweep.experiments.tune_race import Rules
+from skysweep.experiments.tune_race import RECALL_SLACK, Rules
 from skysweep.experiments.tune_space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
 from skysweep.experiments.tune_study import Trial
 from skysweep.experiments.tune_validate import Cell, Effect, Standing, effects
 from skysweep.results.html import Grid
-from skysweep.results.statistics import SIGNIFICANCE, Estimate, PairedTest, pairs_needed, pareto_front
+from skysweep.results.statistics import (
+    SIGNIFICANCE,
+    Estimate,
+    PairedTest,
+    pairs_needed,
+    pairs_to_tell,
+    pareto_front,
+)
 from skysweep.results.tables import one_line
 from skysweep.scenarios.files import change_scenario, write_scenario
 
@@ -129,6 +136,20 @@ def recommendation_sentence(tuned: Tuned) -> str:
     )
 
 
+def recommendation_rule(rules: Rules) -> str:
+    """How the recommended candidate is chosen, in a sentence."""
+    recall = (
+        f"within {RECALL_SLACK:g} of the highest"
+        if rules.min_recall is None
+        else f"at least {rules.min_recall:g} in every scenario"
+    )
+    return (
+        "Recommended: of the candidates that finished every search with a mean recall of "
+        f"{recall}, the one with the least cost: mission time and {rules.false_positive_cost_s:g} s for each "
+        "false positive."
+    )
+
+
 def standings_table(tuned: Tuned) -> Grid:
     """All candidates on the validation seeds, from the recommended to the worst."""
     header = (
@@ -145,15 +166,16 @@ def standings_table(tuned: Tuned) -> Grid:
         rows.append(
             (
                 s.label + ("" if s.feasible else " *"),
-                f"{s.mission_time_s.mean:.1f}",
-                f"{s.recall.mean:.3f}",
-                f"{s.false_positives.mean:.2f}",
-                "" if pair is None else interval(pair.test, 1, sign=True),
+                *(
+                    interval(e, digits).replace(" (", "\n(")
+                    for e, digits in ((s.mission_time_s, 1), (s.recall, 3), (s.false_positives, 2))
+                ),
+                "" if pair is None else interval(pair.test, 1, sign=True).replace(" (", "\n("),
                 "" if pair is None else f"{1 - pair.probability_below:.3f}",
             )
         )
     caption = (
-        f"{tuned.best.flown.seeds} fresh seeds; cost = time + "
+        f"{tuned.best.flown.seeds} fresh seeds, means with 95 % intervals; cost = time + "
         f"{tuned.problem.rules.false_positive_cost_s:g} s for each false positive, compared pair by pair"
     )
     if not all(s.feasible for s in tuned.standings):
@@ -173,12 +195,21 @@ def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
             cell = next((c for c in line if c.d_c_m in (d_c_m, None)), None)
             texts.append("" if cell is None else "same" if cell.d_c_m is None and texts else _over_best(cell))
         rows.append((number(n_c), *texts))
+    undecided = [c.time_over_best_s.test for c in cells if c.time_over_best_s and c.undecided]
+    family = len(cells) - 1
     return Grid(
         ("n_c", *(f"d_c = {with_unit(D_C, d)}" for d in distances)),
         rows,
-        f"{name}: seconds over the fastest (n_c = {number(fastest.n_c)}, d_c = {_distance(fastest)}, "
-        f"{fastest.mission_time_s.mean:.1f} s), paired over {fastest.flown.seeds} seeds, 95 % intervals; "
-        "= not distinguishable from it",
+        f"{name}: seconds over the fastest (n_c = {number(fastest.n_c)}, d_c = {_distance(fastest)}: "
+        f"{fastest.mission_time_s.mean:.1f} s, recall {fastest.flown.mean('recall'):.3f}, false positives "
+        f"{fastest.flown.mean('false_positives'):.2f}), paired over {fastest.flown.seeds} seeds, 95 % "
+        "intervals; = not distinguishable from it"
+        + (
+            f"; ? too few seeds to tell after correcting for {family} comparisons, at least "
+            f"{max(pairs_to_tell(test, family) for test in undecided)} are needed"
+            if undecided
+            else ""
+        ),
     )
 
 
@@ -275,7 +306,9 @@ def _effect_sentence(effect: Effect) -> str:
         return f"{held}: {'n_c' if by_d_c else 'd_c'} makes no difference that shows; the slowest: {over}."
     text = f"{held}: {choice(effect.best)} is fastest, {choice(effect.others[worst])} slowest: {over}"
     as_good = [
-        choice(cell) for cell, p in zip(effect.others, effect.p_corrected, strict=True) if p >= SIGNIFICANCE
+        choice(cell)
+        for cell, p, test in zip(effect.others, effect.p_corrected, effect.over_best_s, strict=True)
+        if p >= SIGNIFICANCE and not test.low > 0
     ]
     if as_good:
         text += "; as good as the fastest: " + ", ".join(as_good)
@@ -285,7 +318,8 @@ def _effect_sentence(effect: Effect) -> str:
 def _over_best(cell: Cell) -> str:
     if cell.time_over_best_s is None:
         return "fastest"
-    return interval(cell.time_over_best_s.test, 0, sign=True) + (" =" if cell.as_good else "")
+    mark = " =" if cell.as_good else " ?" if cell.undecided else ""
+    return interval(cell.time_over_best_s.test, 0, sign=True) + mark
 
 
 def _distance(cell: Cell) -> str:
@@ -324,9 +358,10 @@ def _markdown(tuned: Tuned) -> str:
     problem = tuned.problem
     parts = [
         f"# Tuning of {problem.name}",
-        f"{len(tuned.trials)} trials, up to {problem.seeds} seeds each; {_rules_sentence(problem.rules)}",
+        f"{len(tuned.trials)} trials, up to {problem.seeds} seeds each.",
         _markdown_grid(recommendation(tuned)),
         recommendation_sentence(tuned),
+        recommendation_rule(problem.rules),
         *how_sure(tuned),
         _markdown_grid(standings_table(tuned)),
         *(
@@ -341,15 +376,6 @@ def _markdown(tuned: Tuned) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _rules_sentence(rules: Rules) -> str:
-    recall = (
-        "recall is an objective of its own"
-        if rules.min_recall is None
-        else f"recall is kept at {rules.min_recall:g} or more"
-    )
-    return f"{recall}; a false positive counts as {rules.false_positive_cost_s:g} s."
-
-
 def _markdown_grid(grid: Grid) -> str:
     align = " --- |" if grid.words else " ---: |"
     lines = [
@@ -358,7 +384,7 @@ def _markdown_grid(grid: Grid) -> str:
         "| " + " | ".join(map(one_line, grid.header)) + " |",
         "|" + align * len(grid.header),
     ]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in grid.rows])
+    return "\n".join(lines + ["| " + " | ".join(map(one_line, row)) + " |" for row in grid.rows])
 
 
 def _as_json(tuned: Tuned) -> dict[str, Any]:
@@ -386,6 +412,7 @@ def _as_json(tuned: Tuned) -> dict[str, Any]:
                 }
                 for s in tuned.standings
             ],
+            "rule": recommendation_rule(problem.rules),
             "how_sure": how_sure(tuned),
             "matters": {
                 name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}

@@ -84,7 +84,19 @@ class Cell:
     flown: Flown
     mission_time_s: Estimate
     time_over_best_s: Paired | None  # None: the fastest
-    as_good: bool  # not distinguishable from the fastest, allowing for the number of comparisons
+    p_corrected: float  # of that difference, Holm's over all cells; 1 for the fastest
+
+    @property
+    def as_good(self) -> bool:
+        """Not distinguishable from the fastest."""
+        pair = self.time_over_best_s
+        return pair is None or (self.p_corrected >= SIGNIFICANCE and not pair.is_clear)
+
+    @property
+    def undecided(self) -> bool:
+        """Its interval is clear of zero, but the seeds are too few to say so after the correction."""
+        pair = self.time_over_best_s
+        return pair is not None and self.p_corrected >= SIGNIFICANCE and pair.is_clear
 
 
 @dataclass(frozen=True)
@@ -201,8 +213,8 @@ def standings(candidates: Sequence[Candidate], flown: Sequence[Flown], rules: Ru
 def matters_table(candidates: Sequence[Candidate], flown: Sequence[Flown], scenario: Scenario) -> list[Cell]:
     """Mission time of every n_c and d_c against the fastest, pair by pair.
 
-    The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. ``as_good`` is
-    Wilcoxon's test with Holm's correction for comparing all cells with one.
+    The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. The test is
+    Wilcoxon's with Holm's correction for comparing all cells with one.
     """
     fastest = best_first(flown, Rules(min_recall=None, false_positive_cost_s=0.0))[0]
     best_s = flown[fastest].per_seed("mission_time_s")
@@ -220,7 +232,7 @@ def matters_table(candidates: Sequence[Candidate], flown: Sequence[Flown], scena
                 flown=mine,
                 mission_time_s=estimate(mine.per_seed("mission_time_s")),
                 time_over_best_s=pairs[k] if k != fastest else None,
-                as_good=k == fastest or bool(p[k] >= SIGNIFICANCE),
+                p_corrected=float(p.get(k, 1.0)),
             )
         )
     return cells

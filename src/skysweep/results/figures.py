@@ -83,31 +83,32 @@ def run_map(run: Run, path: str | Path) -> Path:
 
 
 def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
-    """The paper's figures in one: a row a scenario, a column an ``n_c``; PNG, SVG and PDF.
+    """The paper's figures in one: a row a scenario, a column an ``n_c`` or strategy; PNG, SVG and PDF.
 
-    Scenarios stand in the order in which they come first in ``runs``, columns by rising ``n_c``; of several
-    runs of one cell the first is drawn. All panels share one altitude scale.
+    Scenarios stand in the order in which they come first in ``runs``, columns by rising ``n_c``, then the
+    other strategies; of several runs of one cell the first is drawn. All panels share one altitude scale.
 
     Returns:
         The three files, named after ``path`` without its suffix.
     """
     scenarios = list(dict.fromkeys(run.scenario.name for run in runs))
-    limits = sorted({run.scenario.search.n_c for run in runs})
-    cells = {(run.scenario.name, run.scenario.search.n_c): run for run in reversed(runs)}
+    by_n_c = sorted(runs, key=lambda run: (run.strategy != "scan-check", run.scenario.search.n_c))
+    ways = list(dict.fromkeys(_way(run) for run in by_n_c))
+    cells = {(run.scenario.name, _way(run)): run for run in reversed(runs)}
     with style():
-        rows, columns = len(scenarios), len(limits)
+        rows, columns = len(scenarios), len(ways)
         figure = Figure(figsize=(PAGE_IN, 2.2 * rows * 3 / max(columns, 2) + 0.7), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         norm = _altitude_norm(runs)
         for i, scenario in enumerate(scenarios):
-            for j, n_c in enumerate(limits):
+            for j, way in enumerate(ways):
                 axis = axes[i][j]
-                run = cells.get((scenario, n_c))
+                run = cells.get((scenario, way))
                 if run is None:
                     axis.axis("off")
                     continue
                 _top_view(axis, run, norm, _extent(runs), detail=False)
-                axis.set_title(f"{scenario}, {n_c_label(n_c)}: {_mission_time(run)}", loc="left")
+                axis.set_title(f"{scenario}, {way}: {_mission_time(run)}", loc="left", fontsize=7)
                 axis.label_outer(remove_inner_ticks=False)
         figure.colorbar(_mappable(norm), ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
         figure.legend(handles=_legend(runs), loc="outside lower center", ncols=4, frameon=False)
@@ -131,12 +132,12 @@ def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
             mean = pos.mean(axis=0)
             colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
             dash = SERIES_DASHES[k % len(SERIES_DASHES)]
-            axis.plot(time_s, mean, dash, color=colour, label=label, lw=1.4)
+            axis.plot(time_s, mean, dash, color=colour, label=label, lw=1.4, clip_on=False)
             if len(pos) > 1:
                 half = t_quantile(len(pos)) * pos.std(axis=0, ddof=1) / math.sqrt(len(pos))
                 low, high = np.clip([mean - half, mean + half], 0, 1)
                 axis.fill_between(time_s, low, high, color=colour, alpha=0.15, lw=0)
-        axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)", ylim=(0, 1.02))
+        axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)", ylim=(0, 1))
         axis.set_xlim(0, end)
         axis.grid(lw=0.3, color="0.85")
         axis.legend(frameon=False)
@@ -284,9 +285,13 @@ def _polygon_patch(polygon: shapely.Polygon, **style: Any) -> PathPatch:
 
 
 def _title(run: Run) -> str:
-    search = run.scenario.search
-    how = f"{run.strategy}, {n_c_label(search.n_c)}" if run.strategy == "scan-check" else run.strategy
+    how = f"{run.strategy}, {_way(run)}" if run.strategy == "scan-check" else run.strategy
     return f"{run.scenario.name}: {how}, seed {run.seed}, {_mission_time(run)}"
+
+
+def _way(run: Run) -> str:
+    """``n_c`` of Algorithm 1, or the strategy to which it means nothing."""
+    return n_c_label(run.scenario.search.n_c) if run.strategy == "scan-check" else run.strategy
 
 
 def n_c_label(value: float) -> str:

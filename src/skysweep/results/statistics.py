@@ -108,7 +108,8 @@ def bca_intervals(values: F64, resamples: int = RESAMPLES) -> tuple[F64, F64]:
     for start in range(0, columns, _BLOCK):
         block = slice(start, start + _BLOCK)
         bounds[:, block] = _bca_block(deviations[:, block], resamples)
-    return mean + scale * bounds[0], mean + scale * bounds[1]
+    low, high = mean + scale * bounds
+    return np.where(np.abs(low) < 1e-12 * scale, 0.0, low), np.where(np.abs(high) < 1e-12 * scale, 0.0, high)
 
 
 def _bca_block(deviations: F64, resamples: int) -> F64:
@@ -231,6 +232,20 @@ def smallest_p(n_pairs: int) -> float:
 def pairs_needed(family: int) -> int:
     """The fewest pairs whose smallest p stays below 5 % after Holm's correction for ``family`` tests."""
     return math.ceil(1 + math.log2(max(family, 1) / SIGNIFICANCE))
+
+
+def pairs_to_tell(test: PairedTest, family: int) -> int:
+    """About how many pairs would tell a difference like this one from chance in a family of tests.
+
+    At least ``pairs_needed``, below which no outcome could; else by the normal approximation of the
+    signed-rank test, whose z grows with the root of the number of pairs, and Bonferroni's correction.
+    """
+    least = pairs_needed(family)
+    z_found = -float(ndtri(test.p / 2))
+    if test.n_pairs < least or z_found <= 0:
+        return max(least, test.n_pairs + 1)
+    z_wanted = -float(ndtri(SIGNIFICANCE / (2 * family)))
+    return max(test.n_pairs + 1, math.ceil(test.n_pairs * (z_wanted / z_found) ** 2))
 
 
 def holm(p: F64) -> F64:

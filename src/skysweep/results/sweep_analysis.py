@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from skysweep.results.statistics import (
     holm,
     paired_tests,
     pairs_needed,
+    pairs_to_tell,
     pareto_front,
 )
 from skysweep.results.sweep_missions import (
@@ -85,20 +86,31 @@ class Comparison:
         """So few pairs that no outcome whatever could have been told from chance."""
         return self.test.n_pairs < pairs_needed(self.family)
 
+    @property
+    def undecided(self) -> bool:
+        """Not distinguishable for want of pairs: too few for any outcome, or for the correction alone."""
+        return not self.distinguishable and (self.too_few or self.test.low > 0 or self.test.high < 0)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Analysis:
     """One scenario of a sweep.
 
-    ``ranking`` lists the members that can be the best, the best first: those with the recall that is asked
-    for, by mean mission time. Where none has it, ``reached`` is false and it lists all by their recall.
+    ``tiers`` are the members whose missions finished, by ``best_rule``: those with the recall and the false
+    positives of the best, those with more false positives, those with less recall, each the fastest first.
+    Where none has the recall that is asked for, ``reached`` is false and one tier lists all by their recall.
     """
 
     scenario: str
     members: tuple[Member, ...]
     comparisons: dict[tuple[str, int, int], Comparison]  # metric, a < b
-    ranking: tuple[int, ...]
+    tiers: tuple[tuple[int, ...], ...]
     reached: bool
+
+    @property
+    def ranking(self) -> tuple[int, ...]:
+        """All members of the tiers, the best first."""
+        return tuple(chain.from_iterable(self.tiers))
 
     def compare(self, metric: Metric, a: int, b: int) -> Comparison:
         """a - b, whichever way around it was tested."""
@@ -136,10 +148,19 @@ def analyse(groups: Mapping[str, Sequence[Flown]], min_recall: float = MIN_RECAL
     analyses = []
     for scenario, flown in groups.items():
         members = _members(flown)
-        ranking, reached = _ranking(members, min_recall)
         own = {(c.metric.key, c.a, c.b): c for c in pairs if c.scenario == scenario}
-        analyses.append(Analysis(scenario, members, own, ranking, reached))
+        analyses.append(Analysis(scenario, members, own, *_tiers(members, own, min_recall)))
     return analyses
+
+
+def best_rule(min_recall: float = MIN_RECALL) -> str:
+    """How the best is chosen, in a sentence."""
+    return (
+        f"The best: of the configurations with a mean recall of at least {min_recall:g} and at most "
+        f"{MOST_LOST:.0%} of their missions failed or unfinished, those whose recall is not distinguishable "
+        "from the highest; of these, those whose false positives are not distinguishable from the fewest; of "
+        "these, the fastest."
+    )
 
 
 def _members(flown: Sequence[Flown]) -> tuple[Member, ...]:
@@ -171,17 +192,31 @@ def _at(flown: Flown, metric: Metric, seeds: Sequence[int]) -> F64:
     return flown.values[metric.key][np.searchsorted(flown.seeds, seeds)]
 
 
-def _ranking(members: Sequence[Member], min_recall: float) -> tuple[tuple[int, ...], bool]:
-    flying = [k for k, member in enumerate(members) if member.flown.n]
+def _tiers(
+    members: Sequence[Member], comparisons: Mapping[tuple[str, int, int], Comparison], min_recall: float
+) -> tuple[tuple[tuple[int, ...], ...], bool]:
+    """``tiers`` and ``reached`` of an analysis."""
+
+    def not_worse(metric: Metric, among: list[int]) -> list[int]:
+        best = min(among, key=lambda k: _cost(metric, members[k].mean(metric)))
+        pairs = {k: (metric.key, min(k, best), max(k, best)) for k in among if k != best}
+        return [k for k in among if k == best or not comparisons[pairs[k]].distinguishable]
+
+    flying = sorted(
+        (k for k, member in enumerate(members) if member.flown.n), key=lambda k: members[k].mean(MISSION_TIME)
+    )
     good = [
         k
         for k in flying
         if not members[k].mean(RECALL) < min_recall and _lost_share(members[k].flown) <= MOST_LOST
     ]
-    if good:
-        return tuple(sorted(good, key=lambda k: members[k].mean(MISSION_TIME))), True
-    order = sorted(flying, key=lambda k: (-members[k].mean(RECALL), members[k].mean(MISSION_TIME)))
-    return tuple(order), False
+    if not good:
+        return (tuple(sorted(flying, key=lambda k: -members[k].mean(RECALL))),), False
+    thorough = not_worse(RECALL, good)
+    finalists = not_worse(FALSE_POSITIVES, thorough)
+    noisy = [k for k in thorough if k not in finalists]
+    hasty = [k for k in flying if k not in thorough and _lost_share(members[k].flown) <= MOST_LOST]
+    return (tuple(finalists), tuple(noisy), tuple(hasty)), True
 
 
 def _lost_share(flown: Flown) -> float:
@@ -290,27 +325,50 @@ def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
     if not analysis.ranking:
         return f"{name} all missions failed."
     best = analysis.members[analysis.ranking[0]]
-    has_recall = math.isfinite(best.mean(RECALL))
     if not analysis.reached:
         return (
             f"{name} no configuration reaches a mean recall of {min_recall:g} with at least "
-            f"{1 - MOST_LOST:.0%} of its missions finished; the highest recall is "
-            f"{_with_interval(best, RECALL)}, by {best.label}."
+            f"{1 - MOST_LOST:.0%} of its missions finished; the highest recall is that of {best.label}: "
+            f"{_figures(best)}."
         )
-    recall = f", recall {_with_interval(best, RECALL)}" if has_recall else ""
-    n = best.flown.n
-    flown = f"{_with_interval(best, MISSION_TIME)} over {n} {'seed' if n == 1 else 'seeds'}{recall}"
     if len(analysis.members) == 1:
-        return f"{name} one configuration was flown ({best.label}): mean mission time {flown}."
-    condition = f" with a mean recall of at least {min_recall:g}" if has_recall else ""
-    fastest = f"{name} {best.label} has the shortest mean mission time{condition}, {flown}"
-    if len(analysis.ranking) == 1:
-        return f"{fastest}; no other configuration reaches that recall with its missions finished."
-    return f"{fastest}; {_against_runner_up(analysis)}."
+        return f"{name} one configuration was flown ({best.label}): {_figures(best)}."
+    if len(analysis.tiers[0]) == 1:
+        runner_up = "no other configuration has recall and false positives that are as good"
+    else:
+        runner_up = _against_runner_up(analysis)
+    sentences = [f"{name} {best.label} is the best: {_figures(best)}; {runner_up}."]
+    sentences += [
+        f"{rival.label} is faster but {worse}: {_figures(rival)}."
+        for tier, worse in zip(analysis.tiers[1:], ("has more false positives", "finds less"), strict=True)
+        for rival in [analysis.members[k] for k in tier[:1]]
+        if rival.mean(MISSION_TIME) < best.mean(MISSION_TIME)
+    ]
+    return " ".join([*sentences, *_not_weighed(analysis)])
+
+
+def _figures(member: Member) -> str:
+    """Recall, false positives and mission time with their intervals."""
+    metrics = [m for m in (RECALL, FALSE_POSITIVES, MISSION_TIME) if math.isfinite(member.mean(m))]
+    shown = ", ".join(f"{m.name.lower()} {_with_interval(member, m)}" for m in metrics)
+    return f"{shown} over {member.flown.n} {'seed' if member.flown.n == 1 else 'seeds'}"
+
+
+def _not_weighed(analysis: Analysis) -> list[str]:
+    """That time alone decided, where the seeds are too few to tell recall or false positives apart."""
+    best, *others = analysis.ranking
+    found = [analysis.compare(m, k, best) for k in others for m in (RECALL, FALSE_POSITIVES)]
+    missing = [c for c in found if c.too_few and c.test.n_zero < c.test.n_pairs]
+    if not missing:
+        return []
+    return [
+        "These are too few seeds to weigh recall and false positives: at least "
+        f"{pairs_needed(missing[0].family)} common seeds are needed."
+    ]
 
 
 def _against_runner_up(analysis: Analysis) -> str:
-    best, second = analysis.ranking[:2]
+    best, second = analysis.tiers[0][:2]
     label = analysis.members[second].label
     found = analysis.compare(MISSION_TIME, second, best)
     test = found.test
@@ -325,19 +383,23 @@ def _against_runner_up(analysis: Analysis) -> str:
     gap = f"{test.mean:.1f} s (95 % CI {test.low:.1f} to {test.high:.1f}, {test.n_pairs} common seeds)"
     if found.distinguishable:
         return f"it is {gap} faster than the runner-up {label}, corrected p {p_text(found.p_holm)}"
-    why = (
-        f"at least {pairs_needed(found.family)} common seeds are needed to show anything"
-        if found.too_few
-        else f"corrected p {p_text(found.p_holm)}"
+    others = analysis.tiers[0][1:]
+    alike = sum(not analysis.compare(MISSION_TIME, other, best).distinguishable for other in others)
+    counted = (
+        f"; not distinguishable in time from {alike} of the {len(others)} others with recall and false "
+        "positives that are as good"
+        if len(others) > 1
+        else ""
     )
-    rivals = sum(
-        not analysis.compare(MISSION_TIME, other, best).distinguishable for other in analysis.ranking[1:]
-    )
-    all_rivals = (
-        f"; of the {len(analysis.ranking) - 1} others with that recall it cannot be told from {rivals}"
-    )
-    return f"not distinguishable from the runner-up {label}: {gap} slower, {why}" + (
-        all_rivals if len(analysis.ranking) > 2 else ""
+    if found.undecided:
+        correcting = f" after correcting for {found.family} comparisons" if found.family > 1 else ""
+        return (
+            f"the runner-up {label} is {gap} slower, but these are too few seeds to tell{correcting}: at "
+            f"least {pairs_to_tell(test, found.family)} common seeds are needed{counted}"
+        )
+    return (
+        f"not distinguishable from the runner-up {label}: {gap} slower, corrected p {p_text(found.p_holm)}"
+        f"{counted}"
     )
 
 

@@ -90,6 +90,7 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
             axis.set(xlabel="Mean mission time (s)", ylabel=f"Mean {metric.name.lower()}")
             axis.grid(lw=0.3, color="0.85")
             axis.margins(0.08)
+            _end_recall_at_1(axis, metric)
         axes[0].plot([], [], "o", ms=5, color=_BLUE, label="on the Pareto front")
         if others:
             axes[0].plot([], [], "x", ms=4, color="0.6", label="dominated")
@@ -106,6 +107,14 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
         rows.append(row)
     write_csv(rows, stem.with_suffix(".csv"))
     return path
+
+
+def _end_recall_at_1(axis: Axes, metric: Metric) -> None:
+    """No axis promises a recall that cannot be; marks at 1 are drawn whole."""
+    if metric is RECALL:
+        axis.set_ylim(top=1.0)
+        for line in axis.lines:
+            line.set_clip_on(not np.size(line.get_xdata()))
 
 
 def _numbered(named: Sequence[Member], metric: Metric) -> dict[tuple[float, float], list[str]]:
@@ -153,10 +162,11 @@ def draw_pos(analysis: Analysis, stem: Path) -> Path | None:
             if member in drawn:
                 k = drawn.index(member)
                 colour, dash = SERIES_COLOURS[k], SERIES_DASHES[k % len(SERIES_DASHES)]
-                axis.plot(time_s, mean, dash, color=colour, lw=1.4, label=math_text(member.label))
+                label = math_text(member.label)
+                axis.plot(time_s, mean, dash, color=colour, lw=1.4, label=label, clip_on=False)
                 axis.fill_between(time_s, low, high, color=colour, alpha=0.15, lw=0)
         axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)")
-        axis.set(xlim=(0, end_s), ylim=(0, 1.02))
+        axis.set(xlim=(0, end_s), ylim=(0, 1))
         axis.grid(lw=0.3, color="0.85")
         axis.legend(frameon=False, loc="upper left" if len(drawn) <= 3 else "best")
         path = _save(figure, stem)
@@ -188,6 +198,7 @@ def draw_sensitivity(curves: Sequence[Curve], field: str, stem: Path) -> Path:
                     _curve(axis, curve, metric, places, shift * (k - (len(curves) - 1) / 2), k)
             _value_axis(axis, places, field)
             axis.set_ylabel(metric.title)
+            _end_recall_at_1(axis, metric)
             axis.grid(lw=0.3, color="0.85")
         for spare in axes[len(metrics) :]:
             spare.set_axis_off()

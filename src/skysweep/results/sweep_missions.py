@@ -16,6 +16,7 @@ from fsspec import AbstractFileSystem
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.results.tables import choice_of
 
 F64 = NDArray[np.float64]
 Value = float | str | bool
@@ -178,7 +179,7 @@ def _parquet(files: AbstractFileSystem, path: str) -> pl.DataFrame:
 
 
 def _from_ledger(text: bytes, folder: str) -> pl.DataFrame:
-    """A table of what ``skysweep compare paper`` flew: n_c is the swept field."""
+    """A table of what ``skysweep compare paper`` flew: n_c is the swept field of Algorithm 1."""
     summaries: list[dict[str, Any]] = []
     for line in text.decode("utf-8").splitlines():
         try:
@@ -189,13 +190,13 @@ def _from_ledger(text: bytes, folder: str) -> pl.DataFrame:
         raise UserError(f"{folder}: {LEDGER} holds no missions; {_WRITERS}")
     rows = [
         {key: s.get(key) for key in ("scenario", "strategy", "seed", "sensor", "completed")}
-        | {f"{PARAMETER}search.n_c": float(s["n_c"]), "error": None}
+        | {f"{PARAMETER}search.n_c": None if (n_c := choice_of(s)) is None else float(n_c), "error": None}
         | {metric.key: s.get(metric.key) for metric in METRICS}
         | {"pos_time_s": [p[0] for p in s["pos_curve"]], "pos_value": [p[1] for p in s["pos_curve"]]}
         for s in summaries
     ]
     table = pl.DataFrame(rows, infer_schema_length=None)
-    key = ["scenario", f"{PARAMETER}search.n_c", "seed"]
+    key = ["scenario", "strategy", f"{PARAMETER}search.n_c", "seed"]
     if table.select(key).is_duplicated().any():
         raise UserError(
             f"{folder}: holds comparisons with different parameters, which must not be mixed; "

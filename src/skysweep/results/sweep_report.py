@@ -12,7 +12,7 @@ import polars as pl
 
 from skysweep.errors import UserError
 from skysweep.results.html import Grid, Picture, Section, picture, write_page
-from skysweep.results.statistics import pairs_needed
+from skysweep.results.statistics import pairs_needed, pairs_to_tell
 from skysweep.results.sweep_analysis import (
     FEW_SEEDS,
     MIN_RECALL,
@@ -21,6 +21,7 @@ from skysweep.results.sweep_analysis import (
     Comparison,
     Member,
     analyse,
+    best_rule,
     p_text,
     sensitivity,
     verdict,
@@ -58,8 +59,7 @@ def write_sweep_report(
         on_step: is told how many of how many parts are done.
 
     Returns:
-        Whether the sweep is not finished, and one sentence a scenario: the best configuration and how sure
-        that is.
+        Whether the sweep is not finished, and for each scenario the best configuration and how sure that is.
 
     Raises:
         UserError: ``out`` cannot be written to.
@@ -75,8 +75,8 @@ def write_sweep_report(
         _write_tables(analyses, missions, out / TABLES)
         on_step(1, steps)
         sections = [
-            Section("In a sentence", paragraphs=sentences),
-            *([Section("Mind this", paragraphs=cautions)] if (cautions := _cautions(analyses)) else []),
+            Section("In a sentence", paragraphs=[*sentences, best_rule(min_recall)]),
+            *([Section("Caveats", paragraphs=cautions)] if (cautions := _cautions(analyses)) else []),
         ]
         names = _file_names([a.scenario for a in analyses])
         for k, analysis in enumerate(analyses):
@@ -239,8 +239,15 @@ def _test_cells(comparison: Comparison) -> tuple[str, ...]:
         p_text(comparison.p_holm).removeprefix("= "),
         _signed(test.rank_biserial, 2),
         "-" if math.isnan(test.cohens_dz) else _signed(test.cohens_dz, 2),
-        "yes" if comparison.distinguishable else "too few seeds" if comparison.too_few else "no",
+        _told(comparison),
     )
+
+
+def _told(comparison: Comparison) -> str:
+    """Whether two configurations are distinguishable; if not for want of seeds, how many are needed."""
+    if comparison.undecided:
+        return f"too few seeds\n(at least {pairs_to_tell(comparison.test, comparison.family)})"
+    return "yes" if comparison.distinguishable else "no"
 
 
 def _signed(value: float, digits: int) -> str:
@@ -412,7 +419,12 @@ def _methods() -> Grid:
         ),
         ("r", "Matched-pairs rank-biserial correlation: +1 where the other is larger with every seed."),
         ("d_z", "Cohen's: mean of the differences over their standard deviation."),
-        ("Distinguishable", "The corrected p is below 0.05 and the interval does not hold zero."),
+        (
+            "Distinguishable",
+            "The corrected p is below 0.05 and the interval does not hold zero. Too few seeds: the interval "
+            "does not hold zero but the corrected p is 0.05 or more, or no outcome could have been told; in "
+            "brackets about how many common seeds would tell a difference like this one.",
+        ),
         (
             "Pareto front",
             "Means that no other configuration beats in one of mission time, recall and false positives "

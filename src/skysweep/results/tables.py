@@ -1,9 +1,9 @@
-"""Compare missions over many seeds with the paper's Tables 1-3."""
+"""Compare missions over many seeds with the paper's Tables 1-3, and Algorithm 1 with scan-only."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,6 +17,10 @@ from skysweep.results.metrics import Summary, finite_or_inf
 from skysweep.results.table_files import markdown
 
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
+Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only
+MeanCI = tuple[float, tuple[float, float]]  # mean and its 95 % confidence interval
+
+BASELINE = "scan-only"  # the same transects without a descent: what Algorithm 1 is measured against
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +55,7 @@ class CompareRow:
     """One strategy in one scenario over N seeds beside the paper's single flight (None: not in the paper)."""
 
     scenario: str
-    n_c: Limit
+    n_c: Choice
     paper_time_s: float | None
     mission_time_mean_s: float
     mission_time_ci95_s: tuple[float, float]
@@ -84,15 +88,40 @@ class PairedDifference:
         return self.ci95_s[1] < 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class CheckEffect:
+    """The paper's best choice minus scan-only, over the seeds that both flew."""
+
+    scenario: str
+    n_c: Limit
+    n_pairs: int
+    mission_time_s: MeanCI
+    recall: MeanCI
+    false_positives: MeanCI
+
+    @property
+    def brings(self) -> str:
+        """What Algorithm 1 finds more or less than scan-only, where the whole interval says so."""
+        shown = [
+            f"{more if ci95[0] > 0 else less} {what}"
+            for what, more, less, (_, ci95) in (
+                ("recall", "more", "less", self.recall),
+                ("false positives", "more", "fewer", self.false_positives),
+            )
+            if ci95[0] > 0 or ci95[1] < 0
+        ]
+        return " and ".join(shown) or ("nothing that shows" if self.n_pairs > 1 else "not shown")
+
+
 def t_quantile(n: int) -> float:
     """Two-sided 95 % quantile of Student's t for a mean of n values."""
     return float(stats.t.ppf(0.975, n - 1))
 
 
-def mean_ci95(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
-    """Mean and its 95 % confidence interval by Student's t; a single value gives infinitely wide bounds."""
+def mean_ci95(values: Sequence[float]) -> MeanCI:
+    """Mean and its 95 % confidence interval by Student's t; fewer than 2 values leave it open."""
     x = np.asarray(values, dtype=float)
-    mean = float(x.mean())
+    mean = float(x.mean()) if len(x) else math.nan
     if len(x) < 2:
         return mean, (-math.inf, math.inf)
     half = t_quantile(len(x)) * float(x.std(ddof=1)) / math.sqrt(len(x))
@@ -100,11 +129,11 @@ def mean_ci95(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
 
 
 def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
-    """One row for each scenario and n_c flown: the paper's rows in its order, then the others."""
-    groups: dict[tuple[str, Limit], list[Summary]] = {}
+    """One row for each scenario and choice flown: the paper's rows in its order, then the others."""
+    groups: dict[tuple[str, Choice], list[Summary]] = {}
     for summary in summaries:
-        groups.setdefault((summary["scenario"], summary["n_c"]), []).append(summary)
-    paper = {(row.scenario, finite_or_inf(row.n_c)): row for row in PAPER}
+        groups.setdefault((summary["scenario"], choice_of(summary)), []).append(summary)
+    paper: dict[tuple[str, Choice], PaperRow] = {(row.scenario, finite_or_inf(row.n_c)): row for row in PAPER}
     order = [key for key in paper if key in groups] + [key for key in groups if key not in paper]
     rows = []
     for key in order:
@@ -130,29 +159,74 @@ def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
 
 def paired_differences(summaries: Iterable[Summary]) -> list[PairedDifference]:
     """The paper's best choice of each scenario against its others, seed by seed (same world, same wind)."""
-    times: dict[tuple[str, Limit], dict[int, float]] = {}
-    for s in summaries:
-        times.setdefault((s["scenario"], s["n_c"]), {})[s["seed"]] = s["mission_time_s"]
+    times = by_seed(summaries, "mission_time_s")
     differences = []
     for scenario in CAPTIONS:
-        printed = {finite_or_inf(row.n_c): row.mission_time_s for row in PAPER if row.scenario == scenario}
-        best = min(printed, key=lambda n_c: printed[n_c])
-        for other in (n_c for n_c in printed if n_c != best):
-            a, b = times.get((scenario, best), {}), times.get((scenario, other), {})
-            seeds = sorted(a.keys() & b.keys())
-            if seeds:
-                mean, ci95 = mean_ci95([a[seed] - b[seed] for seed in seeds])
-                differences.append(PairedDifference(scenario, best, other, len(seeds), mean, ci95))
+        best, *others = _paper_order(scenario)
+        for other in others:
+            pairs = paired(times.get((scenario, best), {}), times.get((scenario, other), {}))
+            if pairs:
+                differences.append(PairedDifference(scenario, best, other, len(pairs), *mean_ci95(pairs)))
     return differences
 
 
+def check_effects(summaries: Sequence[Summary]) -> list[CheckEffect]:
+    """What the paper's best choice of each scenario costs and brings beside scan-only, seed by seed."""
+    metrics = [by_seed(summaries, key) for key in ("mission_time_s", "recall", "false_positives")]
+    effects = []
+    for scenario in CAPTIONS:
+        best = _paper_order(scenario)[0]
+        pairs = [paired(m.get((scenario, best), {}), m.get((scenario, None), {})) for m in metrics]
+        if pairs[0]:
+            effects.append(CheckEffect(scenario, best, len(pairs[0]), *map(mean_ci95, pairs)))
+    return effects
+
+
+def by_seed(summaries: Iterable[Summary], key: str) -> dict[tuple[str, Choice], dict[int, float]]:
+    """Scenario and choice -> seed -> a number of the summary, where it has one."""
+    values: dict[tuple[str, Choice], dict[int, float]] = {}
+    for s in summaries:
+        if s[key] is not None:
+            values.setdefault((s["scenario"], choice_of(s)), {})[s["seed"]] = s[key]
+    return values
+
+
+def paired(a: Mapping[int, float], b: Mapping[int, float]) -> list[float]:
+    """a - b at the seeds that both have."""
+    return [a[seed] - b[seed] for seed in sorted(a.keys() & b.keys())]
+
+
+def choice_of(summary: Summary) -> Choice:
+    """n_c of a mission that Algorithm 1 flew; to scan-only it means nothing."""
+    return None if summary["strategy"] == BASELINE else summary["n_c"]
+
+
+def _paper_order(scenario: str) -> list[Limit]:
+    """The n_c that the paper prints for a scenario, its fastest before the others."""
+    printed = {finite_or_inf(row.n_c): row.mission_time_s for row in PAPER if row.scenario == scenario}
+    best = min(printed, key=lambda n_c: printed[n_c])
+    return [best, *(n_c for n_c in printed if n_c != best)]
+
+
 def compare_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
-    """Rows as ``compare.json`` holds them; bounds that a single seed leaves open are None."""
+    """Algorithm 1's rows as ``compare.json`` holds them; bounds that a single seed leaves open are None."""
+    return [asdict(row) | _time_ci95(row) for row in rows if row.n_c is not None]
+
+
+def baselines_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
+    """The rows of scan-only as ``baselines.json`` holds them."""
+    kept = ("mission_time_mean_s", "recall_mean", "false_positives_mean", "n_seeds")
     return [
-        asdict(row)
-        | {"mission_time_ci95_s": [b if math.isfinite(b) else None for b in row.mission_time_ci95_s]}
+        {"scenario": row.scenario, "strategy": BASELINE}
+        | {key: getattr(row, key) for key in kept}
+        | _time_ci95(row)
         for row in rows
+        if row.n_c is None
     ]
+
+
+def _time_ci95(row: CompareRow) -> dict[str, list[float | None]]:
+    return {"mission_time_ci95_s": [b if math.isfinite(b) else None for b in row.mission_time_ci95_s]}
 
 
 HEADER = (
@@ -160,10 +234,10 @@ HEADER = (
     "Mission\ntime (s)",
     "95 % CI",
     "Paper\n(s)",
-    "Differ-\nence",
+    "Diffe-\nrence",
     "False\nscans",
     "False\npos.",
-    "Paper\n(f. p.)",
+    "Paper\nf. p.",
     "Recall",
     "Seeds",
 )
@@ -176,12 +250,15 @@ PAIRED_HEADER = (
     "Pairs",
     "Faster?",
 )
+PAIRED_CAPTION = "Paired over seeds: best choice minus the other"
+CHECK_HEADER = ("Scenario", "n_c", "Time (s)", "Recall", "False positives", "CHECK brings")
+CHECK_CAPTION = "What CHECK costs and brings: the paper's best choice minus scan-only, paired over seeds"
 
 
 def cells(row: CompareRow) -> tuple[str, ...]:
     """A row as text, in the order of ``HEADER``."""
     return (
-        infinity_sign(row.n_c),
+        BASELINE if row.n_c is None else infinity_sign(row.n_c),
         f"{row.mission_time_mean_s:.1f}",
         _interval(row.mission_time_ci95_s),
         "-" if row.paper_time_s is None else f"{row.paper_time_s:.2f}",
@@ -199,12 +276,24 @@ def paired_cells(difference: PairedDifference) -> tuple[str, ...]:
     low, high = difference.ci95_s
     return (
         difference.scenario,
-        f"n_c = {infinity_sign(difference.best)}",
-        f"n_c = {infinity_sign(difference.other)}",
+        choice(difference.best),
+        choice(difference.other),
         f"{difference.mean_s:+.1f}",
         _interval((low, high)),
         str(difference.n_pairs),
         "yes" if difference.holds else "no: slower" if low > 0 else "not shown",
+    )
+
+
+def check_cells(effect: CheckEffect) -> tuple[str, ...]:
+    """What CHECK costs and brings as text, in the order of ``CHECK_HEADER``."""
+    return (
+        effect.scenario,
+        infinity_sign(effect.n_c),
+        _difference(effect.mission_time_s, 1),
+        _difference(effect.recall, 3),
+        _difference(effect.false_positives, 2),
+        effect.brings,
     )
 
 
@@ -218,27 +307,38 @@ def grouped(rows: Iterable[CompareRow]) -> dict[str, list[CompareRow]]:
 
 def print_tables(console: Console, rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> None:
     """The tables on a terminal: our mean, its interval, the paper's number and the difference."""
-    differences = paired_differences(summaries)
-    for caption, group in grouped(rows).items():
-        console.print(_table(caption, HEADER, [cells(row) for row in group]))
-    if differences:
-        texts = [paired_cells(difference) for difference in differences]
-        console.print(_table("Paired over seeds: best choice minus the other", PAIRED_HEADER, texts))
+    for caption, header, texts in _all_tables(rows, summaries):
+        console.print(_table(caption, header, texts))
 
 
-def markdown_tables(rows: Sequence[CompareRow], differences: Sequence[PairedDifference] = ()) -> str:
+def markdown_tables(rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> str:
     """The same tables in Markdown."""
-    header = [one_line(name) for name in HEADER]
-    parts = [markdown(caption, header, map(cells, group)) for caption, group in grouped(rows).items()]
-    if differences:
-        title = "Paired over seeds: best choice minus the other"
-        parts.append(markdown(title, PAIRED_HEADER, map(paired_cells, differences)))
-    return "\n".join(parts)
+    return "\n".join(
+        markdown(caption, [one_line(name) for name in header], texts)
+        for caption, header, texts in _all_tables(rows, summaries)
+    )
+
+
+def _all_tables(
+    rows: Sequence[CompareRow], summaries: Sequence[Summary]
+) -> Iterator[tuple[str, Sequence[str], list[tuple[str, ...]]]]:
+    """Caption, header and cells of every table."""
+    for caption, group in grouped(rows).items():
+        yield caption, HEADER, [cells(row) for row in group]
+    if differences := paired_differences(summaries):
+        yield PAIRED_CAPTION, PAIRED_HEADER, [paired_cells(d) for d in differences]
+    if effects := check_effects(summaries):
+        yield CHECK_CAPTION, CHECK_HEADER, [check_cells(effect) for effect in effects]
 
 
 def infinity_sign(n_c: Limit) -> str:
     """``n_c`` for a reader."""
-    return "∞" if n_c == "inf" else f"{n_c:g}"
+    return "∞" if float(n_c) == math.inf else f"{n_c:g}"
+
+
+def choice(n_c: Choice) -> str:
+    """Which strategy a row is, for a reader."""
+    return BASELINE if n_c is None else f"n_c = {infinity_sign(n_c)}"
 
 
 def one_line(name: str) -> str:
@@ -250,10 +350,19 @@ def _interval(bounds: tuple[float, float]) -> str:
     return f"{bounds[0]:.1f} to {bounds[1]:.1f}" if math.isfinite(bounds[0]) else "one seed"
 
 
+def _difference(found: MeanCI, digits: int) -> str:
+    """Mean with its sign and, in brackets, its interval."""
+    mean, (low, high) = found
+    if math.isnan(mean):
+        return "-"
+    interval = f"{low:.{digits}f} to {high:.{digits}f}" if math.isfinite(low) else "one seed"
+    return f"{mean:+.{digits}f}\n({interval})"
+
+
 def _table(caption: str, header: Sequence[str], texts: Iterable[Sequence[str]]) -> Table:
     table = Table(title=caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 0), pad_edge=False)
     for column in header:
-        table.add_column(column, justify="right", no_wrap=True)
+        table.add_column(column, justify="right", no_wrap=column != CHECK_HEADER[-1])
     for text in texts:
         table.add_row(*text)
     return table
