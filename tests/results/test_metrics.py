@@ -72,6 +72,18 @@ def test_low_battery_ends_the_search_where_the_way_home_begins(tmp_path):
     assert (s["mission_time_s"], s["return_time_s"], s["total_time_s"]) == (60, 20, 80)
 
 
+@pytest.mark.parametrize("changes", [{"targets": []}, {}])
+def test_without_truth_nothing_is_judged(tmp_path, changes):
+    setup = {"t": 0.0, "kind": "setup"} | ({} if changes else {"truth": False})
+    s = compute_summary(load_run(write_run(tmp_path, [setup, *tiny_records()], **changes)))
+    judged = (
+        "n_targets recall time_to_confirm_s pos_curve false_scans false_positives duplicates "
+        "wrong_rejections median_localisation_error_m"
+    )
+    assert {key: s[key] for key in judged.split()} == dict.fromkeys(judged.split())
+    assert (s["n_confirmed"], s["n_checked"], s["mission_time_s"]) == (4, 5, 60)
+
+
 def run_with(verdicts, targets=((5, 10), (20, 10), (35, 10))) -> Run:
     scenario = Scenario.model_validate(
         {

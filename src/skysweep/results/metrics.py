@@ -18,6 +18,17 @@ F64 = NDArray[np.float64]
 Summary = dict[str, Any]  # what summary.json holds
 
 MATCH_DISTANCE_M = 3.0
+_NEEDS_TRUTH = (
+    "n_targets",
+    "recall",
+    "time_to_confirm_s",
+    "pos_curve",
+    "false_scans",
+    "false_positives",
+    "duplicates",
+    "wrong_rejections",
+    "median_localisation_error_m",
+)
 _FORBIDDEN_M = 1e6
 _FLATTEST_VIEW = (
     -0.1
@@ -78,6 +89,7 @@ def compute_summary(
     """The numbers of ``summary.json``; keys are defined in docs/results.md.
 
     Infinite ``n_c`` and ``d_c_m`` are the string ``"inf"`` as JSON has no infinity; None: does not apply.
+    Without truth nothing is judged: ``n_confirmed`` counts every confirmed candidate.
     """
     search = run.scenario.search
     targets = run.world.targets
@@ -91,12 +103,13 @@ def compute_summary(
     times = sorted(t for t in confirmed_s if t is not None)
     mission_time_s = run.search_end_s
     total_time_s = run.landed_s if run.landed_s is not None else run.last_s
+    wall_time_s = _rounded(wall_time_s)
     if real_time_factor is None and wall_time_s:
         real_time_factor = total_time_s / wall_time_s
     searching = run.states.time_s <= mission_time_s
     path_m, vertical_m = travelled_m(run.states.position_enu_m[searching])
     seen_m2 = seen_area(run).area
-    return {
+    summary: Summary = {
         "scenario": run.scenario.name,
         "strategy": run.strategy,
         "n_c": finite_or_inf(search.n_c),
@@ -132,9 +145,13 @@ def compute_summary(
         "area_m2": round(run.scenario.area_enu_m.area, 1),
         "area_covered": round(seen_m2 / run.scenario.area_enu_m.area, 4),
         "area_covered_m2": round(seen_m2, 1),
-        "wall_time_s": _rounded(wall_time_s),
+        "wall_time_s": wall_time_s,
         "real_time_factor": _rounded(real_time_factor),
     }
+    if not run.has_truth:
+        summary |= dict.fromkeys(_NEEDS_TRUTH)
+        summary["n_confirmed"] = sum(c.verdict == "confirmed" for c in run.candidates)
+    return summary
 
 
 def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
