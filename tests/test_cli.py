@@ -251,3 +251,20 @@ def test_a_folder_that_cannot_be_written_asks_for_out(tmp_path, flown):
     refused(
         skysweep("report", flown, "--out", tmp_path / "file" / "x", cwd=tmp_path), "--out", "choose another"
     )
+
+
+def test_planning_an_area_warns_of_too_few_pixels_as_validate_does(tmp_path):
+    ring = [[22.2966, 60.449], [22.3000, 60.449], [22.3000, 60.4510], [22.2966, 60.4510], [22.2966, 60.449]]
+    (tmp_path / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    result = skysweep("plan", "field.geojson", "--altitude", 60, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "warning: search.scan_altitude_agl_m: the smallest target spans only" in result.stderr
+    assert "there are none" not in result.stderr
+    (tmp_path / "mine.yaml").write_text(
+        "name: mine\narea: {file: field.geojson}\nhome: {latitude_deg: 60.449, longitude_deg: 22.2966}\n"
+        "targets: [{class: stop sign, position_enu_m: [20, 20], size_m: 0.9}]\n"
+    )
+    result = skysweep("run", "mine.yaml", "--sensor", "statistical", "--out", "r", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    (tmp_path / "field.geojson").unlink()
+    assert skysweep("report", "r", "--out", "again", cwd=tmp_path).returncode == 0
