@@ -70,10 +70,11 @@ def test_run_folder_gets_everything(tiny_folder):
     page = read_page(tiny_folder / "report.html")
     assert len(page.sources) == 1 + 1
     for told in (
-        "1 min 0 s after take-off the search of 800 m² was over: 2 of 3 targets found and confirmed, "
-        "3 of 5 checks found no target.",
+        "The search of 800 m² ended 1 min 0 s after take-off: 2 of 3 targets confirmed, 3 of 5 checks found "
+        "no target.",
+        "Strategy scan-check: candidates are checked after 1 of them (n_c) or at the end of the scan.",
         "0:11 Down to 2 m to check. Confirmed stop sign 1. ",
-        "Nothing at 1 place. Back to the search at 0:21.",
+        "Rejected 1 candidate. Back to the search at 0:21.",
         "60.4490898",  # latitude of the first
         "- duplicate -",  # the fourth
         "- no -",  # the bucket
@@ -89,7 +90,7 @@ def test_report_of_a_mission_broken_off_says_so(tmp_path):
     page = read_page(folder / "report.html")
     assert (
         "The journal ends 0 min 15 s after take-off: the search of 800 m² was broken off, or is still going "
-        "on. So far 0 of 3 targets found and confirmed, 1 candidate left unchecked." in page.text
+        "on. So far 0 of 3 targets confirmed, 1 candidate left unchecked." in page.text
     )
     assert "No target was confirmed." in page.text
     assert "The mission had not come to it when the journal ends." in page.text
@@ -120,7 +121,7 @@ def test_a_report_without_truth_judges_nothing(tmp_path):
     folder = write_run(tmp_path / "run", tiny_records(), targets=[])
     write_results(load_run(folder), folder)
     page = read_page(folder / "report.html")
-    assert "the search of 800 m² was over: 4 targets confirmed, 1 of 5 checks found no target." in page.text
+    assert "ended 1 min 0 s after take-off: 4 targets confirmed, 1 of 5 checks found no target." in page.text
     report, _, _ = page.text.partition("What the words mean")
     for word in ("True target?", "Error (m)", "false positives", "0 of 0", "median position error"):
         assert word not in report

@@ -203,10 +203,11 @@ def print_summary(summary: dict[str, Any]) -> None:
     rows = [
         ("Search", search if summary["ended"] else "broken off, or still flying"),
         ("Mission time", _figure(summary["mission_time_s"], "s")),
-        ("A scan alone", _figure(summary["scan_only_time_s"], "s")),
+        ("Planned scan alone", _figure(summary["scan_only_time_s"], "s")),
         ("Confirmed", confirmed if judged else str(summary["n_confirmed"])),
         ("False positives", _figure(summary["false_positives"], "")),
-        ("False scans", f"{summary['false_scans']} of {summary['n_checked']} checks" if judged else ""),
+        ("Checked", f"{summary['n_checked']} candidates"),
+        ("False scans", _figure(summary["false_scans"], "")),
         ("Left unchecked", str(summary["n_unchecked"] or "")),
         ("Area seen", _figure(100 * summary["area_covered"], "%")),
         ("Path length", _figure(summary["path_length_m"], "m")),

@@ -90,8 +90,7 @@ class PictureBook:
         path = self._folder / picture_name(candidate, frame.time_s)
         with suppress(OSError):
             if frame.image.size:
-                height = f"{self._altitude_agl_m(frame):.1f} m above ground"
-                words = f"candidate {candidate}, {height}, {clock(frame.time_s)}"
+                words = f"{self._altitude_agl_m(frame):.1f} m above ground, {clock(frame.time_s)}"
                 image = labelled(frame.image, found, box, words)
                 _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
                 self._folder.mkdir(exist_ok=True)
@@ -140,8 +139,8 @@ def label_place(
 
 
 def _write(image: Image, text: str, box: tuple[int, int, int, int]) -> None:
-    size = 1.1 * image.shape[1] / _LABEL_WIDTH_PX
-    (width, up), down = cv2.getTextSize(text, _FONT, size, 3)
+    size = 1.5 * image.shape[1] / _LABEL_WIDTH_PX
+    (width, up), down = cv2.getTextSize(text, _FONT, size, 7)
     x, y = label_place(box, (width, up + down), (image.shape[1], image.shape[0]))
-    for shade, thickness in (((0, 0, 0), 5), ((255, 255, 255), 2)):
+    for shade, thickness in (((0, 0, 0), 7), ((255, 255, 255), 3)):
         cv2.putText(image, text, (x, y + up), _FONT, size, shade, thickness, cv2.LINE_AA)

@@ -33,8 +33,8 @@ def write_run_report(run: Run, summary: Summary, folder: Path) -> Path:
             pictures=[
                 picture(
                     folder / "map.png",
-                    "Above: the mission from the top, north up; the line is the path that the vehicle "
-                    "believes it flew, coloured by altitude. Below: altitude over time with every verdict.",
+                    "Above: the mission from the top, north up; the line is the vehicle's estimated path, "
+                    "coloured by altitude. Below: altitude over time with every verdict.",
                 )
             ],
         ),
@@ -60,13 +60,13 @@ def _run_lead(run: Run, s: Summary) -> str:
     minutes, seconds = divmod(round(s["mission_time_s"]), 60)
     when = f"{minutes} min {seconds} s after take-off"
     if run.ended:
-        text = f"{when} the search of {area} was over"
+        text = f"The search of {area} ended {when}:"
     else:
         text = f"The journal ends {when}: the search of {area} was broken off, or is still going on. So far"
     confirmed = f"{s['n_confirmed']} target{'' if s['n_confirmed'] == 1 else 's'}"
     if run.has_truth:
-        confirmed = f"{s['n_confirmed']} of {s['n_targets']} targets found and"
-    text += f"{':' if run.ended else ''} {confirmed} confirmed"
+        confirmed = f"{s['n_confirmed']} of {s['n_targets']} targets"
+    text += f" {confirmed} confirmed"
     if s["n_checked"]:
         without = s["false_scans"] if run.has_truth else s["n_checked"] - s["n_confirmed"]
         text += f", {without} of {s['n_checked']} checks found no target"
@@ -115,7 +115,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     scanning = next((k for k, mode in enumerate(run.states.mode) if mode == "SCAN"), None)
     if scanning is not None:
         height_m = run.altitudes_agl_m[scanning]
-        steps.append((run.states.time_s[scanning], f"At {height_m:.0f} m above ground: the search begins."))
+        steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
     check: list[Any] | None = None
     left: dict[float, list[Any]] = {}
     started_s = 0.0
@@ -162,13 +162,13 @@ def _check_words(records: Sequence[Any], names: dict[int, str], altitude_agl_m: 
 
 def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
     confirmed = [names[r["candidate"]] for r in records if r["kind"] == "confirmed"]
-    nothing = sum(r["kind"] == "rejected" for r in records)
+    rejected = sum(r["kind"] == "rejected" for r in records)
     unchecked = [_name(r, names) for r in records if r["kind"] == "unchecked"]
     parts = []
     if confirmed:
         parts.append(f"confirmed {', '.join(confirmed)}")
-    if nothing:
-        parts.append(f"nothing at {nothing} {'place' if nothing == 1 else 'places'}")
+    if rejected:
+        parts.append(f"rejected {rejected} candidate{'' if rejected == 1 else 's'}")
     if unchecked:
         parts.append(f"not flown to {', '.join(unchecked)}")
     text = "; ".join(parts)
@@ -279,8 +279,10 @@ def _how_missed(run: Run, target: Any) -> str:
 def _strategy(run: Run) -> str:
     if run.strategy != "scan-check":
         return f"Strategy {run.strategy}."
-    n_c, d_c = (_infinite(v) for v in (run.scenario.search.n_c, run.scenario.search.d_c_m))
-    return f"Strategy scan-check: checks after n_c = {n_c} candidates, or d_c = {d_c} m after the last one."
+    n_c, d_c_m = run.scenario.search.n_c, run.scenario.search.d_c_m
+    when = [f"after {n_c:g} of them (n_c)"] if np.isfinite(n_c) else []
+    when += [f"{d_c_m:g} m after the last new one (d_c)"] if np.isfinite(d_c_m) else []
+    return f"Strategy scan-check: candidates are checked {' or '.join([*when, 'at the end of the scan'])}."
 
 
 def _numbers(summary: Summary) -> Grid:
@@ -291,10 +293,6 @@ def _numbers(summary: Summary) -> Grid:
                 (key, "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value))
             )
     return Grid(("summary.json", "Value"), rows)
-
-
-def _infinite(value: float) -> str:
-    return "∞" if np.isinf(value) else f"{value:g}"
 
 
 def _or_dash(value: float | None, form: str) -> str:
