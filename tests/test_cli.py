@@ -166,3 +166,105 @@ def test_help_has_examples(tmp_path):
     for command in (["run"], ["plan"], ["compare", "paper"], ["dataset"], ["detect", "evaluate"]):
         text = skysweep(*command, "--help", cwd=tmp_path).stdout
         assert "skysweep " + " ".join(command) in text
+
+
+@pytest.fixture
+def flown(tmp_path, scenario):
+    """A whole run folder of a statistical mission."""
+    out = tmp_path / "flown"
+    result = skysweep("run", scenario, "--sensor", "statistical", "--out", out, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    return out
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_the_summary_in_the_terminal_has_names_and_units(tmp_path, scenario):
+    result = skysweep("run", scenario, "--sensor", "statistical", "--out", "r", cwd=tmp_path)
+    lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    summary = json.loads((tmp_path / "r" / "summary.json").read_text())
+    assert f"Mission time {summary['mission_time_s']:.0f} s" in lines
+    assert "Confirmed 1 of 1 targets" in lines
+    assert f"Energy {summary['energy_wh']:.1f} Wh" in lines
+    assert "mission_time_s" not in result.stdout
+
+
+def test_results_of_a_mission_broken_off_are_had_without_flying_and_it_still_goes_on(tmp_path, flown):
+    whole = contents(flown)
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / "config.yaml").write_bytes(whole["config.yaml"])
+    lines = whole["journal.jsonl"].splitlines(keepends=True)
+    (broken / "journal.jsonl").write_bytes(b"".join(lines[: len(lines) // 2]) + b'{"t": 33.1, "ki')
+    before = (broken / "journal.jsonl").read_bytes()
+    result = skysweep("report", broken, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "warning" in result.stderr
+    assert "broken off, or still flies" in result.stderr
+    assert set(contents(broken)) == set(whole)
+    assert (broken / "journal.jsonl").read_bytes() == before
+    assert json.loads((broken / "summary.json").read_text())["ended"] is False
+    result = skysweep("resume", broken, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "nothing to do" not in result.stdout
+    assert (broken / "journal.jsonl").read_bytes() == whole["journal.jsonl"]
+    assert json.loads((broken / "summary.json").read_text())["ended"] is True
+
+
+def test_results_of_a_mission_go_elsewhere_and_leave_its_folder_alone(tmp_path, flown):
+    before = contents(flown)
+    result = skysweep("report", flown, "--out", tmp_path / "elsewhere", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert contents(flown) == before
+    elsewhere = contents(tmp_path / "elsewhere")
+    assert elsewhere == {name: before[name] for name in elsewhere}
+    assert set(before) - set(elsewhere) == {"config.yaml", "journal.jsonl"}
+
+
+def test_a_mission_is_reported_while_it_flies(tmp_path, flown):
+    from skysweep.mission.journal import FileJournal
+
+    journal = flown / "journal.jsonl"
+    held = FileJournal(journal)
+    before = journal.read_bytes()
+    assert skysweep("report", flown, cwd=tmp_path).returncode == 0
+    assert journal.read_bytes() == before
+    held.close()
+
+
+def test_a_damaged_journal_gives_the_results_of_the_lines_before(tmp_path, flown):
+    journal = flown / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([*lines[:40], b"rubbish\n", *lines[41:]]))
+    result = skysweep("report", flown, cwd=tmp_path)
+    assert result.returncode == 0
+    assert "line 41 of the journal is damaged" in result.stderr
+    assert "40 lines before it" in result.stderr
+    refused(skysweep("resume", flown, cwd=tmp_path), "line 41 is damaged", "--from-sound-lines")
+
+
+def test_a_folder_that_cannot_be_written_asks_for_out(tmp_path, flown):
+    (tmp_path / "file").write_text("")
+    refused(
+        skysweep("report", flown, "--out", tmp_path / "file" / "x", cwd=tmp_path), "--out", "choose another"
+    )
+
+
+def test_planning_an_area_warns_of_too_few_pixels_as_validate_does(tmp_path):
+    ring = [[22.2966, 60.449], [22.3000, 60.449], [22.3000, 60.4510], [22.2966, 60.4510], [22.2966, 60.449]]
+    (tmp_path / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    result = skysweep("plan", "field.geojson", "--altitude", 60, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "warning: search.scan_altitude_agl_m: the smallest target spans only" in result.stderr
+    assert "there are none" not in result.stderr
+    (tmp_path / "mine.yaml").write_text(
+        "name: mine\narea: {file: field.geojson}\nhome: {latitude_deg: 60.449, longitude_deg: 22.2966}\n"
+        "targets: [{class: stop sign, position_enu_m: [20, 20], size_m: 0.9}]\n"
+    )
+    result = skysweep("run", "mine.yaml", "--sensor", "statistical", "--out", "r", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    (tmp_path / "field.geojson").unlink()
+    assert skysweep("report", "r", "--out", "again", cwd=tmp_path).returncode == 0

@@ -14,6 +14,7 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.area_files import MAX_AREA_FILE_BYTES, read_area, scenario_from_area
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.qgc import plan_for_qgc, write_plan
+from skysweep.scenarios.files import change_scenario, load_scenario, write_scenario
 from skysweep.scenarios.model import Area, Scenario
 
 FRAME = LocalFrame(60.449, 22.2966, 0.0)
@@ -209,3 +210,45 @@ def test_no_bytes_break_the_reader(tmp_path_factory, data, suffix):
     file.write_bytes(data)
     with pytest.raises(UserError):
         read_area(file)
+
+
+HOME = "home: {latitude_deg: 60.449, longitude_deg: 22.2966, altitude_amsl_m: 0}\n"
+
+
+@pytest.mark.parametrize("suffix", [".geojson", ".kml"])
+def test_a_scenario_names_its_area_file_beside_it(tmp_path, suffix):
+    (tmp_path / f"field{suffix}").write_text(json.dumps(feature(POLYGON)) if suffix == ".geojson" else kml())
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"name: mine\narea: {{file: field{suffix}}}\n{HOME}")
+    scenario = load_scenario(mine)
+    assert scenario.area_enu_m.symmetric_difference(SQUARE).area < 0.01
+    (tmp_path / f"field{suffix}").unlink()
+    assert load_scenario(write_scenario(scenario, tmp_path / "config.yaml")) == scenario
+
+
+def test_an_area_file_can_be_set(tmp_path):
+    (tmp_path / "field.kml").write_text(kml())
+    scenario = Scenario(name="a", area=Area(polygon_enu_m=[(0, 0), (9, 0), (9, 9)]))
+    file = {"file": str(tmp_path / "field.kml")}
+    changed = change_scenario(scenario, {"area": file, "home.altitude_amsl_m": 0})
+    assert changed.area_enu_m.symmetric_difference(SQUARE).area < 0.01
+
+
+@pytest.mark.parametrize(
+    ("area", "home", "words"),
+    [
+        ("{file: none.kml}", HOME, "mine.yaml: area.file: .*none.kml: "),
+        ("{file: two.kml}", HOME, "mine.yaml: area.file: .*two.kml: holds 2 polygons"),
+        ("{file: field.txt}", HOME, "area.file: .*field.txt: is no area file"),
+        ("{file: field.kml}", "home: {latitude_deg: 10}\n", "home: lies .* km from the area"),
+        ("{file: 7}", HOME, "area.file: is 7; write"),
+        ("{file: field.kml, polygon_enu_m: [[0, 0], [9, 0], [9, 9]]}", HOME, "write exactly one of"),
+        ("{file: field.kml, holes_enu_m: [[[0, 0], [9, 0], [9, 9]]]}", HOME, "area.file: .* stands alone"),
+    ],
+)
+def test_an_area_file_that_does_not_do_is_one_sentence(tmp_path, area, home, words):
+    (tmp_path / "field.kml").write_text(kml())
+    (tmp_path / "two.kml").write_text(kml(count=2))
+    (tmp_path / "mine.yaml").write_text(f"name: mine\narea: {area}\n{home}")
+    with pytest.raises(UserError, match=words):
+        load_scenario(tmp_path / "mine.yaml")

@@ -6,8 +6,10 @@ import json
 
 import defusedxml.ElementTree as ET
 import pytest
+from results_data import event, tiny_records, write_run
 
 from skysweep.results.exports import found_targets, write_exports
+from skysweep.results.run_folder import load_run
 
 KML = "{http://www.opengis.net/kml/2.2}"
 GPX = "{http://www.topografix.com/GPX/1/1}"
@@ -39,6 +41,26 @@ def test_every_format_has_the_same_places(files):
     from_csv = [(float(r["longitude_deg"]), float(r["latitude_deg"])) for r in rows]
     assert len(from_geojson) == 4
     assert from_geojson == from_kml == from_gpx == from_csv
+
+
+def test_unchecked_candidates_are_in_every_format_and_say_so(tmp_path):
+    records = [*tiny_records(), event(59, "unchecked", 6, [38, 18, 0])]
+    folder = write_run(tmp_path / "run", records)
+    written = {p.suffix: p.read_text(encoding="utf-8") for p in write_exports(load_run(folder), tmp_path)}
+    last = json.loads(written[".geojson"])["features"][-1]["properties"]
+    assert (last["name"], last["status"], last["confirmed_s"]) == ("unchecked stop sign 1", "unchecked", None)
+    *confirmed, row = csv.DictReader(io.StringIO(written[".csv"]))
+    assert (row["name"], row["status"], row["confirmed_s"]) == ("unchecked stop sign 1", "unchecked", "")
+    assert [(r["name"], r["status"]) for r in confirmed] == [
+        (f"stop sign {k}", "confirmed") for k in (1, 2, 3, 4)
+    ]
+    placemark = list(ET.fromstring(written[".kml"]).iter(f"{KML}Placemark"))[-1]
+    assert placemark.findtext(f"{KML}name") == "unchecked stop sign 1"
+    assert "not checked: have a look" in placemark.findtext(f"{KML}description")
+    *flags, waypoint = ET.fromstring(written[".gpx"]).iter(f"{GPX}wpt")
+    assert {flag.findtext(f"{GPX}sym") for flag in flags} == {"Flag, Red"}
+    assert waypoint.findtext(f"{GPX}sym") == "Flag, Blue"
+    assert "not checked: have a look" in waypoint.findtext(f"{GPX}desc")
 
 
 def test_geojson_points_are_flat_and_carry_what_is_known(files):

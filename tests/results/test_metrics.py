@@ -43,6 +43,29 @@ def test_area_covered_is_the_union_of_the_scan_pictures(tiny_run):
     assert compute_summary(tiny_run)["area_covered"] == pytest.approx(300 / 800)
 
 
+CROWN = {"position_enu_m": [20, 10], "height_m": 4, "crown_radius_m": 2}
+
+
+def covered_m2(folder, *eyes, **changes):
+    records = [tiny_records()[0], *(state(k, list(eye)) for k, eye in enumerate(eyes))]
+    return compute_summary(load_run(write_run(folder, records, **changes)))["area_covered_m2"]
+
+
+def test_ground_below_a_crown_counts_as_seen_only_where_a_picture_reaches_below_it(tmp_path):
+    # The line from 10 m that touches the crown (half axes 2 and 1.3 m, centre 2.7 m up) meets the ground
+    # 2.76 m from the trunk. Pictures from 9 m to either side look in below the crown, which ends 1.4 m up.
+    above = covered_m2(tmp_path / "above", (20, 10, 10), trees=[CROWN])
+    assert above == pytest.approx(200 - np.pi * 2.756**2, abs=2)
+    assert covered_m2(tmp_path / "bare", (20, 10, 10)) == 200
+    beside = covered_m2(tmp_path / "beside", (20, 10, 10), (11, 10, 10), (29, 10, 10), trees=[CROWN])
+    assert beside == pytest.approx(38 * 10, abs=0.5)
+
+
+def test_ground_in_a_building_is_not_seen(tmp_path):
+    house = {"position_enu_m": [20, 10], "size_m": [6, 4], "height_m": 0.3}
+    assert covered_m2(tmp_path, (20, 10, 10), buildings=[house]) == pytest.approx(200 - 24, abs=4)
+
+
 def test_picture_turned_by_90_degrees_covers_the_other_way(tmp_path):
     run = load_run(write_run(tmp_path, [tiny_records()[0], state(0, [20, 10, 10], R=NADIR)]))
     assert seen_area(run).bounds == pytest.approx((15, 0, 25, 20))
@@ -70,6 +93,18 @@ def test_low_battery_ends_the_search_where_the_way_home_begins(tmp_path):
     s = compute_summary(load_run(write_run(tmp_path, records)))
     assert (s["completed"], s["end_reason"]) == (False, "low battery")
     assert (s["mission_time_s"], s["return_time_s"], s["total_time_s"]) == (60, 20, 80)
+
+
+@pytest.mark.parametrize("changes", [{"targets": []}, {}])
+def test_without_truth_nothing_is_judged(tmp_path, changes):
+    setup = {"t": 0.0, "kind": "setup"} | ({} if changes else {"truth": False})
+    s = compute_summary(load_run(write_run(tmp_path, [setup, *tiny_records()], **changes)))
+    judged = (
+        "n_targets recall time_to_confirm_s pos_curve false_scans false_positives duplicates "
+        "wrong_rejections median_localisation_error_m"
+    )
+    assert {key: s[key] for key in judged.split()} == dict.fromkeys(judged.split())
+    assert (s["n_confirmed"], s["n_checked"], s["mission_time_s"]) == (4, 5, 60)
 
 
 def run_with(verdicts, targets=((5, 10), (20, 10), (35, 10))) -> Run:

@@ -4,10 +4,12 @@ import json
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from PIL import Image
-from results_data import tiny_records, write_run
+from results_data import event, sighting, tiny_records, write_run
 
+from skysweep.results.evidence import picture_name
 from skysweep.results.metrics import compute_summary
 from skysweep.results.report import write_compare_report
 from skysweep.results.run_folder import load_run
@@ -49,9 +51,8 @@ def read_page(path):
 
 def test_run_folder_gets_everything(tiny_folder):
     (tiny_folder / "pictures").mkdir()
-    for k in range(10):
-        Image.new("RGB", (32, 18)).save(tiny_folder / "pictures" / f"confirmed_stop-sign_{k}.jpg")
-    summary = write_results(load_run(tiny_folder), wall_time_s=8.0)
+    Image.new("RGB", (32, 18)).save(tiny_folder / "pictures" / "confirmed_stop-sign_0.jpg")
+    summary = write_results(load_run(tiny_folder), tiny_folder, wall_time_s=8.0)
     assert json.loads((tiny_folder / "summary.json").read_text()) == summary
     assert 10 < summary["scan_only_time_s"] < 60
     assert summary["real_time_factor"] == 10
@@ -67,15 +68,16 @@ def test_run_folder_gets_everything(tiny_folder):
         *(f"targets.{suffix}" for suffix in ("geojson", "kml", "gpx", "csv")),
     }
     page = read_page(tiny_folder / "report.html")
-    assert len(page.sources) == 1 + 8
+    assert len(page.sources) == 1 + 1
     for told in (
-        "1 min 0 s after take-off the search of 800 m² was over: 2 of 3 targets found and confirmed, "
-        "3 of 5 checks for nothing.",
+        "The search of 800 m² ended 1 min 0 s after take-off: 2 of 3 targets confirmed, 3 of 5 checks found "
+        "no target.",
+        "Strategy scan-check: candidates are checked after 1 of them (n_c) or at the end of the scan.",
         "0:11 Down to 2 m to check. Confirmed stop sign 1. ",
-        "Nothing at 1 place. Back to the search at 0:21.",
+        "Rejected 1 candidate. Back to the search at 0:21.",
         "60.4490898",  # latitude of the first
-        "no: found before",
-        "no: nothing there",
+        "- duplicate -",  # the fourth
+        "- no -",  # the bucket
         "never seen",  # the sign at x = 35
         "confirmed stop sign 0",  # a caption
     ):
@@ -84,15 +86,119 @@ def test_run_folder_gets_everything(tiny_folder):
 
 def test_report_of_a_mission_broken_off_says_so(tmp_path):
     folder = write_run(tmp_path / "run", [r for r in tiny_records() if r["t"] <= 15])
-    write_results(load_run(folder))
+    write_results(load_run(folder), folder)
     page = read_page(folder / "report.html")
-    assert "The search was not completed (broken off)." in page.text
+    assert (
+        "The journal ends 0 min 15 s after take-off: the search of 800 m² was broken off, or is still going "
+        "on. So far 0 of 3 targets confirmed, 1 candidate left unchecked." in page.text
+    )
     assert "No target was confirmed." in page.text
+    assert "The mission had not come to it when the journal ends." in page.text
+    assert "0:11 Down to 2 m to check. Broken off. " in page.text
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["ended"], summary["completed"], summary["n_unchecked"]) == (False, False, 1)
+
+
+def test_candidates_left_unchecked_are_one_step_with_their_names_and_the_reason(tmp_path):
+    safety = {"t": 57, "kind": "safety", "cause": "battery", "action": "RETURN", "sentence": "20 % are left."}
+    records = [r for r in tiny_records() if r["kind"] not in ("finished", "end")]
+    places = [sighting(52 + k, 6 + k, [30 + k, 18, 0], 0.3, new=True) for k in range(3)]
+    left = [event(57, "unchecked", 6 + k, [30 + k, 18, 0]) for k in range(3)]
+    end = {"t": 80, "kind": "end", "reason": "battery"}
+    told = sorted([*records, *places, safety, *left, end], key=lambda r: r["t"])
+    folder = write_run(tmp_path / "run", told)
+    write_results(load_run(folder), folder)
+    text = read_page(folder / "report.html").text
+    assert text.count("left unchecked (") == 1
+    assert (
+        "0:57 3 candidates left unchecked (unchecked stop sign 1, unchecked stop sign 2, unchecked stop sign "
+        "3): 20 % are left." in text
+    )
+    assert re.search(r"unchecked stop sign 2 60\.\d{7} 22\.\d{7} 0\.30 20 % are left\.", text)
+
+
+def test_a_report_without_truth_judges_nothing(tmp_path):
+    folder = write_run(tmp_path / "run", tiny_records(), targets=[])
+    write_results(load_run(folder), folder)
+    page = read_page(folder / "report.html")
+    assert "ended 1 min 0 s after take-off: 4 targets confirmed, 1 of 5 checks found no target." in page.text
+    report, _, _ = page.text.partition("What the words mean")
+    for word in ("True target?", "Error (m)", "false positives", "0 of 0", "median position error"):
+        assert word not in report
+    assert "target 4 0:50 " in report
+
+
+def test_the_report_of_a_damaged_journal_says_what_it_is_of(tiny_folder):
+    journal = tiny_folder / "journal.jsonl"
+    lines = journal.read_text().splitlines()
+    journal.write_text("\n".join([*lines[:12], "rubbish", *lines[13:]]))
+    write_results(load_run(tiny_folder), tiny_folder)
+    assert "The journal is damaged: line 13 cannot be read" in read_page(tiny_folder / "report.html").text
+
+
+@pytest.mark.parametrize("n_lines", [1, 2, 3, 4, 7, 17])
+def test_a_journal_broken_off_anywhere_has_results(tmp_path, n_lines):
+    folder = write_run(tmp_path / "run", tiny_records()[:n_lines])
+    summary = write_results(load_run(folder), folder)
+    assert not summary["ended"]
+    assert (folder / "report.html").is_file()
+
+
+def test_results_need_no_file_but_those_of_the_folder(tmp_path):
+    gone = {"search": {"n_c": 1, "scan_altitude_agl_m": 10, "check_altitude_agl_m": 2, "plan": "/gone.plan"}}
+    folder = write_run(tmp_path / "run", tiny_records(), detector={"model": "/gone.onnx"}, **gone)
+    summary = write_results(load_run(folder), folder)
+    assert summary["scan_only_time_s"] is None
+    assert summary["n_confirmed"] == 2
+
+
+def test_evidence_has_every_candidate_with_a_verdict_or_left_unchecked(tmp_path):
+    records = [*tiny_records(), event(59, "unchecked", 6, [38, 18, 0])]
+    folder = write_run(tmp_path / "run", records)
+    (folder / "pictures").mkdir()
+    for candidate, time_s in ((1, 15.0), (2, 20.0), (3, 40.0), (6, 55.0), (7, 56.0)):
+        picture = Image.new("RGB", (1280, 720), (90, 120, candidate))
+        picture.save(folder / "pictures" / picture_name(candidate, time_s))
+    (folder / "pictures" / picture_name(4, 44.0)).write_bytes(b"torn")
+    write_results(load_run(folder), folder)
+    page = read_page(folder / "report.html")
+    assert len(page.sources) == 1 + 4
+    for heading, caption in (
+        (
+            "Pictures of confirmed targets",
+            "Confirmed stop sign 1: confidence 0.80, from 10.0 m above ground, at 0:15",
+        ),
+        (
+            "Pictures of unchecked candidates",
+            "Unchecked stop sign 1: confidence 0.30, from 10.0 m above ground, at 0:55",
+        ),
+        (
+            "Pictures of rejected candidates",
+            "Rejected stop sign (candidate 2): not detected, from 4.7 m above ground, at 0:20",
+        ),
+    ):
+        assert re.search(rf"{heading}.*{re.escape(caption)}", page.text)
+
+
+def test_a_report_with_many_pictures_stays_small_and_drops_none(tmp_path):
+    records = tiny_records()[:-1]
+    for k in range(60):
+        records.append(event(61 + k / 10, "rejected", 100 + k, [k / 2, 3, 0]))
+    folder = write_run(tmp_path / "run", records)
+    (folder / "pictures").mkdir()
+    noise = np.random.default_rng(0).normal(120, 12, (90, 160, 3)).clip(0, 255).astype(np.uint8)
+    busy = Image.fromarray(noise).resize((1280, 720), Image.Resampling.BICUBIC)
+    for k in range(60):
+        busy.save(folder / "pictures" / picture_name(100 + k, 61 + k / 10), quality=85)
+    write_results(load_run(folder), folder)
+    page = read_page(folder / "report.html")
+    assert len(page.sources) == 1 + 60
+    assert (folder / "report.html").stat().st_size < 8e6
 
 
 def test_names_from_files_cannot_inject_html(tmp_path):
     folder = write_run(tmp_path / "run", tiny_records(), description="<script>alert(1)</script>")
-    write_results(load_run(folder))
+    write_results(load_run(folder), folder)
     assert "<script" not in (folder / "report.html").read_text(encoding="utf-8")
 
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from results_data import tiny_records, write_run
+from results_data import event, sighting, tiny_records, write_run
 
 from skysweep.errors import UserError
 from skysweep.results.run_folder import load_run
@@ -56,13 +56,52 @@ def test_line_cut_short_by_a_crash_is_left_out(tiny_folder):
 
 
 @pytest.mark.parametrize("bad", ["nonsense", json.dumps([1, 2]), json.dumps({"kind": "state"})])
-def test_broken_line_inside_is_named(tiny_folder, bad):
+def test_lines_before_a_damaged_one_are_read_and_it_is_named(tiny_folder, bad):
     journal = tiny_folder / "journal.jsonl"
     lines = journal.read_text().splitlines()
     lines[4] = bad
     journal.write_text("\n".join(lines))
-    with pytest.raises(UserError, match=r"journal\.jsonl: line 5"):
+    run = load_run(tiny_folder)
+    assert run.damaged_line == 5
+    assert [r["kind"] for r in run.records] == ["start", "plan", "state", "state"]
+
+
+def test_a_mission_that_had_not_begun_has_no_results(tiny_folder):
+    journal = tiny_folder / "journal.jsonl"
+    lines = journal.read_text().splitlines()
+    journal.write_text('{"t": 0.0, "kind": "setup"}\n')
+    with pytest.raises(UserError, match=r"journal\.jsonl: the mission had not taken off"):
         load_run(tiny_folder)
+    journal.write_text("\n".join(["rubbish", *lines]))
+    with pytest.raises(UserError, match=r"journal\.jsonl: line 1 is damaged"):
+        load_run(tiny_folder)
+
+
+def test_a_whole_journal_names_what_was_left_unchecked(tmp_path):
+    left = event(59, "unchecked", 6, [38, 18, 0])
+    assert load_run(write_run(tmp_path / "none", tiny_records())).unchecked == ()
+    (story,) = load_run(write_run(tmp_path / "one", [*tiny_records(), left])).unchecked
+    assert (story.id, story.position_enu_m.tolist()) == (6, [38, 18, 0])
+
+
+def test_a_journal_without_an_end_leaves_unchecked_what_was_scanned_or_seen_twice(tmp_path):
+    records = [r for r in tiny_records() if r["t"] <= 36] + [
+        sighting(37, 7, [30, 5, 0], 0.5, new=True),
+        sighting(38, 8, [31, 9, 0], 0.5, new=True),
+        sighting(39, 8, [31, 9, 0], 0.5),
+    ]
+    run = load_run(write_run(tmp_path, records))
+    assert not run.ended
+    assert [story.id for story in run.unchecked] == [3, 8]
+
+
+def test_truth_needs_targets_and_a_sensor_that_saw_the_scenario(tmp_path):
+    setup = {"t": 0.0, "kind": "setup"}
+    seen = tmp_path / "seen", [setup, *tiny_records()]
+    outside = tmp_path / "outside", [setup | {"truth": False}, *tiny_records()]
+    assert load_run(write_run(*seen)).has_truth
+    assert not load_run(write_run(*outside)).has_truth
+    assert not load_run(write_run(*seen, targets=[])).has_truth
 
 
 def test_missing_folder_is_named(tmp_path):

@@ -31,7 +31,7 @@ def test_refused_checks_and_unchecked_places_are_in_the_report(tmp_path):
     (left,) = [line for line in journal.lines if line["kind"] == "unchecked"]
     latitude, longitude, _ = scenario.frame.geodetic_from_enu([left["p"]])[0]
     assert f"<td>{latitude:.7f}</td><td>{longitude:.7f}</td>" in text
-    assert "what can be is checked" in text
+    assert "All transects flown, all reachable candidates checked" in text
 
 
 def test_every_action_has_its_words():

@@ -142,7 +142,10 @@ BAD_FIELDS = {
         "name: a\narea: {polygon_enu_m: [[0, 0], [1.0e+5, 0], [1.0e+5, 1.0e+5]]}",
         "area: 5000 km2 is more than one vehicle can search (25 km2)",
     ),
-    "area in no unit": ("name: a\narea: {}", "write exactly one of polygon_enu_m and polygon_lat_lon_deg"),
+    "area in no unit": (
+        "name: a\narea: {}",
+        "write exactly one of polygon_enu_m, polygon_lat_lon_deg and file",
+    ),
     "latitude and longitude swapped": (
         "name: a\narea: {polygon_lat_lon_deg: [[122.3, 37.1], [122.31, 37.1], [122.3, 37.2]]}",
         "area.polygon_lat_lon_deg[0][0]: is 122.3; write a number less than or equal to 90",

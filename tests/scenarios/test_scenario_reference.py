@@ -1,5 +1,6 @@
 """docs/scenarios.md says what the model says."""
 
+import json
 import runpy
 from pathlib import Path
 
@@ -27,6 +28,10 @@ def test_every_shipped_scenario_is_on_the_page():
 
 
 @pytest.mark.parametrize("example", [part.split("```")[0] for part in PAGE.split("```yaml\n")[1:]])
-def test_every_example_on_the_page_is_a_valid_scenario(example):
+def test_every_example_on_the_page_is_a_valid_scenario(example, tmp_path):
+    ring = [[22.07, 60.14], [22.073, 60.14], [22.073, 60.142], [22.07, 60.14]]
+    area = tmp_path / "area.geojson"
+    area.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    example = example.replace("my-area.kml", str(area))
     minimal = "name: example\narea: {polygon_enu_m: [[0, 0], [90, 0], [90, 90], [0, 90]]}\n"
     parse_scenario(example if "name:" in example else minimal + example, "docs/scenarios.md")

@@ -36,7 +36,10 @@ def run(
     scenario: ScenarioArg,
     strategy: Annotated[str | None, typer.Option(help="scan-check, scan-only, low-only, ...")] = None,
     n_c: Annotated[
-        float | None, typer.Option("--n-c", parser=number_or_inf, help="Check after this many; inf = never.")
+        float | None,
+        typer.Option(
+            "--n-c", parser=number_or_inf, help="Check after this many candidates; inf = once, at the end."
+        ),
     ] = None,
     d_c: Annotated[
         float | None,
@@ -193,22 +196,34 @@ def free_folder(parent: Path, name: str) -> Path:
 
 
 def print_summary(summary: dict[str, Any]) -> None:
-    """The figures of a mission as a table."""
+    """The figures of a mission as a table; what is not known is left out."""
+    judged = summary["n_targets"] is not None
+    confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
+    search = "completed" if summary["completed"] else f"not completed ({summary['end_reason']})"
+    rows = [
+        ("Search", search if summary["ended"] else "broken off, or still flying"),
+        ("Mission time", _figure(summary["mission_time_s"], "s")),
+        ("Planned scan alone", _figure(summary["scan_only_time_s"], "s")),
+        ("Confirmed", confirmed if judged else str(summary["n_confirmed"])),
+        ("False positives", _figure(summary["false_positives"], "")),
+        ("Checked", f"{summary['n_checked']} candidates"),
+        ("False scans", _figure(summary["false_scans"], "")),
+        ("Left unchecked", str(summary["n_unchecked"] or "")),
+        ("Area seen", _figure(100 * summary["area_covered"], "%")),
+        ("Path length", _figure(summary["path_length_m"], "m")),
+        ("Energy", _figure(summary["energy_wh"], "Wh", 1)),
+        ("Speed", _figure(summary["real_time_factor"], "x real time", 1)),
+    ]
     table = Table(show_header=False, box=None)
-    for key in (
-        "mission_time_s",
-        "scan_only_time_s",
-        "n_targets",
-        "n_confirmed",
-        "recall",
-        "false_scans",
-        "false_positives",
-        "path_length_m",
-        "energy_wh",
-        "real_time_factor",
-    ):
-        table.add_row(key, str(summary[key]))
+    for name, figure in rows:
+        if figure:
+            table.add_row(name, figure)
     console.print(table)
+
+
+def _figure(value: float | None, unit: str, decimals: int = 0) -> str:
+    """A number with its unit; nothing where there is none."""
+    return "" if value is None else f"{value:.{decimals}f} {unit}".rstrip()
 
 
 @friendly

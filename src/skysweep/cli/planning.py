@@ -37,7 +37,7 @@ def plan(
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
-    from skysweep.scenarios.advice import warnings_for
+    from skysweep.scenarios.advice import warnings_for_plan
     from skysweep.scenarios.files import change_scenario, load_scenario
 
     is_area = Path(source).suffix.lower() in SUFFIXES
@@ -51,7 +51,7 @@ def plan(
             "camera.hfov_rad": hfov,
         },
     )
-    for warning in [] if is_area else warnings_for(chosen):
+    for warning in warnings_for_plan(chosen):
         errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
     coverage, estimate = plan_scenario(chosen)
     out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Report what a sweep shows."""
+"""Report what a mission did, or what a sweep shows."""
 
 from __future__ import annotations
 
@@ -6,27 +6,47 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
-from skysweep.cli.common import bar, console, friendly, local_folder
+from skysweep.cli.common import bar, console, errors, friendly, local_folder, make_folder
+from skysweep.cli.missions import print_summary
+from skysweep.errors import UserError
 
 
 @friendly
 def report(
     folder: Annotated[
-        str, typer.Argument(metavar="DIR", help="Folder or URL of a sweep or of a comparison with the paper.")
+        str,
+        typer.Argument(
+            metavar="DIR",
+            help="Run folder of a mission; folder or URL of a sweep or of a comparison with the paper.",
+        ),
     ],
-    out: Annotated[Path | None, typer.Option(help="Where the report goes. Default: DIR/report.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Where the results go. Default: DIR for a mission, DIR/report for a sweep."),
+    ] = None,
     min_recall: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration must have.")
+        float,
+        typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration of a sweep must have."),
     ] = 0.95,
 ) -> None:
-    """Say what the missions of a sweep show, with intervals, tests, tables and figures in one report.html.
+    """Write the results of a mission from its journal, or report what the missions of a sweep show.
 
-    The best of a scenario: of the configurations that reach --min-recall, those whose recall is not
+    A mission may have been broken off or still be flying: summary, found positions, map and report say what
+    is known so far, and resume and fly can still go on with it. Only the run folder is needed, neither the
+    vehicle nor the computer that flew it.
+
+    A sweep's report has intervals, tests, tables and figures; a sweep that still runs is reported as far as it
+    is. The best of a scenario: of the configurations that reach --min-recall, those whose recall is not
     distinguishable from the highest; of these, those whose false positives are not distinguishable from the
-    fewest; of these, the fastest. A sweep that still runs is reported as far as it is.
+    fewest; of these, the fastest.
 
     Examples:
+
+        skysweep report runs/clusters-scan-check-seed0
+
+        skysweep report /media/card/my-run --out my-run-results
 
         skysweep report my-sweep
 
@@ -34,15 +54,17 @@ def report(
 
         skysweep report s3://bucket/my-sweep --out my-report
     """
-    from skysweep.errors import UserError
     from skysweep.experiments.sweep_matrix import Matrix
     from skysweep.experiments.sweep_spec import parse_spec
+    from skysweep.results.run_folder import JOURNAL_FILE
     from skysweep.results.sweep_missions import load_missions
     from skysweep.results.sweep_report import REPORT_FILE, write_sweep_report
 
-    target = out
+    target, here = out, local_folder(folder)
+    if here is not None and (here / JOURNAL_FILE).is_file():
+        _report_mission(here, out or here)
+        return
     if target is None:
-        here = local_folder(folder)
         if here is None:
             raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
         target = here / "report"
@@ -58,3 +80,32 @@ def report(
     for sentence in sentences:
         console.print(sentence, soft_wrap=True, highlight=False, markup=False)
     console.print(f"report: {target / REPORT_FILE}", soft_wrap=True)
+
+
+def _report_mission(folder: Path, out: Path) -> None:
+    from skysweep.experiments.resume import summary_of_complete
+    from skysweep.results.run_folder import load_run
+    from skysweep.results.writing import write_results
+
+    run = load_run(folder)
+    if run.damaged_line is not None:
+        _warn(
+            f"{folder}: line {run.damaged_line} of the journal is damaged; the results are those of the "
+            f"{len(run.records)} lines before it"
+        )
+    if not run.ended:
+        _warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
+    make_folder(out)
+    earlier = summary_of_complete(folder) or {}
+    try:
+        summary = write_results(run, out, earlier.get("wall_time_s"))
+    except OSError as error:
+        raise UserError(
+            f"--out {out}: the results cannot be written ({error.strerror}); choose another"
+        ) from None
+    print_summary(summary)
+    console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+
+
+def _warn(sentence: str) -> None:
+    errors.print(f"[yellow]warning:[/] {escape(sentence)}", soft_wrap=True, highlight=False)

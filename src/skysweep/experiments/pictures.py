@@ -1,71 +1,146 @@
-"""A few of the pictures that a mission decided on, with the detector's boxes, for the report."""
+"""The best picture of every candidate, kept in flight as evidence."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
+from skysweep.geometry.camera import Lens
+from skysweep.mission.journal import Journal
+from skysweep.results.evidence import picture_name
+from skysweep.results.wording import clock
 from skysweep.sensing.imaging import ImagingSensor
-from skysweep.types import Detections, Frame, VehicleState
+from skysweep.types import Detections, Frame
 
-MAX_PICTURES = 8
+Image = NDArray[np.uint8]
+
+_BETTER = 1.2  # times the score of the picture that is there: only then another one replaces it
+_LABEL_WIDTH_PX = 1280  # smaller pictures are enlarged to about this, so that labels can be read
 _COLOURS = {"stop sign": (0, 140, 255), "person": (255, 200, 0), "boat": (255, 0, 200)}
-_ENLARGE = 2
+_FONT = cv2.FONT_HERSHEY_SIMPLEX
+_GAP_PX = 6  # between a label and its box
+_EDGE_PX = 2.0  # a box that comes so near to the edge of the picture is cut off
+_CUT_OFF = 0.3  # what a picture that cuts its candidate off is worth
 
 
 class PictureBook:
-    """Keeps the first picture with a detection of every stretch of SCAN and of CHECK, at most eight.
+    """A journal that keeps the best picture of every candidate that it hears of in ``folder``.
 
-    It looks at what the sensor looked at last.
+    The surer the detector and the lower the camera, the better the picture; one that cuts the candidate off
+    is much worse. A candidate that was rejected without a detection from low is shown as it was seen then.
+    ``before`` is what an earlier part of the flight wrote. Implements ``mission.journal.Journal``.
     """
 
-    def __init__(self, folder: Path, sensor: ImagingSensor) -> None:
-        self._folder = folder
-        self._sensor = sensor
-        self._mode = ""
-        self._wanted = False
-        self._kept = 0
+    def __init__(
+        self,
+        journal: Journal,
+        folder: Path,
+        sensor: ImagingSensor,
+        ground_at_m: Callable[[float, float], float],
+        before: Iterable[Mapping[str, Any]] = (),
+    ) -> None:
+        self._journal, self._folder, self._sensor, self._ground_at_m = journal, folder, sensor, ground_at_m
+        self._best: dict[int, tuple[float, float]] = {}  # score, altitude above ground
+        for record in before:
+            if record["kind"] == "sighting":
+                self._is_better(**record, whole=True)
 
-    def watch(self, state: VehicleState, mode: str, detections: Detections | None) -> None:
-        """Show it every step of a mission."""
-        if mode != self._mode:
-            self._mode, self._wanted = mode, True
-        close = mode != "CHECK" or state.velocity_enu_mps[2] > -0.3
-        if detections is None or not len(detections) or not self._wanted or not close:
-            return
-        look = self._sensor.last_look
-        if look is None or self._kept == MAX_PICTURES:
-            return
-        frame, answer = look
-        height = f"{state.position_enu_m[2]:.0f}m"
-        self._write(f"{int(frame.time_s):04d}s-{mode.lower()}-{height}.jpg", frame, answer)
-        self._wanted = False
-        self._kept += 1
+    @property
+    def failed(self) -> str | None:
+        """As of the journal."""
+        return self._journal.failed
 
-    def _write(self, name: str, frame: Frame, answer: Detections) -> None:
+    def write(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Write the line, and keep the picture that it is about."""
+        self._journal.write(time_s, kind, **fields)
+        if self._sensor.last_look is None or kind not in ("sighting", "rejected"):
+            return
+        frame, found = self._sensor.last_look
+        candidate = fields["candidate"]
+        if kind == "rejected":
+            _, altitude_agl_m = self._best.get(candidate, (0.0, np.inf))
+            if altitude_agl_m > 2.0 * self._altitude_agl_m(frame):
+                self._save(candidate, frame, found, None)
+        elif frame.time_s == time_s:
+            box = int(np.argmin(np.abs(found.confidences - fields["confidence"])))
+            if self._is_better(**fields, whole=_is_whole(found.boxes_xyxy_px[box], frame.lens)):
+                self._save(candidate, frame, found, box)
+
+    def _is_better(
+        self, candidate: int, confidence: float, altitude_agl_m: float, whole: bool, **_: Any
+    ) -> bool:
+        score = confidence / max(altitude_agl_m, 1.0) * (1.0 if whole else _CUT_OFF)
+        better = score > _BETTER * self._best.get(candidate, (0.0, np.inf))[0]
+        if better:
+            self._best[candidate] = score, altitude_agl_m
+        return better
+
+    def _altitude_agl_m(self, frame: Frame) -> float:
+        x, y, z = frame.camera.position_enu_m.tolist()
+        return float(z - self._ground_at_m(x, y))
+
+    def _save(self, candidate: int, frame: Frame, found: Detections, box: int | None) -> None:
         """A frame of a mission flown again is empty: its picture is there. A full disk costs the picture."""
-        if not frame.image.size:
-            return
-        _, jpeg = cv2.imencode(".jpg", drawn(frame, answer)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+        path = self._folder / picture_name(candidate, frame.time_s)
         with suppress(OSError):
-            self._folder.mkdir(exist_ok=True)
-            (self._folder / name).write_bytes(jpeg.tobytes())
+            if frame.image.size:
+                words = f"{self._altitude_agl_m(frame):.1f} m above ground, {clock(frame.time_s)}"
+                image = labelled(frame.image, found, box, words)
+                _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+                self._folder.mkdir(exist_ok=True)
+                path.write_bytes(jpeg.tobytes())
+            if path.exists():
+                for worse in set(self._folder.glob(f"candidate-{candidate}-*.jpg")) - {path}:
+                    worse.unlink()
 
 
-def drawn(frame: Frame, detections: Detections) -> np.ndarray:
-    """The picture (H, W, 3) RGB, enlarged, with a box, class and confidence for every detection."""
-    image = cv2.resize(frame.image, None, fx=_ENLARGE, fy=_ENLARGE, interpolation=cv2.INTER_CUBIC)
-    for box, name, confidence in zip(
-        detections.boxes_xyxy_px, detections.class_names, detections.confidences, strict=True
+def _is_whole(box_xyxy_px: NDArray[np.float64], lens: Lens) -> bool:
+    """Whether a box ends inside the picture."""
+    x0, y0, x1, y1 = box_xyxy_px.tolist()
+    within_x = x0 > _EDGE_PX and x1 < lens.width_px - _EDGE_PX
+    return within_x and y0 > _EDGE_PX and y1 < lens.height_px - _EDGE_PX
+
+
+def labelled(picture: Image, found: Detections, own: int | None, words: str) -> Image:
+    """The whole picture (H, W, 3) RGB, enlarged where it is small, with a box, class and confidence for every
+    detection, that with index ``own`` bold, and ``words`` at its lower edge."""
+    scale = max(1, round(_LABEL_WIDTH_PX / picture.shape[1]))
+    image: Any = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    for k, (box, name, confidence) in enumerate(
+        zip(found.boxes_xyxy_px * scale, found.class_names, found.confidences, strict=True)
     ):
         colour = _COLOURS.get(name, (255, 255, 255))
-        x0, y0, x1, y1 = (round(float(v)) for v in box * _ENLARGE)
-        cv2.rectangle(image, (x0 - 2, y0 - 2), (x1 + 2, y1 + 2), colour, 2, cv2.LINE_AA)
-        place = (max(x0 - 2, 2), y0 - 8 if y0 > 24 else y1 + 20)
-        text = f"{name} {confidence:.2f}"
-        for shade, thickness in (((0, 0, 0), 3), (colour, 1)):
-            cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.55, shade, thickness, cv2.LINE_AA)
-    return image
+        x0, y0, x1, y1 = (round(float(v)) for v in box)
+        cv2.rectangle(image, (x0 - 2, y0 - 2), (x1 + 2, y1 + 2), colour, 5 if k == own else 2, cv2.LINE_AA)
+        _write(image, f"{name} {confidence:.2f}", (x0, y0, x1, y1))
+    lower_edge = image.shape[0]
+    _write(image, words, (0, lower_edge, 0, lower_edge))
+    return np.asarray(image, dtype=np.uint8)
+
+
+def label_place(
+    box_xyxy_px: tuple[int, int, int, int], label_px: tuple[int, int], picture_px: tuple[int, int]
+) -> tuple[int, int]:
+    """Left and upper pixel of a label (width, height): above its box, else below, always in the picture."""
+    x0, y0, _, y1 = box_xyxy_px
+    (width, height), (picture_width, picture_height) = label_px, picture_px
+    above, below = y0 - _GAP_PX - height, y1 + _GAP_PX
+    top = above if above >= 0 else below
+    return (
+        max(0, min(x0, picture_width - width)),
+        max(0, min(top, picture_height - height)),
+    )
+
+
+def _write(image: Image, text: str, box: tuple[int, int, int, int]) -> None:
+    size = 1.5 * image.shape[1] / _LABEL_WIDTH_PX
+    (width, up), down = cv2.getTextSize(text, _FONT, size, 7)
+    x, y = label_place(box, (width, up + down), (image.shape[1], image.shape[0]))
+    for shade, thickness in (((0, 0, 0), 7), ((255, 255, 255), 3)):
+        cv2.putText(image, text, (x, y + up), _FONT, size, shade, thickness, cv2.LINE_AA)

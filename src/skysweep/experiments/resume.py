@@ -17,12 +17,11 @@ from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal
 from skysweep.mission.loop import Mission, Operator
 from skysweep.mission.resume import ReplayJournal, recorded_answers, restored
-from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
+from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, SUMMARY_FILE
 from skysweep.scenarios.files import load_scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.types import Camera, Vehicle
 
-SUMMARY_FILE = "summary.json"
 _END = "end"  # kind of a whole journal's last line
 _OTHER_COMMAND = {
     False: (
@@ -90,7 +89,7 @@ def summary_of_complete(folder: Path) -> dict[str, Any] | None:
         summary: dict[str, Any] = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return summary
+    return summary if summary.get("ended", True) else None
 
 
 def _begun(folder: Path, journal: FileJournal) -> dict[str, Any]:

@@ -18,13 +18,14 @@ from skysweep.mission.loop import Mission, Operator, fly
 from skysweep.mission.resume import RecordedSensor
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import compute_summary
-from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, Run, load_run
+from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, PICTURES, Run, load_run
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.sensing.model_files import fingerprint
 from skysweep.sensing.statistical_model import model_for
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
+from skysweep.vehicles.multirotor import Multirotor
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
@@ -103,16 +104,10 @@ def fly_in(
     """
     from skysweep.experiments.pictures import PictureBook
 
-    watchers = [watch] if watch else []
     if isinstance(mission.sensor, ImagingSensor):
-        watchers.append(PictureBook(folder / "pictures", mission.sensor).watch)
+        journal = PictureBook(journal, folder / PICTURES, mission.sensor, mission.ground_at_m, before)
         mission = replace(mission, sensor=RecordedSensor(mission.sensor, journal))
-
-    def watch_all(state: VehicleState, mode: str, new: Detections | None) -> None:
-        for watcher in watchers:
-            watcher(state, mode, new)
-
-    fly(mission, journal, watch_all, operator, before)
+    fly(mission, journal, watch or (lambda _state, _mode, _new: None), operator, before)
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  {resume_command(folder)}  "
@@ -137,7 +132,16 @@ def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
         "threads": threads,
         "model": sees_with,
         "replays": mission.replays,
-    }
+    } | ({} if _is_simulated(mission) else {"truth": False})
+
+
+def _is_simulated(mission: Mission) -> bool:
+    """Whether the sensor sees the scenario's world, which a camera from outside does not."""
+    if not isinstance(mission.sensor, ImagingSensor):
+        return True
+    camera, vehicle = mission.sensor.camera, getattr(mission.vehicle, "carrier", mission.vehicle)
+    drawn = hasattr(camera, "backend") or getattr(camera, "simulated", False)
+    return drawn or isinstance(vehicle, Multirotor)
 
 
 def finish(folder: Path, started: float | None) -> dict[str, Any]:
@@ -150,7 +154,8 @@ def finish(folder: Path, started: float | None) -> dict[str, Any]:
     from skysweep.results.writing import write_results
 
     try:
-        return write_results(load_run(folder), None if started is None else time.perf_counter() - started)
+        wall_time_s = None if started is None else time.perf_counter() - started
+        return write_results(load_run(folder), folder, wall_time_s)
     except OSError as error:
         raise UserError(
             f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "

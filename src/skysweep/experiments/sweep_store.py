@@ -69,7 +69,7 @@ def outcome(
     row: dict[str, Any] = dict.fromkeys(_SCHEMA)
     row |= {"scenario": label, "config_hash": config_hash, "error": error}
     if summary is not None:
-        curve = summary["pos_curve"]
+        curve = summary["pos_curve"] or ()
         flat = summary | {"pos_time_s": [t for t, _ in curve], "pos_value": [p for _, p in curve]}
         flat |= {key: float(summary[key]) for key in ("n_c", "d_c_m")}
         row |= {key: flat[key] for key in [*METRICS, *TIMINGS]}

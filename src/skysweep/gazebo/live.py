@@ -37,6 +37,8 @@ class LiveCamera:
     nothing in OPEN_S, or has pictures of another size or encoding.
     """
 
+    simulated = True  # it shows the scenario's world
+
     def __init__(self, source: str, lens: Lens) -> None:
         self._source, self._lens = source, lens
         self._open: Callable[[float], tuple[Newest, Callable[[], None]]]

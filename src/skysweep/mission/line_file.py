@@ -116,13 +116,19 @@ def read_lines(path: Path, remedy: str) -> list[dict[str, Any]]:
     Raises UserError when the file cannot be read, or a line in the middle is damaged: it says which, that
     those before it are sound, and the ``remedy``.
     """
-    try:
-        found = _scan(path.read_bytes())
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+    found = _read(path)
     if found.damaged is not None:
         raise found.error(path, remedy)
     return found.records
+
+
+def read_sound_lines(path: Path) -> tuple[list[dict[str, Any]], int | None]:
+    """The lines before the first damaged one, and its number; None: only the last line may be torn.
+
+    Raises UserError when the file cannot be read.
+    """
+    found = _read(path)
+    return found.records, found.damaged
 
 
 def encode(record: Record) -> bytes:
@@ -141,6 +147,13 @@ class _Scanned:
         return UserError(
             f"{path}: line {self.damaged} is damaged, {len(self.records)} before it are sound; {remedy}"
         )
+
+
+def _read(path: Path) -> _Scanned:
+    try:
+        return _scan(path.read_bytes())
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
 
 
 def _scan(data: bytes) -> _Scanned:

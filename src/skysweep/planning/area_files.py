@@ -29,6 +29,8 @@ MAX_AREA_FILE_BYTES = 20_000_000
 MAX_CORNERS = 100_000
 SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
 
+LatLon = tuple[float, float]
+
 _ONE_POLYGON = "save a file with one polygon around the search area"
 _WGS84_NAMES = re.compile(r"(CRS:?84|EPSG:*(:\d*)?:?4326|WGS ?84)$", re.IGNORECASE)
 
@@ -40,14 +42,21 @@ def read_area(path: str | Path, frame: LocalFrame | None = None) -> tuple[shapel
     naming the file when it is unreadable, damaged, unsafe, or holds anything but one searchable polygon.
     """
     path = Path(path)
-    try:
-        polygons = list(_polygons(path))
-    except RecursionError:
-        raise UserError(f"{path}: is nested too deeply; {_ONE_POLYGON}") from None
-    if len(polygons) != 1:
-        found = f"holds {len(polygons)} polygons" if polygons else "holds no polygon"
-        raise UserError(f"{path}: {found}; {_ONE_POLYGON}")
-    return _on_ground(polygons[0], path, frame)
+    return _on_ground(_only_polygon(path), path, frame)
+
+
+def read_corners(path: Path) -> tuple[list[LatLon], list[list[LatLon]]]:
+    """Latitude and longitude of the corners of the polygon in a file, and of those of its holes.
+
+    Raises UserError as ``read_area`` does.
+    """
+    lon_lat = _only_polygon(path)
+    _on_ground(lon_lat, path, None)
+    outer, *holes = (
+        [(float(lat), float(lon)) for lon, lat in shapely.get_coordinates(ring)[:-1]]
+        for ring in (lon_lat.exterior, *lon_lat.interiors)
+    )
+    return outer, holes
 
 
 def scenario_from_area(path: str | Path) -> Scenario:
@@ -68,6 +77,18 @@ def scenario_from_area(path: str | Path) -> Scenario:
 
     holes = [ring(hole) for hole in area.interiors]
     return Scenario(name=name, area=Area(polygon_enu_m=ring(area.exterior), holes_enu_m=holes), home=home)
+
+
+def _only_polygon(path: Path) -> shapely.Polygon:
+    """Its coordinates are longitude and latitude."""
+    try:
+        polygons = list(_polygons(path))
+    except RecursionError:
+        raise UserError(f"{path}: is nested too deeply; {_ONE_POLYGON}") from None
+    if len(polygons) != 1:
+        found = f"holds {len(polygons)} polygons" if polygons else "holds no polygon"
+        raise UserError(f"{path}: {found}; {_ONE_POLYGON}")
+    return polygons[0]
 
 
 def _polygons(path: Path) -> Iterable[shapely.Polygon]:

@@ -1,4 +1,4 @@
-"""Found positions for the ground team: GeoJSON (RFC 7946), KML 2.2, GPX 1.1 and CSV."""
+"""Found and unchecked positions for the ground team: GeoJSON (RFC 7946), KML 2.2, GPX 1.1 and CSV."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from xml.etree import ElementTree as ET
 from skysweep.results.run_folder import CandidateStory, Run
 
 _DECIMALS_DEG = 7  # 1 cm
+_SYMBOLS = {"confirmed": "Flag, Red", "unchecked": "Flag, Blue"}  # of GPX
 
 
 @dataclass(frozen=True, slots=True)
 class FoundTarget:
-    """One confirmed target where a ground team would look for it (WGS 84)."""
+    """One confirmed or unchecked target where a ground team would look for it (WGS 84)."""
 
     name: str
     candidate: int  # its number in the journal
@@ -25,21 +26,25 @@ class FoundTarget:
     altitude_amsl_m: float
     confidence: float | None
     radius_95_m: float | None  # the target is inside this circle in 95 of 100 cases
-    confirmed_s: float  # since take-off
+    confirmed_s: float | None  # since take-off
     sightings: int
+    status: str  # confirmed or unchecked
 
 
 def found_targets(run: Run) -> list[FoundTarget]:
     """Confirmed candidates in the order of their confirmation."""
-    return [
-        _found(run, number, story)
-        for number, story in enumerate((c for c in run.candidates if c.verdict == "confirmed"), start=1)
-    ]
+    confirmed = (c for c in run.candidates if c.verdict == "confirmed")
+    return [_found(run, number, story) for number, story in enumerate(confirmed, start=1)]
+
+
+def unchecked_targets(run: Run) -> list[FoundTarget]:
+    """Candidates that nobody checked, in the order in which they were first seen."""
+    return [_found(run, number, story) for number, story in enumerate(run.unchecked, start=1)]
 
 
 def write_exports(run: Run, folder: str | Path) -> list[Path]:
     """Write ``targets.geojson``, ``.kml``, ``.gpx`` and ``.csv`` into a folder and return their paths."""
-    found, folder = found_targets(run), Path(folder)
+    found, folder = found_targets(run) + unchecked_targets(run), Path(folder)
     texts = {
         "targets.geojson": geojson(found),
         "targets.kml": kml(found, run.scenario.name),
@@ -94,7 +99,7 @@ def gpx(found: list[FoundTarget], title: str) -> str:
         ET.SubElement(waypoint, "ele").text = str(target.altitude_amsl_m)
         ET.SubElement(waypoint, "name").text = target.name
         ET.SubElement(waypoint, "desc").text = _description(target)
-        ET.SubElement(waypoint, "sym").text = "Flag, Red"
+        ET.SubElement(waypoint, "sym").text = _SYMBOLS[target.status]
         ET.SubElement(waypoint, "type").text = target.class_name
     return _xml(root)
 
@@ -103,9 +108,8 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
     latitude, longitude, altitude = run.scenario.frame.geodetic_from_enu(story.position_enu_m)[0]
     class_name = story.class_name or "target"
     radius, confidence = story.radius_95_m, story.confidence
-    assert story.verdict_s is not None
     return FoundTarget(
-        name=f"{class_name} {number}",
+        name=f"{class_name} {number}" if story.verdict else f"unchecked {class_name} {number}",
         candidate=story.id,
         class_name=class_name,
         latitude_deg=round(float(latitude), _DECIMALS_DEG),
@@ -113,13 +117,16 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
         altitude_amsl_m=round(float(altitude), 1),
         confidence=None if confidence is None else round(confidence, 3),
         radius_95_m=None if radius is None else round(radius, 2),
-        confirmed_s=round(story.verdict_s, 1),
+        confirmed_s=None if story.verdict_s is None else round(story.verdict_s, 1),
         sightings=story.n_sightings,
+        status=story.verdict or "unchecked",
     )
 
 
 def _description(target: FoundTarget) -> str:
-    parts = [f"confirmed {target.confirmed_s:.0f} s after take-off"]
+    parts = ["not checked: have a look"]
+    if target.confirmed_s is not None:
+        parts = [f"confirmed {target.confirmed_s:.0f} s after take-off"]
     if target.confidence is not None:
         parts.append(f"confidence {target.confidence:.2f}")
     if target.radius_95_m is not None:

@@ -63,6 +63,9 @@ _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
     "confirmed": ("o", 5.0, GREEN, "white", 0.6, "confirmed, right"),
     "false scan": ("x", 6.5, VERMILLION, VERMILLION, 1.6, "false scan (nothing new there)"),
     "false positive": ("D", 5.5, PURPLE, "black", 0.8, "false positive (confirmed wrongly)"),
+    "found": ("o", 5.0, GREEN, "white", 0.6, "confirmed"),
+    "rejected": ("x", 6.5, GREY, GREY, 1.6, "rejected"),
+    "unchecked": ("s", 6.5, "none", VERMILLION, 1.4, "not checked"),
 }
 
 
@@ -158,7 +161,7 @@ def _top_view(
     plan = run.plan_enu_m
     axis.plot(plan[:, 0], plan[:, 1], color="0.72", lw=0.6, ls=(0, (4, 2)), zorder=1)
     xy = run.states.position_enu_m[:, :2]
-    axis.add_collection(_coloured_line(xy, _altitudes_m(run), norm, 1.3 if detail else 1.0))
+    axis.add_collection(_coloured_line(xy, run.altitudes_agl_m, norm, 1.3 if detail else 1.0))
     scale = 1.0 if detail else 0.72
     for name, points in _points(run).items():
         axis.plot(points[:, 0], points[:, 1], **_mark(name, scale), zorder=4)
@@ -169,20 +172,19 @@ def _top_view(
 
 
 def _profile(axis: Axes, run: Run, norm: Normalize) -> None:
-    time_s, altitude_m = run.states.time_s, _altitudes_m(run)
+    time_s, altitude_m = run.states.time_s, run.altitudes_agl_m
     points = np.column_stack([time_s, altitude_m])
     line = LineCollection(
         list(np.stack([points[:-1], points[1:]], axis=1)), cmap=ALTITUDE_COLOURS, norm=norm, lw=1.4
     )
     line.set_array(altitude_m[1:])
     axis.add_collection(line)
-    matches = match(run)
+    marks = _marks_of_candidates(run)
     for story in run.candidates:
         if story.verdict_s is None:
             continue
-        name = _kind(story.id, matches.confirmed, matches.false_positives, matches.wrong_rejections)
         height = np.interp(story.verdict_s, time_s, altitude_m) if len(time_s) else 0.0
-        axis.plot(story.verdict_s, height, **_mark(name, 0.8))
+        axis.plot(story.verdict_s, height, **_mark(marks[story.id], 0.8))
     top = max(float(altitude_m.max(initial=1.0)), 1.0)
     if run.finished_s is not None:
         axis.axvline(run.finished_s, color="0.4", lw=0.7, ls=":")
@@ -207,28 +209,35 @@ def _mark(name: str, scale: float) -> dict[str, Any]:
     return {"marker": marker, "ms": size * scale, "mfc": face, "mec": edge, "mew": width, "ls": ""}
 
 
-def _kind(identity: int, confirmed: dict[int, int], wrong: frozenset[int], missed: dict[int, int]) -> str:
-    if identity in confirmed:
-        return "confirmed"
-    if identity in wrong:
-        return "false positive"
-    return "scanned" if identity in missed else "false scan"
+def _marks_of_candidates(run: Run) -> dict[int, str]:
+    """Candidate -> the mark that says what became of it."""
+    marks = dict.fromkeys((c.id for c in run.unchecked), "unchecked")
+    if not run.has_truth:
+        judged = {"confirmed": "found", "rejected": "rejected"}
+        return marks | {c.id: judged[c.verdict] for c in run.candidates if c.verdict is not None}
+    matches = match(run)
+    return (
+        marks
+        | dict.fromkeys(matches.confirmed, "confirmed")
+        | dict.fromkeys(matches.false_positives, "false positive")
+        | dict.fromkeys(matches.rejected, "false scan")
+        | dict.fromkeys(matches.wrong_rejections, "scanned")
+    )
 
 
 def _points(run: Run) -> dict[str, F64]:
     """Points (N, 2) of every kind of mark that this run has."""
-    matches = match(run)
     points: dict[str, list[Any]] = {name: [] for name in _MARKS}
     points["home"].append(run.scenario.home.position_enu_m)
-    for thing in run.world.objects:
+    for thing in run.world.objects if run.has_truth else ():
         points["target" if thing.is_target else "distractor"].append(thing.position_enu_m[:2])
     for event in run.events("scanned"):
         if event.get("p") is not None:
             points["scanned"].append(event["p"][:2])
+    marks = _marks_of_candidates(run)
     for story in run.candidates:
-        if story.verdict is not None:
-            name = _kind(story.id, matches.confirmed, matches.false_positives, matches.wrong_rejections)
-            points[name].append(story.position_enu_m[:2])
+        if story.id in marks:
+            points[marks[story.id]].append(story.position_enu_m[:2])
     return {name: np.array(p, dtype=float) for name, p in points.items() if p}
 
 
@@ -242,13 +251,8 @@ def _legend(runs: Sequence[Run]) -> list[Line2D]:
     ] + [plan]
 
 
-def _altitudes_m(run: Run) -> F64:
-    position = run.states.position_enu_m
-    return position[:, 2] - run.world.terrain.height_m(position[:, :2]) if len(position) else np.zeros(0)
-
-
 def _altitude_norm(runs: Sequence[Run]) -> Normalize:
-    return Normalize(0.0, max([float(_altitudes_m(run).max(initial=1.0)) for run in runs], default=1.0))
+    return Normalize(0.0, max([float(run.altitudes_agl_m.max(initial=1.0)) for run in runs], default=1.0))
 
 
 def _mappable(norm: Normalize) -> ScalarMappable:

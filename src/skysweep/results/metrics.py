@@ -13,12 +13,26 @@ from scipy.optimize import linear_sum_assignment
 
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.scenarios.world import WorldObject
+from skysweep.sensing.occlusion import Occluders, count_seen
 
 F64 = NDArray[np.float64]
 Summary = dict[str, Any]  # what summary.json holds
 
 MATCH_DISTANCE_M = 3.0
+_NEEDS_TRUTH = (
+    "n_targets",
+    "recall",
+    "time_to_confirm_s",
+    "pos_curve",
+    "false_scans",
+    "false_positives",
+    "duplicates",
+    "wrong_rejections",
+    "median_localisation_error_m",
+)
 _FORBIDDEN_M = 1e6
+_GROUND_POINTS = 2000  # about so many tell how much of the ground crowns and buildings hide
+_ABOVE_GROUND_M = 0.1
 _FLATTEST_VIEW = (
     -0.1
 )  # vertical part of a unit ray; flatter views reach the horizon and count as nothing seen
@@ -78,6 +92,7 @@ def compute_summary(
     """The numbers of ``summary.json``; keys are defined in docs/results.md.
 
     Infinite ``n_c`` and ``d_c_m`` are the string ``"inf"`` as JSON has no infinity; None: does not apply.
+    Without truth nothing is judged: ``n_confirmed`` counts every confirmed candidate.
     """
     search = run.scenario.search
     targets = run.world.targets
@@ -91,12 +106,13 @@ def compute_summary(
     times = sorted(t for t in confirmed_s if t is not None)
     mission_time_s = run.search_end_s
     total_time_s = run.landed_s if run.landed_s is not None else run.last_s
+    wall_time_s = _rounded(wall_time_s)
     if real_time_factor is None and wall_time_s:
         real_time_factor = total_time_s / wall_time_s
     searching = run.states.time_s <= mission_time_s
     path_m, vertical_m = travelled_m(run.states.position_enu_m[searching])
-    seen_m2 = seen_area(run).area
-    return {
+    seen_m2 = seen_m2_of(run)
+    summary: Summary = {
         "scenario": run.scenario.name,
         "strategy": run.strategy,
         "n_c": finite_or_inf(search.n_c),
@@ -132,9 +148,13 @@ def compute_summary(
         "area_m2": round(run.scenario.area_enu_m.area, 1),
         "area_covered": round(seen_m2 / run.scenario.area_enu_m.area, 4),
         "area_covered_m2": round(seen_m2, 1),
-        "wall_time_s": _rounded(wall_time_s),
+        "wall_time_s": wall_time_s,
         "real_time_factor": _rounded(real_time_factor),
     }
+    if not run.has_truth:
+        summary |= dict.fromkeys(_NEEDS_TRUTH)
+        summary["n_confirmed"] = sum(c.verdict == "confirmed" for c in run.candidates)
+    return summary
 
 
 def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
@@ -162,6 +182,35 @@ def seen_area(run: Run) -> shapely.Geometry:
     reach = height[good, None] / -rays[good, :, 2]
     ground = eye[good, None, :2] + reach[..., None] * rays[good, :, :2]
     return shapely.union_all(shapely.polygons(ground)).intersection(run.scenario.area_enu_m)
+
+
+def seen_m2_of(run: Run) -> float:
+    """Square metres of the search area's ground that the camera saw in mode SCAN.
+
+    Of ``seen_area`` the share of a grid of points to which the view was free in one picture at least: crowns
+    and buildings hide what is behind and below them.
+    """
+    area = seen_area(run)
+    solids = Occluders(run.world).solids
+    if area.is_empty or not len(solids):
+        return float(area.area)
+    states, lens = run.states, run.scenario.camera.lens
+    scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
+    west, south, east, north = area.bounds
+    step_m = math.sqrt(area.area / _GROUND_POINTS)
+    grid = np.stack(np.meshgrid(np.arange(west, east, step_m), np.arange(south, north, step_m)), axis=-1)
+    xy = grid.reshape(-1, 2) + step_m / 2
+    xy = xy[shapely.contains_xy(area, xy)]
+    points = np.column_stack([xy, run.world.terrain.height_m(xy) + _ABOVE_GROUND_M])
+    pictured, seen = count_seen(
+        points,
+        states.camera_position_enu_m[scanning],
+        states.R_camera_to_enu[scanning],
+        lens.width_px / (2 * lens.focal_px),
+        lens.height_px / (2 * lens.focal_px),
+        solids,
+    )
+    return float(area.area) * seen / max(pictured, 1)
 
 
 def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> float:

@@ -107,7 +107,7 @@ def _level_body(R_camera_to_enu: F64) -> F64:
 
 
 def _still_life(run: Run) -> list[m.Mark]:
-    """What does not change: area and the truth."""
+    """What does not change: area and the truth, where there is one."""
     area: shapely.Polygon = run.scenario.area_enu_m
     terrain = run.world.terrain
     marks = []
@@ -115,7 +115,7 @@ def _still_life(run: Run) -> list[m.Mark]:
         xy = np.array(ring.coords)
         points = np.column_stack([xy, terrain.height_m(xy)])
         marks.append(m.Mark("area", k, m.LINE_STRIP, points, (0.3, 0.0, 0.0), to_rgba("0.6")))
-    for k, thing in enumerate(run.world.objects):
+    for k, thing in enumerate(run.world.objects if run.has_truth else ()):
         colour = to_rgba("white" if thing.is_target else "0.4", 0.8)
         size = max(thing.size_m, 0.3)
         position = thing.position_enu_m

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.mission.journal import read_journal
+from skysweep.mission.line_file import read_sound_lines
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
@@ -22,6 +22,8 @@ Record = Mapping[str, Any]
 
 CONFIG_FILE = "config.yaml"
 JOURNAL_FILE = "journal.jsonl"
+SUMMARY_FILE = "summary.json"
+PICTURES = "pictures"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ class Run:
     records: tuple[Record, ...]
     folder: Path | None = None
     known_world: World | None = field(default=None, repr=False)
+    damaged_line: int | None = None  # of the journal; ``records`` are the lines before it
 
     @cached_property
     def start(self) -> Record:
@@ -91,6 +94,12 @@ class Run:
         return self.known_world or build_world(self.scenario, self.seed)
 
     @cached_property
+    def has_truth(self) -> bool:
+        """Whether the sensor saw the scenario's world, with targets in it; else nothing is judged."""
+        setup = self._first("setup") or {}
+        return bool(setup.get("truth", True)) and bool(self.world.targets)
+
+    @cached_property
     def states(self) -> States:
         """Believed states of the vehicle."""
         rows = [r for r in self.records if r["kind"] == "state"]
@@ -107,6 +116,12 @@ class Run:
         )
 
     @cached_property
+    def altitudes_agl_m(self) -> F64:
+        """(N,) heights of ``states`` above ground."""
+        position = self.states.position_enu_m
+        return position[:, 2] - self.world.terrain.height_m(position[:, :2]) if len(position) else np.zeros(0)
+
+    @cached_property
     def plan_enu_m(self) -> F64:
         """The waypoints F (K, 3)."""
         record = self._first("plan")
@@ -117,7 +132,7 @@ class Run:
         """Every candidate that was seen, in the order of their verdicts, those without one last."""
         told: dict[int, list[Record]] = {}
         for record in self.records:
-            if record["kind"] in ("sighting", "scanned", "confirmed", "rejected"):
+            if record["kind"] in ("sighting", "scanned", "confirmed", "rejected", "unchecked"):
                 identity = record.get("candidate")
                 if identity is not None:
                     told.setdefault(int(identity), []).append(record)
@@ -125,6 +140,22 @@ class Run:
         return tuple(
             sorted(stories, key=lambda s: (s.verdict_s is None, s.verdict_s or s.first_seen_s, s.id))
         )
+
+    @cached_property
+    def unchecked(self) -> tuple[CandidateStory, ...]:
+        """Candidates without a verdict that deserve a look, in the order in which they were first seen.
+
+        The mission's own list where it ended; else those that were scanned or seen at least twice.
+        """
+        left = {record["candidate"] for record in self.events("unchecked")}
+        if not self.ended:
+            left |= {c.id for c in self.candidates if c.scanned_s is not None or c.n_sightings > 1}
+        return tuple(c for c in self.candidates if c.verdict is None and c.id in left)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the journal is whole. Without its end the mission was broken off, or still flies."""
+        return self._first("end") is not None
 
     @property
     def finished_s(self) -> float | None:
@@ -190,25 +221,26 @@ class Run:
 
 
 def load_run(folder: str | Path) -> Run:
-    """Read ``config.yaml`` and ``journal.jsonl`` of a run folder.
+    """Read ``config.yaml`` and ``journal.jsonl`` of a run folder, also of a mission that still flies.
 
-    A last line cut short by a crash is left out.
+    A last line cut short by a crash is left out; of a damaged journal the lines before the damage are read.
 
     Raises:
-        UserError: a file is missing or is not what it should be.
+        UserError: a file is missing or is not what it should be, or the mission had not begun.
     """
     folder = Path(folder)
-    for name in (CONFIG_FILE, JOURNAL_FILE):
-        if not (folder / name).is_file():
-            raise UserError(f"{folder}: has no {name}; give a folder that 'skysweep run' wrote")
-    records = tuple(read_journal(folder / JOURNAL_FILE))
-    for number, record in enumerate(records, start=1):
-        if not isinstance(record, dict) or "kind" not in record or "t" not in record:
-            raise UserError(
-                f"{folder / JOURNAL_FILE}: line {number} is no record with t and kind; "
-                "give a journal that 'skysweep run' wrote"
-            )
-    return Run(load_scenario(folder / CONFIG_FILE), records, folder)
+    path = folder / JOURNAL_FILE
+    for needed in (folder / CONFIG_FILE, path):
+        if not needed.is_file():
+            raise UserError(f"{folder}: has no {needed.name}; give a folder that 'skysweep run' wrote")
+    records, damaged = read_sound_lines(path)
+    foreign = next((k for k, r in enumerate(records) if "kind" not in r or "t" not in r), None)
+    if foreign is not None:
+        records, damaged = records[:foreign], foreign + 1
+    if all(record["kind"] != "start" for record in records):
+        why = "the mission had not taken off" if damaged is None else f"line {damaged} is damaged"
+        raise UserError(f"{path}: {why}, so there are no results; fly the mission into a new folder")
+    return Run(load_scenario(folder / CONFIG_FILE), tuple(records), folder, damaged_line=damaged)
 
 
 def _newest(records: list[Record], key: str) -> Any:

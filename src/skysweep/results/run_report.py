@@ -8,37 +8,43 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.results.exports import FoundTarget, found_targets
+from skysweep.results.evidence import evidence
+from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
 from skysweep.results.html import Grid, Section, picture, write_page
 from skysweep.results.metrics import MATCH_DISTANCE_M, Summary, horizontal_distance_m, match
 from skysweep.results.run_folder import Run
 from skysweep.results.wording import clock, definitions, parameters, safety_words
 from skysweep.scenarios.files import dump_scenario
 
-MAX_PICTURES = 8
+_EVIDENCE = {
+    "Confirmed": "Pictures of confirmed targets",
+    "Unchecked": "Pictures of unchecked candidates",
+    "Rejected": "Pictures of rejected candidates",
+    "Other": "Pictures",
+}
 
 
 def write_run_report(run: Run, summary: Summary, folder: Path) -> Path:
-    """Write ``report.html`` of one mission; ``map.png`` and ``pictures/*.jpg`` of the folder go inside."""
-    found = found_targets(run)
-    camera = sorted((folder / "pictures").glob("*.jpg"))[:MAX_PICTURES]
+    """Write ``report.html`` of one mission; ``map.png`` of the folder and the run's pictures go inside."""
+    found, unchecked = found_targets(run), unchecked_targets(run)
     sections = [
         Section(
             "Map",
             pictures=[
                 picture(
                     folder / "map.png",
-                    "Above: the mission from the top, north up; the line is the path that the vehicle "
-                    "believes it flew, coloured by altitude. Below: altitude over time with every verdict.",
+                    "Above: the mission from the top, north up; the line is the vehicle's estimated path, "
+                    "coloured by altitude. Below: altitude over time with every verdict.",
                 )
             ],
         ),
-        Section("What happened", steps=_timeline(run, found)),
-        _found_section(run, found),
+        Section("What happened", steps=_timeline(run, [*found, *unchecked])),
+        _found_section(run, found, unchecked),
     ]
-    if camera:
-        shown = [picture(path, path.stem.replace("_", " ").replace("-", " ")) for path in camera]
-        sections.append(Section("What the camera saw", pictures=shown))
+    pictures = evidence(run)
+    sections += [
+        Section(t, pictures=pictures[verdict]) for verdict, t in _EVIDENCE.items() if pictures[verdict]
+    ]
     sections += [
         Section("All numbers", grids=[_numbers(summary)], folded=True),
         Section("What it was flown with", [_strategy(run)], grids=[parameters(run.scenario)]),
@@ -52,29 +58,48 @@ def write_run_report(run: Run, summary: Summary, folder: Path) -> Path:
 def _run_lead(run: Run, s: Summary) -> str:
     area = f"{s['area_m2'] / 1e4:.1f} ha" if s["area_m2"] >= 1000 else f"{s['area_m2']:.0f} m²"
     minutes, seconds = divmod(round(s["mission_time_s"]), 60)
-    text = (
-        f"{minutes} min {seconds} s after take-off the search of {area} was over: "
-        f"{s['n_confirmed']} of {s['n_targets']} targets found and confirmed"
-    )
+    when = f"{minutes} min {seconds} s after take-off"
+    if run.ended:
+        text = f"The search of {area} ended {when}:"
+    else:
+        text = f"The journal ends {when}: the search of {area} was broken off, or is still going on. So far"
+    confirmed = f"{s['n_confirmed']} target{'' if s['n_confirmed'] == 1 else 's'}"
+    if run.has_truth:
+        confirmed = f"{s['n_confirmed']} of {s['n_targets']} targets"
+    text += f" {confirmed} confirmed"
     if s["n_checked"]:
-        text += f", {s['false_scans']} of {s['n_checked']} checks for nothing"
-    if not s["completed"]:
+        without = s["false_scans"] if run.has_truth else s["n_checked"] - s["n_confirmed"]
+        text += f", {without} of {s['n_checked']} checks found no target"
+    if run.unchecked:
+        n = len(run.unchecked)
+        text += f", {n} candidate{'' if n == 1 else 's'} left unchecked"
+    if run.ended and not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
+    if run.damaged_line is not None:
+        text += (
+            f". The journal is damaged: line {run.damaged_line} cannot be read, and only what comes before "
+            "it is reported"
+        )
     return f"{text}."
 
 
 def _tiles(s: Summary) -> list[tuple[str, str]]:
-    tiles = [
-        (clock(s["mission_time_s"]), "mission time (min:s)"),
-        (f"{s['n_confirmed']} of {s['n_targets']}", "targets confirmed"),
-        (str(s["false_scans"]), "false scans"),
-        (str(s["false_positives"]), "false positives"),
+    tiles = [(clock(s["mission_time_s"]), "mission time (min:s)")]
+    if s["scan_only_time_s"] is not None:
+        tiles.append((clock(s["scan_only_time_s"]), "a scan alone would take"))
+    if s["n_targets"] is None:
+        tiles.append((str(s["n_confirmed"]), "confirmed"))
+    else:
+        tiles += [
+            (f"{s['n_confirmed']} of {s['n_targets']}", "targets confirmed"),
+            (str(s["false_scans"]), "false scans"),
+            (str(s["false_positives"]), "false positives"),
+        ]
+    tiles += [
         (f"{s['area_covered']:.0%}", "of the area seen"),
         (f"{s['path_length_m']:.0f} m", "flown"),
         (f"{s['vertical_m']:.0f} m", "up and down"),
     ]
-    if s["scan_only_time_s"] is not None:
-        tiles.insert(1, (clock(s["scan_only_time_s"]), "a scan alone would take"))
     if s["energy_wh"] is not None:
         tiles.append((f"{s['energy_wh']:.1f} Wh", "energy"))
     if s["median_localisation_error_m"] is not None:
@@ -82,16 +107,17 @@ def _tiles(s: Summary) -> list[tuple[str, str]]:
     return tiles
 
 
-def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
+def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     """What happened in plain words; one step for each descent."""
-    names = {target.candidate: target.name for target in found}
+    names = {target.candidate: target.name for target in named}
     search = run.scenario.search
     steps = [(0.0, "Take-off.")]
-    scanning = next((r for r in run.events("state") if r.get("mode") == "SCAN"), None)
+    scanning = next((k for k, mode in enumerate(run.states.mode) if mode == "SCAN"), None)
     if scanning is not None:
-        height = scanning["p"][2] - run.world.terrain.height_m([scanning["p"][:2]])[0]
-        steps.append((run.since_start(scanning), f"At {height:.0f} m above ground: the search begins."))
+        height_m = run.altitudes_agl_m[scanning]
+        steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
     check: list[Any] | None = None
+    left: dict[float, list[Any]] = {}
     started_s = 0.0
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
@@ -99,83 +125,114 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             check, started_s = [], time_s
         elif kind in ("safety", "unsearched"):
             steps.append((time_s, safety_words(record)))
+        elif kind == "unchecked" and not _is_refused(run, record):
+            left.setdefault(time_s, []).append(record)
         elif kind in ("confirmed", "rejected", "unchecked"):
             if check is None:
                 steps.append((time_s, _verdicts([record], names)))
             else:
                 check.append(record)
         elif kind in ("scan_resumed", "finished", "end") and check is not None:
-            down = f"Down to {search.check_altitude_agl_m:g} m to check"
-            outcome = _verdicts(check, names) if check else "Broken off."
-            if check and all(r["kind"] == "unchecked" for r in check):
-                down = "A check begins"
             back = f" Back to the search at {clock(time_s)}." if kind == "scan_resumed" else ""
-            steps.append((started_s, f"{down}. {outcome}{back}"))
+            steps.append((started_s, f"{_check_words(check, names, search.check_altitude_agl_m)}{back}"))
             check = None
         if kind == "finished":
-            checked = "what can be is checked" if run.events("unchecked") else "all candidates checked"
-            steps.append((time_s, f"All transects flown, {checked}: the way home begins."))
+            reachable = "reachable " if run.events("unchecked") else ""
+            steps.append(
+                (time_s, f"All transects flown, all {reachable}candidates checked: the way home begins.")
+            )
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
             steps.append((time_s, f"The mission ended early: {record['reason']}."))
-    if not run.events("end"):
-        steps.append((run.last_s, "The journal ends here: the mission was broken off."))
+    if check is not None:
+        steps.append((started_s, _check_words(check, names, search.check_altitude_agl_m)))
+    steps += [(time_s, _left_words(run, records, names)) for time_s, records in left.items()]
+    if not run.ended:
+        steps.append((run.last_s, "The journal ends here: the mission was broken off, or still flies."))
     return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
+
+
+def _check_words(records: Sequence[Any], names: dict[int, str], altitude_agl_m: float) -> str:
+    if records and all(r["kind"] == "unchecked" for r in records):
+        return f"A check begins. {_verdicts(records, names)}"
+    outcome = _verdicts(records, names) if records else "Broken off."
+    return f"Down to {altitude_agl_m:g} m to check. {outcome}"
 
 
 def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
     confirmed = [names[r["candidate"]] for r in records if r["kind"] == "confirmed"]
-    nothing = sum(r["kind"] == "rejected" for r in records)
-    unchecked = sum(r["kind"] == "unchecked" for r in records)
+    rejected = sum(r["kind"] == "rejected" for r in records)
+    unchecked = [_name(r, names) for r in records if r["kind"] == "unchecked"]
     parts = []
     if confirmed:
-        parts.append(f"Confirmed {', '.join(confirmed)}")
-    if nothing:
-        parts.append(
-            f"{'nothing' if confirmed else 'Nothing'} at {nothing} {'place' if nothing == 1 else 'places'}"
-        )
+        parts.append(f"confirmed {', '.join(confirmed)}")
+    if rejected:
+        parts.append(f"rejected {rejected} candidate{'' if rejected == 1 else 's'}")
     if unchecked:
-        parts.append(f"{'left' if parts else 'Left'} unchecked: {unchecked}")
-    return f"{'; '.join(parts)}."
+        parts.append(f"not flown to {', '.join(unchecked)}")
+    text = "; ".join(parts)
+    return f"{text[:1].upper()}{text[1:]}."
 
 
-def _found_section(run: Run, found: Sequence[FoundTarget]) -> Section:
-    matches, targets = match(run), run.world.targets
-    stories = {c.id: c for c in run.candidates}
-    rows = []
-    for target in found:
-        index = matches.confirmed.get(target.candidate)
-        if index is None:
-            error = "-"
-            truth = "no: found before" if target.candidate in matches.duplicates else "no: nothing there"
-        else:
-            truth = "yes"
-            error = f"{horizontal_distance_m(stories[target.candidate], targets[index]):.2f}"
-        rows.append(
-            (
-                target.name,
-                clock(target.confirmed_s),
-                f"{target.latitude_deg:.7f}",
-                f"{target.longitude_deg:.7f}",
-                _or_dash(target.radius_95_m, "{:.1f}"),
-                _or_dash(target.confidence, "{:.2f}"),
-                truth,
-                error,
-            )
-        )
-    header = (
+def _left_words(run: Run, records: Sequence[Any], names: dict[int, str]) -> str:
+    which = ", ".join(_name(r, names) for r in records)
+    n = f"{len(records)} candidate{'' if len(records) == 1 else 's'}"
+    return f"{n} left unchecked ({which}): {_why_unchecked(run, records[0]['candidate'])}"
+
+
+def _name(record: Any, names: dict[int, str]) -> str:
+    """A candidate that was left unchecked may have had its verdict later, when the mission went on."""
+    return names.get(record["candidate"], f"candidate {record['candidate']}")
+
+
+def _cause(run: Run, record: Any) -> Any:
+    """The safety line that made the mission leave a candidate unchecked, or None."""
+    before = run.records[: run.records.index(record)]
+    asked = ("REFUSE_CHECK", "RETURN", "LAND")
+    return next((r for r in reversed(before) if r["kind"] == "safety" and r["action"] in asked), None)
+
+
+def _is_refused(run: Run, record: Any) -> bool:
+    cause = _cause(run, record)
+    return cause is not None and cause["action"] == "REFUSE_CHECK"
+
+
+def _why_unchecked(run: Run, candidate: int) -> str:
+    record = next((r for r in run.events("unchecked") if r["candidate"] == candidate), None)
+    if record is None:
+        return "The mission had not come to it when the journal ends."
+    cause = _cause(run, record)
+    return "The mission ended early." if cause is None else str(cause["sentence"])
+
+
+def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[FoundTarget]) -> Section:
+    header = [
         "Found", "Confirmed (min:s)", "Latitude (°)", "Longitude (°)", "95 % radius (m)", "Confidence",
-        "True target?", "Error (m)",
-    )  # fmt: skip
+    ]  # fmt: skip
+    rows = [
+        [
+            target.name,
+            clock(target.confirmed_s or 0.0),
+            f"{target.latitude_deg:.7f}",
+            f"{target.longitude_deg:.7f}",
+            _or_dash(target.radius_95_m, "{:.1f}"),
+            _or_dash(target.confidence, "{:.2f}"),
+        ]
+        for target in found
+    ]
+    missed = []
+    if run.has_truth:
+        header += ["True target?", "Error (m)"]
+        rows = [[*row, *_truth(run, target)] for row, target in zip(rows, found, strict=True)]
+        right = match(run).confirmed.values()
+        missed = [t for k, t in enumerate(run.world.targets) if k not in right]
     grids = [Grid(header, rows)] if rows else []
-    missed = [t for k, t in enumerate(targets) if k not in matches.confirmed.values()]
     if missed:
         lost = [(t.kind, *(f"{v:.1f}" for v in t.position_enu_m[:2]), _how_missed(run, t)) for t in missed]
         grids.append(
             Grid(("Missed", "East (m)", "North (m)", "Why"), lost, "Targets that were not confirmed")
         )
-    unchecked = run.events("unchecked")
     if unchecked:
         grids.append(_unchecked_grid(run, unchecked))
     text = "The same places are in targets.geojson, targets.kml, targets.gpx and targets.csv (WGS 84)."
@@ -184,14 +241,31 @@ def _found_section(run: Run, found: Sequence[FoundTarget]) -> Section:
     return Section("Found positions", paragraphs=[text], grids=grids)
 
 
-def _unchecked_grid(run: Run, records: Sequence[Any]) -> Grid:
-    places = run.scenario.frame.geodetic_from_enu([r["p"] for r in records])
+def _truth(run: Run, target: FoundTarget) -> tuple[str, str]:
+    """Whether a confirmed target is one, and how far off its position is."""
+    matches = match(run)
+    index = matches.confirmed.get(target.candidate)
+    if index is None:
+        return "duplicate" if target.candidate in matches.duplicates else "no", "-"
+    story = next(c for c in run.candidates if c.id == target.candidate)
+    return "yes", f"{horizontal_distance_m(story, run.world.targets[index]):.2f}"
+
+
+def _unchecked_grid(run: Run, unchecked: Sequence[FoundTarget]) -> Grid:
     rows = [
-        (f"candidate {r['candidate']}", f"{p[0]:.7f}", f"{p[1]:.7f}")
-        for r, p in zip(records, places, strict=True)
+        (
+            target.name,
+            f"{target.latitude_deg:.7f}",
+            f"{target.longitude_deg:.7f}",
+            _or_dash(target.confidence, "{:.2f}"),
+            _why_unchecked(run, target.candidate),
+        )
+        for target in unchecked
     ]
     return Grid(
-        ("Unchecked", "Latitude (°)", "Longitude (°)"), rows, "Candidates that were not checked: have a look"
+        ("Unchecked", "Latitude (°)", "Longitude (°)", "Confidence", "Why"),
+        rows,
+        "Candidates that were not checked: have a look",
     )
 
 
@@ -205,8 +279,10 @@ def _how_missed(run: Run, target: Any) -> str:
 def _strategy(run: Run) -> str:
     if run.strategy != "scan-check":
         return f"Strategy {run.strategy}."
-    n_c, d_c = (_infinite(v) for v in (run.scenario.search.n_c, run.scenario.search.d_c_m))
-    return f"Strategy scan-check: checks after n_c = {n_c} candidates, or d_c = {d_c} m after the last one."
+    n_c, d_c_m = run.scenario.search.n_c, run.scenario.search.d_c_m
+    when = [f"after {n_c:g} of them (n_c)"] if np.isfinite(n_c) else []
+    when += [f"{d_c_m:g} m after the last new one (d_c)"] if np.isfinite(d_c_m) else []
+    return f"Strategy scan-check: candidates are checked {' or '.join([*when, 'at the end of the scan'])}."
 
 
 def _numbers(summary: Summary) -> Grid:
@@ -217,10 +293,6 @@ def _numbers(summary: Summary) -> Grid:
                 (key, "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value))
             )
     return Grid(("summary.json", "Value"), rows)
-
-
-def _infinite(value: float) -> str:
-    return "∞" if np.isinf(value) else f"{value:g}"
 
 
 def _or_dash(value: float | None, form: str) -> str:

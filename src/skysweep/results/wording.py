@@ -69,6 +69,11 @@ def definitions() -> Grid:
         ),
         ("Scanned", "Seen from the scan altitude and put on the list of candidates."),
         ("Confirmed", "Detected at the check altitude with enough confidence."),
+        ("Rejected", "Not confirmed although the vehicle was above it at the check altitude."),
+        (
+            "Unchecked",
+            "Put on the list of candidates, but never checked: it may be a target, so have a look.",
+        ),
         (
             "Right",
             f"Confirmed, and a true target of the class, all its own, is within {MATCH_DISTANCE_M:g} m.",
@@ -80,7 +85,11 @@ def definitions() -> Grid:
         ("False positive", "A false scan that was even confirmed; duplicates of a confirmed target count."),
         ("Recall", "True targets confirmed over all true targets."),
         ("POS", "Probability of success: share of the true targets confirmed so far."),
-        ("Area seen", "Share of the area that lay in the camera's picture while scanning."),
+        (
+            "Area seen",
+            "Share of the area's ground that the camera saw while scanning: in its picture, and no crown or "
+            "building in between.",
+        ),
     ]
     return Grid(("Word", "Meaning"), rows, words=True)
 

@@ -1,35 +1,41 @@
-"""Everything that a finished mission leaves in its folder."""
+"""Everything that is made of a mission's journal."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 
+from skysweep.errors import UserError
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.exports import write_exports
 from skysweep.results.figures import run_map
 from skysweep.results.metrics import Summary, compute_summary
 from skysweep.results.recording import write_recording
-from skysweep.results.run_folder import Run
+from skysweep.results.run_folder import SUMMARY_FILE, Run
 from skysweep.results.run_report import write_run_report
 
 
-def write_results(run: Run, wall_time_s: float | None = None) -> Summary:
-    """Write summary, map, found positions, recording and report into the run's folder.
+def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summary:
+    """Write summary, map, positions, recording and report of a mission into ``out``, a folder that is there.
+
+    The mission may have been broken off, or still fly: then ``ended`` is false in the summary.
 
     Returns:
-        What ``summary.json`` holds. It is written last: a folder that has it is complete.
+        What ``summary.json`` holds. It is written last.
     """
-    assert run.folder is not None, "a run from memory has no folder"
-    folder: Path = run.folder
-    summary = compute_summary(
-        run, scan_only_time_s=plan_scenario(run.scenario)[1].search_time_s, wall_time_s=wall_time_s
-    )
-    run_map(run, folder / "map.png")
-    write_exports(run, folder)
-    write_recording(run, folder / "mission.mcap")
-    write_run_report(run, summary, folder)
-    (folder / "summary.json").write_text(
-        json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
+    summary = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
+    summary |= {"ended": run.ended, "n_unchecked": len(run.unchecked)}
+    run_map(run, out / "map.png")
+    write_exports(run, out)
+    write_recording(run, out / "mission.mcap")
+    write_run_report(run, summary, out)
+    (out / SUMMARY_FILE).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return summary
+
+
+def _scan_only_time_s(run: Run) -> float | None:
+    """As planned; None where the plan was drawn elsewhere and its file is not here."""
+    try:
+        return plan_scenario(run.scenario)[1].search_time_s
+    except UserError:
+        return None

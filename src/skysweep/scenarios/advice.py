@@ -19,10 +19,14 @@ WISHED_AT_CHECK_PX = 30.0  # from here on a detector tells a target from what lo
 
 def warnings_for(scenario: Scenario) -> list[str]:
     """One sentence for each thing that will probably spoil the mission; empty when all is well."""
+    return [*warnings_for_plan(scenario), *_about_targets(scenario)]
+
+
+def warnings_for_plan(scenario: Scenario) -> list[str]:
+    """Those that need no targets."""
     return [
         *_about_resolution(scenario),
         *_about_footprints(scenario),
-        *_about_targets(scenario),
         *_about_obstacles(scenario),
         *_about_speeds(scenario),
     ]

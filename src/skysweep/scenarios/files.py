@@ -70,8 +70,8 @@ def list_scenarios() -> list[str]:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by its name, or one from a YAML file.
 
-    Relative paths of ``search.plan``, ``detector.model`` and ``detector.statistical_model`` count from the
-    scenario file's folder.
+    Relative paths of ``area.file``, ``search.plan``, ``detector.model`` and ``detector.statistical_model``
+    count from the scenario file's folder.
 
     Raises:
         UserError: not found, not readable as plain YAML, or not a valid scenario.
@@ -80,7 +80,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     if name in list_scenarios():
         return parse_scenario(_shipped().joinpath(f"{name}.yaml").read_text("utf-8"), f"{name}.yaml")
     path = Path(name).expanduser()
-    scenario = parse_scenario(_read_text(path), str(path))
+    scenario = parse_scenario(_read_text(path), str(path), path.parent)
     return with_paths_beside(scenario, path.parent)
 
 
@@ -100,13 +100,13 @@ def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
     return scenario.model_copy(update=updates)
 
 
-def parse_scenario(text: str, source: str) -> Scenario:
-    """A scenario from YAML text; ``source`` names it in errors.
+def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
+    """A scenario from YAML text; ``source`` names it in errors, ``area.file`` counts from ``folder``.
 
     Raises:
         UserError: not plain YAML, or not a valid scenario.
     """
-    data = _plain_yaml(text, source)
+    data = _with_area_read(_plain_yaml(text, source), source, folder)
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
@@ -115,6 +115,7 @@ def parse_scenario(text: str, source: str) -> Scenario:
 
 def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """A copy with other values at dotted fields, such as ``search.n_c``; None leaves a field as it is.
+    ``area.file`` is read.
 
     Raises:
         UserError: the change makes no valid scenario.
@@ -129,6 +130,7 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
                 raise UserError(
                     f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
                 ) from None
+    data = _with_area_read(data, scenario.name, Path())
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
@@ -240,6 +242,20 @@ def _plain_yaml(text: str, source: str) -> dict[str, Any]:
     if not isinstance(data, dict):
         found = "empty" if data is None else f"a {type(data).__name__}"
         raise UserError(f"{source}: is {found}, not a scenario; write fields such as  name: my-search")
+    return data
+
+
+def _with_area_read(data: dict[str, Any], source: str, folder: Path) -> dict[str, Any]:
+    """The fields of a scenario with the corners in the place of ``area.file``."""
+    match data.get("area"):
+        case {"file": str(name), **others} if not others:
+            from skysweep.planning.area_files import read_corners
+
+            try:
+                polygon, holes = read_corners(folder / Path(name).expanduser())
+            except UserError as error:
+                raise UserError(f"{source}: area.file: {error}") from None
+            return data | {"area": {"polygon_lat_lon_deg": polygon, "holes_lat_lon_deg": holes}}
     return data
 
 

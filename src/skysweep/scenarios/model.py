@@ -55,6 +55,10 @@ class Area(Model):
 
     polygon_enu_m: list[PointXY] | None = Field(None, description="Corners, east and north of the origin")
     polygon_lat_lon_deg: list[LatLon] | None = Field(None, description="Corners, latitude and longitude")
+    file: str | None = Field(
+        None,
+        description="GeoJSON, KML, KMZ or QGroundControl .plan with one polygon, read with the scenario file",
+    )
     holes_enu_m: list[list[PointXY]] = Field(
         default_factory=list, description="Corners of each hole, east and north of the origin"
     )
@@ -64,8 +68,12 @@ class Area(Model):
 
     @model_validator(mode="after")
     def _one_kind_of_corner(self) -> Area:
-        if (self.polygon_enu_m is None) == (self.polygon_lat_lon_deg is None):
-            raise ValueError("write exactly one of polygon_enu_m and polygon_lat_lon_deg")
+        if [self.polygon_enu_m, self.polygon_lat_lon_deg, self.file].count(None) != 2:
+            raise ValueError("write exactly one of polygon_enu_m, polygon_lat_lon_deg and file")
+        if self.file is not None:
+            raise ValueError(
+                "file: is read with a scenario file and stands alone; delete the other fields of area"
+            )
         if self.polygon_enu_m is None and self.holes_enu_m:
             raise ValueError("the polygon is in latitude/longitude: write the holes as holes_lat_lon_deg")
         if self.polygon_enu_m is not None and self.holes_lat_lon_deg:

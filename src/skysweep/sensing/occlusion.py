@@ -131,6 +131,58 @@ def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64
 
 
 @njit(cache=True)
+def count_seen(
+    points: F64, eyes: F64, R_camera_to_enu: F64, u: float, v: float, solids: F64
+) -> tuple[int, int]:
+    """How many points (M, 3) are in a picture, and how many are in one with no solid before them.
+
+    ``eyes`` (N, 3) and ``R_camera_to_enu`` (N, 3, 3) are the cameras', ``u`` and ``v`` half of the picture's
+    width and height over the focal length.
+    """
+    pictured = seen = 0
+    looking = np.empty(len(eyes), dtype=np.int64)  # cameras that have the point in their picture
+    near = np.empty(len(solids), dtype=np.int64)  # solids that can be before it
+    for k in range(len(points)):
+        x, y, z = points[k]
+        n_looking, flattest = 0, 0.0
+        for n in range(len(eyes)):
+            R, dx, dy, dz = R_camera_to_enu[n], x - eyes[n, 0], y - eyes[n, 1], z - eyes[n, 2]
+            depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+            across = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
+            down = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
+            if dz < 0.0 < depth and abs(across) <= u * depth and abs(down) <= v * depth:
+                looking[n_looking] = n
+                n_looking += 1
+                flattest = max(flattest, math.hypot(dx, dy) / -dz)
+        n_near = 0
+        for i in range(len(solids)):
+            reach = max(solids[i, 8] - z, 0.0) * flattest + solids[i, 9]
+            if (solids[i, 0] - x) ** 2 + (solids[i, 1] - y) ** 2 <= reach * reach:
+                near[n_near] = i
+                n_near += 1
+        pictured += n_looking > 0
+        for n in looking[:n_looking]:
+            if not _any_hides(solids, near[:n_near], eyes[n], x, y, z):
+                seen += 1
+                break
+    return pictured, seen
+
+
+@njit(cache=True)
+def _any_hides(solids: F64, near: I64, camera: F64, x: float, y: float, z: float) -> bool:
+    """Whether one of the near solids is on the line from (x, y, z) to the camera."""
+    dx, dy = camera[0] - x, camera[1] - y
+    along = max(dx * dx + dy * dy, 1e-9)
+    for i in near:
+        gx, gy = solids[i, 0] - x, solids[i, 1] - y
+        share = min(max((gx * dx + gy * dy) / along, 0.0), 1.0)
+        away_x, away_y = gx - share * dx, gy - share * dy
+        if away_x * away_x + away_y * away_y <= solids[i, 9] ** 2 and _hides(solids[i], camera, x, y, z):
+            return True
+    return False
+
+
+@njit(cache=True)
 def _hides(solid: F64, camera: F64, x: float, y: float, z: float) -> bool:
     """Whether the line from (x, y, z) to the camera meets the solid, in its own unit axes."""
     cos, sin = solid[6], solid[7]

@@ -1,0 +1,80 @@
+"""The pictures that a mission kept as evidence, one a candidate, and what each shows in words."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from skysweep.results.exports import found_targets, unchecked_targets
+from skysweep.results.html import Picture
+from skysweep.results.run_folder import PICTURES, CandidateStory, Run
+from skysweep.results.wording import clock
+
+SHOWN_WIDTH_PX = 640  # in a report; the folder has them whole
+_NAME = re.compile(r"candidate-(\d+)-(\d+\.\d)s$")
+_SAME_LOOK_S = 0.06  # the name rounds the time to a tenth of a second
+VERDICTS = ("Confirmed", "Rejected", "Unchecked")
+
+
+def picture_name(candidate: int, time_s: float) -> str:
+    """File name of the picture of a candidate, taken at mission time ``time_s``."""
+    return f"candidate-{candidate}-{time_s:.1f}s.jpg"
+
+
+def evidence(run: Run) -> dict[str, list[Picture]]:
+    """The pictures in the run's folder by verdict, each group in the order of its candidates' verdicts.
+
+    A candidate that was seen once and never listed is left out. Pictures of an older skysweep are ``Other``.
+    """
+    titles = {target.candidate: f"Confirmed {target.name}" for target in found_targets(run)}
+    titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
+    pictures: dict[int, Path] = {}
+    other = []
+    for path in sorted(run.folder.glob(f"{PICTURES}/*.jpg")) if run.folder is not None else ():
+        told = _NAME.match(path.stem)
+        if told is None:
+            other.append((path, path.stem.replace("_", " ").replace("-", " ")))
+        else:
+            pictures[int(told[1])] = path
+    groups: dict[str, list[tuple[Path, str]]] = {verdict: [] for verdict in VERDICTS}
+    for story in run.candidates:
+        title = titles.get(story.id)
+        if story.verdict == "rejected":
+            title = f"Rejected {story.class_name or 'candidate'} (candidate {story.id})"
+        if title is not None and story.id in pictures:
+            path = pictures[story.id]
+            groups[title.partition(" ")[0]].append((path, f"{title}: {_view(run, story, path)}"))
+    return {
+        verdict: [Picture(uri, caption) for path, caption in shown if (uri := _small(path))]
+        for verdict, shown in (groups | {"Other": other}).items()
+    }
+
+
+def _view(run: Run, story: CandidateStory, path: Path) -> str:
+    """How sure the detector was, from how high and when."""
+    time_s = float(path.stem.rpartition("-")[2].removesuffix("s"))
+    looks = (r for r in run.events("sighting") if r["candidate"] == story.id)
+    seen = next((r for r in looks if abs(r["t"] - time_s) < _SAME_LOOK_S), None)
+    sure = "not detected" if seen is None else f"confidence {seen['confidence']:.2f}"
+    since_start_s = time_s - float(run.start["t"])
+    if seen is None:
+        height_m = float(np.interp(since_start_s, run.states.time_s, run.altitudes_agl_m))
+    else:
+        height_m = seen["altitude_agl_m"]
+    return f"{sure}, from {height_m:.1f} m above ground, at {clock(since_start_s)}"
+
+
+def _small(path: Path) -> str | None:
+    """The picture as a data URI, at most ``SHOWN_WIDTH_PX`` wide; None where the file is damaged."""
+    image = cv2.imread(str(path))
+    if image is None:
+        return None
+    height, width = image.shape[:2]
+    scale = min(1.0, SHOWN_WIDTH_PX / width)
+    small = cv2.resize(image, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
+    _, jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
+    return f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode('ascii')}"
