@@ -25,12 +25,14 @@ from skysweep.cli.common import (
     refuse_unused_eye,
 )
 from skysweep.cli.missions import free_folder, print_summary
+from skysweep.cli.terminal import printable, unblocked
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.vehicles.px4_preflight import Check
 
 _EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
+_ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGTERM,)
 
 
 @friendly
@@ -100,9 +102,9 @@ def fly(
             scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
         )
     refuse_unused_eye(sensor, camera)
-    signal.signal(signal.SIGTERM, _end)
+    _end_on_signals()
     key = None if signing_key is None else read_signing_key(signing_key)
-    with Px4Flight(chosen, connection, timeout, key) as flight:
+    with unblocked(), Px4Flight(chosen, connection, timeout, key) as flight:
         checks = flight.preflight(upload=not dry_run)
         _print_checks(checks)
         excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
@@ -173,13 +175,23 @@ class _Operator:
         self._word = "hold" if self._presses == 1 else "return"
 
 
-def _end(_number: int, _frame: FrameType | None) -> None:
-    raise typer.Exit(143)
+def _end_on_signals() -> None:
+    """End in order at SIGTERM, and at SIGHUP (the terminal is closed) unless started with nohup."""
+    for number in _ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
+
+
+def _end(number: int, _frame: FrameType | None) -> None:
+    """SystemExit is no ``Exception``, which a mission survives; a second signal must not disturb the Hold."""
+    for each in _ENDING:
+        signal.signal(each, signal.SIG_IGN)
+    raise SystemExit(128 + number)
 
 
 def _print_checks(checks: tuple[Check, ...]) -> None:
     marks = {True: "[green]ok[/]", None: "[yellow]note[/]", False: "[bold red]no[/]"}
     table = Table(show_header=False, box=None)
     for check in checks:
-        table.add_row(marks[check.passed], check.name, escape(check.said))
+        table.add_row(marks[check.passed], check.name, escape(printable(check.said)))
     errors.print(table)

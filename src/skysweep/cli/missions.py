@@ -25,6 +25,7 @@ from skysweep.cli.common import (
     number_or_inf,
     refuse_unused_eye,
 )
+from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -160,15 +161,11 @@ def _topic(option: str, value: str, *others: str) -> str:
 
 @contextmanager
 def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
-    """A status line that watches a mission; Ctrl-C says how to go on."""
+    """A status line that watches a mission, and never holds it up; Ctrl-C says how to go on."""
     from skysweep.mission.journal import resume_command
 
-    with Progress(
-        TextColumn("{task.description}"),
-        TextColumn("{task.fields[doing]}"),
-        TimeElapsedColumn(),
-        console=errors,
-    ) as progress:
+    columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
+    with unblocked(), Progress(*columns, console=errors) as progress:
         task = progress.add_task(name, doing="preparing", total=None)
 
         def watch(state: Any, mode: str, _new: Any) -> None:
