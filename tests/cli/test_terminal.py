@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skysweep.cli.missions import say
 from skysweep.cli.terminal import printable, unblocked
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes and pseudo-terminals of POSIX")
@@ -99,6 +100,11 @@ def test_nothing_that_steers_a_terminal_is_printable(text):
     shown = printable(text)
     assert shown.isprintable()
     assert (shown == text) == text.isprintable()
+
+
+def test_names_from_outside_neither_steer_the_terminal_nor_are_markup(capsys):
+    say("found [red]boat\N{ESCAPE}]0;title\a 1")
+    assert capsys.readouterr().err == "found [red]boat\\x1b]0;title\\x07 1\n"
 
 
 def test_a_program_can_end_while_its_output_waits(pipe):

@@ -24,7 +24,7 @@ from skysweep.cli.common import (
     friendly,
     refuse_unused_eye,
 )
-from skysweep.cli.missions import free_folder, print_summary
+from skysweep.cli.missions import free_folder, print_summary, say
 from skysweep.cli.terminal import printable, unblocked
 from skysweep.errors import UserError
 
@@ -131,9 +131,9 @@ def fly(
                 )
 
             if begun is not None:
-                summary = flight.resume(begun, camera, watch, operator)
+                summary = flight.resume(begun, camera, watch, operator, say)
             else:
-                summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator)
+                summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator, say)
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 

@@ -25,7 +25,7 @@ from skysweep.cli.common import (
     number_or_inf,
     refuse_unused_eye,
 )
-from skysweep.cli.terminal import unblocked
+from skysweep.cli.terminal import printable, unblocked
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -116,6 +116,7 @@ def run(
             vehicle=vehicle,
             camera=eye,
             detector=finder,
+            say=say,
         )
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
@@ -144,7 +145,7 @@ def resume(
         console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
         return
     with flying(run_dir.name, run_dir) as watch:
-        summary = resume_folder(run_dir, watch, from_sound_lines)
+        summary = resume_folder(run_dir, watch, from_sound_lines, say=say)
     print_summary(summary)
     console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
 
@@ -181,6 +182,11 @@ def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]
             progress.stop()
             errors.print(f"stopped; go on with:  {resume_command(folder)}", soft_wrap=True, highlight=False)
             raise typer.Exit(130) from None
+
+
+def say(words: str) -> None:
+    """A line for whoever watches, above the status line."""
+    errors.print(printable(words), markup=False, highlight=False, soft_wrap=True)
 
 
 def free_folder(parent: Path, name: str) -> Path:

@@ -70,7 +70,7 @@ class _Valve(io.RawIOBase):
             done.wait_for(lambda: self._waiting.unfinished_tasks == 0, _DRAIN_S)
 
     def _pass_on(self) -> None:
-        """Straight to the descriptor: a lock of ``sys.stderr`` held here would hang the end of the program."""
+        """Straight to the descriptor: a lock of ``sys.stderr`` held here would hang the program's end."""
         while (data := self._waiting.get()) is not None:
             with suppress(OSError):  # the terminal was closed
                 while data:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,7 @@ _ENLARGE = 2
 class PictureBook:
     """Keeps the first picture with a detection of every stretch of SCAN and of CHECK, at most eight.
 
-    It looks at what the sensor looked at last.
+    It looks at what the sensor looked at last. Finds have pictures of their own, as many as there are.
     """
 
     def __init__(self, folder: Path, sensor: ImagingSensor) -> None:
@@ -41,18 +40,28 @@ class PictureBook:
             return
         frame, answer = look
         height = f"{state.position_enu_m[2]:.0f}m"
-        self._write(f"{int(frame.time_s):04d}s-{mode.lower()}-{height}.jpg", frame, answer)
+        _write(self._folder / f"{int(frame.time_s):04d}s-{mode.lower()}-{height}.jpg", frame, answer)
         self._wanted = False
         self._kept += 1
 
-    def _write(self, name: str, frame: Frame, answer: Detections) -> None:
-        """A frame of a mission flown again is empty: its picture is there. A full disk costs the picture."""
-        if not frame.image.size:
-            return
-        _, jpeg = cv2.imencode(".jpg", drawn(frame, answer)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
-        with suppress(OSError):
-            self._folder.mkdir(exist_ok=True)
-            (self._folder / name).write_bytes(jpeg.tobytes())
+    def keep_find(self, candidate: int) -> Path | None:
+        """The picture, kept now, in which a candidate was confirmed; None where there is none."""
+        path = self._folder / "found" / f"candidate-{candidate}.jpg"
+        look = self._sensor.last_look
+        return path if look is not None and _write(path, *look) else None
+
+
+def _write(path: Path, frame: Frame, answer: Detections) -> bool:
+    """A frame of a mission flown again is empty: its picture is there. A full disk costs the picture."""
+    if not frame.image.size:
+        return False
+    _, jpeg = cv2.imencode(".jpg", drawn(frame, answer)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(jpeg.tobytes())
+    except OSError:
+        return False
+    return True
 
 
 def drawn(frame: Frame, detections: Detections) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from skysweep.errors import UserError
 from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import Watch, fly_to_folder
+from skysweep.experiments.single import Say, Watch, fly_to_folder
 from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
@@ -79,19 +79,39 @@ class Px4Flight:
         threads: int,
         watch: Watch,
         operator: Operator,
+        say: Say = lambda _words: None,
     ) -> dict[str, Any]:
         """Arm, fly the mission and land; the summary of its run folder."""
         camera = self.open_camera(camera_source) if sensor_name == "imaging" else None
         summary = fly_to_folder(
-            self.scenario, seed, out, sensor_name, renderer, threads, watch, self.vehicle, camera, operator
+            self.scenario,
+            seed,
+            out,
+            sensor_name,
+            renderer,
+            threads,
+            watch,
+            self.vehicle,
+            camera,
+            operator,
+            say=say,
         )
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 
-    def resume(self, folder: Path, camera_source: str, watch: Watch, operator: Operator) -> dict[str, Any]:
+    def resume(
+        self,
+        folder: Path,
+        camera_source: str,
+        watch: Watch,
+        operator: Operator,
+        say: Say = lambda _words: None,
+    ) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
         camera = self.open_camera(camera_source)
-        summary = resume_folder(folder, watch, vehicle=self.vehicle, camera=camera, operator=operator)
+        summary = resume_folder(
+            folder, watch, vehicle=self.vehicle, camera=camera, operator=operator, say=say
+        )
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 
