@@ -25,7 +25,7 @@ SCENARIO = {
     ],
     "search": {"n_c": 1, "check_speed_mps": 2.0},
 }
-_HANDED_ON_S = 0.004  # on the wall: between the sensor's threads
+_HANDED_ON_S = 0.002  # on the wall: between the sensor's threads
 
 
 class BlankCamera:

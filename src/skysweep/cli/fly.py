@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from skysweep.vehicles.px4_preflight import Check
 
 _EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
+_DETECTOR_THREADS = 2
 _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGTERM,)
 
 
@@ -106,6 +107,8 @@ def fly(
     key = None if signing_key is None else read_signing_key(signing_key)
     with unblocked(), Px4Flight(chosen, connection, timeout, key) as flight:
         checks = flight.preflight(upload=not dry_run)
+        if sensor == "imaging" and begun is None:
+            checks += (flight.rehearse(camera, renderer, _DETECTOR_THREADS),)
         _print_checks(checks)
         excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
         failed = [check for check in checks if check.passed is False and check.name not in excused]
@@ -133,7 +136,9 @@ def fly(
             if begun is not None:
                 summary = flight.resume(begun, camera, watch, operator, say)
             else:
-                summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator, say)
+                summary = flight.fly(
+                    seed, folder, sensor, camera, renderer, _DETECTOR_THREADS, watch, operator, say
+                )
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skysweep.errors import UserError
+from skysweep.experiments.rehearsal import rehearse
 from skysweep.experiments.resume import resume_folder
 from skysweep.experiments.single import Say, Watch, fly_to_folder
 from skysweep.mission.loop import Operator
@@ -68,6 +69,11 @@ class Px4Flight:
         coverage, estimate = plan_scenario(self.scenario, self._altitude_agl_m)
         share = estimate.energy_wh / self.scenario.vehicle.battery_wh
         return preflight(self.vehicle, plan_of_mission(self.scenario, coverage), share, upload)
+
+    def rehearse(self, camera_source: str, renderer: Backend, threads: int) -> Check:
+        """How often camera and detector look on this computer; a line of the list."""
+        camera = self.open_camera(camera_source)
+        return rehearse(self.scenario, self.vehicle, camera, renderer, threads)
 
     def fly(
         self,

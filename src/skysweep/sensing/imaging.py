@@ -83,8 +83,9 @@ class ImagingSensor:
         self._patience_s = patience_s
         self._usual_patience_s = patience_s
         self._pace = Pace(exposures)
-        self._n_timed = 0  # of the pending looks
-        self._answered_s = self._asked_s = -math.inf  # the newest answer; when answers were last looked for
+        self._timed_s = -math.inf  # exposure of the newest look whose time was taken
+        self._answered_s = -math.inf  # when it was answered
+        self._seen_s = -math.inf  # the newest state
         self._pending: deque[tuple[Frame, Future[Detections]]] = deque()
         self._recalled: deque[Answer] = deque()
         self.last_look: tuple[Frame, Detections] | None = None
@@ -115,7 +116,6 @@ class ImagingSensor:
         if not self._is_due(state) or (self._patience_s == 0.0 and not self._pending[0][1].done()):
             return None
         frame, answer = self._pending.popleft()
-        self._n_timed -= 1
         self.last_look = frame, self._result(answer)
         return self.last_look[1]
 
@@ -155,14 +155,14 @@ class ImagingSensor:
 
     def _time_looks(self, now_s: float) -> None:
         """Tell the pace how long the looks took that were answered since the last time."""
-        while self._n_timed < len(self._pending) and self._pending[self._n_timed][1].done():
-            frame, answer = self._pending[self._n_timed]
-            begun_s = max(frame.time_s, self._answered_s)
-            self._answered_s = 0.5 * (max(self._asked_s, begun_s) + now_s)
-            if answer.exception() is None:
-                self._pace.took(self._answered_s - begun_s)
-            self._n_timed += 1
-        self._asked_s = now_s
+        for frame, answer in self._pending:
+            if frame.time_s > self._timed_s and answer.done():
+                begun_s = max(frame.time_s, self._answered_s)
+                self._answered_s = 0.5 * (max(self._seen_s, begun_s) + now_s)
+                if answer.exception() is None:
+                    self._pace.took(self._answered_s - begun_s)
+                self._timed_s = frame.time_s
+        self._seen_s = now_s
 
     def _is_due(self, state: VehicleState) -> bool:
         return bool(self._pending) and state.time_s >= self._pending[0][0].time_s + self._latency_s - _EPS_S
