@@ -69,10 +69,10 @@ def fly(
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
-    Shows the preflight list and asks before arming. In flight: Ctrl-C holds, Enter goes on, Ctrl-C again goes
-    home and lands. However this program ends, the vehicle is left in Hold. A flight that was broken off goes
-    on from where the vehicle is when its run folder is given; only --connection, --signing-key and --camera
-    count then.
+    Shows the preflight list and asks before arming; says each find as it is made. In flight: Ctrl-C holds,
+    Enter goes on, Ctrl-C again goes home and lands. However this program ends, the vehicle is left in Hold. A
+    flight that was broken off goes on from where the vehicle is when its run folder is given; only
+    --connection, --signing-key and --camera count then.
 
     Examples:
 
