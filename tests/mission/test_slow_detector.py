@@ -149,10 +149,12 @@ def test_it_is_said_once_and_not_taken_back_at_the_end(slow):
 
 
 def test_it_is_said_again_when_it_recovers():
-    flown = Flown(lambda t: 1.0 if t < 30.0 else 0.15)
+    flown = Flown(lambda t: 1.0 if t < 22.0 else 0.15)
     assert flown.causes == ["detector slow", "detector slow"]
     assert flown.of_kind("safety")[1]["sentence"] == "The detector keeps its rate again."
-    np.testing.assert_allclose(np.diff([t for t in flown.detector.exposed_s if t > 60.0]), 0.4, atol=0.01)
+    later_s = [t for t in flown.detector.exposed_s if t > 65.0]
+    assert len(later_s) > 20
+    np.testing.assert_allclose(np.diff(later_s), 0.4, atol=0.01)
     flown.assert_found()
 
 

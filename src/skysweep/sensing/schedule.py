@@ -11,7 +11,7 @@ from skysweep.types import VehicleState
 
 _EPS_S = 1e-6
 _SLOWER_AFTER = 2  # looks in a row that do not fit: one is no reason
-_FASTER_AFTER = 10  # looks, which all fit
+_FASTER_AFTER = 25  # looks in a row that fit: the load of a busy computer comes and goes
 _FITS = 0.8  # of a period: with less to spare the next load would break it again
 _ROUNDING = 0.01  # of a period
 
