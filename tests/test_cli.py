@@ -40,6 +40,15 @@ def scenario(tmp_path):
     return path
 
 
+def test_run_says_its_finds_as_plain_lines(tmp_path, scenario):
+    result = skysweep("run", scenario, "--sensor", "statistical", "--out", "out", cwd=tmp_path)
+    found = [line for line in result.stderr.splitlines() if line.startswith("found stop sign 1 at ")]
+    assert len(found) == 1
+    assert "after take-off" in found[0]
+    assert "\N{ESCAPE}" not in result.stderr
+    assert "found" not in result.stdout
+
+
 def test_run_writes_the_whole_run_folder(tmp_path, scenario):
     out = tmp_path / "run"
     result = skysweep("run", scenario, "--sensor", "statistical", "--seed", 3, "--out", out, cwd=tmp_path)

@@ -16,6 +16,7 @@ from skysweep.mission.looks import Looks
 from skysweep.mission.loop import fly
 from skysweep.mission.safety import Action, Guard
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.schedule import Exposures
 from skysweep.types import Command, VehicleState, Waypoint
 
 BASE = {"name": "rules", "area": {"polygon_enu_m": [[0, 0], [200, 0], [200, 200], [0, 200]]}}
@@ -37,7 +38,7 @@ class Watched:
 
     def __init__(self, looked_s=100.0, **changes):
         s = scenario(**changes)
-        self.looks, self.fence = Looks(s), Fence(s)
+        self.looks, self.fence = Looks(s, Exposures(s.detector.rate_hz, 0.0), 30.0), Fence(s)
         self.looks.begin(looked_s)
         self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
         self.guard = Guard(s, self.fence, self.energy, self.looks)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu, wrap_angle
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.schedule import Exposures, Pace
 from skysweep.types import VehicleState
 
 YAW_RATE = 0.5
@@ -57,3 +59,42 @@ def test_before_there_is_an_older_pose_the_oldest_is_taken():
     exposed, believed = exposures(2.5, 0.3)[0]
     assert exposed.time_s == 0.0
     np.testing.assert_array_equal(believed.position_enu_m, [0.0, 0.0, 30.0])
+
+
+def paced(looks_s, rate_hz=2.5):
+    """The period after each look."""
+    schedule = Exposures(rate_hz, 0.0)
+    pace = Pace(schedule)
+    periods_s = []
+    for look_s in looks_s:
+        pace.took(look_s)
+        periods_s.append(schedule.period_s)
+    return periods_s
+
+
+@given(st.lists(st.floats(0.0, 0.4), max_size=40))
+def test_looks_that_fit_keep_the_usual_rate_to_the_bit(looks_s):
+    assert set(paced(looks_s)) <= {1.0 / 2.5}
+
+
+@given(st.floats(0.41, 20.0), st.sampled_from([1.0, 2.5, 10.0]))
+def test_longer_looks_get_the_next_rate_in_which_they_fit(look_s, rate_hz):
+    first_s, period_s = paced([look_s] * 2, rate_hz)
+    assert first_s == 1.0 / rate_hz
+    usual_s = 1.0 / rate_hz
+    assert period_s >= max(look_s - 0.011 * usual_s, usual_s)
+    assert period_s < look_s + usual_s
+    assert period_s / usual_s == pytest.approx(round(period_s / usual_s))
+    assert paced([look_s] * 40, rate_hz)[-1] == period_s, "and they keep it"
+
+
+def test_one_long_look_changes_nothing():
+    assert set(paced([0.1, 0.1, 30.0, 0.1, 0.1] * 10)) == {0.4}
+
+
+def test_the_rate_recovers_when_looks_fit_well_again():
+    periods_s = paced([1.0] * 2 + [0.38] * 60)
+    assert periods_s[1] == pytest.approx(1.2)
+    assert periods_s[-1] == pytest.approx(0.8), "0.38 s fit into 0.4 s, but hardly"
+    assert paced([1.0] * 2 + [0.3] * 60)[-1] == 0.4
+    assert paced([1.0] * 2 + [0.3] * 24)[-1] == pytest.approx(1.2), "not at the first that do"

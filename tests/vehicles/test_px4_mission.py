@@ -1,5 +1,6 @@
 """Whole missions through MAVLink: our executor and MAVSDK on one side, the embedded vehicle on the other."""
 
+import contextlib
 import json
 import os
 import signal
@@ -127,7 +128,7 @@ def test_ctrl_c_holds_and_a_second_one_returns_and_lands(file, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends signals")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_a_program_that_is_ended_leaves_the_vehicle_in_hold(file, tmp_path, number):
     slowly = 2.0  # a busy machine must not be late enough for the vehicle's own failsafe
     with served(small(), slowly) as (server, (url,)):
@@ -145,3 +146,30 @@ def test_a_program_that_is_ended_leaves_the_vehicle_in_hold(file, tmp_path, numb
         assert pilot.armed
         assert pilot.failsafe == (number is signal.SIGKILL)
     assert (out / "journal.jsonl").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="opens a pseudo-terminal")
+def test_a_terminal_that_nobody_reads_does_not_hold_up_the_flight(file, tmp_path):
+    ours, terminal = os.openpty()
+    with served(small(), SPEED) as (server, (url,)):
+        out = tmp_path / "run"
+        program = subprocess.Popen(
+            fly_command(file, url, "--yes", "--out", str(out)),
+            stdin=subprocess.DEVNULL,
+            stdout=terminal,
+            stderr=terminal,
+        )
+        try:
+            wait_for(lambda: server.face.pilot.armed, "never armed")
+            os.set_blocking(terminal, False)
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    os.write(terminal, b"#" * 64)
+            os.set_blocking(terminal, True)
+            wait_for((out / "report.html").exists, "no results", 150.0)
+            wait_for(lambda: not server.face.pilot.armed, "still armed")
+        finally:
+            program.kill()
+            program.wait()
+            os.close(ours)
+            os.close(terminal)

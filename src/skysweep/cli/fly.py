@@ -24,13 +24,16 @@ from skysweep.cli.common import (
     friendly,
     refuse_unused_eye,
 )
-from skysweep.cli.missions import free_folder, print_summary
+from skysweep.cli.missions import free_folder, print_summary, say
+from skysweep.cli.terminal import printable, unblocked
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.vehicles.px4_preflight import Check
 
 _EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
+_DETECTOR_THREADS = 2
+_ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGTERM,)
 
 
 @friendly
@@ -69,10 +72,10 @@ def fly(
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
-    Shows the preflight list and asks before arming. In flight: Ctrl-C holds, Enter goes on, Ctrl-C again goes
-    home and lands. However this program ends, the vehicle is left in Hold. A flight that was broken off goes
-    on from where the vehicle is when its run folder is given; only --connection, --signing-key and --camera
-    count then.
+    Shows the preflight list and asks before arming; says each find as it is made. In flight: Ctrl-C holds,
+    Enter goes on, Ctrl-C again goes home and lands. However this program ends, the vehicle is left in Hold. A
+    flight that was broken off goes on from where the vehicle is when its run folder is given; only
+    --connection, --signing-key and --camera count then.
 
     Examples:
 
@@ -103,12 +106,14 @@ def fly(
             scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
         )
     refuse_unused_eye(sensor, camera)
-    signal.signal(signal.SIGTERM, _end)
+    _end_on_signals()
     key = None if signing_key is None else read_signing_key(signing_key)
     name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
     folder = begun or out or free_folder(Path("runs"), name)
-    with Px4Flight(chosen, connection, timeout, key, system_id) as flight:
+    with unblocked(), Px4Flight(chosen, connection, timeout, key, system_id) as flight:
         checks = flight.preflight(not dry_run, folder)
+        if sensor == "imaging" and begun is None:
+            checks += (flight.rehearse(camera, renderer, _DETECTOR_THREADS),)
         _print_checks(checks)
         excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
         failed = [check for check in checks if check.passed is False and check.name not in excused]
@@ -132,9 +137,11 @@ def fly(
                 )
 
             if begun is not None:
-                summary = flight.resume(begun, camera, watch, operator)
+                summary = flight.resume(begun, camera, watch, operator, say)
             else:
-                summary = flight.fly(seed, folder, sensor, camera, renderer, 2, watch, operator)
+                summary = flight.fly(
+                    seed, folder, sensor, camera, renderer, _DETECTOR_THREADS, watch, operator, say
+                )
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 
@@ -176,13 +183,23 @@ class _Operator:
         self._word = "hold" if self._presses == 1 else "return"
 
 
-def _end(_number: int, _frame: FrameType | None) -> None:
-    raise typer.Exit(143)
+def _end_on_signals() -> None:
+    """End in order at SIGTERM, and at SIGHUP (the terminal is closed) unless started with nohup."""
+    for number in _ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
+
+
+def _end(number: int, _frame: FrameType | None) -> None:
+    """SystemExit is no ``Exception``, which a mission survives; a second signal must not disturb the Hold."""
+    for each in _ENDING:
+        signal.signal(each, signal.SIG_IGN)
+    raise SystemExit(128 + number)
 
 
 def _print_checks(checks: tuple[Check, ...]) -> None:
     marks = {True: "[green]ok[/]", None: "[yellow]note[/]", False: "[bold red]no[/]"}
     table = Table(show_header=False, box=None)
     for check in checks:
-        table.add_row(marks[check.passed], check.name, escape(check.said))
+        table.add_row(marks[check.passed], check.name, escape(printable(check.said)))
     errors.print(table)

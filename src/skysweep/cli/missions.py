@@ -25,6 +25,7 @@ from skysweep.cli.common import (
     number_or_inf,
     refuse_unused_eye,
 )
+from skysweep.cli.terminal import printable, unblocked
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ def run(
             vehicle=vehicle,
             camera=eye,
             detector=finder,
+            say=say,
         )
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
@@ -146,7 +148,7 @@ def resume(
         console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
         return
     with flying(run_dir.name, run_dir) as watch:
-        summary = resume_folder(run_dir, watch, from_sound_lines)
+        summary = resume_folder(run_dir, watch, from_sound_lines, say=say)
     print_summary(summary)
     console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
 
@@ -163,15 +165,11 @@ def _topic(option: str, value: str, *others: str) -> str:
 
 @contextmanager
 def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
-    """A status line that watches a mission; Ctrl-C says how to go on."""
+    """A status line that watches a mission, and never holds it up; Ctrl-C says how to go on."""
     from skysweep.mission.journal import resume_command
 
-    with Progress(
-        TextColumn("{task.description}"),
-        TextColumn("{task.fields[doing]}"),
-        TimeElapsedColumn(),
-        console=errors,
-    ) as progress:
+    columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
+    with unblocked(), Progress(*columns, console=errors) as progress:
         task = progress.add_task(name, doing="preparing", total=None)
 
         def watch(state: Any, mode: str, _new: Any) -> None:
@@ -187,6 +185,11 @@ def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]
             progress.stop()
             errors.print(f"stopped; go on with:  {resume_command(folder)}", soft_wrap=True, highlight=False)
             raise typer.Exit(130) from None
+
+
+def say(words: str) -> None:
+    """A line for whoever watches, above the status line."""
+    errors.print(printable(words), markup=False, highlight=False, soft_wrap=True)
 
 
 def free_folder(parent: Path, name: str) -> Path:

@@ -37,8 +37,8 @@ def report(
     is known so far, and resume and fly can still go on with it. Only the run folder is needed, neither the
     vehicle nor the computer that flew it.
 
-    A sweep's report has intervals, tests, tables and figures; a sweep that still runs is reported as far as it
-    is. The best of a scenario: of the configurations that reach --min-recall, those whose recall is not
+    A sweep's report has intervals, tests, tables and figures; a sweep that still runs is reported so far.
+    The best of a scenario: of the configurations that reach --min-recall, those whose recall is not
     distinguishable from the highest; of these, those whose false positives are not distinguishable from the
     fewest; of these, the fastest.
 

@@ -20,7 +20,7 @@ from skysweep.cli.common import (
     errors,
     friendly,
 )
-from skysweep.cli.missions import flying, free_folder, print_summary
+from skysweep.cli.missions import flying, free_folder, print_summary, say
 
 app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
 
@@ -80,7 +80,7 @@ def ros_fly(
     folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
     settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
     with flying(folder.name, folder) as watch:
-        summary = fly_on_ros(settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, errors.print)
+        summary = fly_on_ros(settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, say)
     print_summary(summary)
 
 

@@ -47,9 +47,12 @@ class PictureBook:
     ) -> None:
         self._journal, self._folder, self._sensor, self._ground_at_m = journal, folder, sensor, ground_at_m
         self._best: dict[int, tuple[float, float]] = {}  # score, altitude above ground
+        self._confirmed: set[int] = set()  # whose picture stays: it was told of
         for record in before:
             if record["kind"] == "sighting":
                 self._is_better(**record, whole=True)
+            elif record["kind"] == "confirmed":
+                self._confirmed.add(record["candidate"])
 
     @property
     def failed(self) -> str | None:
@@ -59,10 +62,14 @@ class PictureBook:
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Write the line, and keep the picture that it is about."""
         self._journal.write(time_s, kind, **fields)
+        if kind == "confirmed":
+            self._confirmed.add(fields["candidate"])
         if self._sensor.last_look is None or kind not in ("sighting", "rejected"):
             return
         frame, found = self._sensor.last_look
         candidate = fields["candidate"]
+        if candidate in self._confirmed:
+            return
         if kind == "rejected":
             _, altitude_agl_m = self._best.get(candidate, (0.0, np.inf))
             if altitude_agl_m > 2.0 * self._altitude_agl_m(frame):
@@ -71,6 +78,11 @@ class PictureBook:
             box = int(np.argmin(np.abs(found.confidences - fields["confidence"])))
             if self._is_better(**fields, whole=_is_whole(found.boxes_xyxy_px[box], frame.lens)):
                 self._save(candidate, frame, found, box)
+
+    def picture_of(self, candidate: int) -> Path | None:
+        """The newest picture of a candidate, None where there is none."""
+        paths = self._folder.glob(f"candidate-{candidate}-*.jpg")
+        return max(paths, key=lambda path: path.stat().st_mtime, default=None)
 
     def _is_better(
         self, candidate: int, confidence: float, altitude_agl_m: float, whole: bool, **_: Any

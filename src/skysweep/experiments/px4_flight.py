@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.experiments.rehearsal import rehearse
 from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import Watch, fly_to_folder
+from skysweep.experiments.single import Say, Watch, fly_to_folder
 from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
@@ -103,6 +104,11 @@ class Px4Flight:
             float(ground_m.max()) + _RETURN_CLEARANCE_M,
         )
 
+    def rehearse(self, camera_source: str, renderer: Backend, threads: int) -> Check:
+        """How often camera and detector look on this computer; a line of the list."""
+        camera = self.open_camera(camera_source)
+        return rehearse(self.scenario, self.vehicle, camera, renderer, threads)
+
     def fly(
         self,
         seed: int,
@@ -113,6 +119,7 @@ class Px4Flight:
         threads: int,
         watch: Watch,
         operator: Operator,
+        say: Say = lambda _words: None,
     ) -> dict[str, Any]:
         """Arm, fly the mission and land; the summary of its run folder."""
         self._keep_record(out)
@@ -128,16 +135,29 @@ class Px4Flight:
             self.vehicle,
             camera,
             self._heeding(operator),
+            say=say,
         )
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 
-    def resume(self, folder: Path, camera_source: str, watch: Watch, operator: Operator) -> dict[str, Any]:
+    def resume(
+        self,
+        folder: Path,
+        camera_source: str,
+        watch: Watch,
+        operator: Operator,
+        say: Say = lambda _words: None,
+    ) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
         self._keep_record(folder)
         camera = self.open_camera(camera_source)
         summary = resume_folder(
-            folder, watch, vehicle=self.vehicle, camera=camera, operator=self._heeding(operator)
+            folder,
+            watch,
+            vehicle=self.vehicle,
+            camera=camera,
+            operator=self._heeding(operator),
+            say=say,
         )
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary

@@ -12,11 +12,11 @@ from typing import Any
 
 from skysweep import __version__
 from skysweep.errors import UserError
-from skysweep.experiments.single import SETUP, Watch, finish, fly_in, setup_of
+from skysweep.experiments.single import SETUP, Say, Watch, finish, fly_in, setup_of
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal
 from skysweep.mission.loop import Mission, Operator
-from skysweep.mission.resume import ReplayJournal, recorded_answers, restored
+from skysweep.mission.resume import recorded_answers, restored
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, SUMMARY_FILE
 from skysweep.scenarios.files import load_scenario
 from skysweep.sensing.imaging import ImagingSensor
@@ -39,13 +39,15 @@ def resume_folder(
     vehicle: Vehicle | None = None,
     camera: Camera | None = None,
     operator: Operator = lambda: None,
+    say: Say = lambda _words: None,
 ) -> dict[str, Any]:
     """Go on with the mission of a run folder where it was broken off; its summary.
 
     A simulated mission ends as if it had never been broken off, but for the wall time. One that a ``vehicle``
-    from outside flew goes on with that, from where it is now; ``camera`` and ``operator`` are as in
-    ``fly_to_folder``. A complete mission is left alone. With ``from_sound_lines`` a journal that is damaged
-    in the middle is set aside and the lines before the damage are gone on from.
+    from outside flew goes on with that, from where it is now; ``camera``, ``operator`` and ``say`` are as in
+    ``fly_to_folder``, and only what is new is said. A complete mission is left alone. With
+    ``from_sound_lines`` a journal that is damaged in the middle is set aside and the lines before the damage
+    are gone on from.
 
     Raises UserError when there is no mission, it still flies, its journal is damaged, or what it was begun
     with is not what there is now.
@@ -77,9 +79,9 @@ def resume_folder(
         with closing(mission.sensor):
             _refuse_other_parts(folder, begun, setup_of(mission, begun["threads"]))
             if vehicle is None:
-                _fly_again(folder, mission, journal, watch)
+                _fly_again(folder, mission, journal, watch, say)
             else:
-                _fly_on(folder, mission, journal, watch, operator)
+                _fly_on(folder, mission, journal, watch, operator, say)
         return finish(folder, started)
 
 
@@ -113,14 +115,19 @@ def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[s
             )
 
 
-def _fly_again(folder: Path, mission: Mission, journal: FileJournal, watch: Watch | None) -> None:
+def _fly_again(folder: Path, mission: Mission, journal: FileJournal, watch: Watch | None, say: Say) -> None:
     if isinstance(mission.sensor, ImagingSensor):
         mission.sensor.recall(recorded_answers(journal.records))
-    fly_in(folder, mission, ReplayJournal(journal, journal.records[1:]), watch)
+    fly_in(folder, mission, journal, watch, again=journal.records[1:], say=say)
 
 
 def _fly_on(
-    folder: Path, mission: Mission, journal: FileJournal, watch: Watch | None, operator: Operator
+    folder: Path,
+    mission: Mission,
+    journal: FileJournal,
+    watch: Watch | None,
+    operator: Operator,
+    say: Say,
 ) -> None:
     mission = restored(mission, journal)
     last_s = float(journal.records[-1]["t"])
@@ -130,7 +137,7 @@ def _fly_on(
             journal.write(last_s, "landed")
         journal.write(last_s, _END, reason="completed" if "finished" in kinds else "broken off")
     else:
-        fly_in(folder, mission, journal, watch, operator, journal.records)
+        fly_in(folder, mission, journal, watch, operator, journal.records, say=say)
 
 
 def _nothing_begun(folder: Path) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from skysweep.errors import UserError
 from skysweep.experiments.single import GIVEN_DETECTOR, SETUP, Watch, finish, fly_in, setup_of
 from skysweep.mission.build import build_mission, make_detector
-from skysweep.mission.journal import FileJournal, line_of
+from skysweep.mission.journal import FileJournal
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
@@ -52,7 +52,8 @@ def fly_on_ros(
     """Fly one mission with everything on topics; write its run folder and return its summary.
 
     ``changes`` are to the scenario's fields; ``arguments`` ROS arguments, whose parameters win over
-    ``settings``. Raises UserError, before take-off, on what is not there or not as it should be.
+    ``settings``. ``say`` takes what a watcher waits for, as in ``fly_to_folder``. Raises UserError, before
+    take-off, on what is not there or not as it should be.
     """
     with closing(Link("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
@@ -88,14 +89,15 @@ def fly_on_ros(
             watch(state, mode, new)
             pace.keep(state.time_s)
 
-        journal = _PublishedJournal(folder / JOURNAL_FILE, face.note)
+        journal = FileJournal(folder / JOURNAL_FILE)
+        journal.listeners.append(face.note)
         with closing(mission.sensor), closing(journal):
             if not settings.autostart:
                 say(f"waiting for {link.node.get_fully_qualified_name()}/start")
                 face.wait_for_start()
             started = time.perf_counter()
             journal.write(0.0, SETUP, **setup_of(mission, _DETECTOR_THREADS) | given)
-            fly_in(folder, mission, journal, watch_all, face.operator)
+            fly_in(folder, mission, journal, watch_all, face.operator, say=say)
             summary = finish(folder, started)
         face.end(summary["end_reason"])
         return summary
@@ -127,19 +129,6 @@ def _parts(
         finder = RosDetector(link, detector, scenario.target_classes, scenario.detector.confidence_min)
     vehicle = RosPoseVehicle(embedded_vehicle(scenario, seed), link, pose) if pose else None
     return vehicle, eye, finder
-
-
-class _PublishedJournal(FileJournal):
-    """A journal whose lines are also told to ``note``."""
-
-    def __init__(self, path: Path, note: Callable[[Mapping[str, Any]], None]) -> None:
-        super().__init__(path)
-        self._note = note
-
-    def write(self, time_s: float, kind: str, **fields: Any) -> None:
-        """Append one line and tell it."""
-        super().write(time_s, kind, **fields)
-        self._note(line_of(time_s, kind, fields))
 
 
 def _parameters(link: Link, settings: Settings) -> Settings:

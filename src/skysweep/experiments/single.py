@@ -15,8 +15,9 @@ from skysweep.errors import UserError
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
 from skysweep.mission.loop import Mission, Operator, fly
-from skysweep.mission.resume import RecordedSensor
+from skysweep.mission.resume import RecordedSensor, ReplayJournal
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, PICTURES, Run, load_run
 from skysweep.scenarios.files import with_paths_beside, write_scenario
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 SETUP = "setup"  # kind of a journal's first line
 GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it
 Watch = Callable[[VehicleState, str, Detections | None], None]
+Say = Callable[[str], None]
 
 
 def fly_to_folder(
@@ -47,10 +49,12 @@ def fly_to_folder(
     camera: Camera | None = None,
     operator: Operator = lambda: None,
     detector: Detector | None = None,
+    say: Say = lambda _words: None,
 ) -> dict[str, Any]:
     """Fly one mission, write its run folder and return its summary.
 
-    ``vehicle``, ``camera``, ``detector`` and ``operator`` are as in ``build_mission`` and ``fly``.
+    ``vehicle``, ``camera``, ``detector`` and ``operator`` are as in ``build_mission`` and ``fly``; ``say``
+    takes a sentence for each find and alarm as it is made.
 
     Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
     was full: then the vehicle has come home, and ``resume_folder`` goes on when there is room.
@@ -71,7 +75,7 @@ def fly_to_folder(
             _refuse_flown(out, journal.records)
             write_scenario(scenario, out / CONFIG_FILE)
             journal.write(0.0, SETUP, **setup)
-            fly_in(out, mission, journal, watch, operator)
+            fly_in(out, mission, journal, watch, operator, say=say)
             return finish(out, started)
 
 
@@ -93,21 +97,29 @@ def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical
 def fly_in(
     folder: Path,
     mission: Mission,
-    journal: Journal,
+    journal: FileJournal,
     watch: Watch | None,
     operator: Operator = lambda: None,
     before: Sequence[Mapping[str, Any]] = (),
+    again: Sequence[Mapping[str, Any]] = (),
+    say: Say = lambda _words: None,
 ) -> None:
-    """Fly a mission whose run folder is made; ``before`` is as in ``fly``.
+    """Fly a mission whose run folder is made; ``before`` is as in ``fly``, ``say`` as in ``fly_to_folder``.
+
+    ``again`` are the lines that it writes first because it is flown again, and that the journal holds.
 
     Raises UserError when the disk was full; the vehicle has come home then.
     """
     from skysweep.experiments.pictures import PictureBook
 
+    notes: Journal = ReplayJournal(journal, again) if again else journal
+    announcer = Announcer(mission.scenario, journal.records, say)
     if isinstance(mission.sensor, ImagingSensor):
-        journal = PictureBook(journal, folder / PICTURES, mission.sensor, mission.ground_at_m, before)
-        mission = replace(mission, sensor=RecordedSensor(mission.sensor, journal))
-    fly(mission, journal, watch or (lambda _state, _mode, _new: None), operator, before)
+        notes = book = PictureBook(notes, folder / PICTURES, mission.sensor, mission.ground_at_m, before)
+        announcer = Announcer(mission.scenario, journal.records, say, book.picture_of)
+        mission = replace(mission, sensor=RecordedSensor(mission.sensor, notes))
+    journal.listeners.append(announcer.hear)
+    fly(mission, notes, watch or (lambda _state, _mode, _new: None), operator, before)
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  {resume_command(folder)}  "

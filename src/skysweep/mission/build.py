@@ -100,6 +100,7 @@ def build_mission(
         cover_altitude_agl_m,
         yaw_from_heading(plan.heading_deg),
         world.terrain.height_at_m,
+        exposures,
         replays,
     )
 

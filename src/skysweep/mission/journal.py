@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -36,7 +36,7 @@ class FileJournal:
     """Appends to a run folder's journal; every line but states and looks is fsynced.
 
     When the disk takes no more, ``failed`` says so, what is there stays sound and nothing more is written.
-    ``set_aside`` is for a damaged one, see ``LineFile``.
+    ``set_aside`` is for a damaged one, see ``LineFile``. Each of ``listeners`` is told every new line.
 
     Raises UserError where the journal cannot be written, is being written, or is damaged.
     """
@@ -45,6 +45,7 @@ class FileJournal:
 
     def __init__(self, path: Path, set_aside: Path | None = None) -> None:
         self.path = path
+        self.listeners: list[Callable[[Mapping[str, Any]], None]] = []
         self._file = LineFile(path, _remedy(path), set_aside)
 
     @property
@@ -54,12 +55,14 @@ class FileJournal:
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Append one line. Numbers are rounded to a tenth of a millimetre or a tenth of a millisecond."""
-        if self.failed is not None:
-            return
-        try:
-            self._file.append(line_of(time_s, kind, fields), sync=kind not in _UNHURRIED)
-        except UserError as error:
-            self.failed = str(error)
+        line = line_of(time_s, kind, fields)
+        if self.failed is None:
+            try:
+                self._file.append(line, sync=kind not in _UNHURRIED)
+            except UserError as error:
+                self.failed = str(error)
+        for listener in self.listeners:
+            listener(line)
 
     def cut(self, n_lines: int) -> None:
         """Keep only the first of ``records``."""

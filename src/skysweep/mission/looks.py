@@ -11,12 +11,14 @@ import shapely
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.schedule import Exposures
 from skysweep.types import XY, Detections, VehicleState
 
 F64 = NDArray[np.float64]
 
 _STRAIGHT_M = 2.0  # a flown path is told in legs that are this near to it
 _CLOCK_SLACK_S = 0.5  # a picture from a later future is a wrong clock
+_LOOKS_EACH = 2  # at each place, at least, when looks are rare
 _REMEMBERED = 64  # looks, to know one that comes twice
 
 
@@ -24,16 +26,17 @@ class Looks:
     """Takes every answer of the sensor and the track flown meanwhile.
 
     A stretch of a SCAN is blind when no look that was exposed on it was answered, and it took longer than a
-    look does and ``safety.detector_silent_s``.
+    look does and ``safety.detector_silent_s``. While the sensor keeps a lower rate than usual, looks take
+    longer, and blind is also what lay in no picture.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, exposures: Exposures, cover_altitude_agl_m: float) -> None:
         camera, safety = scenario.camera, scenario.safety
-        period_s = 1.0 / min(scenario.detector.rate_hz, camera.rate_hz)
-        self.usual_age_s = camera.latency_s + camera.pose_delay_s + period_s
-        self.silent_age_s = self.usual_age_s + safety.detector_silent_s
-        self.dead_age_s = self.usual_age_s + safety.detector_dead_s
-        self._longest_gap_s = period_s + safety.detector_silent_s
+        self._exposures = exposures
+        self._latency_s = camera.latency_s
+        self._silent_s, self._dead_s = safety.detector_silent_s, safety.detector_dead_s
+        self._along_m = camera.lens.footprint_m(cover_altitude_agl_m)[1]
+        self._scan_speed_mps = scenario.search.scan_speed_mps
         self.newest_s = -math.inf  # exposure of the newest look that was answered
         self._excused_s = -math.inf
         self._pose_delay_s = camera.pose_delay_s
@@ -43,6 +46,50 @@ class Looks:
         self._track: deque[tuple[float, F64, bool]] = deque()
         self._blind: list[tuple[XY, XY]] = []
         self.failure = ""  # of the newest look that was no answer
+
+    @property
+    def usual_age_s(self) -> float:
+        """How old the newest answered look becomes when all is well."""
+        period_s = self._exposures.period_s
+        answer_s = max(self._latency_s, period_s) if self.are_rare else self._latency_s
+        return answer_s + self._pose_delay_s + period_s
+
+    @property
+    def silent_age_s(self) -> float:
+        """From this age on the detector is silent."""
+        return self.usual_age_s + self._silent_s
+
+    @property
+    def dead_age_s(self) -> float:
+        """From this age on the search is over."""
+        return self.usual_age_s + self._dead_s
+
+    @property
+    def rate_hz(self) -> float:
+        """Looks a second that the sensor keeps."""
+        return 1.0 / self._exposures.period_s
+
+    @property
+    def usual_rate_hz(self) -> float:
+        """Looks a second that the scenario asks for."""
+        return 1.0 / self._exposures.usual_period_s
+
+    @property
+    def are_rare(self) -> bool:
+        """Whether the sensor cannot keep its usual rate."""
+        return self._exposures.period_s > self._exposures.usual_period_s
+
+    @property
+    def scan_speed_mps(self) -> float:
+        """The scan's speed; while looks are rare, at most that at which each place lies in two pictures."""
+        if not self.are_rare:
+            return self._scan_speed_mps
+        return min(self._scan_speed_mps, self._along_m / (_LOOKS_EACH * self._exposures.period_s))
+
+    @property
+    def scan_is_slowed(self) -> bool:
+        """Whether the scan is slower than planned, because looks are rare."""
+        return self.scan_speed_mps < self._scan_speed_mps
 
     def begin(self, time_s: float) -> None:
         """Looking begins now."""
@@ -60,7 +107,7 @@ class Looks:
             return False
         self._recent.append(exposed_s)
         if exposed_s > self.newest_s:
-            if exposed_s - self.newest_s > self._longest_gap_s:
+            if exposed_s - self.newest_s > self._longest_gap_s():
                 self._note_blind(self.newest_s, exposed_s)
             self.newest_s = exposed_s
             self._forget_track()
@@ -96,6 +143,10 @@ class Looks:
         """Legs that turned out, since the last call, to be flown blind."""
         legs, self._blind = tuple(self._blind), []
         return legs
+
+    def _longest_gap_s(self) -> float:
+        usual_s, now_s = self._exposures.usual_period_s, self._exposures.period_s
+        return self._silent_s + max(usual_s, min(now_s, self._along_m / self.scan_speed_mps - self._silent_s))
 
     def _note_blind(self, since_s: float, until_s: float) -> None:
         path: list[XY] = []

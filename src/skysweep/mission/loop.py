@@ -18,6 +18,7 @@ from skysweep.mission.looks import Looks
 from skysweep.mission.notes import Notes
 from skysweep.mission.safety import CHECK_PERIOD_S, Action, Alarm, Guard, Phase
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.schedule import Exposures
 from skysweep.types import (
     XY,
     Command,
@@ -62,6 +63,7 @@ class Mission:
     cover_altitude_agl_m: float
     yaw_rad: float
     ground_at_m: Callable[[float, float], float]  # height at east and north
+    exposures: Exposures  # of the sensor
     replays: bool = True  # flown again it does the same; else snapshots are taken of it
 
     @property
@@ -108,7 +110,7 @@ class _Flight:
         self._m, self._watch, self._operator, self._before = mission, watch, operator, before
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
-        self._looks = Looks(scenario)
+        self._looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
         self._fence = Fence(scenario)
         self._router = Router(self._fence)
         energy = ReturnEnergy(
@@ -224,7 +226,7 @@ class _Flight:
                 return _ALL_WELL
             self._note(observation, command.events)
             if not self._refuses(observation, command) and command.waypoint is not None:
-                m.vehicle.command(self._setpoint(state, command.waypoint))
+                m.vehicle.command(self._setpoint(state, self._paced(command.mode, command.waypoint)))
             state = self._pass_time(state, command.mode, detections)
 
     def _return(self) -> None:
@@ -320,6 +322,12 @@ class _Flight:
             if alarm is not None:
                 self._notes.safety(seen.time_s, alarm)
         return self._refused
+
+    def _paced(self, mode: str, waypoint: Waypoint) -> Waypoint:
+        """A SCAN is no faster than the looks allow."""
+        if mode != "SCAN" or not self._looks.scan_is_slowed:
+            return waypoint
+        return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: the height above the highest of the ground here and soon."""

@@ -33,6 +33,8 @@ OVER = {
     "position lost": "The position is known again.",
     "position jump": "The position has jumped back.",
     "detector silent": "The detector answers again.",
+    "detector slow": "The detector keeps its rate again.",
+    "scan slowed": "The scan is as fast as planned again.",
     "wind": "The wind has dropped.",
     "operator": "The operator lets it go on.",
     "taken over": "The vehicle was given back.",
@@ -94,6 +96,7 @@ class Guard:
             found.append(Alarm(Action.HOLD, "operator", "The operator holds the vehicle."))
         if phase == "RETURN":
             found += self._progress_home(state, now_s, bool(found))
+        found += self._rate()
         if phase != "SEARCH":
             return tuple(found)
         if self._word == "return":
@@ -168,6 +171,7 @@ class Guard:
             or state.position_std_m > limits.position_std_max_m
             or state.battery_remaining < limits.battery_low
             or not limits.altitude_min_agl_m < altitude_agl_m < limits.altitude_max_agl_m
+            or self._looks.are_rare
             or self._looks.age_s(state.time_s) > self._looks.silent_age_s
             or math.hypot(*wind_xy(state)) > limits.wind_max_mps
         )
@@ -237,6 +241,15 @@ class Guard:
             if self._looks.failure:
                 sentence += f" ({self._looks.failure})"
             yield Alarm(Action.RETURN if dead else Action.CONTINUE, "detector silent", f"{sentence}.")
+
+    def _rate(self) -> Iterator[Alarm]:
+        looks = self._looks
+        if looks.are_rare:
+            managed = f"{looks.rate_hz:.2g} looks a second of {looks.usual_rate_hz:.2g}"
+            yield Alarm(Action.CONTINUE, "detector slow", f"The detector manages {managed}.")
+        if looks.scan_is_slowed:
+            sentence = f"The scan slows down to {looks.scan_speed_mps:.1f} m/s, to leave nothing unseen."
+            yield Alarm(Action.CONTINUE, "scan slowed", sentence)
 
     def _wind(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         speed_mps = math.hypot(*wind_xy(state))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import Future
@@ -15,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.schedule import Exposures, Pace
 from skysweep.types import Camera, Detections, Detector, Frame, VehicleState
 
 _EPS_S = 1e-6
@@ -63,7 +64,8 @@ class ImagingSensor:
     ``camera`` is what it looks through; ``last_look`` the newest frame that was answered, with the answer.
 
     ``patience_s`` is how long, in wall time, a due answer is waited for. With 0, for vehicles whose time does
-    not wait, it is handed on when it is there, and no picture is taken while one is late.
+    not wait, it is handed on when it is there, no picture is taken while one is late, and ``exposures``
+    become rarer while looks take longer than their period.
     """
 
     def __init__(
@@ -80,6 +82,10 @@ class ImagingSensor:
         self._latency_s = latency_s
         self._patience_s = patience_s
         self._usual_patience_s = patience_s
+        self._pace = Pace(exposures)
+        self._timed_s = -math.inf  # exposure of the newest look whose time was taken
+        self._answered_s = -math.inf  # when it was answered
+        self._seen_s = -math.inf  # the newest state
         self._pending: deque[tuple[Frame, Future[Detections]]] = deque()
         self._recalled: deque[Answer] = deque()
         self.last_look: tuple[Frame, Detections] | None = None
@@ -101,6 +107,8 @@ class ImagingSensor:
 
         Raises DetectorError where the detector failed on that picture, or did not answer.
         """
+        if self._patience_s == 0.0:
+            self._time_looks(state.time_s)
         believed = self._exposures.due(state)
         if believed is not None and not self._is_late(state):
             exposed = state._replace(camera=believed)
@@ -144,6 +152,17 @@ class ImagingSensor:
                     answer.set_result(_sound(self._detector.detect(frame)))
                 except Exception as error:
                     answer.set_exception(error)
+
+    def _time_looks(self, now_s: float) -> None:
+        """Tell the pace how long the looks took that were answered since the last time."""
+        for frame, answer in self._pending:
+            if frame.time_s > self._timed_s and answer.done():
+                begun_s = max(frame.time_s, self._answered_s)
+                self._answered_s = 0.5 * (max(self._seen_s, begun_s) + now_s)
+                if answer.exception() is None:
+                    self._pace.took(self._answered_s - begun_s)
+                self._timed_s = frame.time_s
+        self._seen_s = now_s
 
     def _is_due(self, state: VehicleState) -> bool:
         return bool(self._pending) and state.time_s >= self._pending[0][0].time_s + self._latency_s - _EPS_S

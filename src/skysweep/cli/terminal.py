@@ -1,0 +1,87 @@
+"""A terminal that a mission writes to without ever waiting for it."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from queue import Full, Queue
+from threading import Thread
+from typing import Any, TextIO
+
+_HELD = 256  # pieces of output that may wait for their reader
+_DRAIN_S = 2.0
+
+
+@contextmanager
+def unblocked() -> Iterator[None]:
+    """Standard output and error drop what nobody reads instead of blocking whoever writes it.
+
+    At the end of the block, what still waits has two seconds to be read.
+    """
+    with ExitStack() as stack:
+        for stream, redirect in ((sys.stdout, redirect_stdout), (sys.stderr, redirect_stderr)):
+            valve = _valve_of(stream)
+            if valve is not None:
+                stack.callback(valve.drain)
+                unbuffered: Any = valve
+                text = io.TextIOWrapper(unbuffered, stream.encoding, "backslashreplace", line_buffering=True)
+                stack.callback(text.flush)
+                stack.enter_context(redirect(text))
+        yield
+
+
+def printable(text: str) -> str:
+    """A text from outside, such as a class name, without what would steer the terminal."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+class _Valve(io.RawIOBase):
+    """Passes bytes to a file descriptor in a thread of its own; they are lost while too many wait."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._waiting: Queue[bytes | None] = Queue(_HELD)
+        Thread(target=self._pass_on, name="terminal", daemon=True).start()
+
+    def write(self, data: Any) -> int:
+        """Never waits."""
+        with suppress(Full):
+            self._waiting.put_nowait(bytes(data))
+        return len(data)
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return os.isatty(self._descriptor)
+
+    def drain(self) -> None:
+        """Give what waits a little time, and end."""
+        with suppress(Full):
+            self._waiting.put_nowait(None)
+        done = self._waiting.all_tasks_done
+        with done:
+            done.wait_for(lambda: self._waiting.unfinished_tasks == 0, _DRAIN_S)
+
+    def _pass_on(self) -> None:
+        """Straight to the descriptor: a lock of ``sys.stderr`` held here would hang the program's end."""
+        while (data := self._waiting.get()) is not None:
+            with suppress(OSError):  # the terminal was closed
+                while data:
+                    data = data[os.write(self._descriptor, data) :]
+            self._waiting.task_done()
+        self._waiting.task_done()
+
+
+def _valve_of(stream: TextIO | None) -> _Valve | None:
+    """None where there is no file behind the stream."""
+    try:
+        return _Valve(stream.fileno()) if stream is not None else None
+    except (OSError, ValueError):
+        return None

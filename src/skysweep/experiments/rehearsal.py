@@ -1,0 +1,85 @@
+"""How often this computer takes a picture and looks at it, before a flight depends on that."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose
+from skysweep.mission.build import build_mission
+from skysweep.mission.looks import Looks
+from skysweep.mission.loop import Mission
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import build_terrain
+from skysweep.types import Camera, Vehicle, VehicleState
+from skysweep.vehicles.px4_preflight import Check
+
+if TYPE_CHECKING:
+    from skysweep.sensing.render import Backend
+
+_WARM_UP_S = 20.0  # for the first answer, at most
+_MEASURED_S = 5.0
+_ENOUGH = 0.8  # of the rate: the first and the last look may lie outside
+
+
+def rehearse(
+    scenario: Scenario, vehicle: Vehicle, camera: Camera | None, renderer: Backend, threads: int
+) -> Check:
+    """Look for some seconds of the vehicle's time, as in flight; what came of it. Closes the camera.
+
+    Without a ``camera`` what is rendered is the middle of the area, from the height of the scan.
+    """
+    mission = build_mission(scenario, 0, "imaging", renderer, threads, _Above(vehicle, scenario), camera)
+    looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
+    with closing(mission.sensor):
+        try:
+            rate_hz = _answers_hz(mission)
+        except UserError:
+            raise
+        except Exception as error:
+            return Check("detector", False, f"camera or detector fails: {error}")
+    if rate_hz == 0.0:
+        return Check("detector", False, "does not answer; look after the camera, or take a smaller model")
+    if rate_hz >= _ENOUGH * looks.usual_rate_hz:
+        return Check("detector", True, f"{looks.usual_rate_hz:.2g} looks a second")
+    mission.exposures.period_s = max(mission.exposures.period_s, 1.0 / rate_hz)
+    said = f"this computer manages {looks.rate_hz:.2g} looks a second of {looks.usual_rate_hz:.2g}"
+    if looks.scan_is_slowed:
+        return Check("detector", None, f"{said}; the scan slows down to {looks.scan_speed_mps:.1f} m/s")
+    return Check("detector", None, f"{said}; enough to cover the area, but targets are seen less often")
+
+
+def _answers_hz(mission: Mission) -> float:
+    """Answers a second, after the first, which takes longer."""
+    tick_s = 1.0 / mission.scenario.camera.rate_hz
+
+    def answers() -> bool:
+        found = mission.sensor.sense(mission.vehicle.state())
+        mission.vehicle.advance(tick_s)
+        return found is not None
+
+    if not any(answers() for _ in range(round(_WARM_UP_S / tick_s))):
+        return 0.0
+    return sum(answers() for _ in range(round(_MEASURED_S / tick_s))) / _MEASURED_S
+
+
+class _Above:
+    """A vehicle as if it hovered above the middle of the area, at the height of the scan."""
+
+    def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
+        self._vehicle = vehicle
+        self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
+        self.takeoff, self.land = vehicle.takeoff, vehicle.land
+        middle = scenario.area_enu_m.representative_point()
+        ground_m = build_terrain(scenario).height_at_m(middle.x, middle.y)
+        height_m = ground_m + scenario.search.scan_altitude_agl_m
+        self._position_enu_m = np.array([middle.x, middle.y, height_m])
+
+    def state(self) -> VehicleState:
+        """The vehicle's, but for the place."""
+        state, place = self._vehicle.state(), self._position_enu_m
+        camera = CameraPose(place, state.camera.R_camera_to_enu)
+        return state._replace(position_enu_m=place, velocity_enu_mps=np.zeros(3), camera=camera)

@@ -1,0 +1,69 @@
+"""What is told of a mission while it flies: finds, what stayed unchecked, and what safety does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from skysweep.results.exports import found_targets
+from skysweep.results.run_folder import Run
+from skysweep.results.wording import clock, safety_words
+from skysweep.scenarios.model import Scenario
+
+Record = Mapping[str, Any]
+
+_TOLD_OF = ("sighting", "scanned", "confirmed", "rejected", "unchecked")  # lines about one candidate
+
+
+class Announcer:
+    """Hears the lines of a journal as they are written; says a sentence for each that a watcher waits for.
+
+    ``before`` are the journal's earlier lines: known, and not said again. ``picture_of`` gives the picture of
+    the candidate that was confirmed just now, or None.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        before: Iterable[Record],
+        say: Callable[[str], None],
+        picture_of: Callable[[int], Path | None] = lambda _candidate: None,
+    ) -> None:
+        self._scenario, self._say, self._picture_of = scenario, say, picture_of
+        self._records = [r for r in before if r["kind"] in _TOLD_OF]
+
+    def hear(self, record: Record) -> None:
+        """One line of the journal."""
+        kind = record["kind"]
+        if kind in _TOLD_OF:
+            self._records.append(record)
+        if kind == "confirmed":
+            self._say(self._found(record))
+        elif kind == "unchecked":
+            self._say(self._unchecked(record))
+        elif kind in ("safety", "unsearched"):
+            self._say(safety_words(record))
+
+    def _found(self, record: Record) -> str:
+        target = next(t for t in found_targets(self._run) if t.candidate == record["candidate"])
+        words = f"found {target.name} at {self._place(record)}"
+        if target.confidence is not None:
+            words += f", confidence {target.confidence:.2f}"
+        words += f", {clock(float(record['t']))} after take-off"
+        picture = self._picture_of(target.candidate)
+        return words if picture is None else f"{words}, picture {picture}"
+
+    def _unchecked(self, record: Record) -> str:
+        candidate = record["candidate"]
+        names = {c.id: c.class_name for c in self._run.candidates}
+        return f"not checked: candidate {candidate} ({names[candidate]}) at {self._place(record)}"
+
+    @property
+    def _run(self) -> Run:
+        return Run(self._scenario, tuple(self._records))
+
+    def _place(self, record: Record) -> str:
+        latitude, longitude, _ = self._scenario.frame.geodetic_from_enu(record["p"])[0]
+        east_m, north_m, _ = record["p"]
+        return f"{latitude:.7f}, {longitude:.7f} (E {east_m:.1f} m, N {north_m:.1f} m)"
