@@ -288,6 +288,8 @@ class _Flight:
 
     def _of_the_area(self, seen: Observation) -> Observation:
         """What the strategy is told: nothing of candidates that are not to be checked."""
+        if not seen.sightings:
+            return seen
         inside = tuple(s for s in seen.sightings if self._is_searched(seen.candidates[s.candidate_id]))
         return seen if len(inside) == len(seen.sightings) else seen._replace(sightings=inside)
 

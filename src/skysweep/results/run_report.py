@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.mission.safety import OUTSIDE
 from skysweep.results.exports import FoundTarget, found_targets
 from skysweep.results.html import Grid, Section, picture, write_page
 from skysweep.results.metrics import MATCH_DISTANCE_M, Summary, horizontal_distance_m, match
@@ -58,6 +59,8 @@ def _run_lead(run: Run, s: Summary) -> str:
     )
     if s["n_checked"]:
         text += f", {s['false_scans']} of {s['n_checked']} checks for nothing"
+    if s["collisions"]:
+        text += f". The vehicle ran into {s['collisions']} obstacle{'s' * (s['collisions'] > 1)}"
     if not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
     return f"{text}."
@@ -75,6 +78,8 @@ def _tiles(s: Summary) -> list[tuple[str, str]]:
     ]
     if s["scan_only_time_s"] is not None:
         tiles.insert(1, (clock(s["scan_only_time_s"]), "a scan alone would take"))
+    if s["min_clearance_m"] is not None:
+        tiles.append((f"{s['min_clearance_m']:.1f} m", "nearest to an obstacle"))
     if s["energy_wh"] is not None:
         tiles.append((f"{s['energy_wh']:.1f} Wh", "energy"))
     if s["median_localisation_error_m"] is not None:
@@ -92,6 +97,7 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         height = scanning["p"][2] - run.world.terrain.height_m([scanning["p"][:2]])[0]
         steps.append((run.since_start(scanning), f"At {height:.0f} m above ground: the search begins."))
     check: list[Any] | None = None
+    outside: list[float] = []
     started_s = 0.0
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
@@ -99,6 +105,8 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             check, started_s = [], time_s
         elif kind in ("safety", "unsearched"):
             steps.append((time_s, safety_words(record)))
+        elif kind == "unchecked" and record.get("reason") == OUTSIDE and check is None:
+            outside.append(time_s)
         elif kind in ("confirmed", "rejected", "unchecked"):
             if check is None:
                 steps.append((time_s, _verdicts([record], names)))
@@ -119,6 +127,8 @@ def _timeline(run: Run, found: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
             steps.append((time_s, f"The mission ended early: {record['reason']}."))
+    if outside:
+        steps.append((outside[0], f"Seen outside the area and left unchecked: {len(outside)}."))
     if not run.events("end"):
         steps.append((run.last_s, "The journal ends here: the mission was broken off."))
     return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
@@ -187,11 +197,13 @@ def _found_section(run: Run, found: Sequence[FoundTarget]) -> Section:
 def _unchecked_grid(run: Run, records: Sequence[Any]) -> Grid:
     places = run.scenario.frame.geodetic_from_enu([r["p"] for r in records])
     rows = [
-        (f"candidate {r['candidate']}", f"{p[0]:.7f}", f"{p[1]:.7f}")
+        (f"candidate {r['candidate']}", f"{p[0]:.7f}", f"{p[1]:.7f}", r.get("reason", "the search ended"))
         for r, p in zip(records, places, strict=True)
     ]
     return Grid(
-        ("Unchecked", "Latitude (°)", "Longitude (°)"), rows, "Candidates that were not checked: have a look"
+        ("Unchecked", "Latitude (°)", "Longitude (°)", "Why"),
+        rows,
+        "Candidates that were not checked: have a look",
     )
 
 

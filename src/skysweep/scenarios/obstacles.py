@@ -36,6 +36,7 @@ BODY_RADIUS_M = 0.3  # of the vehicle: what is nearer to its centre is touched
 _EAVES_M = 0.4
 _CROWN_FROM = 0.35  # of a tree's height
 _STATION_M = 0.5  # between two places where a leg is looked at
+_GROUND_STATION_M = 1.0
 _TRACK_STEP_M = 0.1
 _NEAR_PLACE_M = 1.5  # of a line of sight that hides nothing: the place is not known better
 
@@ -58,6 +59,7 @@ class Obstacles:
             length, width = b.size_m
             rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, z + b.height_m + width / 2))
         self.solids = np.array(rows, dtype=float).reshape(-1, 9)
+        self._relief_m = float(np.ptp(terrain.heights_m))
 
     @property
     def exist(self) -> bool:
@@ -99,7 +101,14 @@ class Obstacles:
         if terrain.is_flat:
             return aim_m, least_m
         ground_aim_m, ground_least_m = _ground_along(
-            terrain.heights_m, terrain.bounds_enu_m, *here, *to, keep_m, near_m, slope
+            terrain.heights_m,
+            terrain.bounds_enu_m,
+            *here,
+            *to,
+            keep_m,
+            near_m,
+            slope,
+            near_m + self._relief_m / slope,
         )
         return max(aim_m, ground_aim_m + keep_ground_m), max(least_m, ground_least_m + keep_ground_m)
 
@@ -212,11 +221,12 @@ def _ground_along(
     beside: float,
     near: float,
     slope: float,
+    farthest: float,
 ) -> tuple[float, float]:
     length = math.hypot(to_x - x, to_y - y)
     east, north = (to_x - x) / max(length, 1e-9), (to_y - y) / max(length, 1e-9)
-    stations = int(min(length, near + 2.0 * np.ptp(heights) / slope) / (2.0 * _STATION_M)) + 2
-    step = length / (stations - 1) if length < (stations - 1) * 2.0 * _STATION_M else 2.0 * _STATION_M
+    stations = int(min(length, farthest) / _GROUND_STATION_M) + 2
+    step = min(length / (stations - 1), _GROUND_STATION_M)
     points = np.empty((3 * stations, 2))
     for k in range(stations):
         for i in range(3):
@@ -250,16 +260,19 @@ def _hides(solids: F64, place: F64, eye: F64) -> bool:
 
 @njit(cache=True)
 def _write_clearances(clearances: F64, solids: F64, track: F64) -> None:
-    """Of each solid; a leg is looked at where it may come nearer than any place before."""
+    """Of each solid; a step is looked at where it may come nearer than any place before."""
+    last = len(track) - 1
     for n in range(len(solids)):
-        solid, best = solids[n], np.inf
+        solid, best, reach = solids[n], np.inf, _reach(solids[n])
         for k in range(len(track)):
             x, y, z = track[k]
+            to = min(k + 1, last)
+            dx, dy, dz = track[to, 0] - x, track[to, 1] - y, track[to, 2] - z
+            step = math.sqrt(dx * dx + dy * dy + dz * dz)
+            far = best + reach + step
+            if (x - solid[0]) ** 2 + (y - solid[1]) ** 2 > far * far:
+                continue
             distance = math.hypot(_beside(solid, x, y), max(z - solid[8], 0.0))
-            step = 0.0
-            if k + 1 < len(track):
-                dx, dy, dz = track[k + 1] - track[k]
-                step = math.sqrt(dx * dx + dy * dy + dz * dz)
             best = min(best, distance)
             s = _TRACK_STEP_M
             while distance - step < best and s < step:
