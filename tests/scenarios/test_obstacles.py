@@ -29,6 +29,7 @@ place = st.tuples(st.floats(0, 100), st.floats(0, 100))
 height = st.floats(0, 20)
 
 
+@settings(deadline=None)
 @given(place, st.floats(0, 10))
 def test_tops_are_found_within_a_distance_of_their_outlines(xy, distance_m):
     known = obstacles()

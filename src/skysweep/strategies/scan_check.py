@@ -19,6 +19,8 @@ Where the paper is silent, this is how we read it (each line has a test):
 - In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
   confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
   for ``look_s``, two looks from there were answered, and it was not confirmed.
+- Where a candidate is looked at from elsewhere (``Observation.lookout``), that place counts instead: it is
+  confirmed by a sighting from there, rejected when the vehicle was there for as long.
 - A candidate that must not be flown to (``Observation.refused``) leaves C as unchecked: it is reported, and
   it is not scanned again. Legs that were flown blind are put at the end of F.
 """
@@ -134,12 +136,15 @@ class ScanCheck:
 
     def _is_there(self, seen: Observation, candidate_id: int, lookout: Waypoint | None) -> bool:
         """Whether the vehicle is above a candidate at h_C, or at the place that it is looked at from."""
-        place = lookout or self._waypoint_of(seen, candidate_id)
+        if lookout is not None:
+            (x, y), altitude_agl_m = lookout.xy_enu_m, lookout.altitude_agl_m
+        else:
+            x, y, _ = seen.candidates[candidate_id].position_enu_m.tolist()
+            altitude_agl_m = self._search.check_altitude_agl_m
         vehicle_x, vehicle_y, _ = seen.vehicle.position_enu_m.tolist()
-        x, y = place.xy_enu_m
         return (
             math.hypot(vehicle_x - x, vehicle_y - y) <= CHECK_ACCEPTANCE_M
-            and seen.altitude_agl_m <= place.altitude_agl_m + ALTITUDE_TOLERANCE_M
+            and seen.altitude_agl_m <= altitude_agl_m + ALTITUDE_TOLERANCE_M
         )
 
     def _settle(
@@ -160,14 +165,11 @@ class ScanCheck:
     def _waypoint(self, seen: Observation) -> Waypoint | None:
         s = self._search
         if self._mode == "CHECK":
-            return self._waypoint_of(seen, self._to_check[0])
+            x, y, _ = seen.candidates[self._to_check[0]].position_enu_m.tolist()
+            return Waypoint((x, y), s.check_altitude_agl_m, s.check_speed_mps, to_look=True)
         if self._to_scan:
             return Waypoint(self._left_xy or self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps)
         return None
-
-    def _waypoint_of(self, seen: Observation, candidate_id: int) -> Waypoint:
-        x, y, _ = seen.candidates[candidate_id].position_enu_m.tolist()
-        return Waypoint((x, y), self._search.check_altitude_agl_m, self._search.check_speed_mps, to_look=True)
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as plain data."""
