@@ -59,6 +59,8 @@ def _value(spec: dict[str, Any]) -> str:
         return f"list of {_value(spec['items'])}"
     if spec["type"] == "string":
         return "text"
+    if spec["type"] == "boolean":
+        return "`true`, `false`"
     return {"number": "number", "integer": "whole number"}[spec["type"]] + _range(spec)
 
 
@@ -78,6 +80,8 @@ def _default(spec: dict[str, Any]) -> str:
         return "none"
     if default == "":
         return "empty"
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
     return f"`{default:g}`" if isinstance(default, float) else f"`{default}`"
 
 

@@ -111,7 +111,8 @@ class Observation(NamedTuple):
     candidates: dict[int, Candidate]  # all that the tracker keeps, by id
     looked_s: float | None = math.inf  # exposure of the look answered since the last step; None: none was
     unsearched: tuple[tuple[XY, XY], ...] = ()  # legs that turned out, since then, to be flown blind
-    refused: bool = False  # the waypoint of the last command: too dangerous, do not ask for it again
+    refused: str = ""  # why the waypoint of the last command is not flown to; do not ask for it again
+    lookout: Waypoint | None = None  # where that waypoint is looked at from, where not from itself
 
     @property
     def time_s(self) -> float:
@@ -135,6 +136,7 @@ class Waypoint(NamedTuple):
     xy_enu_m: XY
     altitude_agl_m: float
     speed_mps: float  # horizontal
+    to_look: bool = False  # flown to for what is seen there: the vehicle may be sent beside it or higher
 
 
 class Command(NamedTuple):

@@ -43,6 +43,9 @@ class Watched:
         self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
         self.guard = Guard(s, self.fence, self.energy, self.looks)
 
+    def refusal(self, seen, waypoint):
+        return self.guard.refusal(seen, 30.0, waypoint, waypoint)
+
     def __call__(self, seen, agl=30.0, phase="SEARCH"):
         return {a.cause: a.action for a in self.guard.alarms(seen, agl, phase)}
 
@@ -92,15 +95,74 @@ def test_far_from_home_the_way_back_is_reserved():
     assert Watched()(state(x=2000.0, battery_remaining=0.3)) == {"return energy": Action.RETURN}
 
 
-def test_a_check_that_would_eat_the_reserve_is_refused():
-    guard = Watched().guard
-    far = Command("CHECK", Waypoint((400.0, 0.0), 4.0, 1.0))
-    assert guard.refusal(state(battery_remaining=0.9), 30.0, far) is None
-    alarm = Watched().guard.refusal(state(battery_remaining=0.3), 30.0, far)
+@pytest.mark.parametrize("to_look", [True, False])
+def test_a_waypoint_that_would_eat_the_reserve_is_refused_whatever_it_is_for(to_look):
+    far = Waypoint((400.0, 0.0), 4.0, 1.0, to_look)
+    outside = {"safety": {"check_outside_area": True}}
+    assert Watched(**outside).refusal(state(battery_remaining=0.9), far) is None
+    alarm = Watched(**outside).refusal(state(battery_remaining=0.3), far)
     assert (alarm.action, alarm.cause) == (Action.REFUSE_CHECK, "return energy")
     assert "400 m east" in alarm.sentence
-    scan = Command("SCAN", Waypoint((400.0, 0.0), 30.0, 5.0))
-    assert Watched().guard.refusal(state(battery_remaining=0.3), 30.0, scan) is None
+    faster = Waypoint((400.0, 0.0), 30.0, 5.0)
+    assert Watched().refusal(state(battery_remaining=0.3), faster) is None
+
+
+def test_the_energy_of_a_waypoint_counts_the_climb_and_the_way_round():
+    wall = [[90.0, -100.0], [110.0, -100.0], [110.0, 100.0], [90.0, 100.0]]
+    low, high = Waypoint((150.0, 0.0), 30.0, 5.0), Waypoint((150.0, 0.0), 90.0, 5.0)
+    straight, round_it = Watched().energy, Watched(safety={"no_fly_enu_m": [wall]}).energy
+    assert straight.waypoint_wh(state(), 30.0, high) - straight.waypoint_wh(state(), 30.0, low) == (
+        pytest.approx(190 * 60.0 / 3.0 / 3600.0)
+    )
+    there_wh = [
+        e.waypoint_wh(state(), 30.0, low) - e.home_wh((150, 0), 30.0, (0, 0)) for e in (straight, round_it)
+    ]
+    assert there_wh[1] > 1.5 * there_wh[0]
+
+
+def test_a_place_is_judged_again_when_its_altitude_changes():
+    guard = Watched()
+    place = Waypoint((50.0, 50.0), 5.0, 1.0)
+    assert guard.refusal(state(), place) is None
+    assert guard.refusal(state(), place._replace(altitude_agl_m=0.4)).cause == "altitude"
+    assert guard.refusal(state(), place) is None
+    assert guard.refusal(state(), place._replace(xy_enu_m=(51.0, 50.0))) is None
+
+
+def test_what_was_allowed_once_is_not_asked_again_on_the_way_there():
+    guard, place = Watched(), Waypoint((200.0, 0.0), 5.0, 1.0)
+    assert guard.refusal(state(battery_remaining=0.9), place) is None
+    assert guard.refusal(state(battery_remaining=0.2), place) is None
+    assert Watched().refusal(state(battery_remaining=0.2), place).cause == "return energy"
+
+
+@pytest.mark.parametrize(
+    ("floor_m", "altitude_m", "refused"), [(2.0, 2.0, False), (2.0, 1.9, True), (4.0, 3.9, True)]
+)
+def test_nothing_goes_below_the_floor_of_descents(floor_m, altitude_m, refused):
+    watched = Watched(safety={"descent_floor_agl_m": floor_m})
+    alarm = watched.refusal(state(), Waypoint((50.0, 50.0), altitude_m, 1.0))
+    assert (alarm is not None and alarm.cause == "altitude") == refused
+
+
+POND = {"area": {**BASE["area"], "holes_enu_m": [[[90, 90], [110, 90], [110, 110], [90, 110]]]}}
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "outside"),
+    [(50.0, 50.0, False), (100.0, 100.0, True), (150.0, 230.0, True), (200.5, 50.0, False)],
+)
+def test_candidates_outside_the_area_or_in_its_holes_are_refused(x, y, outside):
+    to_look, to_scan = Waypoint((x, y), 5.0, 1.0, to_look=True), Waypoint((x, y), 30.0, 5.0)
+    alarm = Watched(**POND).refusal(state(), to_look)
+    assert (alarm is not None and alarm.cause == "outside the area") == outside
+    assert Watched(**POND).refusal(state(), to_scan) is None
+    assert Watched(**POND, safety={"check_outside_area": True}).refusal(state(), to_look) is None
+
+
+def test_a_place_that_nothing_sees_is_refused():
+    alarm = Watched().guard.refusal(state(), 30.0, Waypoint((50.0, 50.0), 5.0, 1.0, to_look=True), None)
+    assert (alarm.action, alarm.cause) == (Action.REFUSE_CHECK, "no clear view")
 
 
 @pytest.mark.parametrize(
@@ -117,9 +179,9 @@ def test_setpoints_are_checked_before_they_are_sent(waypoint, cause):
         "geofence_enu_m": [[-10, -10], [210, -10], [210, 210], [-10, 210]],
         "safety": {"no_fly_enu_m": [[[100, 100], [110, 100], [110, 110], [100, 110]]]},
     }
-    guard = Watched(**fenced).guard
-    assert guard.refusal(state(), 30.0, Command("SCAN", waypoint)).cause == cause
-    assert guard.refusal(state(), 30.0, Command("SCAN", Waypoint((50.0, 50.0), 30.0, 5.0))) is None
+    guard = Watched(**fenced)
+    assert guard.refusal(state(), waypoint).cause == cause
+    assert guard.refusal(state(), Waypoint((50.0, 50.0), 30.0, 5.0)) is None
 
 
 @pytest.mark.parametrize(("x", "alarmed"), [(204.0, False), (214.0, False), (216.0, True)])
@@ -218,25 +280,25 @@ def test_a_candidate_in_a_no_fly_area_is_reported_and_not_flown_to():
     assert reason == "completed"
     unchecked = [line["p"] for line in lines if line["kind"] == "unchecked"]
     assert min(math.dist(p[:2], (45, 12)) for p in unchecked) < 2.0
+    assert {line["reason"] for line in lines if line["kind"] == "unchecked"} == {"geofence"}
     assert [line for line in lines if line["kind"] == "confirmed"] == []
     flown_xy = np.array([line["p"] for line in lines if line["kind"] == "state"])
     inside = (abs(flown_xy[:, 0] - 45) < 5) & (abs(flown_xy[:, 1] - 12) < 5)
     assert not inside.any()
 
 
-def test_a_strategy_that_insists_on_a_refused_waypoint_hovers_until_the_way_home_is_due():
+def test_a_strategy_that_insists_on_a_refused_waypoint_ends_the_search():
     class Stubborn:
         def step(self, observation):
             return Command("SCAN", Waypoint((500.0, 0.0), 30.0, 5.0))
 
-    scenario = Scenario.model_validate(
-        SMALL | {"geofence_enu_m": [[-9, -9], [69, -9], [69, 49], [-9, 49]], "vehicle": {"battery_wh": 20.0}}
-    )
+    scenario = Scenario.model_validate(SMALL | {"geofence_enu_m": [[-9, -9], [69, -9], [69, 49], [-9, 49]]})
     mission = replace(build_mission(scenario, 0, "statistical"), strategy=Stubborn())
     journal = MemoryJournal()
-    assert fly(mission, journal) == "return energy"
+    assert fly(mission, journal) == "geofence"
     told = [(line["cause"], line["action"]) for line in journal.lines if line["kind"] == "safety"]
-    assert told == [("geofence", "REFUSE_CHECK"), ("return energy", "RETURN")]
+    assert told == [("geofence", "REFUSE_CHECK"), ("geofence", "RETURN")]
+    assert journal.lines[-1]["t"] < 60.0
 
 
 def test_the_way_to_a_candidate_and_home_leads_round_a_no_fly_area():
@@ -261,6 +323,10 @@ def test_a_path_over_a_no_fly_area_is_refused_on_the_ground():
         ({"safety": {"no_fly_enu_m": [[[0, 0], [1, 1]]]}}, "at least 3 corners"),
         ({"safety": {"no_fly_enu_m": [[[-9, -9], [0, -9], [0, 0], [-9, 0]]]}}, "move home"),
         ({"search": {"scan_altitude_agl_m": 130.0}}, "altitude_max_agl_m"),
+        (
+            {"safety": {"descent_floor_agl_m": 5.0}},
+            r"search\.check_altitude_agl_m: is 4; write at least safety\.descent_floor_agl_m \(5\), or lower",
+        ),
     ],
 )
 def test_scenarios_that_cannot_be_flown_safely(changes, message):

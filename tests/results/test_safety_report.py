@@ -34,6 +34,51 @@ def test_refused_checks_and_unchecked_places_are_in_the_report(tmp_path):
     assert "All transects flown, all reachable candidates checked" in text
 
 
+def run_among_trees(*records):
+    tree = {"position_enu_m": [30, 20], "height_m": 12, "crown_radius_m": 3}
+    scenario = Scenario.model_validate(
+        {
+            "name": "wood",
+            "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]},
+            "trees": [tree],
+            "targets": [{"class": "stop sign", "position_enu_m": [45, 12]}],
+        }
+    )
+    states = [
+        {"t": t, "kind": "state", "p": [x, 20, 6], "mode": "CHECK"} for t, x in ((0, 0), (1, 20), (2, 25.5))
+    ]
+    start = {"t": 0, "kind": "start", "seed": 0}
+    return Run(scenario, (start, *states, *records))
+
+
+def test_what_the_simulator_saw_of_obstacles_is_in_summary_and_report(tmp_path):
+    seen = {"t": 3, "kind": "clearance", "collisions": 2, "min_clearance_m": 0.1}
+    run = run_among_trees(seen)
+    summary = compute_summary(run)
+    assert (summary["collisions"], summary["min_clearance_m"]) == (2, 0.1)
+    (tmp_path / "map.png").write_bytes(b"")
+    text = write_run_report(run, summary, tmp_path).read_text("utf-8")
+    assert "The vehicle ran into 2 obstacles." in text
+    assert "nearest to an obstacle" in text
+
+
+def test_without_a_simulator_the_clearance_is_that_of_the_believed_track(tmp_path):
+    summary = compute_summary(run_among_trees())
+    assert (summary["collisions"], summary["min_clearance_m"]) == (0, 1.5)
+
+
+def test_candidates_outside_the_area_are_one_line_of_what_happened(tmp_path):
+    left = [
+        {"t": 3, "kind": "unchecked", "candidate": k, "p": [99, 9, 0], "reason": "outside the area"}
+        for k in (4, 5)
+    ]
+    run = run_among_trees(*left)
+    (tmp_path / "map.png").write_bytes(b"")
+    text = write_run_report(run, compute_summary(run), tmp_path).read_text("utf-8")
+    assert "2 candidates left unchecked" in text
+    assert text.count("<td>It lies outside the area that is searched.</td>") == 2
+
+
 def test_every_action_has_its_words():
     line = {"kind": "safety", "cause": "wind", "sentence": "The wind blows at 12 m/s."}
     told = {

@@ -19,8 +19,15 @@ def warnings_of(**sections: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", list_scenarios())
-def test_shipped_scenarios_give_none(name):
-    assert warnings_for(load_scenario(name)) == []
+def test_shipped_scenarios_give_none_but_for_checks_among_trees_and_houses(name):
+    shares = {"person-wilderness": "12%", "buildings": "41%"}
+    warnings = warnings_for(load_scenario(name))
+    assert len(warnings) == (name in shares)
+    for warning in warnings:
+        assert (
+            f"in {shares[name]} of the area trees or buildings are nearer than 2 m to a check at 6 m"
+            in warning
+        )
 
 
 def test_too_high_for_the_camera_tells_the_pixels_and_the_altitude_that_gives_twelve():
@@ -46,16 +53,31 @@ CASES = {
         "targets[0]: lies outside the area at [50, 120]",
     ),
     "target in a building": (
-        {"buildings": "[{position_enu_m: [55, 50], size_m: [8, 14], yaw_deg: 90}]"},
+        {"buildings": "[{position_enu_m: [50.4, 50], size_m: [1.4, 1.8], yaw_deg: 90}]"},
         "targets[0]: lies inside a building",
     ),
     "building too high": (
-        {"buildings": "[{position_enu_m: [10, 10], height_m: 28}]"},
+        {"buildings": "[{position_enu_m: [-20, 10], height_m: 28}]"},
         "a building may reach 32 m, above the scan at 30 m; scan from 37 m",
     ),
     "forest too high": (
-        {"forests": "[{trees_per_hectare: 5, height_m: [20, 31]}]"},
+        {
+            "forests": "[{trees_per_hectare: 5, height_m: [20, 31], "
+            "polygon_enu_m: [[-50, 0], [-10, 0], [-10, 40]]}]"
+        },
         "a forest may reach 31 m, above the scan at 30 m",
+    ),
+    "tree too near to the scan": (
+        {"trees": "[{position_enu_m: [-20, 10], height_m: 29}]"},
+        "a tree may reach 29 m, nearer than safety.clearance_m (2 m) to the scan at 30 m; scan from 34 m",
+    ),
+    "check among trees": (
+        {"trees": "[{position_enu_m: [50, 50], height_m: 9, crown_radius_m: 10}]"},
+        "safety.clearance_m: in 5% of the area trees or buildings are nearer than 2 m to a check at 4 m",
+    ),
+    "home below a tree": (
+        {"trees": "[{position_enu_m: [-4, 0], height_m: 9, crown_radius_m: 2.5}]"},
+        "home.position_enu_m: trees or buildings are nearer than safety.clearance_m (2 m) to take-off",
     ),
     "faster than the vehicle": (
         {"vehicle": "{cruise_speed_mps: 4}"},
@@ -69,6 +91,13 @@ CASES = {
 def test_each_cause_has_its_warning(sections, expected):
     (warning,) = warnings_of(**sections)
     assert expected in warning
+
+
+def test_trees_that_a_check_is_high_above_are_nothing_to_warn_of():
+    low = "[{position_enu_m: [50, 50], height_m: 1.9, crown_radius_m: 10}]"
+    assert warnings_of(trees=low) == []
+    assert len(warnings_of(trees=low.replace("1.9", "2.1"))) == 1
+    assert len(warnings_of(trees=low, safety="{clearance_m: 3}")) == 1
 
 
 def test_generated_targets_count_as_targets():

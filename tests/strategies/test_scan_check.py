@@ -9,7 +9,7 @@ from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import Search
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.scan_check import ScanCheck
-from skysweep.types import Candidate, Observation, Sighting, VehicleState
+from skysweep.types import Candidate, Observation, Sighting, VehicleState, Waypoint
 
 H_S, H_C = 30.0, 4.0
 F = [(0.0, 0.0), (100.0, 0.0), (100.0, 30.0)]
@@ -311,13 +311,70 @@ def test_a_refused_candidate_is_unchecked_and_the_next_one_is_checked():
     p.put(1, 20, 0)
     p.put(2, 30, 0)
     assert p.at(10, 0, sees=[1, 2]).waypoint.xy_enu_m == (20.0, 0.0)
-    command = p.at(10, 0, refused=True)
+    command = p.at(10, 0, refused="geofence")
     assert kinds(command) == ["unchecked"]
     assert command.waypoint.xy_enu_m == (30.0, 0.0)
-    command = p.at(10, 0, refused=True)
+    command = p.at(10, 0, refused="geofence")
     assert kinds(command) == ["unchecked", "scan_resumed"]
     assert command.mode == "SCAN"
     assert kinds(p.at(10, 0, sees=[1, 2])) == [], "it is not asked for again"
+
+
+def test_a_refusal_that_comes_with_the_verdict_does_not_count_for_the_next_one():
+    p = Player(n_c=2)
+    p.put(1, 20, 0)
+    p.put(2, 30, 0)
+    p.at(10, 0, sees=[1, 2])
+    command = p.at(10, 0, z=H_C, sees=[1], confidence=0.9, refused="geofence")
+    assert kinds(command) == ["confirmed"]
+    assert command.waypoint.xy_enu_m == (30.0, 0.0)
+
+
+BESIDE = Waypoint((23.0, 0.0), 9.0, 1.0, to_look=True)
+
+
+def test_a_candidate_is_flown_to_for_what_is_seen_there():
+    p = Player(n_c=1)
+    p.put(1, 20, 0)
+    assert p.at(10, 0, sees=[1]).waypoint.to_look
+    assert not Player().at(10, 0).waypoint.to_look
+
+
+def test_from_a_lookout_a_candidate_is_confirmed_at_its_height_but_not_on_the_way_there():
+    p = Player(n_c=1)
+    p.put(1, 20, 0)
+    p.at(10, 0, sees=[1])
+    assert kinds(p.at(15, 0, z=9.0, sees=[1], confidence=0.9, lookout=BESIDE)) == []
+    assert kinds(p.at(23, 0, z=9.0, lookout=BESIDE)) == []
+    command = p.at(23, 0, z=9.0, sees=[1], confidence=0.9, lookout=BESIDE)
+    assert kinds(command) == ["confirmed", "scan_resumed"]
+
+
+def test_at_that_height_it_is_not_confirmed_without_a_lookout():
+    p = Player(n_c=1)
+    p.put(1, 20, 0)
+    p.at(10, 0, sees=[1])
+    for _ in range(3):
+        assert kinds(p.at(20, 0, z=9.0, sees=[1], confidence=0.9)) == []
+
+
+@pytest.mark.parametrize(("x", "z", "rejected"), [(23.0, 9.0, True), (20.0, 9.0, False), (23.0, 12.0, False)])
+def test_a_rejection_needs_looks_from_the_lookout(x, z, rejected):
+    p = Player(n_c=1, look_s=1.0)
+    p.put(1, 20, 0)
+    p.at(10, 0, sees=[1])
+    told = [kind for _ in range(15) for kind in kinds(p.at(x, 0, z=z, lookout=BESIDE))]
+    assert ("rejected" in told) == rejected
+
+
+def test_the_lookout_of_one_candidate_is_not_that_of_the_next():
+    p = Player(n_c=2, look_s=1.0)
+    p.put(1, 20, 0)
+    p.put(2, 23, 0)
+    p.at(10, 0, sees=[1, 2])
+    p.at(23, 0, z=9.0, lookout=BESIDE)
+    assert kinds(p.at(23, 0, z=9.0, sees=[1], confidence=0.9, lookout=BESIDE)) == ["confirmed"]
+    assert [kind for _ in range(15) for kind in kinds(p.at(23, 0, z=9.0))] == []
 
 
 def test_a_candidate_is_not_rejected_before_two_looks_from_above_were_answered():

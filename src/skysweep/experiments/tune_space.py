@@ -148,6 +148,8 @@ def _without_warning(scenario: Scenario, field: str, values: Sequence[float]) ->
             break
         if field == H_S and value <= scenario.search.check_altitude_agl_m:
             continue
+        if field == H_C and value < scenario.safety.descent_floor_agl_m:
+            continue
         if not any(w.startswith(field) for w in warnings_for(change_scenario(scenario, {field: value}))):
             kept.append(value)
     return kept

@@ -13,8 +13,10 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.loop import Mission
+from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import Obstacles
 from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.model_files import existing_model_file
 from skysweep.sensing.schedule import Exposures
@@ -62,6 +64,11 @@ def build_mission(
         vehicle = Multirotor(
             scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed
         )
+    obstacles = Obstacles(world.terrain, world.trees, world.buildings)
+    simulated = getattr(vehicle, "carrier", vehicle)
+    witness = None
+    if isinstance(simulated, Multirotor) and obstacles.exist:
+        witness = Witness(lambda: simulated.true_position_enu_m, obstacles)
     eye = _eye(vehicle)
     camera_model = scenario.camera
     detector_rate_hz = min(scenario.detector.rate_hz, camera_model.rate_hz)
@@ -101,6 +108,8 @@ def build_mission(
         yaw_from_heading(plan.heading_deg),
         world.terrain.height_at_m,
         exposures,
+        obstacles,
+        witness,
         replays,
     )
 

@@ -1,4 +1,4 @@
-"""What the way home costs from anywhere, and a CHECK before it.
+"""What the way home costs from anywhere, and a waypoint before it.
 
 Times as in ``planning/flight_plan.py``; speed over ground is what the wind leaves of the air speed; power
 grows with the thrust that drag asks for (momentum theory: thrust to the power of 1.5).
@@ -31,19 +31,22 @@ class ReturnEnergy:
         """From a place: the climb to the return altitude, the way and the landing. inf: no way home."""
         climb_s = max(0.0, self._altitude_agl_m - altitude_agl_m) / self._vehicle.climb_speed_mps
         upright_wh = self._power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
-        way = self._fence.way(xy, self._home)
-        speed_mps = self._vehicle.cruise_speed_mps
-        legs = zip([xy, *way], way, strict=False)
-        return upright_wh + sum(self._leg_wh(a, b, speed_mps, wind_xy_mps) for a, b in legs)
+        return upright_wh + self._way_wh(xy, self._home, self._vehicle.cruise_speed_mps, wind_xy_mps)
 
-    def check_wh(self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint) -> float:
-        """From here: go to the waypoint, come down, look twice, and come home from there."""
+    def waypoint_wh(self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint) -> float:
+        """From here: go to the waypoint, up or down, look twice, and come home from there."""
         x, y, _ = state.position_enu_m.tolist()
         wind = wind_xy(state)
-        down_s = max(0.0, altitude_agl_m - waypoint.altitude_agl_m) / self._vehicle.descent_speed_mps
-        there_wh = self._leg_wh((x, y), waypoint.xy_enu_m, waypoint.speed_mps, wind)
-        there_wh += self._power_w(math.hypot(*wind)) * (down_s + self._look_s) / 3600.0
+        up_m = waypoint.altitude_agl_m - altitude_agl_m
+        speed_mps = self._vehicle.climb_speed_mps if up_m > 0.0 else self._vehicle.descent_speed_mps
+        upright_s = abs(up_m) / speed_mps + self._look_s
+        there_wh = self._way_wh((x, y), waypoint.xy_enu_m, waypoint.speed_mps, wind)
+        there_wh += self._power_w(math.hypot(*wind)) * upright_s / 3600.0
         return there_wh + self.home_wh(waypoint.xy_enu_m, waypoint.altitude_agl_m, wind)
+
+    def _way_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
+        way = self._fence.way(start, end)
+        return sum(self._leg_wh(a, b, speed_mps, wind) for a, b in zip([start, *way], way, strict=False))
 
     def _leg_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
         east, north = end[0] - start[0], end[1] - start[1]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skysweep.scenarios.advice import localisation_std_m
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
 
@@ -20,10 +22,14 @@ _REACHED_M = 2.0  # PX4 NAV_ACC_RAD
 
 
 class Fence:
-    """The geofence without the no-fly areas. Without either of them everything is inside."""
+    """The geofence without the no-fly areas and what is too high to be flown over.
 
-    def __init__(self, scenario: Scenario) -> None:
-        forbidden = shapely.union_all([shapely.Polygon(c) for c in scenario.safety.no_fly_enu_m])
+    Without any of them everything is inside.
+    """
+
+    def __init__(self, scenario: Scenario, too_high: Sequence[shapely.Polygon] = ()) -> None:
+        no_fly = [shapely.Polygon(corners) for corners in scenario.safety.no_fly_enu_m]
+        forbidden = shapely.union_all([*no_fly, *too_high])
         self.exists = scenario.geofence_enu_m is not None or not forbidden.is_empty
         if not self.exists:
             return
@@ -96,6 +102,20 @@ class Fence:
         if not best[1]:
             return []
         return [*((float(x), float(y)) for x, y in self._corners[list(best[1])]), goal]
+
+
+class SearchedArea:
+    """Where candidates are checked: the area without its holes, by as much wider as they may be misplaced."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        misplaced_m = 2.0 * localisation_std_m(scenario, scenario.search.scan_altitude_agl_m)
+        self._everywhere = scenario.safety.check_outside_area
+        self._area = scenario.area_enu_m.buffer(misplaced_m)
+        shapely.prepare(self._area)
+
+    def covers(self, xy: XY) -> bool:
+        """Whether a candidate there is checked."""
+        return self._everywhere or bool(shapely.intersects_xy(self._area, *xy))
 
 
 class Router:

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.mission.clearance import Clearance, too_high
 from skysweep.mission.energy import ReturnEnergy, wind_xy
-from skysweep.mission.fence import Fence, Router
+from skysweep.mission.fence import Fence, Router, SearchedArea
 from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.notes import Notes
 from skysweep.mission.safety import CHECK_PERIOD_S, Action, Alarm, Guard, Phase
+from skysweep.mission.witness import Witness
 from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import Obstacles
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import (
     XY,
+    Candidate,
     Command,
     Detections,
     Event,
@@ -64,6 +68,8 @@ class Mission:
     yaw_rad: float
     ground_at_m: Callable[[float, float], float]  # height at east and north
     exposures: Exposures  # of the sensor
+    obstacles: Obstacles  # that are known
+    witness: Witness | None = None  # of where a simulated vehicle really was
     replays: bool = True  # flown again it does the same; else snapshots are taken of it
 
     @property
@@ -111,8 +117,10 @@ class _Flight:
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
         self._looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
-        self._fence = Fence(scenario)
+        self._fence = Fence(scenario, too_high(scenario, mission.obstacles))
         self._router = Router(self._fence)
+        self._clearance = Clearance(scenario, mission.obstacles, self._fence, mission.yaw_rad)
+        self._searched = SearchedArea(scenario)
         energy = ReturnEnergy(
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
@@ -121,8 +129,9 @@ class _Flight:
         self._next_check_s = 0.0
         self._mode = "TAKEOFF"
         self._holding = False
-        self._asked: tuple[str, Waypoint | None] | None = None
-        self._refused = False
+        self._asked: Waypoint | None = None  # by the strategy
+        self._flown_to: Waypoint | None = None  # instead: it itself, or where it is looked at from
+        self._refusal: Alarm | None = None
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the last setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
         self._left_xy: XY | None = None  # where the search was at its last step
@@ -142,7 +151,8 @@ class _Flight:
             if not self._fence.way(home, (x, y)):
                 raise UserError(
                     f"safety.no_fly_enu_m: the path's waypoint [{x:.1f}, {y:.1f}] cannot be flown to; cut "
-                    "the no-fly area out of the search area (area.holes_enu_m), or widen geofence_enu_m"
+                    "the no-fly area, or what is higher than safety.altitude_max_agl_m, out of the search "
+                    "area (area.holes_enu_m), or widen geofence_enu_m"
                 )
 
     def fly(self) -> str:
@@ -154,12 +164,14 @@ class _Flight:
         if end is _ALL_WELL:
             end = self._search()
         state = self._m.vehicle.state()
+        candidates = self._m.tracker.candidates()
         if end is not _ALL_WELL:
-            self._notes.left_behind(state.time_s, self._m.tracker.candidates(), self._looks.blind_legs())
+            self._notes.left_behind(state.time_s, candidates, self._looks.blind_legs())
+        self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end.action < Action.LAND:
             self._return()
         self._land()
-        self._notes.end(self._m.vehicle.state().time_s, end.cause)
+        self._notes.end(self._m.vehicle.state().time_s, end.cause, self._m.witness)
         return end.cause
 
     # ---- the four parts of a mission; each returns what ended it early -----------------------------------
@@ -213,7 +225,7 @@ class _Flight:
                 state = self._pass_time(state, self._mode, detections)
                 continue
             observation = self._observation(state, detections)
-            command = m.strategy.step(observation)
+            command = m.strategy.step(self._of_the_area(observation))
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
             if command.waypoint is None and self._looks.are_due(state.time_s, done_s):
@@ -225,8 +237,9 @@ class _Flight:
                 self._watch(state, command.mode, detections)
                 return _ALL_WELL
             self._note(observation, command.events)
-            if not self._refuses(observation, command) and command.waypoint is not None:
-                m.vehicle.command(self._setpoint(state, self._paced(command.mode, command.waypoint)))
+            end = self._fly_to(observation, command)
+            if end is not _ALL_WELL:
+                return end
             state = self._pass_time(state, command.mode, detections)
 
     def _return(self) -> None:
@@ -302,8 +315,20 @@ class _Flight:
             self._m.tracker.candidates(),
             None if detections is None else detections.time_s,
             self._looks.blind_legs(),
-            self._refused,
+            self._refusal.cause if self._refusal is not None else "",
+            self._flown_to if self._flown_to is not self._asked else None,
         )
+
+    def _of_the_area(self, seen: Observation) -> Observation:
+        """What the strategy is told: nothing of candidates that are not to be checked."""
+        if not seen.sightings:
+            return seen
+        inside = tuple(s for s in seen.sightings if self._is_searched(seen.candidates[s.candidate_id]))
+        return seen if len(inside) == len(seen.sightings) else seen._replace(sightings=inside)
+
+    def _is_searched(self, candidate: Candidate) -> bool:
+        x, y, _ = candidate.position_enu_m.tolist()
+        return self._searched.covers((x, y))
 
     def _note(self, seen: Observation, events: tuple[Event, ...]) -> None:
         if not (seen.sightings or seen.unsearched or events):
@@ -312,16 +337,28 @@ class _Flight:
         if not self._m.replays:
             self._notes.snapshot(seen.time_s, self._m.strategy, self._m.tracker)
 
-    def _refuses(self, seen: Observation, command: Command) -> bool:
-        """Whether the waypoint must not be flown to; asked once for each."""
-        asked = (command.mode, command.waypoint)
-        if asked != self._asked:
-            self._asked = asked
-            alarm = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, command)
-            self._refused = alarm is not None
-            if alarm is not None:
-                self._notes.safety(seen.time_s, alarm)
-        return self._refused
+    def _fly_to(self, seen: Observation, command: Command) -> Alarm:
+        """Send the vehicle there, unless it must not go; judged once for each waypoint.
+
+        A strategy that is told and asks for the same again has nothing left to do: that ends the search.
+        """
+        waypoint = command.waypoint
+        if waypoint is None:
+            return _ALL_WELL
+        if waypoint != self._asked:
+            self._asked = waypoint
+            self._flown_to = self._clearance.lookout(waypoint) if waypoint.to_look else waypoint
+            self._refusal = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, waypoint, self._flown_to)
+            if self._refusal is not None:
+                self._notes.safety(seen.time_s, self._refusal)
+        elif self._refusal is not None:
+            end = replace(self._refusal, action=Action.RETURN)
+            self._notes.safety(seen.time_s, end)
+            return end
+        if self._refusal is None and self._flown_to is not None:
+            paced = self._paced(command.mode, self._flown_to)
+            self._m.vehicle.command(self._setpoint(seen.vehicle, paced))
+        return _ALL_WELL
 
     def _paced(self, mode: str, waypoint: Waypoint) -> Waypoint:
         """A SCAN is no faster than the looks allow."""
@@ -337,7 +374,8 @@ class _Flight:
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
-        asked = (to_x, to_y, ground + waypoint.altitude_agl_m, waypoint.speed_mps)
+        place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
+        asked = (*place, waypoint.speed_mps)
         if self._sent is None or self._sent[0] != asked:
             self._sent = asked, Setpoint(np.array(asked[:3]), waypoint.speed_mps, self._m.yaw_rad)
         return self._sent[1]
@@ -376,6 +414,8 @@ class _Flight:
         self._notes.state(state, mode)
         self._watch(state, mode, detections)
         self._m.vehicle.advance(self._tick_s)
+        if self._m.witness is not None:
+            self._m.witness.see(mode)
         return self._m.vehicle.state()
 
     def _altitude_agl_m(self, state: VehicleState) -> float:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skysweep.mission.journal import Journal
-from skysweep.mission.safety import OVER, Action, Alarm
+from skysweep.mission.safety import OUTSIDE, OVER, Action, Alarm
+from skysweep.mission.witness import Witness
 from skysweep.types import XY, Candidate, Event, Observation, Strategy, Tracker, VehicleState
 
 if TYPE_CHECKING:
@@ -89,6 +90,8 @@ class Notes:
                 fields["candidate"] = event.candidate_id
                 fields["p"] = event.position_enu_m
                 fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
+            if event.kind == "unchecked":
+                fields["reason"] = seen.refused
             self._journal.write(seen.time_s, event.kind, **fields)
 
     def state(self, state: VehicleState, mode: str) -> None:
@@ -130,17 +133,24 @@ class Notes:
         """What a mission that ends early did not do: candidates scanned or seen again, legs flown blind."""
         self._unsearched(time_s, blind, again=False)
         for k, candidate in candidates.items():
-            if k not in self._settled and (k in self._listed or len(candidate.confidences) > 1):
-                self._journal.write(
-                    time_s,
-                    "unchecked",
-                    candidate=k,
-                    p=candidate.position_enu_m,
-                    covariance_m2=candidate.covariance_m2,
-                )
+            if k in self._listed or len(candidate.confidences) > 1:
+                self._unchecked(time_s, candidate)
 
-    def end(self, time_s: float, reason: str) -> None:
-        """Landed, and why the search ended."""
+    def left_outside(self, time_s: float, candidates: Sequence[Candidate]) -> None:
+        """Candidates that no mission checks, as they lie outside the area."""
+        for candidate in candidates:
+            self._unchecked(time_s, candidate, reason=OUTSIDE)
+
+    def _unchecked(self, time_s: float, candidate: Candidate, **why: str) -> None:
+        if candidate.id not in self._settled:
+            self._settled.add(candidate.id)
+            place = {"p": candidate.position_enu_m, "covariance_m2": candidate.covariance_m2}
+            self._journal.write(time_s, "unchecked", candidate=candidate.id, **place, **why)
+
+    def end(self, time_s: float, reason: str, witness: Witness | None) -> None:
+        """Landed, why the search ended, and what a simulator saw of obstacles."""
+        if witness is not None:
+            self._journal.write(time_s, "clearance", **witness.saw())
         self._journal.write(time_s, "landed")
         self._journal.write(time_s, "end", reason=reason)
 

@@ -13,10 +13,10 @@ from enum import IntEnum
 from typing import Literal
 
 from skysweep.mission.energy import ReturnEnergy, wind_xy
-from skysweep.mission.fence import Fence
+from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.scenarios.model import Scenario
-from skysweep.types import XY, Command, VehicleState
+from skysweep.types import VehicleState, Waypoint
 
 Phase = Literal["TAKEOFF", "SEARCH", "RETURN"]
 
@@ -28,6 +28,7 @@ _LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 
 
+OUTSIDE = "outside the area"  # cause
 OVER = {
     "telemetry silent": "Telemetry is back.",
     "position lost": "The position is known again.",
@@ -73,7 +74,8 @@ class Guard:
         self._last: tuple[float, float, float, float, float] | None = None  # time, position, velocity
         self._jumped_m = (0.0, 0.0)
         self._nearest_home: tuple[float, float] | None = None  # metres, since
-        self._allowed: tuple[str, XY] | None = None  # mode and place of the newest waypoint let through
+        self._allowed: Waypoint | None = None  # the newest that was let through
+        self._searched = SearchedArea(scenario)
         self._x = self._y = math.inf
         self._energy_due_s = 0.0
 
@@ -125,34 +127,45 @@ class Guard:
         if word is not None:
             self._word = None if word == "continue" else word
 
-    def refusal(self, state: VehicleState, altitude_agl_m: float, command: Command) -> Alarm | None:
-        """Why the waypoint of a command must not be flown to. What was allowed once is not asked again."""
-        waypoint = command.waypoint
-        if waypoint is None or self._was_allowed(command.mode, waypoint.xy_enu_m):
+    def refusal(
+        self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
+    ) -> Alarm | None:
+        """Why a waypoint must not be flown to; None where it may. ``flown_to`` is the place that it is looked
+        at from, or it itself; None: there is none. What was allowed once is not asked again.
+        """
+        if flown_to is not None and self._was_allowed(flown_to):
             return None
-        here = (state.position_enu_m.item(0), state.position_enu_m.item(1))
-        cause, limits = "", self._limits
-        if not limits.altitude_min_agl_m <= waypoint.altitude_agl_m <= limits.altitude_max_agl_m:
-            cause, why = "altitude", f"{waypoint.altitude_agl_m:.1f} m above ground is not between the limits"
-        elif not self._fence.allows(waypoint.xy_enu_m):
-            cause, why = "geofence", "it lies outside the geofence or in a no-fly area"
-        elif not self._fence.way(here, waypoint.xy_enu_m):
-            cause, why = "geofence", "no way leads there inside the geofence"
-        elif command.mode == "CHECK":
-            left_wh = self._usable_wh(state)
-            needed_wh = self._energy.check_wh(state, altitude_agl_m, waypoint)
-            if needed_wh > left_wh:
-                cause = "return energy"
-                why = (
-                    f"with the way home it takes {needed_wh:.1f} Wh, and {max(left_wh, 0.0):.1f} Wh are left"
-                )
+        cause, why = self._objection(state, altitude_agl_m, waypoint, flown_to)
         if not cause:
-            self._allowed = (command.mode, waypoint.xy_enu_m)
+            self._allowed = flown_to
             return None
         x, y = waypoint.xy_enu_m
-        return Alarm(
-            Action.REFUSE_CHECK, cause, f"The place {x:.0f} m east, {y:.0f} m north is not flown to: {why}."
-        )
+        sentence = f"The place {x:.0f} m east, {y:.0f} m north is not flown to: {why}."
+        return Alarm(Action.REFUSE_CHECK, cause, sentence)
+
+    def _objection(
+        self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
+    ) -> tuple[str, str]:
+        """Its cause and the words; empty: none."""
+        if waypoint.to_look and not self._searched.covers(waypoint.xy_enu_m):
+            return OUTSIDE, "it lies outside the area that is searched"
+        if flown_to is None:
+            return "no clear view", "no place that is clear of trees and buildings sees it"
+        here, limits = (state.position_enu_m.item(0), state.position_enu_m.item(1)), self._limits
+        lowest_m = max(limits.altitude_min_agl_m, limits.descent_floor_agl_m)
+        if not lowest_m <= flown_to.altitude_agl_m <= limits.altitude_max_agl_m:
+            return "altitude", f"{flown_to.altitude_agl_m:.1f} m above ground is not between the limits"
+        if not self._fence.allows(flown_to.xy_enu_m):
+            return "geofence", "it lies outside the geofence or in a no-fly area"
+        if not self._fence.way(here, flown_to.xy_enu_m):
+            return "geofence", "no way leads there inside the geofence"
+        left_wh = self._usable_wh(state)
+        needed_wh = self._energy.waypoint_wh(state, altitude_agl_m, flown_to)
+        if needed_wh > left_wh:
+            return "return energy", (
+                f"with the way home it takes {needed_wh:.1f} Wh, and {max(left_wh, 0.0):.1f} Wh are left"
+            )
+        return "", ""
 
     def _is_calm(self, state: VehicleState, altitude_agl_m: float) -> bool:
         """A quick look that spares most looks at the rules: nothing is, was or may soon be wrong."""
@@ -269,9 +282,13 @@ class Guard:
 
     # ---- what it remembers ---------------------------------------------------------------------------
 
-    def _was_allowed(self, mode: str, xy: XY) -> bool:
+    def _was_allowed(self, waypoint: Waypoint) -> bool:
         allowed = self._allowed
-        return allowed is not None and allowed[0] == mode and math.dist(allowed[1], xy) < _MOVED_M
+        return (
+            allowed is not None
+            and allowed.altitude_agl_m == waypoint.altitude_agl_m
+            and math.dist(allowed.xy_enu_m, waypoint.xy_enu_m) < _MOVED_M
+        )
 
     def _lasting_s(self, cause: str, present: bool, now_s: float) -> float | None:
         """For how long a cause has been there; None while it is not."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skysweep.results.run_folder import CandidateStory, Run
+from skysweep.scenarios.obstacles import Obstacles, came_near
 from skysweep.scenarios.world import WorldObject
 from skysweep.sensing.occlusion import Occluders, count_seen
 
@@ -145,6 +146,7 @@ def compute_summary(
         "energy_wh": _last(run.states.energy_wh[searching]),
         "total_energy_wh": _last(run.states.energy_wh),
         "battery_remaining": _last(run.states.battery),
+        **_clearance(run),
         "area_m2": round(run.scenario.area_enu_m.area, 1),
         "area_covered": round(seen_m2 / run.scenario.area_enu_m.area, 4),
         "area_covered_m2": round(seen_m2, 1),
@@ -155,6 +157,16 @@ def compute_summary(
         summary |= dict.fromkeys(_NEEDS_TRUTH)
         summary["n_confirmed"] = sum(c.verdict == "confirmed" for c in run.candidates)
     return summary
+
+
+def _clearance(run: Run) -> dict[str, Any]:
+    """What the simulator saw; where none flew, or there is nothing but flat ground, the believed track's."""
+    seen = run.events("clearance")
+    if seen:
+        return {key: seen[-1][key] for key in ("collisions", "min_clearance_m")}
+    world, states = run.world, run.states
+    obstacles = Obstacles(world.terrain, world.trees, world.buildings)
+    return came_near(obstacles, states.position_enu_m, states.mode)
 
 
 def travelled_m(positions_enu_m: F64) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.mission.safety import OUTSIDE
 from skysweep.results.evidence import evidence
 from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
 from skysweep.results.html import Grid, Section, picture, write_page
@@ -73,6 +74,8 @@ def _run_lead(run: Run, s: Summary) -> str:
     if run.unchecked:
         n = len(run.unchecked)
         text += f", {n} candidate{'' if n == 1 else 's'} left unchecked"
+    if s["collisions"]:
+        text += f". The vehicle ran into {s['collisions']} obstacle{'s' * (s['collisions'] > 1)}"
     if run.ended and not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
     if run.damaged_line is not None:
@@ -100,6 +103,8 @@ def _tiles(s: Summary) -> list[tuple[str, str]]:
         (f"{s['path_length_m']:.0f} m", "flown"),
         (f"{s['vertical_m']:.0f} m", "up and down"),
     ]
+    if s["min_clearance_m"] is not None:
+        tiles.append((f"{s['min_clearance_m']:.1f} m", "nearest to an obstacle"))
     if s["energy_wh"] is not None:
         tiles.append((f"{s['energy_wh']:.1f} Wh", "energy"))
     if s["median_localisation_error_m"] is not None:
@@ -118,6 +123,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
     check: list[Any] | None = None
     left: dict[float, list[Any]] = {}
+    outside: list[Any] = []
     started_s = 0.0
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
@@ -125,6 +131,8 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             check, started_s = [], time_s
         elif kind in ("safety", "unsearched"):
             steps.append((time_s, safety_words(record)))
+        elif kind == "unchecked" and record.get("reason") == OUTSIDE:
+            outside.append(record)
         elif kind == "unchecked" and not _is_refused(run, record):
             left.setdefault(time_s, []).append(record)
         elif kind in ("confirmed", "rejected", "unchecked"):
@@ -147,6 +155,8 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((time_s, f"The mission ended early: {record['reason']}."))
     if check is not None:
         steps.append((started_s, _check_words(check, names, search.check_altitude_agl_m)))
+    if outside:
+        left.setdefault(run.since_start(outside[0]), []).extend(outside)
     steps += [(time_s, _left_words(run, records, names)) for time_s, records in left.items()]
     if not run.ended:
         steps.append((run.last_s, "The journal ends here: the mission was broken off, or still flies."))
@@ -202,6 +212,8 @@ def _why_unchecked(run: Run, candidate: int) -> str:
     record = next((r for r in run.events("unchecked") if r["candidate"] == candidate), None)
     if record is None:
         return "The mission had not come to it when the journal ends."
+    if record.get("reason") == OUTSIDE:
+        return "It lies outside the area that is searched."
     cause = _cause(run, record)
     return "The mission ended early." if cause is None else str(cause["sentence"])
 

@@ -8,11 +8,13 @@ from typing import Any
 from skysweep.results.html import Grid
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import BODY_RADIUS_M
 
 _ACTIONS = {
     "CONTINUE": "The mission goes on",
     "REFUSE_CHECK": "A check is refused",
     "HOLD": "The vehicle holds",
+    "KEEP_OUT": "Hands off",
     "RETURN": "The vehicle turns home",
     "LAND": "The vehicle lands where it is",
 }
@@ -85,6 +87,11 @@ def definitions() -> Grid:
         ("False positive", "A false scan that was even confirmed; duplicates of a confirmed target count."),
         ("Recall", "True targets confirmed over all true targets."),
         ("POS", "Probability of success: share of the true targets confirmed so far."),
+        (
+            "Nearest to an obstacle",
+            "Smallest distance of the vehicle's centre from trees, buildings and, in between take-off and "
+            f"landing, the ground; nearer than {BODY_RADIUS_M:g} m is a collision.",
+        ),
         (
             "Area seen",
             "Share of the area's ground that the camera saw while scanning: in its picture, and no crown or "

@@ -11,10 +11,12 @@ import shapely
 import shapely.affinity
 
 from skysweep.scenarios.model import DEFAULT_SIZE_M, Building, Scenario, TargetClass
+from skysweep.scenarios.obstacles import known_obstacles
 
 UNSEEN_BELOW_PX = 8.0  # a small detector finds next to nothing on fewer pixels
 WISHED_AT_SCAN_PX = 12.0
 WISHED_AT_CHECK_PX = 30.0  # from here on a detector tells a target from what looks like one
+_WORTH_SAYING = 0.005  # of the area
 
 
 def warnings_for(scenario: Scenario) -> list[str]:
@@ -109,12 +111,31 @@ def _about_obstacles(scenario: Scenario) -> Iterator[str]:
     tops = [("a building", b.height_m + b.size_m[1] / 2) for b in scenario.buildings]
     tops += [("a tree", t.height_m) for t in scenario.trees]
     tops += [("a forest", f.height_m[1]) for f in scenario.forests]
-    what, top_m = max(tops, key=lambda top: top[1], default=("", 0.0))
-    h_s = scenario.search.scan_altitude_agl_m
-    if top_m >= h_s:
+    if not tops:
+        return
+    what, top_m = max(tops, key=lambda top: top[1])
+    h_s, h_c = scenario.search.scan_altitude_agl_m, scenario.search.check_altitude_agl_m
+    keep_m = scenario.safety.clearance_m
+    if top_m + keep_m > h_s:
+        where = "above" if top_m >= h_s else f"nearer than safety.clearance_m ({keep_m:g} m) to"
         yield (
-            f"search.scan_altitude_agl_m: {what} may reach {top_m:g} m, above the scan at {h_s:g} m; "
-            f"scan from {math.ceil(top_m) + 5} m or higher"
+            f"search.scan_altitude_agl_m: {what} may reach {top_m:g} m, {where} the scan at {h_s:g} m; "
+            f"scan from {math.ceil(top_m + max(5.0, keep_m))} m or higher"
+        )
+    known = known_obstacles(scenario)
+    above_ground_m = known.solids[:, 8] - known.terrain.height_m(known.solids[:, :2])
+    near = shapely.buffer(known.outlines(), keep_m)
+    share = shapely.union_all(near[above_ground_m + keep_m > h_c]).intersection(scenario.area_enu_m).area
+    share /= scenario.area_enu_m.area
+    if share >= _WORTH_SAYING:
+        yield (
+            f"safety.clearance_m: in {share:.0%} of the area trees or buildings are nearer than {keep_m:g} m "
+            f"to a check at {h_c:g} m; candidates there are checked from beside or from higher, or not at all"
+        )
+    if shapely.intersects_xy(near, *scenario.home.position_enu_m).any():
+        yield (
+            f"home.position_enu_m: trees or buildings are nearer than safety.clearance_m ({keep_m:g} m) to "
+            "take-off and landing; move home into the open"
         )
 
 

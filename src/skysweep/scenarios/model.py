@@ -116,7 +116,7 @@ class Terrain(Model):
 
 
 class Tree(Model):
-    """One tree: it occludes."""
+    """One tree: it occludes, and is flown round or over, never below."""
 
     position_enu_m: PointXY = Field(description="Of the trunk")
     height_m: float = Field(8.0, gt=0.3, le=60)
@@ -150,7 +150,7 @@ class Forest(Model):
 
 
 class Building(Model):
-    """A box with a gable roof: it occludes."""
+    """A box with a gable roof: it occludes, and is flown round or over."""
 
     position_enu_m: PointXY = Field(description="Of the centre")
     size_m: tuple[Positive, Positive] = Field((10.0, 8.0), description="Length and width")
@@ -348,6 +348,18 @@ class Safety(Model):
         le=100,
         description="Outside the fence, inside a no-fly area or above the ceiling by more: home",
     )
+    clearance_m: float = Field(
+        2.0, ge=0, le=100, description="Kept from trees, buildings and hillsides in every direction"
+    )
+    descent_floor_agl_m: float = Field(
+        2.0,
+        ge=0,
+        le=100,
+        description="Nothing is come down to lower than this: it is kept from what nobody knows of",
+    )
+    check_outside_area: bool = Field(
+        False, description="Whether candidates outside the area, or in a hole of it, are checked"
+    )
     altitude_max_agl_m: float = Field(120.0, gt=0, le=600, description="Ceiling above ground")
     altitude_min_agl_m: float = Field(1.0, ge=0, le=100, description="Lower than this while searching: home")
     battery_low: float = Field(0.15, ge=0, lt=1, description="Share of the battery left: home")
@@ -395,7 +407,7 @@ class Scenario(Model):
     terrain: Terrain = Terrain()
     trees: list[Tree] = Field(default_factory=list, description="Single trees")
     forests: list[Forest] = Field(default_factory=list, description="Trees at random")
-    buildings: list[Building] = Field(default_factory=list, description="They occlude")
+    buildings: list[Building] = Field(default_factory=list, description="They occlude and are kept clear of")
     targets: list[Target] = Field(default_factory=list, description="What to find, placed by hand")
     distractors: list[Distractor] = Field(
         default_factory=list, description="What looks like a target from high up, placed by hand"
@@ -493,6 +505,11 @@ class Scenario(Model):
             raise ValueError(
                 f"search.scan_altitude_agl_m: is {self.search.scan_altitude_agl_m:g}; write at most "
                 f"safety.altitude_max_agl_m ({self.safety.altitude_max_agl_m:g}), or raise that"
+            )
+        if self.search.check_altitude_agl_m < self.safety.descent_floor_agl_m:
+            raise ValueError(
+                f"search.check_altitude_agl_m: is {self.search.check_altitude_agl_m:g}; write at least "
+                f"safety.descent_floor_agl_m ({self.safety.descent_floor_agl_m:g}), or lower that"
             )
         return self
 

@@ -83,17 +83,18 @@ class TerrainSurface:
             level = np.empty(len(xy))
             level.fill(self._level_m)
             return level
-        return _bilinear(self.heights_m, self.bounds_enu_m, xy)
+        return bilinear(self.heights_m, self.bounds_enu_m, xy)
 
     def height_at_m(self, x_m: float, y_m: float) -> float:
         """Ground height in metres ENU at one point: what missions ask at every step."""
         if self._level_m is not None:
             return self._level_m
-        return _bilinear(self.heights_m, self.bounds_enu_m, np.array([[x_m, y_m]])).item()
+        return bilinear(self.heights_m, self.bounds_enu_m, np.array([[x_m, y_m]])).item()
 
 
 @njit(cache=True)
-def _bilinear(heights: F64, bounds: tuple[float, float, float, float], xy: F64) -> F64:
+def bilinear(heights: F64, bounds: tuple[float, float, float, float], xy: F64) -> F64:
+    """Heights (N,) at points (N, 2) of a grid over ``bounds``: west, south, east, north."""
     west, south, east, north = bounds
     rows, columns = heights.shape
     out = np.empty(len(xy))
@@ -192,19 +193,29 @@ def build_world(scenario: Scenario, seed: int) -> World:
         )
         for kind, xy, yaw, size, pose, is_target in items
     )
-    buildings = tuple(
-        WorldBuilding(
-            _on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, float(np.radians(b.yaw_deg)), i
-        )
-        for i, b in enumerate(scenario.buildings)
-    )
+    trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
+    return World(terrain, objects, trees, buildings, scenario.light, seed)
+
+
+def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree, ...]:
+    """Single trees and forests: the same for every mission seed."""
     trees = [
         WorldTree(_on_ground(terrain, t.position_enu_m), t.height_m, t.crown_radius_m, t.kind, i)
         for i, t in enumerate(scenario.trees)
     ]
     for index, forest in enumerate(scenario.forests):
         trees += _grow(forest, terrain, scenario, index)
-    return World(terrain, objects, tuple(trees), buildings, scenario.light, seed)
+    return tuple(trees)
+
+
+def build_buildings(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldBuilding, ...]:
+    """The same for every mission seed."""
+    return tuple(
+        WorldBuilding(
+            _on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, float(np.radians(b.yaw_deg)), i
+        )
+        for i, b in enumerate(scenario.buildings)
+    )
 
 
 def generate_positions(

@@ -19,6 +19,8 @@ Where the paper is silent, this is how we read it (each line has a test):
 - In CHECK a candidate of C is confirmed when it is detected at h_C (within ``ALTITUDE_TOLERANCE_M``) with
   confidence >= c_t, on the way to another one too. It is rejected when the vehicle was above it at h_C
   for ``look_s``, two looks from there were answered, and it was not confirmed.
+- Where a candidate is looked at from elsewhere (``Observation.lookout``), that place counts instead: it is
+  confirmed by a sighting from there, rejected when the vehicle was there for as long.
 - A candidate that must not be flown to (``Observation.refused``) leaves C as unchecked: it is reported, and
   it is not scanned again. Legs that were flown blind are put at the end of F.
 """
@@ -30,7 +32,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from skysweep.scenarios.model import Search
-from skysweep.types import XY, Command, Event, Observation, Waypoint
+from skysweep.types import XY, Command, Event, Observation, Sighting, Waypoint
 
 ALTITUDE_TOLERANCE_M = 0.8  # PX4 NAV_MC_ALT_RAD
 SCAN_ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD
@@ -101,14 +103,16 @@ class ScanCheck:
         return enough or far
 
     def _check(self, seen: Observation, events: list[Event]) -> None:
+        asked = self._to_check[0]
         for sighting in seen.sightings:
-            low = sighting.camera_altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M
             sure = sighting.confidence >= self._search.c_t
-            if low and sure and sighting.candidate_id in self._to_check:
+            near = self._is_near_enough(seen, sighting, asked)
+            if sure and near and sighting.candidate_id in self._to_check:
                 self._settle(sighting.candidate_id, self._confirmed, "confirmed", seen, events)
-        if self._to_check and seen.refused:
-            self._settle(self._to_check[0], self._unchecked, "unchecked", seen, events)
-        above = bool(self._to_check) and self._is_above(seen, self._to_check[0])
+        if seen.refused and self._to_check[:1] == [asked]:
+            self._settle(asked, self._unchecked, "unchecked", seen, events)
+        lookout = seen.lookout if self._to_check[:1] == [asked] else None
+        above = bool(self._to_check) and self._is_there(seen, self._to_check[0], lookout)
         if above and self._arrived_s is None:
             self._arrived_s, self._looks_there = seen.time_s, 0
         if self._arrived_s is not None:
@@ -123,12 +127,24 @@ class ScanCheck:
             self._mode = "SCAN"
             events.append(Event("scan_resumed"))
 
-    def _is_above(self, seen: Observation, candidate_id: int) -> bool:
-        x, y, _ = seen.candidates[candidate_id].position_enu_m.tolist()
+    def _is_near_enough(self, seen: Observation, sighting: Sighting, asked: int) -> bool:
+        """Whether a sighting may confirm: from h_C, or from where its candidate is looked at from."""
+        if sighting.camera_altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M:
+            return True
+        from_lookout = seen.lookout is not None and sighting.candidate_id == asked
+        return from_lookout and self._arrived_s is not None and sighting.time_s >= self._arrived_s
+
+    def _is_there(self, seen: Observation, candidate_id: int, lookout: Waypoint | None) -> bool:
+        """Whether the vehicle is above a candidate at h_C, or at the place that it is looked at from."""
+        if lookout is not None:
+            (x, y), altitude_agl_m = lookout.xy_enu_m, lookout.altitude_agl_m
+        else:
+            x, y, _ = seen.candidates[candidate_id].position_enu_m.tolist()
+            altitude_agl_m = self._search.check_altitude_agl_m
         vehicle_x, vehicle_y, _ = seen.vehicle.position_enu_m.tolist()
         return (
             math.hypot(vehicle_x - x, vehicle_y - y) <= CHECK_ACCEPTANCE_M
-            and seen.altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M
+            and seen.altitude_agl_m <= altitude_agl_m + ALTITUDE_TOLERANCE_M
         )
 
     def _settle(
@@ -150,7 +166,7 @@ class ScanCheck:
         s = self._search
         if self._mode == "CHECK":
             x, y, _ = seen.candidates[self._to_check[0]].position_enu_m.tolist()
-            return Waypoint((x, y), s.check_altitude_agl_m, s.check_speed_mps)
+            return Waypoint((x, y), s.check_altitude_agl_m, s.check_speed_mps, to_look=True)
         if self._to_scan:
             return Waypoint(self._left_xy or self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps)
         return None

@@ -1,0 +1,129 @@
+"""How a mission keeps clear of what is known to stand in its way: over it, and looking at it from beside.
+
+Legs are flown over what reaches up to them; the vehicle climbs before it and waits where the climb takes
+longer. A place that cannot be come down to is looked at from the nearest one that is clear, as low as can be.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.mission.fence import Fence
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import Obstacles
+from skysweep.types import XY, Waypoint
+
+F64 = NDArray[np.float64]
+
+_SIGMAS = 3.0  # of the position's error that are kept clear on top
+_ROOM_M = 0.5  # for the control: places, and heights over obstacles, are chosen that much farther away
+_BRAKING_S = 1.5  # at any speed, until the vehicle stands
+_CLIMB_SHARE = 0.5  # of the climb speed that a climb on the way counts on
+_IN_PICTURE_M = 1.2  # from the picture's edges: how far off hovering and position may be
+_FINENESS = 12  # places in one height of the vehicle
+_LEVEL_M = 2.0  # between two heights of looking
+_MOVED_M = 1.0  # a place that moves less is looked at from where it was
+
+
+class Clearance:
+    """Knows the obstacles of one mission and where its camera looks. Without obstacles it changes nothing."""
+
+    def __init__(self, scenario: Scenario, obstacles: Obstacles, fence: Fence, yaw_rad: float) -> None:
+        self._obstacles, self._fence, self._lens = obstacles, fence, scenario.camera.lens
+        self._keep_m = keep_m(scenario)
+        self._climb_mps = scenario.vehicle.climb_speed_mps
+        self._highest_agl_m = scenario.search.scan_altitude_agl_m
+        self._clear_above_m = obstacles.top_m() + self._keep_m if obstacles.exist else -math.inf
+        pitch_rad = math.radians(scenario.camera.gimbal.pitch_deg)
+        self._R_camera_to_enu = rotation_camera_to_enu(yaw_rad, pitch_rad)
+        self._held_xy: XY | None = None  # where a climb is waited for
+        self._looked: tuple[Waypoint, Waypoint | None] | None = None  # asked for last, and the answer
+
+    def over(
+        self, here_enu_m: F64, to: XY, ground_m: float, waypoint: Waypoint
+    ) -> tuple[float, float, float]:
+        """Where to fly to now, ENU, on the way to a place, at the waypoint's altitude above ``ground_m``.
+
+        Higher than that where obstacles ask for it; straight up where the next metres are not clear.
+        """
+        x, y, z = here_enu_m.tolist()
+        height_m = ground_m + waypoint.altitude_agl_m
+        if min(z, height_m) < self._clear_above_m:
+            aim_m, least_m = self._obstacles.heights_along(
+                (x, y),
+                to,
+                self._keep_m,
+                min(self._keep_m, waypoint.altitude_agl_m),
+                _BRAKING_S * waypoint.speed_mps,
+                _CLIMB_SHARE * self._climb_mps / waypoint.speed_mps,
+            )
+            if aim_m > height_m:
+                height_m = aim_m + _ROOM_M
+            if z < least_m:
+                self._held_xy = self._held_xy or (x, y)
+                return (*self._held_xy, height_m)
+        self._held_xy = None
+        return (*to, height_m)
+
+    def lookout(self, waypoint: Waypoint) -> Waypoint | None:
+        """Where to fly to, to see the waypoint's place: there, else beside it, else higher; None: nowhere.
+
+        What is seen lies well inside the picture, and no known crown or building hides it.
+        """
+        if not len(self._obstacles.solids):
+            return waypoint
+        ground_m = self._obstacles.terrain.height_at_m(*waypoint.xy_enu_m)
+        if self._is_clear(np.array([waypoint.xy_enu_m]), ground_m + waypoint.altitude_agl_m).all():
+            return waypoint
+        if self._looked is not None:
+            asked, answer = self._looked
+            near = math.dist(asked.xy_enu_m, waypoint.xy_enu_m) < _MOVED_M
+            if near and asked.altitude_agl_m == waypoint.altitude_agl_m:
+                return answer
+        answer = self._nearest_lookout(waypoint, np.array([*waypoint.xy_enu_m, ground_m]))
+        self._looked = waypoint, answer
+        return answer
+
+    def _nearest_lookout(self, waypoint: Waypoint, place_enu_m: F64) -> Waypoint | None:
+        for above_m in np.arange(waypoint.altitude_agl_m, self._highest_agl_m, _LEVEL_M).tolist():
+            height_m = place_enu_m[2] + above_m
+            places = place_enu_m[:2] + self._offsets(above_m)
+            agl_m = height_m - self._obstacles.terrain.height_m(places)
+            fit = self._is_clear(places, height_m) & (agl_m >= min(self._keep_m, waypoint.altitude_agl_m))
+            for xy, altitude_agl_m in zip(places[fit].tolist(), agl_m[fit].tolist(), strict=True):
+                seen = not self._obstacles.hide(place_enu_m, np.array([*xy, height_m]))
+                if seen and self._fence.allows((xy[0], xy[1])):
+                    return waypoint._replace(xy_enu_m=(xy[0], xy[1]), altitude_agl_m=altitude_agl_m)
+        return None
+
+    def _offsets(self, above_m: float) -> F64:
+        """From a place: where (N, 2) it is in the picture from, ``above_m`` above it, the nearest first."""
+        steps = above_m / _FINENESS * np.arange(-2 * _FINENESS, 2 * _FINENESS + 1)
+        grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        down = np.column_stack([-grid, np.full(len(grid), -above_m)]) @ self._R_camera_to_enu
+        half = np.array([self._lens.width_px, self._lens.height_px]) / (2.0 * self._lens.focal_px)
+        seen = (np.abs(down[:, :2]) <= half * down[:, 2:] - _IN_PICTURE_M).all(axis=1)
+        offsets = grid[seen]
+        return offsets[np.argsort(np.hypot(*offsets.T), kind="stable")]
+
+    def _is_clear(self, places: F64, height_m: float) -> NDArray[np.bool_]:
+        away_m = self._keep_m + _ROOM_M
+        return self._obstacles.top_within_m(places, away_m) + away_m <= height_m
+
+
+def keep_m(scenario: Scenario) -> float:
+    """What the believed position is kept clear of obstacles by, so that the true one keeps the clearance."""
+    return scenario.safety.clearance_m + _SIGMAS * scenario.vehicle.position_noise_m
+
+
+def too_high(scenario: Scenario, obstacles: Obstacles) -> list[shapely.Polygon]:
+    """Outlines, with the clearance, of what cannot be flown over below the ceiling: it is flown round."""
+    tops = obstacles.solids[:, 8] - obstacles.terrain.height_m(obstacles.solids[:, :2])
+    least_m = keep_m(scenario) + _ROOM_M
+    high = tops + least_m > scenario.safety.altitude_max_agl_m
+    return list(shapely.buffer(obstacles.outlines()[high], least_m)) if high.any() else []

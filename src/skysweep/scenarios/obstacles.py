@@ -1,0 +1,283 @@
+"""What stands on the ground and is known before take-off: trees, buildings, the ground itself.
+
+A solid is an upright prism whose outline is a rectangle with round corners: a crown is a disc, a building its
+walls and eaves. There is no safe space below a crown. A gable may be as high as half the width of its house.
+A row of ``solids`` is ``x, y`` of the centre, cosine and sine of the yaw, the half sides ``a, b``, the radius
+``r`` around them, the height ENU below which it can be seen through, and that of its top.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+import shapely.affinity
+from numba import njit
+from numpy.typing import NDArray
+
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.world import (
+    TerrainSurface,
+    WorldBuilding,
+    WorldTree,
+    bilinear,
+    build_buildings,
+    build_terrain,
+    build_trees,
+)
+from skysweep.types import XY
+
+F64 = NDArray[np.float64]
+
+BODY_RADIUS_M = 0.3  # of the vehicle: what is nearer to its centre is touched
+_EAVES_M = 0.4
+_CROWN_FROM = 0.35  # of a tree's height
+_STATION_M = 0.5  # between two places where a leg is looked at
+_GROUND_STATION_M = 1.0
+_TRACK_STEP_M = 0.1
+_NEAR_PLACE_M = 1.5  # of a line of sight that hides nothing: the place is not known better
+
+
+class Obstacles:
+    """All solids of a scenario, and its ground."""
+
+    def __init__(
+        self, terrain: TerrainSurface, trees: Sequence[WorldTree], buildings: Sequence[WorldBuilding]
+    ) -> None:
+        self.terrain = terrain
+        rows = []
+        for t in trees:
+            x, y, z = t.position_enu_m.tolist()
+            crown = z + _CROWN_FROM * t.height_m
+            rows.append((x, y, 1.0, 0.0, 0.0, 0.0, t.crown_radius_m, crown, z + t.height_m))
+        for b in buildings:
+            x, y, z = b.position_enu_m.tolist()
+            yaw = math.cos(b.yaw_rad), math.sin(b.yaw_rad)
+            length, width = b.size_m
+            rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, z + b.height_m + width / 2))
+        self.solids = np.array(rows, dtype=float).reshape(-1, 9)
+        self._relief_m = float(np.ptp(terrain.heights_m))
+
+    @property
+    def exist(self) -> bool:
+        """Whether there is anything but flat ground."""
+        return len(self.solids) > 0 or not self.terrain.is_flat
+
+    def top_m(self) -> float:
+        """Height ENU above which there is nothing."""
+        tops = [self.solids[:, 8].max()] if len(self.solids) else []
+        return float(max([self.terrain.heights_m.max(), *tops]))
+
+    def outlines(self) -> NDArray[np.object_]:
+        """Polygons (N,) of the solids, seen from above."""
+        x, y, cos, sin, a, b, r = self.solids[:, :7].T
+        boxes = shapely.box(-a, -b, a, b)
+        round_ones = a == 0.0
+        boxes[round_ones] = shapely.points(np.zeros((int(round_ones.sum()), 2)))
+        turned = [
+            shapely.affinity.affine_transform(box, row)
+            for box, row in zip(boxes, np.stack([cos, -sin, sin, cos, x, y], axis=1), strict=True)
+        ]
+        return np.asarray(shapely.buffer(turned, r), dtype=object)
+
+    def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:
+        """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf: none."""
+        return _top_within(self.solids, xy_enu_m, distance_m)
+
+    def heights_along(
+        self, here: XY, to: XY, keep_m: float, keep_ground_m: float, near_m: float, slope: float
+    ) -> tuple[float, float]:
+        """Heights ENU to be at on a straight leg, to be ``keep_m`` clear of all solids above and beside it.
+
+        The first is where to be now, so that a climb by ``slope`` metres a metre is enough from ``near_m``
+        on; the second what the next ``near_m`` ask for. -inf: nothing is in the way. The ground within
+        ``keep_m`` beside the leg is kept ``keep_ground_m`` below.
+        """
+        terrain = self.terrain
+        aim_m, least_m = _solids_along(self.solids, *here, *to, keep_m, near_m, slope)
+        if terrain.is_flat:
+            return aim_m, least_m
+        ground_aim_m, ground_least_m = _ground_along(
+            terrain.heights_m,
+            terrain.bounds_enu_m,
+            *here,
+            *to,
+            keep_m,
+            near_m,
+            slope,
+            near_m + self._relief_m / slope,
+        )
+        return max(aim_m, ground_aim_m + keep_ground_m), max(least_m, ground_least_m + keep_ground_m)
+
+    def hide(self, place_enu_m: F64, eye_enu_m: F64) -> bool:
+        """Whether a crown or a building is between a place (3,), known to a metre or so, and an eye (3,)."""
+        return bool(_hides(self.solids, place_enu_m, eye_enu_m))
+
+    def clearances_m(self, track_enu_m: F64, over_ground: NDArray[np.bool_]) -> F64:
+        """Smallest distances (N + 1,) between a track (K, 3), straight from point to point, and each solid.
+
+        The last one is that of the ground below, where ``over_ground`` (K,) says that it counts. inf: none.
+        """
+        clearances = np.full(len(self.solids) + 1, np.inf)
+        _write_clearances(clearances, self.solids, track_enu_m)
+        above_m = track_enu_m[over_ground, 2] - self.terrain.height_m(track_enu_m[over_ground, :2])
+        clearances[-1] = above_m.min(initial=np.inf)
+        return clearances
+
+
+def known_obstacles(scenario: Scenario) -> Obstacles:
+    """What a scenario says of trees, buildings and ground."""
+    terrain = build_terrain(scenario)
+    return Obstacles(terrain, build_trees(scenario, terrain), build_buildings(scenario, terrain))
+
+
+def came_near(obstacles: Obstacles, track_enu_m: F64, modes: Sequence[str]) -> dict[str, Any]:
+    """How near a track (K, 3) came, in these modes, to anything: ``collisions`` and ``min_clearance_m``.
+
+    Taking off and landing, the ground does not count. ``min_clearance_m`` is that of the vehicle's centre,
+    None without a track.
+    """
+    over_ground = np.array([mode not in ("TAKEOFF", "LAND") for mode in modes], dtype=bool)
+    clearances_m = obstacles.clearances_m(track_enu_m, over_ground)
+    nearest_m = float(clearances_m.min())
+    return {
+        "collisions": int((clearances_m < BODY_RADIUS_M).sum()),
+        "min_clearance_m": round(nearest_m, 3) if math.isfinite(nearest_m) else None,
+    }
+
+
+@njit(cache=True)
+def _beside(solid: F64, x: float, y: float) -> float:
+    """Horizontal distance from a place to a solid; 0 inside."""
+    dx, dy = x - solid[0], y - solid[1]
+    u = abs(solid[2] * dx + solid[3] * dy) - solid[4]
+    v = abs(solid[2] * dy - solid[3] * dx) - solid[5]
+    return max(math.hypot(max(u, 0.0), max(v, 0.0)) - solid[6], 0.0)
+
+
+@njit(cache=True)
+def _reach(solid: F64) -> float:
+    """Of its outline from its centre."""
+    return float(solid[4] + solid[5] + solid[6])
+
+
+@njit(cache=True)
+def _is_far(solid: F64, x: float, y: float, to_x: float, to_y: float, margin: float) -> bool:
+    """Whether a solid lies beyond the margin around the bounding box of a line."""
+    reach = _reach(solid) + margin
+    return (
+        solid[0] < min(x, to_x) - reach
+        or solid[0] > max(x, to_x) + reach
+        or solid[1] < min(y, to_y) - reach
+        or solid[1] > max(y, to_y) + reach
+    )
+
+
+@njit(cache=True)
+def _top_within(solids: F64, xy: F64, distance: float) -> F64:
+    tops = np.full(len(xy), -np.inf)
+    for k in range(len(xy)):
+        x, y = xy[k]
+        for solid in solids:
+            near = not _is_far(solid, x, y, x, y, distance) and _beside(solid, x, y) <= distance
+            if near and solid[8] > tops[k]:
+                tops[k] = solid[8]
+    return tops
+
+
+@njit(cache=True)
+def _solids_along(
+    solids: F64, x: float, y: float, to_x: float, to_y: float, keep: float, near: float, slope: float
+) -> tuple[float, float]:
+    aim, least = -np.inf, -np.inf
+    length = math.hypot(to_x - x, to_y - y)
+    east, north = (to_x - x) / max(length, 1e-9), (to_y - y) / max(length, 1e-9)
+    for solid in solids:
+        dx, dy = solid[0] - x, solid[1] - y
+        reach, along = _reach(solid) + keep, dx * east + dy * north
+        if abs(dx * north - dy * east) > reach or along < -reach or along > length + reach:
+            continue
+        s, end = max(along - reach, 0.0), min(along + reach, length)
+        while _beside(solid, x + s * east, y + s * north) > keep and s < end:
+            s = min(s + _STATION_M, end)
+        if _beside(solid, x + s * east, y + s * north) <= keep:
+            aim = max(aim, solid[8] + keep - slope * max(s - near, 0.0))
+            if s <= near:
+                least = max(least, solid[8] + keep)
+    return aim, least
+
+
+@njit(cache=True)
+def _ground_along(
+    heights: F64,
+    bounds: tuple[float, float, float, float],
+    x: float,
+    y: float,
+    to_x: float,
+    to_y: float,
+    beside: float,
+    near: float,
+    slope: float,
+    farthest: float,
+) -> tuple[float, float]:
+    length = math.hypot(to_x - x, to_y - y)
+    east, north = (to_x - x) / max(length, 1e-9), (to_y - y) / max(length, 1e-9)
+    stations = int(min(length, farthest) / _GROUND_STATION_M) + 2
+    step = min(length / (stations - 1), _GROUND_STATION_M)
+    points = np.empty((3 * stations, 2))
+    for k in range(stations):
+        for i in range(3):
+            points[3 * k + i, 0] = x + k * step * east - (i - 1) * beside * north
+            points[3 * k + i, 1] = y + k * step * north + (i - 1) * beside * east
+    ground = bilinear(heights, bounds, points)
+    aim, least = -np.inf, -np.inf
+    for k in range(stations):
+        highest = ground[3 * k : 3 * k + 3].max()
+        aim = max(aim, highest - slope * max(k * step - near, 0.0))
+        if k * step <= near:
+            least = max(least, highest)
+    return aim, least
+
+
+@njit(cache=True)
+def _hides(solids: F64, place: F64, eye: F64) -> bool:
+    ray = eye - place
+    length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
+    for solid in solids:
+        if _is_far(solid, place[0], place[1], eye[0], eye[1], 0.0):
+            continue
+        s = _NEAR_PLACE_M
+        while s < length:
+            x, y, z = place + ray * (s / length)
+            if solid[7] < z < solid[8] and _beside(solid, x, y) <= 0.0:
+                return True
+            s += _TRACK_STEP_M
+    return False
+
+
+@njit(cache=True)
+def _write_clearances(clearances: F64, solids: F64, track: F64) -> None:
+    """Of each solid; a step is looked at where it may come nearer than any place before."""
+    last = len(track) - 1
+    for n in range(len(solids)):
+        solid, best, reach = solids[n], np.inf, _reach(solids[n])
+        for k in range(len(track)):
+            x, y, z = track[k]
+            to = min(k + 1, last)
+            dx, dy, dz = track[to, 0] - x, track[to, 1] - y, track[to, 2] - z
+            step = math.sqrt(dx * dx + dy * dy + dz * dz)
+            far = best + reach + step
+            if (x - solid[0]) ** 2 + (y - solid[1]) ** 2 > far * far:
+                continue
+            distance = math.hypot(_beside(solid, x, y), max(z - solid[8], 0.0))
+            best = min(best, distance)
+            s = _TRACK_STEP_M
+            while distance - step < best and s < step:
+                f = s / step
+                above = max(z + f * dz - solid[8], 0.0)
+                best = min(best, math.hypot(_beside(solid, x + f * dx, y + f * dy), above))
+                s += _TRACK_STEP_M
+        clearances[n] = best
