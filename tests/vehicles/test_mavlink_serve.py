@@ -199,3 +199,14 @@ def test_a_client_may_call_the_server_instead():
 
 def test_names_of_this_computer():
     assert address_of("localhost") == LOOPBACK
+
+
+def test_it_waits_longer_for_programs_where_time_runs_faster():
+    from mavlink_clients import scenario
+
+    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+
+    of = scenario()
+    with VehicleServer(embedded_vehicle(of, 0), of, [], speed=3.0) as server:
+        waits = {name: server.face.parameters[name] for name in ("COM_OF_LOSS_T", "COM_RC_LOSS_T")}
+    assert waits == {"COM_OF_LOSS_T": 3.0, "COM_RC_LOSS_T": 3.0}
