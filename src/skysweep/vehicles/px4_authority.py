@@ -92,6 +92,7 @@ class Authority:
                 self._asked = True
                 link.request("HEARTBEAT")
                 link.request("SYS_STATUS")
+                link.request("EXTENDED_SYS_STATE")
             if not self._caught_up(now_s) or told.mode_heard_s <= self._heard_again_s:
                 return False
         certain = self.wanted is None or bool(self.theirs) or self._judge(now_s)
@@ -125,7 +126,7 @@ class Authority:
 
     def _judge_loss(self, mode: PxMode, now_s: float) -> bool:
         """PX4 is not in Offboard, where this program flies it: is it for the loss of our setpoints?"""
-        told = self._told
+        link, told = self._link, self._told
         if told.intended is None and self._deaf:
             chosen = False  # an older PX4 does not say: it goes back by itself, or it does not
         elif told.intended_heard_s <= self._heard_again_s and self._deaf:
@@ -134,12 +135,14 @@ class Authority:
             chosen = told.intended != Mode.OFFBOARD.value
         action = self._on_loss
         if not chosen and action in _STICKS and mode == _STICKS[action]:
-            if self._deaf and self._link.heard_s("SYS_STATUS") <= self._heard_again_s:
+            if self._deaf and link.heard_s("SYS_STATUS") <= self._heard_again_s:
                 return False
             chosen = told.manual_control
         elif not chosen and (action not in _NO_STICKS or mode != _NO_STICKS[action].value):
             chosen = True
-        if chosen:
+        elif not chosen and self._deaf and link.heard_s("EXTENDED_SYS_STATE") <= self._heard_again_s:
+            return False
+        if chosen or not told.airborne:  # setpoints would make one that has landed take off again
             self._give_up(mode)
             return True
         if self._not_followed_s is None:
