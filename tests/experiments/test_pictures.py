@@ -129,7 +129,7 @@ def test_a_label_is_inside_the_picture_wherever_its_box_is(picture_px, data):
 def test_a_label_at_the_edge_has_as_many_letters_as_in_the_middle(box):
     def white(place):
         _, found = look(0.0, 4.0, (place, 0.87))
-        image = labelled(np.zeros((360, 640, 3), np.uint8), found, 0, "")
+        image = labelled(np.full((360, 640, 3), 90, np.uint8), found, 0, "")
         return int((image.min(axis=2) > 200).sum())
 
     assert white(box) == pytest.approx(white(MIDDLE), rel=0.1)
@@ -141,3 +141,9 @@ def test_the_picture_is_whole_and_only_enlarged():
     assert labelled(frame.image, found, 0, "words").shape == (720, 1280, 3)
     large = cv2.resize(frame.image, (1920, 1080))
     assert labelled(large, look(0.0, 4.0)[1], None, "words").shape == (1080, 1920, 3)
+
+
+def test_labels_can_be_read_on_snow():
+    _, found = look(0.0, 4.0, (MIDDLE, 0.87))
+    image = labelled(np.full((360, 640, 3), 255, np.uint8), found, 0, "4.0 m above ground")
+    assert (image.max(axis=2) < 50).sum() > 5000

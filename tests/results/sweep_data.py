@@ -48,7 +48,7 @@ def fly_sweep(
 
 def _row(job: int, label: str, scenario: Scenario, seed: int, chosen: dict[str, Any]) -> dict[str, Any]:
     summary = fly_in_memory(scenario, seed)
-    curve = summary.pop("pos_curve")
+    curve = summary.pop("pos_curve") or ()
     kept = {k: math.inf if v == "inf" else v for k, v in summary.items() if k not in ON_THE_CLOCK}
     return (
         {"job": job}

@@ -266,6 +266,15 @@ def test_a_folder_anywhere(table, tmp_path):
     assert "--out" in result.stderr
 
 
+def test_a_sweep_without_truth_reports_its_times(tmp_path):
+    table = fly_sweep({"bare": tiny_scenario(targets=[], distractors=[])}, {"search.n_c": [1, 2]}, 2)
+    assert table["false_positives"].null_count() == len(table)
+    store(table, tmp_path / "sweep")
+    (sentence, *_) = write_sweep_report(load_missions(str(tmp_path / "sweep")), tmp_path / "report")
+    assert "recall" not in sentence
+    assert (tmp_path / "report" / "report.html").is_file()
+
+
 def test_a_comparison_with_the_paper(table, tmp_path):
     lines = []
     for row in table.filter(pl.col("scenario") == "calm").iter_rows(named=True):

@@ -152,7 +152,7 @@ def label_place(
 
 def _write(image: Image, text: str, box: tuple[int, int, int, int]) -> None:
     size = 1.5 * image.shape[1] / _LABEL_WIDTH_PX
-    (width, up), down = cv2.getTextSize(text, _FONT, size, 7)
+    (width, up), down = cv2.getTextSize(text, _FONT, size, 3)
     x, y = label_place(box, (width, up + down), (image.shape[1], image.shape[0]))
-    for shade, thickness in (((0, 0, 0), 7), ((255, 255, 255), 3)):
-        cv2.putText(image, text, (x, y + up), _FONT, size, shade, thickness, cv2.LINE_AA)
+    cv2.rectangle(image, (x, y), (x + width, y + up + down), (0, 0, 0), cv2.FILLED)
+    cv2.putText(image, text, (x, y + up), _FONT, size, (255, 255, 255), 3, cv2.LINE_AA)

@@ -29,7 +29,9 @@ from skysweep.results.sweep_analysis import (
 from skysweep.results.sweep_figures import draw_pareto, draw_pos, draw_sensitivity, write_csv
 from skysweep.results.sweep_missions import (
     COMPARED,
+    FALSE_POSITIVES,
     MISSION_TIME,
+    RECALL,
     Flown,
     Metric,
     Missions,
@@ -338,7 +340,7 @@ def _front(analysis: Analysis) -> Grid:
 
 def _pictures(analysis: Analysis, name: str, folder: Path) -> list[Picture]:
     drawn = []
-    if len(analysis.members) > 1:
+    if len(analysis.members) > 1 and {RECALL, FALSE_POSITIVES}.intersection(analysis.metrics):
         caption = (
             f"{analysis.scenario}: what each configuration costs and gives. On the front: no other is "
             "at least as good in mission time, recall and false positives and better in one. Bars: 95 % "
