@@ -113,6 +113,7 @@ def test_recall_axes_end_at_1(table, tmp_path, monkeypatch):
     }
     assert [axis.get_ylim()[1] for axis in shares.values()] == [1.0, 1.0, 1.0]
     assert all(axis.get_ylim()[0] < 1.0 for axis in shares.values())
+    assert all(1.0 in axis.get_yticks().round(9) for axis in shares.values())
 
 
 def test_means_are_those_of_the_table(reported, table):

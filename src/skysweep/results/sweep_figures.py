@@ -113,6 +113,7 @@ def _end_recall_at_1(axis: Axes, metric: Metric) -> None:
     """No axis promises a recall that cannot be; marks at 1 are drawn whole."""
     if metric is RECALL:
         axis.set_ylim(top=1.0)
+        axis.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))  # 1 is a multiple of each
         for line in axis.lines:
             line.set_clip_on(not np.size(line.get_xdata()))
 
