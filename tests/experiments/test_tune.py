@@ -129,6 +129,14 @@ def test_default_values_are_sensible_and_hold_the_scenarios_own(name):
                 assert value == own or not any(w.startswith(field) for w in warned)
 
 
+def test_checks_are_not_tuned_below_the_floor_of_descents():
+    low = change_scenario(load_scenario("sparse"), {"search.check_altitude_agl_m": 6.0})
+    higher = change_scenario(low, {"safety.descent_floor_agl_m": 5.0})
+    lowest = [min({p.field: p.values for p in default_space([s])}[H_C]) for s in (low, higher)]
+    assert lowest[0] < 5.0
+    assert lowest[1] == 5.0
+
+
 def test_together_means_values_that_suit_all():
     scenarios = [load_scenario("clusters"), load_scenario("person-wilderness")]
     space = {p.field: p.values for p in default_space(scenarios)}
