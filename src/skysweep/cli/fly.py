@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import select
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -29,6 +30,7 @@ from skysweep.cli.terminal import printable, unblocked
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
+    from skysweep.types import VehicleState
     from skysweep.vehicles.px4_preflight import Check
 
 _EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
@@ -125,10 +127,11 @@ def fly(
         if not yes and not typer.confirm(question, err=True):
             raise typer.Exit(1)
         columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
-        with Progress(*columns, console=errors) as progress, _Operator() as operator:
+        with Progress(*columns, console=errors) as progress, _Operator(folder) as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)
 
-            def watch(state: Any, mode: str, _new: Any) -> None:
+            def watch(state: VehicleState, mode: str, _new: Any) -> None:
+                operator.look(state)
                 silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
                 progress.update(
                     task,
@@ -147,27 +150,42 @@ def fly(
 
 
 class _Operator:
-    """Whoever sits before the keyboard: the first Ctrl-C holds, Enter goes on, the second returns.
+    """Whoever sits at the keyboard: the first Ctrl-C holds, Enter goes on, the second Ctrl-C returns.
 
-    A third one ends the program, and that leaves the vehicle in Hold.
+    A third one ends the program, and that leaves the vehicle in Hold. Enter also takes the vehicle back from
+    whoever took it over.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
         self._word: str | None = None
         self._presses = 0
+        self._taken = False
         self._before: Any = None
 
     @property
     def hint(self) -> str:
         """What the keys do now."""
+        if self._taken:
+            return "somebody else flies it; Enter: take it back"
         return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
 
     def __call__(self) -> str | None:
-        if self._presses == 1 and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+        asked = self._presses == 1 or self._taken
+        if asked and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
             sys.stdin.readline()
             self._presses, self._word = 0, "continue"
         word, self._word = self._word, None
         return word
+
+    def look(self, state: VehicleState) -> None:
+        """Show it every state. Raises UserError where somebody took the vehicle and no key can give it back."""
+        self._taken = bool(state.taken_over)
+        if self._taken and state.airborne and not sys.stdin.isatty():
+            raise UserError(
+                f"somebody else flies the vehicle ({state.taken_over}), and there is no keyboard to take it "
+                f"back; when it is free:  skysweep fly {shlex.quote(str(self._folder))}"
+            )
 
     def __enter__(self) -> _Operator:
         self._before = signal.signal(signal.SIGINT, self._interrupt)

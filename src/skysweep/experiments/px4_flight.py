@@ -21,6 +21,7 @@ from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import known_obstacles
 from skysweep.scenarios.world import build_terrain
 from skysweep.sensing.video_camera import VideoCamera
 from skysweep.strategies import strategy_spec
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 RENDERED = "rendered"
 _MOTORS_STOP_S = 20.0  # on the wall, after landing
 _PARAMETERS_S = 30.0  # on the wall: what a slow radio does not bring in this time is left out
-_RETURN_CLEARANCE_M = 5.0  # of the autopilot's own way home above what lies there
+_BESIDE_M = 10.0  # of the autopilot's own way home: what stands there is in its way
 _STEP_M = 5.0  # between samples of the terrain
 _LITTLE_BYTES, _FEW_BYTES = 50e6, 1e9
 
@@ -94,14 +95,18 @@ class Px4Flight:
         coverage, estimate = plan_scenario(scenario, self._altitude_agl_m)
         home = np.array(scenario.home.position_enu_m, dtype=float)
         places = np.vstack([coverage.waypoints_xy_enu_m, home])
-        terrain = build_terrain(scenario)
-        ground_m = terrain.height_m(_along(places, home)) - terrain.height_m(home[None])[0]
+        obstacles = known_obstacles(scenario)
+        terrain = obstacles.terrain
+        home_m = float(terrain.height_m(home[None])[0])
+        ways = _along(places, home)
+        ground_m = float(terrain.height_m(ways).max()) - home_m
+        top_m = float(obstacles.top_within_m(ways, _BESIDE_M).max(initial=-np.inf)) - home_m
         return Demands(
             plan_of_mission(scenario, coverage),
             estimate.energy_wh / scenario.vehicle.battery_wh,
             float(np.linalg.norm(places - home, axis=1).max()),
-            float(ground_m.max()) + self._altitude_agl_m,
-            float(ground_m.max()) + _RETURN_CLEARANCE_M,
+            ground_m + self._altitude_agl_m,
+            max(ground_m, top_m) + scenario.safety.clearance_m,
         )
 
     def rehearse(self, camera_source: str, renderer: Backend, threads: int) -> Check:
