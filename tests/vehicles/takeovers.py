@@ -73,11 +73,11 @@ class Outcome:
         found = []
         names = " > ".join(map(mode_name, self.modes))
         if cell.who == NOBODY:
-            stopped = cell.on_loss == 7 and cell.gap_s > 1.5
-            if stopped != bool(self.said):
-                found.append(f"said '{self.said}', flew {names}")
-            if not stopped and self.modes[-1] != OFFBOARD:
-                found.append(f"did not come back: {names}")
+            sinks = cell.on_loss in (0, 1)  # in Position without a pilot, and lands in time
+            comes_back = cell.gap_s < 1.0 or cell.on_loss in (3, 5) or (sinks and cell.gap_s < 10.0)
+            came_back = self.armed and self.modes[-1] == OFFBOARD
+            if came_back != comes_back or came_back == bool(self.said):
+                found.append(f"flew {names}, {'armed' if self.armed else 'disarmed'}, said '{self.said}'")
             return found
         if self.orders:
             found.append(f"ordered {self.orders} afterwards")

@@ -179,7 +179,7 @@ class _Operator:
         return word
 
     def look(self, state: VehicleState) -> None:
-        """Show it every state. Raises UserError where somebody took the vehicle and no key can give it back."""
+        """Show it every state. Raises UserError where somebody took the vehicle and there is no keyboard."""
         self._taken = bool(state.taken_over)
         if self._taken and state.airborne and not sys.stdin.isatty():
             raise UserError(

@@ -172,7 +172,8 @@ def _link_lost(vehicle: Px4Vehicle) -> Check:
         return Check(name, False, f"{said}: the motors stop in the air; set COM_OBL_RC_ACT to 5 (Hold)")
     if int(action) in _WITHOUT_PILOT:
         return Check(name, True, said)
-    return Check(name, None, f"{said}, for a pilot with sticks, who keeps it; COM_OBL_RC_ACT 5 is Hold")
+    pilot = "a pilot with sticks keeps it, without one it sinks and lands"
+    return Check(name, None, f"{said}: {pilot}; COM_OBL_RC_ACT 5 is Hold")
 
 
 def _pilot(vehicle: Px4Vehicle) -> Check:

@@ -1,7 +1,7 @@
 """A pilot's sticks: MANUAL_CONTROL messages, when they count, and flying by them.
 
 Semantics of PX4 v1.17: manual_control (which sender counts, when sticks move enough to take over) and the
-multicopter's Position mode (speed by deflection). Without a pilot the sticks are centred.
+multicopter's Position mode (speed by deflection).
 """
 
 from __future__ import annotations
@@ -65,10 +65,14 @@ class Sticks:
 
 
 class ByStick:
-    """Flies as fast as the sticks are deflected, in the vehicle's heading; holds axes that are centred."""
+    """Flies as fast as the sticks are deflected, in the vehicle's heading; holds axes that are centred.
+
+    Without a pilot it comes down and lands, as PX4 does, which sinks at MPC_LAND_SPEED all the way.
+    """
 
     def __init__(self) -> None:
         self._place: F64 | None = None
+        self._sinking = False
         self._moving = np.ones(3, dtype=bool)
         self._yaw_rad = 0.0
 
@@ -79,6 +83,12 @@ class ByStick:
         if not state.airborne:
             pilot.touch_down()
             return
+        if pilot.sticks.lost:
+            if not self._sinking:
+                self._sinking, self._place, self._moving = True, None, np.ones(3, dtype=bool)
+                pilot.touch_down()
+            return
+        self._sinking = False
         if self._place is None:
             self._place, self._yaw_rad = state.position_enu_m, pilot.yaw_rad
         velocity, turn = _wanted(pilot)
