@@ -8,10 +8,7 @@ Each cell has a PX4 of its own that is started for it and flies in real time, ab
 from __future__ import annotations
 
 import contextlib
-import os
-import signal
 import struct
-import subprocess
 import threading
 import time
 from pathlib import Path
@@ -19,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mavlink_clients import CALM
+from px4_sitl import needs_px4, start_px4, stop_px4
 from pymavlink import mavutil
 from relay import Relay
 from takeovers import ORDERS, Cell, cells_for_px4, play
@@ -27,14 +25,9 @@ from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.px4 import Px4Vehicle
 
-SITL = os.environ.get("PX4_SITL")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(SITL is None, reason="PX4_SITL names no build of PX4's simulator"),
-]
+pytestmark = [pytest.mark.slow, needs_px4]
 _PROGRAM, _STATION, _OURS = 14540, 18570, 24540  # ports of instance 0
 _FIRST = 4  # instance: the ports of the lower ones are for whoever else flies here
-_START_S = 60.0
 _REAL = m.MAV_PARAM_TYPE_REAL32
 
 
@@ -43,7 +36,7 @@ class RealPx4:
 
     def __init__(self, folder: Path, instance: int, on_loss: int) -> None:
         self._folder, self._system = folder, instance + 1
-        self._px4 = self._start(instance)
+        self._px4 = start_px4(folder, instance)
         self._relay = Relay(_OURS + instance, _PROGRAM + instance)
         self._station = mavutil.mavlink_connection(
             f"udpout:127.0.0.1:{_STATION + instance}", source_system=250, dialect="development"
@@ -67,29 +60,6 @@ class RealPx4:
             lambda xy: np.zeros(len(xy)),
             20.0,
         )
-
-    def _start(self, instance: int) -> subprocess.Popen:
-        build, log = Path(SITL), self._folder / "px4.log"
-        ours = {
-            "PX4_SYS_AUTOSTART": "10040",
-            "PX4_SIM_MODEL": "sihsim_quadx",
-            "PX4_SIM_SPEED_FACTOR": "1",
-        }
-        with log.open("w") as out:
-            px4 = subprocess.Popen(
-                [build / "bin/px4", "-d", "-i", str(instance), "-w", str(self._folder), build / "etc"],
-                cwd=self._folder,
-                env=os.environ | ours,
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-        end_s = time.monotonic() + _START_S
-        while "Ready for takeoff" not in log.read_text(errors="replace"):
-            assert time.monotonic() < end_s, f"PX4 is not ready, see {log}"
-            time.sleep(0.3)
-        return px4
 
     # ---- what a cell needs ---------------------------------------------------------------------------
 
@@ -137,8 +107,7 @@ class RealPx4:
             self.vehicle.authority.keep_out("the cell is over")
             self.vehicle.close()
         self._relay.close()
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._px4.pid, signal.SIGKILL)
+        stop_px4(self._px4)
         self._station.close()
 
     # ---- the ground station --------------------------------------------------------------------------
