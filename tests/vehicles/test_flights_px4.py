@@ -25,6 +25,7 @@ pytestmark = [pytest.mark.slow, needs_px4]
 _INSTANCE, _FACTOR = 3, 10
 _URL = f"udpin://127.0.0.1:{14540 + _INSTANCE}"
 _FLIGHTS = [("clusters", seed) for seed in range(12)] + [("sparse", seed) for seed in range(8)]
+_ON_GROUND = m.MAV_LANDED_STATE_ON_GROUND
 _LONGEST_S = 400.0  # on the wall
 
 
@@ -62,9 +63,8 @@ class Onlooker:
             elif heard.get_type() == "HEARTBEAT" and heard.get_srcComponent() == 1:
                 self.armed = bool(heard.base_mode & m.MAV_MODE_FLAG_SAFETY_ARMED)
                 self.offboard = heard.custom_mode >> 16 & 255 == 6
-            elif heard.get_type() == "EXTENDED_SYS_STATE":
-                if heard.landed_state != m.MAV_LANDED_STATE_ON_GROUND:
-                    self.landed_s = self.boot_s
+            elif heard.get_type() == "EXTENDED_SYS_STATE" and heard.landed_state != _ON_GROUND:
+                self.landed_s = self.boot_s
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,8 @@ def test_a_flight_killed_twice_finds_the_same_in_the_sum_of_its_parts(name, seed
     print(
         f"\n{name} {seed}: {summary['n_confirmed']} of {summary['n_targets']}, "
         f"{summary['false_positives']} false positives, mission {summary['mission_time_s']:.1f} s, embedded "
-        f"{embedded['mission_time_s']:.1f} s; in all {summary['total_time_s']:.1f} s, {parts} s: {ratio - 1:+.1%}"
+        f"{embedded['mission_time_s']:.1f} s; in all {summary['total_time_s']:.1f} s, parts {parts} s: "
+        f"{ratio - 1:+.1%}"
     )
     assert summary["n_confirmed"] == embedded["n_confirmed"] == summary["n_targets"]
     assert not [line for line in lines if line["kind"] == "safety"]
