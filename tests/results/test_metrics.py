@@ -168,3 +168,9 @@ def test_every_checked_candidate_is_exactly_one_thing(told):
 def test_path_is_at_least_as_long_as_its_vertical_part(points):
     path_m, vertical_m = travelled_m(np.array(points, dtype=float).reshape(-1, 3))
     assert path_m >= vertical_m - 1e-9
+
+
+def test_the_real_time_factor_of_a_continued_flight_is_that_of_its_last_part(tiny_run):
+    begun_s = tiny_run.start["t"]
+    continued = Run(tiny_run.scenario, (*tiny_run.records, {"t": begun_s + 60.0, "kind": "resumed"}))
+    assert compute_summary(continued, wall_time_s=2.0)["real_time_factor"] == 10

@@ -28,7 +28,7 @@ MAX_MISSIONS = 1_000_000
 MAX_SEED = 2**32 - 1
 
 # A change of this number says: missions of the same scenario and seed end otherwise than they did.
-RESULTS_VERSION = 1
+RESULTS_VERSION = 2
 
 Value = bool | int | Annotated[float, Field(allow_inf_nan=True)] | str
 Parameters = dict[str, Annotated[list[Value], Field(min_length=1)]]

@@ -109,7 +109,7 @@ def compute_summary(
     total_time_s = run.landed_s if run.landed_s is not None else run.last_s
     wall_time_s = _rounded(wall_time_s)
     if real_time_factor is None and wall_time_s:
-        real_time_factor = total_time_s / wall_time_s
+        real_time_factor = (total_time_s - run.resumed_s) / wall_time_s
     searching = run.states.time_s <= mission_time_s
     path_m, vertical_m = travelled_m(run.states.position_enu_m[searching])
     seen_m2 = seen_m2_of(run)

@@ -175,6 +175,11 @@ class Run:
         return self._time_of("landed")
 
     @property
+    def resumed_s(self) -> float:
+        """When the newest part of a flight that was broken off began; 0 for one in one piece."""
+        return max((self.since_start(r) for r in self.events("resumed")), default=0.0)
+
+    @property
     def last_s(self) -> float:
         """Time of the newest record."""
         return max((self.since_start(r) for r in self.records), default=0.0)
