@@ -5,11 +5,13 @@ import math
 import socket
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from look_alike import LookAlike
 from mavlink_clients import free_port, scenario, served, wait
 from pymavlink.dialects.v20 import common as m
 from relay import Relay
@@ -330,6 +332,102 @@ def test_a_battery_that_is_not_enough_stops_it_before_the_fence_is_sent():
         (battery,) = (c for c in preflight(vehicle, demands(plan, 0.95), True) if c.passed is False)
         assert battery.name == "battery"
         assert server.face.pilot.fence.inside == ()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "name", "passed", "words"),
+    [
+        ({"COM_OBL_RC_ACT": 5}, "link lost", True, "Hold after"),
+        ({"COM_OBL_RC_ACT": 0}, "link lost", None, "sinks and lands"),
+        ({"COM_OBL_RC_ACT": 7}, "link lost", False, "motors stop in the air; set COM_OBL_RC_ACT to 5"),
+        ({"COM_LOW_BAT_ACT": 0}, "low battery", None, "nothing brings it home"),
+        ({"COM_LOW_BAT_ACT": 3}, "low battery", True, "Return, then Land"),
+        ({"RTL_RETURN_ALT": 8.0}, "return altitude", False, "set RTL_RETURN_ALT to 10"),
+        ({"RTL_RETURN_ALT": 30.0}, "return altitude", True, "30 m above home"),
+        ({"GF_MAX_HOR_DIST": 90.0}, "own fence", False, "GF_MAX_HOR_DIST is 90 m, the flight needs 103"),
+        ({"GF_MAX_VER_DIST": 22.0}, "own fence", False, "GF_MAX_VER_DIST is 22 m, the flight needs 23"),
+        ({"GF_MAX_HOR_DIST": 200.0}, "own fence", True, "200 m"),
+        ({}, "pilot", None, "nobody can take over by hand"),
+    ],
+)
+def test_preflight_judges_the_vehicles_own_settings(parameters, name, passed, words):
+    there = LookAlike(0)
+    for parameter, value in parameters.items():
+        assert there.sky.face.parameters.set(parameter, value)
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    (check,) = [c for c in preflight(there.vehicle, demands(plan), False, ready_s=1.0) if c.name == name]
+    assert check.passed is passed, check
+    assert words in check.said
+
+
+def test_preflight_sees_a_pilot_whose_lost_sticks_would_stop_the_motors():
+    there = LookAlike(5)
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    there.sticks(moving=False)
+    there.wait(2.0)
+    for action, passed in ((2, True), (6, False)):
+        there.sky.face.parameters.set("NAV_RCL_ACT", action)
+        (check,) = [c for c in preflight(there.vehicle, demands(plan), False, 1.0) if c.name == "pilot"]
+        assert check.passed is passed, check
+
+
+def test_what_speaks_against_arming_is_said():
+    there = LookAlike(5)
+    there.sky.pilot.battery_share = 0.03
+    there.wait(2.0)
+    with pytest.raises(UserError, match=r"does not arm .*battery"):
+        there.vehicle.takeoff(10.0)
+
+
+def test_a_hold_before_it_left_the_ground_is_not_waited_for_in_silence():
+    there = LookAlike(5)
+    pilot, since = there.sky.pilot, []
+
+    def hold_it():
+        if pilot.mode is Mode.TAKEOFF and not pilot.state.airborne:
+            since.append(there.now_s())
+            if since[-1] - since[0] > 0.3:
+                there.command(m.MAV_CMD_DO_SET_MODE, 1, *Mode.HOLD.value)
+
+    there.vehicle.link.others.append(hold_it)
+    with pytest.raises(UserError, match="did not take off: it is in Hold"):
+        there.vehicle.takeoff(10.0)
+    assert there.now_s() - since[0] < 2.0
+
+
+def beating(port, systems):
+    """Vehicles with these ids that send heartbeats to a port, until ``close``."""
+    over = threading.Event()
+
+    def beat():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as radio:
+            while not over.wait(0.1):
+                for system in systems:
+                    voice = m.MAVLink(None, srcSystem=system, srcComponent=1)
+                    said = m.MAVLink_heartbeat_message(m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_PX4, 81, 0, 3, 3)
+                    radio.sendto(said.pack(voice), (LOOPBACK, port))
+
+    threading.Thread(target=beat, daemon=True).start()
+    return contextlib.closing(SimpleNamespace(close=over.set))
+
+
+@pytest.mark.parametrize(
+    ("system_id", "words"),
+    [
+        (None, "several vehicles answer; choose one: --system-id 1, 7"),
+        (9, "--system-id 9: no such vehicle was heard"),
+        (7, "the vehicle has no position"),
+    ],
+)
+def test_several_vehicles_on_one_link_are_named(system_id, words):
+    port = free_port()
+    with beating(port, (1, 7)), pytest.raises(UserError, match=words):
+        Px4Vehicle(f"udpin://{LOOPBACK}:{port}", scenario(), flat, 3.0, system_id)
+
+
+def test_a_serial_port_that_is_not_there_is_named():
+    with pytest.raises(UserError, match="there is no serial port /dev/ttyNOWHERE; "):
+        Px4Vehicle("serial:///dev/ttyNOWHERE:57600", scenario(), flat, 3.0)
 
 
 def test_nobody_there_is_said_after_the_time_given():
