@@ -371,6 +371,36 @@ def test_preflight_sees_a_pilot_whose_lost_sticks_would_stop_the_motors():
         assert check.passed is passed, check
 
 
+@pytest.mark.parametrize(
+    ("mode", "sticks", "passed"),
+    [(Mode.HOLD, False, True), (Mode.RETURN, False, False), (Mode.POSITION, True, False)],
+)
+def test_a_vehicle_that_somebody_flies_is_not_gone_on_with(mode, sticks, passed):
+    there = LookAlike(5)
+    there.sticks(moving=False if sticks else None)
+    there.vehicle.takeoff(10.0)
+    there.wait(8.0)
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *mode.value)
+    there.connect()
+    there.wait(2.0)
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    (check,) = [c for c in preflight(there.vehicle, demands(plan), False, 1.0) if c.name == "control"]
+    assert check.passed is passed, check
+
+
+def test_a_vehicle_that_lost_its_program_is_gone_on_with():
+    there = LookAlike(3)
+    there.vehicle.takeoff(10.0)
+    while there.vehicle.telemetry.flown != Mode.OFFBOARD.value:
+        there.wait(0.1)
+    there.connect()
+    there.wait(3.0)
+    assert there.flown()[0] == Mode.RETURN.value
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    (check,) = [c for c in preflight(there.vehicle, demands(plan), False, 1.0) if c.name == "control"]
+    assert check.passed, check
+
+
 def test_what_speaks_against_arming_is_said():
     there = LookAlike(5)
     there.sky.pilot.battery_share = 0.03

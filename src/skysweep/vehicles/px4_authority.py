@@ -19,7 +19,7 @@ RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints 
 _CATCH_UP_S = 1.0  # a link that was held up delivers the past first
 _CLOCK_SLACK_S = 0.3
 _RECENT_S = 10.0  # a warning that explains why
-_AUTO = 4  # PX4's main mode of Hold, Return and Land
+AUTO = 4  # PX4's main mode of Hold, Return and Land
 _NO_STICKS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
 _STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
 
@@ -50,7 +50,7 @@ class Authority:
         """
         with self._lock:
             told = self._told
-            failsafe = told.intended == Mode.OFFBOARD.value and told.flown[0] == _AUTO
+            failsafe = told.intended == Mode.OFFBOARD.value and told.flown[0] == AUTO
             return self._look() and (failsafe or not self.theirs)
 
     def lost(self) -> bool:

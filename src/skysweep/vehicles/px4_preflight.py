@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from skysweep.planning.flight_plan import RESERVE
 from skysweep.planning.qgc import QgcPlan
 from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.px4 import Mode
 from skysweep.vehicles.px4 import Px4Vehicle
+from skysweep.vehicles.px4_authority import AUTO
 from skysweep.vehicles.px4_fence import upload_fence_and_rally
+from skysweep.vehicles.px4_telemetry import mode_name
 
 GIMBAL_S = 5.0  # on the wall, until it looks where it was told
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
@@ -66,6 +69,7 @@ def preflight(
         _battery(vehicle, demands.energy_share),
         _low_battery(vehicle),
         _mode(vehicle),
+        _control(vehicle),
         _ready(vehicle),
         _link_lost(vehicle),
         _pilot(vehicle),
@@ -146,10 +150,20 @@ def _battery(vehicle: Px4Vehicle, needed_share: float) -> Check:
 
 def _mode(vehicle: Px4Vehicle) -> Check:
     told = vehicle.telemetry
-    mode = told.mode.name.title() if told.mode else "a mode with sticks"
     where = "in the air" if told.airborne else "on the ground"
     armed = "armed" if told.armed else "disarmed"
-    return Check("mode", not (told.armed or told.airborne), f"{mode}, {armed}, {where}")
+    return Check("mode", not (told.armed or told.airborne), f"{mode_name(told.flown)}, {armed}, {where}")
+
+
+def _control(vehicle: Px4Vehicle) -> Check:
+    """A vehicle in the air is gone on with from Hold, or where PX4 lost a program: else it is somebody's."""
+    told, name = vehicle.telemetry, "control"
+    if not told.airborne:
+        return Check(name, True, "nobody flies it")
+    lost = told.intended == Mode.OFFBOARD.value and (told.flown[0] == AUTO or not told.manual_control)
+    if lost or told.flown == Mode.HOLD.value:
+        return Check(name, True, f"free: in {mode_name(told.flown)}")
+    return Check(name, False, f"somebody flies it in {mode_name(told.flown)}; let them choose Hold")
 
 
 def _low_battery(vehicle: Px4Vehicle) -> Check:
