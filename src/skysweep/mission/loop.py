@@ -23,7 +23,6 @@ from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.obstacles import Obstacles
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import (
-    XY,
     Candidate,
     Command,
     Detections,
@@ -134,8 +133,8 @@ class _Flight:
         self._refusal: Alarm | None = None
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the last setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
-        self._left_xy: XY | None = None  # where the search was at its last step
-        self._going_back = False
+        self._left_enu_m = mission.vehicle.state().position_enu_m  # where the search was at its last step
+        self._interrupted = self._going_back = False
 
     def refuse_before_take_off(self) -> None:
         """Raises UserError."""
@@ -209,6 +208,7 @@ class _Flight:
         while True:
             alarm = self._look_after(state, "SEARCH")
             if alarm.action is Action.KEEP_OUT:
+                self._interrupted = True
                 state = self._keep_out(state, "SEARCH")
                 if not state.airborne:
                     return alarm
@@ -217,6 +217,7 @@ class _Flight:
                 return alarm
             detections = self._look(state)
             if alarm.action is Action.HOLD:
+                self._interrupted = True
                 self._hold()
                 state = self._pass_time(state, "HOLD", detections)
                 continue
@@ -389,18 +390,19 @@ class _Flight:
         return state
 
     def _goes_back(self, state: VehicleState) -> bool:
-        """Whether it flies back to where the scan was interrupted: what lies in between was not seen."""
-        x, y, _ = state.position_enu_m.tolist()
-        away_m = 0.0 if self._left_xy is None else math.dist((x, y), self._left_xy)
-        limit_m = _BACK_M if self._going_back else _DISPLACED_M
-        self._going_back = self._mode == "SCAN" and away_m > limit_m
-        if self._left_xy is None or not self._going_back:
-            self._left_xy = (x, y)
+        """Whether it flies back to where a scan was interrupted: what lies in between was not seen."""
+        if not self._interrupted:
+            self._left_enu_m = state.position_enu_m
             return False
-        speed_mps = self._m.scenario.vehicle.cruise_speed_mps
-        back = Waypoint(self._left_xy, self._m.cover_altitude_agl_m, speed_mps)
-        self._m.vehicle.command(self._setpoint(state, back))
-        return True
+        x, y, _ = self._left_enu_m.tolist()
+        away_m = math.dist(state.position_enu_m[:2].tolist(), (x, y))
+        limit_m = _BACK_M if self._going_back else _DISPLACED_M
+        self._going_back = self._interrupted = self._mode == "SCAN" and away_m > limit_m
+        if self._going_back:
+            speed_mps = self._m.scenario.vehicle.cruise_speed_mps
+            back = Waypoint((x, y), self._m.cover_altitude_agl_m, speed_mps)
+            self._m.vehicle.command(self._setpoint(state, back))
+        return self._going_back
 
     def _hold(self) -> None:
         if not self._holding:
