@@ -20,7 +20,7 @@ from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.sensing.schedule import Exposures
-from skysweep.types import Detections, Frame
+from skysweep.types import Detections, Frame, Setpoint
 
 SCENARIO = {
     "name": "faults",
@@ -602,3 +602,76 @@ def test_whatever_goes_wrong_in_our_own_code_leaves_the_vehicle_holding():
 
 
 WIDE = {"polygon_enu_m": [[0, 0], [150, 0], [150, 100], [0, 100]]}
+
+
+# ---- somebody else flies it -------------------------------------------------------------------------------
+
+
+class Taken(Around):
+    """A vehicle that somebody flies to another place for a while."""
+
+    def __init__(self, inner, since_s=25.0, for_s=20.0):
+        super().__init__(inner)
+        self.since_s, self.until_s = since_s, since_s + for_s
+
+    @property
+    def theirs(self):
+        return self.since_s <= self.inner.state().time_s < self.until_s
+
+    def state(self):
+        return self.inner.state()._replace(taken_over="it is in Position" if self.theirs else "")
+
+    def command(self, setpoint):
+        assert not self.theirs, "commanded while somebody else flies it"
+        self.inner.command(setpoint)
+
+    def hold(self):
+        assert not self.theirs, "held while somebody else flies it"
+        self.inner.hold()
+
+    def advance(self, duration_s):
+        if self.theirs:
+            here = self.inner.state().position_enu_m
+            self.inner.command(Setpoint(np.array([-20.0, 30.0, here[2]]), 5.0, 0.0))
+        self.inner.advance(duration_s)
+
+
+def test_who_takes_it_keeps_it_and_only_what_is_so_is_told():
+    """The operator's hold lasts through the takeover, and is not told to be over before it is."""
+    words = {24.0: "hold", 60.0: "continue"}
+
+    class Keyboard:
+        def __init__(self):
+            self.flown = None
+
+        def __call__(self):
+            now_s = vehicles[0].inner.state().time_s if vehicles else 0.0
+            due = [t for t in words if t <= now_s]
+            return words.pop(due[0]) if due else None
+
+    vehicles = []
+
+    def taken(inner):
+        vehicles.append(Taken(inner))
+        return vehicles[0]
+
+    flown = Flown(vehicle=taken, operator=Keyboard())
+    assert flown.safety == [
+        ("operator", "HOLD"),
+        ("taken over", "KEEP_OUT"),
+        ("taken over", "CONTINUE"),
+        ("operator", "CONTINUE"),
+    ]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_path_flown_by_somebody_else_is_no_part_of_the_scan():
+    """Even where the detector is silent meanwhile: nothing of it is flown again."""
+    flown = Flown(
+        vehicle=lambda inner: Taken(inner),
+        sensor=lambda inner: LosesLooks(inner, 26.0, 15.0),
+    )
+    flown.assert_found()
+    legs = [leg for line in flown.of_kind("unsearched") for leg in line["legs_enu_m"]]
+    assert all(x > -10.0 for leg in legs for x, _ in leg)

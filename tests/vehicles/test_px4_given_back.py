@@ -43,11 +43,11 @@ class Flight:
         def watch(state, mode, _new):
             self.states.append((state.time_s, mode, state.position_enu_m, bool(state.taken_over)))
             self._word = happens(self.there, state, mode)
-            if self._word == "continue":
-                self.there.vehicle.regain()
 
         def operator():
             word, self._word = self._word, None
+            if word == "continue":  # as Px4Flight does
+                self.there.vehicle.regain()
             return word
 
         self.reason = fly(mission, journal, watch, operator)

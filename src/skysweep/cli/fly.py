@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import select
 import shlex
 import signal
 import sys
+import time
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from skysweep.types import VehicleState
     from skysweep.vehicles.px4_preflight import Check
 
+_READ_S = 1.0  # until somebody has read that the vehicle was taken
 _EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
 _DETECTOR_THREADS = 2
 _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGTERM,)
@@ -75,9 +78,11 @@ def fly(
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
     Shows the preflight list and asks before arming; says each find as it is made. In flight: Ctrl-C holds,
-    Enter goes on, Ctrl-C again goes home and lands. However this program ends, the vehicle is left in Hold. A
-    flight that was broken off goes on from where the vehicle is when its run folder is given; only
-    --connection, --signing-key and --camera count then.
+    Enter goes on, Ctrl-C again goes home and lands. A pilot, a ground station or a failsafe that takes the
+    vehicle keeps it until Enter is pressed. However this program ends, a vehicle that it flies is left in
+    Hold; killed outright, PX4 does what COM_OBL_RC_ACT says. A flight that was broken off goes on from where
+    the vehicle is when its run folder is given; only --connection, --system-id, --signing-key and --camera
+    count then.
 
     Examples:
 
@@ -160,7 +165,7 @@ class _Operator:
         self._folder = folder
         self._word: str | None = None
         self._presses = 0
-        self._taken = False
+        self._taken, self._taken_s = False, 0.0  # by somebody else; since when that is shown
         self._before: Any = None
 
     @property
@@ -171,15 +176,29 @@ class _Operator:
         return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
 
     def __call__(self) -> str | None:
-        asked = self._presses == 1 or self._taken
-        if asked and sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
-            sys.stdin.readline()
-            self._presses, self._word = 0, "continue"
+        from skysweep.experiments.px4_flight import TAKE_BACK
+
+        if self._typed():
+            if self._taken and time.monotonic() - self._taken_s > _READ_S:
+                self._presses, self._word = 0, TAKE_BACK
+            elif self._presses == 1 and not self._taken:
+                self._presses, self._word = 0, "continue"
         word, self._word = self._word, None
         return word
 
+    def _typed(self) -> bool:
+        """Whether Enter was pressed; whatever was typed is taken, so that none of it counts later."""
+        typed = False
+        while sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+            if not os.read(sys.stdin.fileno(), 1024):
+                break
+            typed = True
+        return typed
+
     def look(self, state: VehicleState) -> None:
         """Show it every state. Raises UserError where somebody took the vehicle and there is no keyboard."""
+        if state.taken_over and not self._taken:
+            self._taken_s = time.monotonic()
         self._taken = bool(state.taken_over)
         if self._taken and state.airborne and not sys.stdin.isatty():
             raise UserError(

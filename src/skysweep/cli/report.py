@@ -88,6 +88,12 @@ def _report_mission(folder: Path, out: Path) -> None:
     from skysweep.results.writing import write_results
 
     run = load_run(folder)
+    complete = summary_of_complete(folder) is not None
+    if run.damaged_line is not None and complete and out.resolve() == folder.resolve():
+        raise UserError(
+            f"{folder}: its results are complete, and its journal was damaged since (line "
+            f"{run.damaged_line}); write what can still be read elsewhere with --out"
+        )
     if run.damaged_line is not None:
         _warn(
             f"{folder}: line {run.damaged_line} of the journal is damaged; the results are those of the "

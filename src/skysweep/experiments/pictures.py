@@ -106,7 +106,9 @@ class PictureBook:
                 image = labelled(frame.image, found, box, words)
                 _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
                 self._folder.mkdir(exist_ok=True)
-                path.write_bytes(jpeg.tobytes())
+                part = path.with_suffix(".part")
+                part.write_bytes(jpeg.tobytes())
+                part.replace(path)
             if path.exists():
                 for worse in set(self._folder.glob(f"candidate-{candidate}-*.jpg")) - {path}:
                     worse.unlink()

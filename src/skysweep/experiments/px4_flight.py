@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
 
 RENDERED = "rendered"
+TAKE_BACK = "take back"  # an operator's word, once somebody else is seen to fly the vehicle
 _MOTORS_STOP_S = 20.0  # on the wall, after landing
 _PARAMETERS_S = 30.0  # on the wall: what a slow radio does not bring in this time is left out
 _BESIDE_M = 10.0  # of the autopilot's own way home: what stands there is in its way
@@ -59,6 +60,8 @@ class Px4Flight:
         system_id: int | None = None,
     ) -> None:
         self._checks: tuple[Check, ...] = ()
+        self._parameters: dict[str, float] = {}
+        self._ros: Any = None  # the node that hears a camera's topic
         self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
         plan_scenario(scenario, self._altitude_agl_m)
         height_m = build_terrain(scenario).height_m
@@ -88,6 +91,7 @@ class Px4Flight:
         ``folder`` is where the run will be written.
         """
         self._checks = (*preflight(self.vehicle, self._demands(), upload), _storage(folder))
+        self._parameters = self.vehicle.link.parameters(_PARAMETERS_S)
         return self._checks
 
     def _demands(self) -> Demands:
@@ -111,8 +115,13 @@ class Px4Flight:
 
     def rehearse(self, camera_source: str, renderer: Backend, threads: int) -> Check:
         """How often camera and detector look on this computer; a line of the list."""
-        camera = self.open_camera(camera_source)
-        return rehearse(self.scenario, self.vehicle, camera, renderer, threads)
+        try:
+            camera = self.open_camera(camera_source)
+            check = rehearse(self.scenario, self.vehicle, camera, renderer, threads)
+        except UserError as error:
+            check = Check("detector", False, str(error))
+        self._checks += (check,)
+        return check
 
     def fly(
         self,
@@ -168,13 +177,14 @@ class Px4Flight:
         return summary
 
     def _heeding(self, operator: Operator) -> Operator:
-        """Whose "continue" takes the vehicle back from whoever flies it."""
+        """Whose ``TAKE_BACK`` takes the vehicle back from whoever flies it."""
 
         def heed() -> str | None:
             word = operator()
-            if word == "continue":
-                self.vehicle.regain()
-            return word
+            if word != TAKE_BACK:
+                return word
+            self.vehicle.regain()
+            return "continue"
 
         return heed
 
@@ -184,7 +194,7 @@ class Px4Flight:
             "utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
             "autopilot": self.vehicle.link.newest("AUTOPILOT_VERSION"),
             "checks": [asdict(check) for check in self._checks],
-            "parameters": self.vehicle.link.parameters(_PARAMETERS_S),
+            "parameters": self._parameters,
         }
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -207,8 +217,8 @@ class Px4Flight:
             from skysweep.ros.link import Link
             from skysweep.ros.parts import RosCamera
 
-            link = self._ending.enter_context(closing(Link("mission")))
-            return RosCamera(link, source.removeprefix("ros:"), lens)
+            self._ros = self._ros or self._ending.enter_context(closing(Link("mission")))
+            return RosCamera(self._ros, source.removeprefix("ros:"), lens)
         return VideoCamera(source, lens)
 
     def __enter__(self) -> Px4Flight:

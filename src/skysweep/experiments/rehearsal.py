@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.build import build_mission
 from skysweep.mission.looks import Looks
@@ -37,8 +36,6 @@ def rehearse(
     with closing(mission.sensor):
         try:
             rate_hz = _answers_hz(mission)
-        except UserError:
-            raise
         except Exception as error:
             return Check("detector", False, f"camera or detector fails: {error}")
     if rate_hz == 0.0:

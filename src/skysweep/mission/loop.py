@@ -223,7 +223,7 @@ class _Flight:
                 continue
             self._holding = False
             if self._goes_back(state):
-                state = self._pass_time(state, self._mode, detections)
+                state = self._pass_time(state, "HOLD", detections)
                 continue
             observation = self._observation(state, detections)
             command = m.strategy.step(self._of_the_area(observation))
@@ -280,7 +280,9 @@ class _Flight:
         """The worst of what is wrong; every rule looks once a second, and at once when it is urgent."""
         word = self._operator()
         now_s = state.time_s + state.silent_s
-        if not self._guard.is_urgent(state) and now_s < self._next_check_s and word is None:
+        given_back = self._worst.action is Action.KEEP_OUT and not state.taken_over
+        at_once = self._guard.is_urgent(state) or given_back or word is not None
+        if not at_once and now_s < self._next_check_s:
             return self._worst
         self._next_check_s = now_s + CHECK_PERIOD_S
         self._guard.heed(word)
@@ -290,7 +292,7 @@ class _Flight:
         if alarms or self._worst is not _ALL_WELL:
             self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
             self._notes.alarms(now_s, alarms)
-        self._looks.keep_track(state, self._mode == "SCAN")
+        self._looks.keep_track(state, self._mode == "SCAN" and not state.taken_over)
         return self._worst
 
     def _look(self, state: VehicleState) -> Detections | None:

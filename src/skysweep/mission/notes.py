@@ -116,6 +116,8 @@ class Notes:
         for alarm in alarms:
             if self._alarms.get(alarm.cause) is not alarm.action:
                 self.safety(time_s, alarm)
+        if Action.KEEP_OUT in current.values():  # nobody looks at the others now
+            current = self._alarms | current
         for cause, action in self._alarms.items():
             if cause not in current and action in _PASSING:
                 self.safety(time_s, Alarm(Action.CONTINUE, cause, OVER[cause]))

@@ -88,12 +88,12 @@ class Guard:
         self._add_up_jumps(state)
         if self._is_calm(state, altitude_agl_m) and phase == "SEARCH":
             return ()
-        if state.taken_over:
-            return (Alarm(Action.KEEP_OUT, "taken over", _keeps_out(state.taken_over)),)
         found = [*self._link(state, now_s), *self._position(state, now_s), *self._battery(state, phase)]
         lost = any(a.cause in ("position lost", "position jump") for a in found)
         silent = any(a.cause == "telemetry silent" for a in found)
         self._looks.trust(state.time_s, lost, silent)
+        if state.taken_over:
+            return (Alarm(Action.KEEP_OUT, "taken over", _keeps_out(state.taken_over)),)
         if self._word == "hold":
             found.append(Alarm(Action.HOLD, "operator", "The operator holds the vehicle."))
         if phase == "RETURN":

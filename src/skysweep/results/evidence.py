@@ -34,7 +34,7 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
     titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
     pictures: dict[int, Path] = {}
     other = []
-    for path in sorted(run.folder.glob(f"{PICTURES}/*.jpg")) if run.folder is not None else ():
+    for path in sorted(run.folder.glob(f"{PICTURES}/*.jpg"), key=_taken_s) if run.folder is not None else ():
         told = _NAME.match(path.stem)
         if told is None:
             other.append((path, path.stem.replace("_", " ").replace("-", " ")))
@@ -52,6 +52,11 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
         verdict: [Picture(uri, caption) for path, caption in shown if (uri := _small(path))]
         for verdict, shown in (groups | {"Other": other}).items()
     }
+
+
+def _taken_s(path: Path) -> float:
+    told = _NAME.match(path.stem)
+    return 0.0 if told is None else float(told[2])
 
 
 def _view(run: Run, story: CandidateStory, path: Path) -> str:

@@ -132,7 +132,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         elif kind in ("safety", "unsearched"):
             steps.append((time_s, safety_words(record)))
         elif kind == "unchecked" and record.get("reason") == OUTSIDE:
-            outside.append(record)
+            (outside if check is None else check).append(record)
         elif kind == "unchecked" and not _is_refused(run, record):
             left.setdefault(time_s, []).append(record)
         elif kind in ("confirmed", "rejected", "unchecked"):
@@ -188,7 +188,10 @@ def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
 def _left_words(run: Run, records: Sequence[Any], names: dict[int, str]) -> str:
     which = ", ".join(_name(r, names) for r in records)
     n = f"{len(records)} candidate{'' if len(records) == 1 else 's'}"
-    return f"{n} left unchecked ({which}): {_why_unchecked(run, records[0]['candidate'])}"
+    why = _why_unchecked(run, records[0]["candidate"])
+    if len(records) > 1:
+        why = why.replace("It lies", "They lie")
+    return f"{n} left unchecked ({which}): {why}"
 
 
 def _name(record: Any, names: dict[int, str]) -> str:
@@ -199,7 +202,7 @@ def _name(record: Any, names: dict[int, str]) -> str:
 def _cause(run: Run, record: Any) -> Any:
     """The safety line that made the mission leave a candidate unchecked, or None."""
     before = run.records[: run.records.index(record)]
-    asked = ("REFUSE_CHECK", "RETURN", "LAND")
+    asked = ("REFUSE_CHECK",) if record.get("reason") else ("REFUSE_CHECK", "RETURN", "LAND", "KEEP_OUT")
     return next((r for r in reversed(before) if r["kind"] == "safety" and r["action"] in asked), None)
 
 

@@ -24,7 +24,7 @@ Value = float | str | bool
 PARAMETER = "param."
 FINAL_TABLE, PARTS, LEDGER, SPEC = "missions.parquet", "parts", "missions.jsonl", "spec.yaml"
 _NEEDED = ("scenario", "strategy", "seed", "completed", "mission_time_s", "recall", "false_positives")
-_WRITERS = "give a folder that 'skysweep sweep' or 'skysweep compare paper' wrote"
+_WRITERS = "give a folder that 'skysweep run', 'skysweep sweep' or 'skysweep compare paper' wrote"
 
 _SYMBOLS = {
     "search.n_c": ("n_c", ""),

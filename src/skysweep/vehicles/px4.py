@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import atexit
 import math
-from collections.abc import Callable
-from contextlib import suppress
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +21,10 @@ from skysweep.scenarios.model import Home, Scenario
 from skysweep.types import Setpoint, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.px4 import Mode
-from skysweep.vehicles.px4_authority import Authority
+from skysweep.vehicles.px4_authority import Authority, is_free
 from skysweep.vehicles.px4_link import CONNECT_S, ORDER_S, Link, message_id
 from skysweep.vehicles.px4_offboard import Offboard
-from skysweep.vehicles.px4_telemetry import SILENCE_S, Anchor, Telemetry
+from skysweep.vehicles.px4_telemetry import SILENCE_S, Anchor, Telemetry, mode_name
 
 F64 = NDArray[np.float64]
 
@@ -56,6 +58,7 @@ _FAST = 1.5  # times real time: a simulator
 _HOLD_S = 3.0  # on the wall: more is of no use to a mission that must go on
 _TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
+_SHOWS_S = 0.3  # on the wall, until a mode that was accepted shows
 _HELLO_S = 1.0
 _STREAM_FIRST_S = 0.2  # on the wall: PX4 wants setpoints before it goes into Offboard
 _CHECKS_S = 1.5  # on the wall, for the reasons against arming
@@ -88,7 +91,9 @@ class Px4Vehicle:
     ) -> None:
         self.scenario = scenario
         self._ground_height_m = ground_height_m
+        self.begins_in_air: bool | None = None  # as the preflight list saw it; None: no list was made
         self._must_land = False  # was ordered while nobody heard it
+        self._taking_off = False  # was ordered, and Offboard has not taken over yet
         self._offboard_from_m: float | None = None  # of a take-off under way: height above ground
         self._closed = False
         self._pointed_s = -math.inf  # by the vehicle's clock
@@ -156,11 +161,13 @@ class Px4Vehicle:
         finished: a Hold that PX4 chose by itself could not be told from one that somebody chose.
         """
         told = self.telemetry
+        self._refuse_taken()
         if told.airborne:
             self._start_clock()
             self.command(self._above_here(altitude_agl_m))
             self._state = self._look()
             return
+        self._taking_off = True
         for left in reversed(range(_TAKE_OFF_TRIES)):
             self._arm()
             self._start_clock()
@@ -195,7 +202,7 @@ class Px4Vehicle:
 
     def regain(self) -> None:
         """A person gave the vehicle back: hovers where it is, where PX4 does not refuse."""
-        if self.authority.theirs:
+        if self.authority.theirs and self.telemetry.airborne and self.authority.knows():
             self.authority.regain(None)
             self._offboard.aim(self._stop_here(), self.anchor)
             try:
@@ -245,10 +252,13 @@ class Px4Vehicle:
             self.authority.regain(None)
 
     def close(self) -> None:
-        """Hands over to Hold where it flies on our orders, and lets go of the link."""
-        if not self._closed:
-            self._closed = True
-            atexit.unregister(self.close)
+        """Hands over to Hold where it flies on our orders, and lets go of the link.
+
+        Signals that end a program wait until that is done.
+        """
+        if self._closed:
+            return
+        with _signals_wait():
             self._hand_over()
             self._offboard.stop()
             if self.gimbal:
@@ -256,6 +266,8 @@ class Px4Vehicle:
             for name in self._spared:
                 self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 0.0)
             self.link.close()
+            self._closed = True
+            atexit.unregister(self.close)
 
     # ---- inside: getting to know it ------------------------------------------------------------------
 
@@ -339,6 +351,16 @@ class Px4Vehicle:
 
     # ---- inside: orders ------------------------------------------------------------------------------
 
+    def _refuse_taken(self) -> None:
+        """Raises UserError where somebody flew, landed or armed it since the preflight list."""
+        told = self.telemetry
+        if self.begins_in_air is not None and told.airborne is not self.begins_in_air:
+            raise UserError("the vehicle took off or landed since the preflight list; look, and start again")
+        if told.airborne and not is_free(told):
+            raise UserError(f"somebody flies the vehicle in {mode_name(told.flown)}; let them choose Hold")
+        if told.armed and not told.airborne:
+            raise UserError("the vehicle is armed already: somebody is about to fly it; disarm it first")
+
     def _arm(self) -> None:
         if self.telemetry.armed:
             return
@@ -384,11 +406,15 @@ class Px4Vehicle:
         told, before = self.telemetry, self.telemetry.flown
 
         def elsewhere() -> bool:
-            return told.flown not in (before, mode.value) or self.authority.lost()
+            if told.flown == mode.value:
+                return False
+            undone = told.mode_heard_s > self.link.accepted_s(number) + _SHOWS_S and not or_else()
+            return undone or told.flown != before or self.authority.lost()
 
         done = lambda: told.flown == mode.value or or_else()  # noqa: E731
         if self.link.order(what, number, params, done, timeout_s, elsewhere):
             self.authority.regain(mode)
+            self._taking_off = mode is Mode.TAKEOFF
         else:
             self.authority.keep_out()
 
@@ -403,23 +429,35 @@ class Px4Vehicle:
         """Gives the orders that had to wait; none while somebody else flies it, or it is not heard."""
         authority, told = self.authority, self.telemetry
         if authority.lost():
-            self._offboard.aim(self._stop_here(), self.anchor)
+            if told.flown != Mode.OFFBOARD.value:  # there it stays where it came to rest
+                self._offboard.aim(self._stop_here(), self.anchor)
             return
         if not authority.knows():
             return
         ours = authority.wanted is None or told.flown in (Mode.OFFBOARD.value, Mode.TAKEOFF.value)
         if self._must_land and ours:
-            self._change_mode(Mode.LAND, "land", lambda: not told.airborne)
-            self._must_land = False
-            self._offboard.stop()
+            with suppress(UserError):  # then it is said again: a mission does not end in the air for that
+                self._change_mode(Mode.LAND, "land", lambda: not told.airborne)
+                self._must_land = False
+                self._offboard.stop()
         elif self._offboard_from_m is not None and self._height_agl_m() >= self._offboard_from_m:
             self._go_into_offboard()
 
     def _hand_over(self) -> None:
-        """Leaves a flying vehicle in PX4's own Hold; one that is not heard does what COM_OBL_RC_ACT says."""
-        wanted, authority = self.authority.wanted, self.authority
-        flying = wanted in (Mode.OFFBOARD, Mode.TAKEOFF) and self.telemetry.airborne
-        if flying and authority.knows() and not authority.lost():
+        """Leaves a flying vehicle in PX4's own Hold; one that is not heard does what COM_OBL_RC_ACT says.
+
+        A failsafe of PX4's own goes on. A take-off that has not left the ground is called off.
+        """
+        told, authority = self.telemetry, self.authority
+        if not (self._taking_off or authority.wanted in (Mode.OFFBOARD, Mode.TAKEOFF)):
+            return
+        self.link.wait(authority.knows, _HOLD_S)
+        if self._taking_off and told.armed and not told.airborne and not authority.lost():
+            self.link.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)  # PX4 refuses it in the air
+            self.link.wait(lambda: told.airborne or not told.armed, _HOLD_S)
+        ours = authority.nobody_chose if authority.lost() else True
+        flown = told.flown in (Mode.OFFBOARD.value, Mode.TAKEOFF.value)
+        if ours and flown and told.airborne and authority.knows():
             with suppress(UserError):
                 self._change_mode(Mode.HOLD, "hold", timeout_s=_HOLD_S)
 
@@ -469,3 +507,18 @@ def placed(scenario: Scenario, latitude_deg: float, longitude_deg: float, altitu
         }
     )
     return scenario.model_copy(update={"home": home})
+
+
+@contextmanager
+def _signals_wait() -> Iterator[None]:
+    """Ignores what ends a program; only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

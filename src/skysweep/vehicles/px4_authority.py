@@ -40,6 +40,7 @@ class Authority:
         self._before: tuple[float, float] = (0.0, 0.0)  # now_s and boot_s when it was last heard
         self._heard_again_s = float("-inf")
         self._asked = False
+        self._person = False  # who took it, or took it from a failsafe
         self._not_followed_s: float | None = None  # since when PX4 is elsewhere, and setpoints go out
 
     def may_stream(self) -> bool:
@@ -49,9 +50,17 @@ class Authority:
         COM_OBL_RC_ACT 7 stop the motors.
         """
         with self._lock:
-            told = self._told
-            failsafe = told.intended == Mode.OFFBOARD.value and told.flown[0] == AUTO
-            return self._look() and (failsafe or not self.theirs)
+            return self._look() and (not self.theirs or (self.nobody_chose and self._told.airborne))
+
+    @property
+    def nobody_chose(self) -> bool:
+        """Whether PX4 alone took it, since ``theirs`` began: no person chose a mode."""
+        with self._lock:
+            return not self._person and self._is_left_to_px4()
+
+    def _is_left_to_px4(self) -> bool:
+        told = self._told
+        return told.intended == Mode.OFFBOARD.value and told.flown[0] in (AUTO, Mode.OFFBOARD.value[0])
 
     def lost(self) -> bool:
         """Whether somebody else has it; looks again."""
@@ -67,7 +76,7 @@ class Authority:
     def regain(self, mode: Mode | None) -> None:
         """A person gave the vehicle back, or this program begins: its next order is ``mode``."""
         with self._lock:
-            self.wanted, self.theirs, self._not_followed_s = mode, "", None
+            self.wanted, self.theirs, self._not_followed_s, self._person = mode, "", None, False
 
     def keep_out(self, why: str = "") -> None:
         """Somebody else flies it now."""
@@ -95,6 +104,7 @@ class Authority:
                 link.request("EXTENDED_SYS_STATE")
             if not self._caught_up(now_s) or told.mode_heard_s <= self._heard_again_s:
                 return False
+        self._person = self._person or (bool(self.theirs) and not self._is_left_to_px4())
         certain = self.wanted is None or bool(self.theirs) or self._judge(now_s)
         self._deaf = self._deaf and not certain
         return certain
@@ -160,3 +170,9 @@ class Authority:
         else:
             why = "the autopilot or its pilot chose that"
         self.theirs = f"it is in {mode_name(mode)}: {why}"
+
+
+def is_free(told: Telemetry) -> bool:
+    """Whether a vehicle in the air may be gone on with: it is in Hold, or where PX4 lost a program."""
+    lost = told.intended == Mode.OFFBOARD.value and told.flown != Mode.OFFBOARD.value
+    return told.flown == Mode.HOLD.value or (lost and (told.flown[0] == AUTO or not told.manual_control))

@@ -66,6 +66,7 @@ HEARD = (
 _TEXTS = 20  # kept
 _TEXT_CHARACTERS = 50  # in one message
 _WARNING = 4  # MAV_SEVERITY; smaller is worse
+_ACCEPTED = 0  # MAV_RESULT
 _RESULTS = {1: "not now", 2: "denied", 3: "unsupported", 4: "failed"}  # MAV_RESULT
 
 
@@ -86,7 +87,7 @@ class Link:
         self._listeners: dict[str, list[Callable[[Fields], None]]] = {}
         self._texts: deque[tuple[float, str]] = deque(maxlen=_TEXTS)
         self._parts: dict[int, str] = {}  # of texts that come in several messages, by their id
-        self._results: dict[int, int] = {}
+        self._results: dict[int, tuple[int, float]] = {}  # of commands, and when that was said
         log_subscribe(lambda *_: True)
         configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
         self.own_ids = (int(configuration.system_id), int(configuration.component_id))
@@ -159,7 +160,8 @@ class Link:
 
     def warnings(self, since_s: float) -> tuple[str, ...]:
         """Warnings that the vehicle said since then by ``now_s``, oldest first, each once."""
-        return tuple(dict.fromkeys(text for heard_s, text in self._texts if heard_s >= since_s))
+        texts = tuple(self._texts)  # the receiver may add to them meanwhile
+        return tuple(dict.fromkeys(text for heard_s, text in texts if heard_s >= since_s))
 
     def parameter(self, name: str) -> float | None:
         """One of the vehicle's parameters, None where it does not say; asked twice, because radios lose."""
@@ -203,7 +205,7 @@ class Link:
             if name == "STATUSTEXT" and fields["severity"] <= _WARNING:
                 self._take_text(fields)
             elif name == "COMMAND_ACK":
-                self._results[fields["command"]] = fields["result"]
+                self._results[fields["command"]] = fields["result"], self.now_s()
             for listener in self._listeners.get(name, ()):
                 listener(fields)
             self._news.notify_all()
@@ -225,9 +227,10 @@ class Link:
     def send(self, name: str, **fields: Any) -> None:
         """Says something to the vehicle, once."""
         everything = {"target_system": self.system_id, "target_component": _AUTOPILOT, **fields}
-        self._direct.send_message(
-            MavlinkMessage(name, 0, 0, self.system_id, _AUTOPILOT, json.dumps(everything))
-        )
+        with suppress(MavsdkError):  # not sent is as lost on the way: what the vehicle does will tell
+            self._direct.send_message(
+                MavlinkMessage(name, 0, 0, self.system_id, _AUTOPILOT, json.dumps(everything))
+            )
 
     def command(self, number: int, *params: float | None) -> None:
         """A COMMAND_LONG, once. None is NaN: the vehicle's own choice."""
@@ -253,11 +256,11 @@ class Link:
         ``given_up`` is asked before the command is said again: someone else's will must not be overruled.
         Raises UserError with the vehicle's own reasons where it does not come to that in ``timeout_s``.
         """
-        self._results.pop(number, None)
         params = tuple(params)
         begun_s = self.now_s()
         end_s = begun_s + timeout_s
         while self.now_s() < end_s:
+            self._results.pop(number, None)
             if given_up():
                 return False
             self.command(number, *params)
@@ -267,11 +270,16 @@ class Link:
         result = self._results.get(number)
         if result is None:
             reasons.append("no answer")
-        elif result in _RESULTS:
-            reasons.append(_RESULTS[result])
+        elif result[0] in _RESULTS:
+            reasons.append(_RESULTS[result[0]])
         raise UserError(
             f"the vehicle does not {what} ({timeout_s:g} s): {'; '.join(reasons) or 'acknowledged, not done'}"
         )
+
+    def accepted_s(self, number: int) -> float:
+        """When the vehicle accepted the newest command of a kind, by ``now_s``; inf: it did not."""
+        result, said_s = self._results.get(number, (-1, 0.0))
+        return said_s if result == _ACCEPTED else float("inf")
 
     def every(self, name: str, rate_hz: float) -> None:
         """Asks for a message at a rate of vehicle time."""

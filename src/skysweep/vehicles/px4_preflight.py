@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from skysweep.planning.flight_plan import RESERVE
 from skysweep.planning.qgc import QgcPlan
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import Mode
 from skysweep.vehicles.px4 import Px4Vehicle
-from skysweep.vehicles.px4_authority import AUTO
+from skysweep.vehicles.px4_authority import is_free
 from skysweep.vehicles.px4_fence import upload_fence_and_rally
 from skysweep.vehicles.px4_telemetry import mode_name
 
@@ -158,10 +157,10 @@ def _mode(vehicle: Px4Vehicle) -> Check:
 def _control(vehicle: Px4Vehicle) -> Check:
     """A vehicle in the air is gone on with from Hold, or where PX4 lost a program: else it is somebody's."""
     told, name = vehicle.telemetry, "control"
+    vehicle.begins_in_air = told.airborne
     if not told.airborne:
         return Check(name, True, "nobody flies it")
-    lost = told.intended == Mode.OFFBOARD.value and (told.flown[0] == AUTO or not told.manual_control)
-    if lost or told.flown == Mode.HOLD.value:
+    if is_free(told):
         return Check(name, True, f"free: in {mode_name(told.flown)}")
     return Check(name, False, f"somebody flies it in {mode_name(told.flown)}; let them choose Hold")
 

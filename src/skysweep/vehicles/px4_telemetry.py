@@ -63,11 +63,6 @@ class Anchor:
         """A position (3,) in local NED."""
         return ned_from_enu(enu_m - self.home_enu_m) + self.home_ned_m
 
-    def latitude_longitude(self, xy_enu_m: F64) -> F64:
-        """(N, 2) degrees of (N, 2) metres."""
-        level = np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))])
-        return self.frame.geodetic_from_enu(level)[:, :2]
-
 
 class Telemetry:
     """Keeps what the link hears. ``gimbal_pitch_rad`` is where a gimbal looks that does not report."""
