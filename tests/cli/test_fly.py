@@ -51,6 +51,7 @@ def test_a_signal_while_the_detector_answers_ends_the_mission_in_hold(number):
             asked.append("hold")
             self.inner.hold()
 
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     _end_on_signals()
     mission = build_mission(Scenario.model_validate(SMALL), 0, "statistical")
     mission = replace(mission, sensor=Sensor(mission.sensor), vehicle=Vehicle(mission.vehicle))

@@ -92,11 +92,13 @@ def test_the_other_modes_with_sticks_fly_too(sky, pilot, mode):
     assert sky.pilot.mode.value == mode
 
 
-def test_a_lost_pilots_sticks_are_centred(sky, pilot):
+def test_without_a_pilot_it_comes_straight_down(sky, pilot):
     pilot.set("COM_RC_IN_MODE", 4)  # no failsafe
     pilot.mode(*POSITION)
     sky.fly(5.0)
-    assert np.linalg.norm(sky.vehicle.true_velocity_enu_mps) < 0.1
+    east, north, up = sky.vehicle.true_velocity_enu_mps
+    assert np.hypot(east, north) < 0.1
+    assert up < -0.3
 
 
 def test_position_at_lift_off_sets_it_down_again(sky):

@@ -285,6 +285,7 @@ def test_a_link_that_is_lost_and_found_again():
     of, port = scenario(), free_port()
     relay = Relay(port)
     with VehicleServer(embedded_vehicle(of, 0), of, [(LOOPBACK, relay.port)], SPEED) as server:
+        server.face.parameters.set("COM_OBL_RC_ACT", 5)
         vehicle = Px4Vehicle(f"udpin://{LOOPBACK}:{port}", of, flat, 30.0)
         hovering(vehicle)
         vehicle.command(setpoint(90.0, 0.0, 8.0))
@@ -298,6 +299,7 @@ def test_a_link_that_is_lost_and_found_again():
         wait(lambda: not vehicle.advance(0.1) and vehicle.state().silent_s < 0.3)
         pilot = server.face.pilot
         wait(lambda: not vehicle.command(setpoint(90.0, 0.0, 8.0)) and pilot.mode is Mode.OFFBOARD)
+        assert not vehicle.state().taken_over
         vehicle.close()
     relay.close()
 

@@ -132,11 +132,13 @@ def test_ctrl_c_holds_and_a_second_one_returns_and_lands(file, tmp_path):
 def test_a_program_that_is_ended_leaves_the_vehicle_in_hold(file, tmp_path, number):
     slowly = 2.0  # a busy machine must not be late enough for the vehicle's own failsafe
     with served(small(), slowly) as (server, (url,)):
+        server.face.parameters.set("COM_OBL_RC_ACT", 5)
         out = tmp_path / "run"
         program = subprocess.Popen(
             fly_command(file, url, "--yes", "--out", str(out)),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # under nohup it is ignored
         )
         pilot = server.face.pilot
         wait_for(lambda: pilot.mode is Mode.OFFBOARD, "never in Offboard")

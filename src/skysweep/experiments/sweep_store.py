@@ -57,6 +57,8 @@ METRICS: dict[str, pl.DataType | type[pl.DataType]] = {
     "area_m2": pl.Float64,
     "area_covered": pl.Float64,
     "area_covered_m2": pl.Float64,
+    "collisions": pl.Int64,
+    "min_clearance_m": pl.Float64,
 }
 TIMINGS = {"wall_time_s": pl.Float64, "real_time_factor": pl.Float64}
 _SCHEMA = {"scenario": pl.String, "config_hash": pl.String, **METRICS, "error": pl.String, **TIMINGS}
