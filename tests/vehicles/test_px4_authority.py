@@ -1,0 +1,174 @@
+"""What must not be possible between our program, a pilot and PX4's failsafes: sequences that once were."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from look_alike import LookAlike
+from takeovers import HOLD, LAND, OFFBOARD, POSITION, RETURN
+
+from skysweep.cli.fly import _Operator
+from skysweep.errors import UserError
+from skysweep.experiments.px4_flight import TAKE_BACK
+from skysweep.types import Setpoint
+from skysweep.vehicles.mavlink.dialect import mavlink as m
+
+FAR = Setpoint(np.array([80.0, 0.0, 12.0]), 5.0, 0.0)
+
+
+def in_offboard(on_loss=5):
+    """Flies to a far place, 12 m up."""
+    there = LookAlike(on_loss)
+    there.vehicle.takeoff(12.0)
+    run(there, 60.0, lambda: there.vehicle.state().position_enu_m[2] > 10.5)
+    run(there, 3.0)
+    assert there.flown() == (OFFBOARD, True)
+    return there
+
+
+def run(there, seconds, until=lambda: False):
+    """As a mission does; the modes that the vehicle flew, each change once."""
+    modes, end_s = [there.flown()[0]], there.now_s() + seconds
+    while there.now_s() < end_s and not until():
+        if not there.vehicle.state().taken_over:
+            there.vehicle.command(FAR)
+        there.wait(0.1)
+        if there.flown()[0] != modes[-1]:
+            modes.append(there.flown()[0])
+    return modes
+
+
+@pytest.mark.parametrize("on_loss", [3, 4, 5])
+def test_a_link_that_px4_alone_does_not_hear_does_not_make_it_go_to_and_fro(on_loss):
+    there = in_offboard(on_loss)
+    link = there.vehicle.link
+    say, link._say = link._say, lambda _message: None
+    run(there, 8.0)
+    assert there.vehicle.state().taken_over
+    link._say = say
+    assert len(run(there, 30.0)) <= 2
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_the_end_of_the_program_does_not_end_a_failsafe(ends):
+    there = in_offboard()
+    there.fail("low battery")
+    run(there, 40.0, lambda: there.flown()[0] == HOLD)
+    there.wait(0.5)
+    there.orders()
+    if ends:
+        there.vehicle.close()
+        assert there.orders() == []
+    for _ in range(1000):
+        there.sky.face.tick()
+    assert there.flown()[0] in (RETURN, LAND)
+
+
+def test_a_pilot_who_insists_is_not_asked_twice():
+    there = in_offboard()
+    there.sticks(moving=False)
+    there.wait(0.3)
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+    there.wait(1.0)
+    assert there.vehicle.state().taken_over
+    entered = []
+
+    def insists():
+        if there.flown()[0] == OFFBOARD:
+            entered.append(there.now_s())
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+
+    there.vehicle.link.others.append(insists)
+    there.vehicle.regain()
+    there.wait(1.0)
+    assert len(entered) <= 2
+    assert there.vehicle.state().taken_over
+
+
+def test_what_landed_since_the_list_is_not_armed_again():
+    there = in_offboard()
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
+    there.wait(2.0)
+    there.connect()
+    there.vehicle.begins_in_air = True
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *LAND)
+    while there.flown()[1]:
+        there.wait(1.0)
+    there.orders()
+    with pytest.raises(UserError, match="landed since the preflight list"):
+        there.vehicle.takeoff(12.0)
+    assert there.orders() == []
+
+
+def test_what_a_pilot_armed_or_flies_is_not_taken():
+    there = LookAlike(5)
+    there.sticks(moving=False)
+    there.wait(0.5)
+    there.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+    there.wait(1.0)
+    with pytest.raises(UserError, match="armed already"):
+        there.vehicle.takeoff(12.0)
+    nan = float("nan")
+    there.command(m.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, nan)
+    there.wait(8.0)
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+    there.wait(1.0)
+    with pytest.raises(UserError, match="somebody flies the vehicle in Position"):
+        there.vehicle.takeoff(12.0)
+    assert there.flown()[0] == POSITION
+
+
+def test_a_program_that_ends_before_lift_off_does_not_leave_a_vehicle_that_takes_off():
+    there = LookAlike(5)
+
+    class Ended(BaseException):
+        pass
+
+    def ends():
+        if there.flown()[1]:
+            there.vehicle.link.others.remove(ends)
+            raise Ended
+
+    there.vehicle.link.others.append(ends)
+    with pytest.raises(Ended):
+        there.vehicle.takeoff(12.0)
+    there.vehicle.close()
+    for _ in range(1500):
+        there.sky.face.tick()
+    assert there.sky.pilot.state.position_enu_m[2] < 2.0
+
+
+def test_a_landed_vehicle_is_not_regained():
+    there = in_offboard()
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *LAND)
+    run(there, 90.0, lambda: not there.vehicle.state().airborne)
+    there.orders()
+    there.vehicle.regain()
+    assert there.orders() == []
+
+
+class State:
+    def __init__(self, taken_over):
+        self.taken_over, self.airborne = taken_over, True
+
+
+def test_an_old_enter_does_not_take_the_vehicle_back(monkeypatch, tmp_path):
+    ours, terminal = os.openpty()
+    with os.fdopen(terminal) as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        operator = _Operator(tmp_path)
+        operator.look(State(""))
+        os.write(ours, b"\n")
+        time.sleep(0.1)
+        assert operator() is None
+        operator.look(State("it is in Position"))
+        os.write(ours, b"\n")
+        time.sleep(0.1)
+        assert operator() is None
+        time.sleep(1.1)
+        assert operator() is None
+        os.write(ours, b"\n")
+        time.sleep(0.1)
+        assert operator() == TAKE_BACK
+    os.close(ours)
