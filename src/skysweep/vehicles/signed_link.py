@@ -6,6 +6,7 @@ what comes in unsigned, signed with another key, or played back goes no further.
 
 from __future__ import annotations
 
+import secrets
 import select
 import socket
 import threading
@@ -66,6 +67,7 @@ class SignedLink:
         self._program_address = (_LOOPBACK, _free_port())
         self.url = "udpin://{}:{}".format(*self._program_address)
         self._from_program = Frames()
+        self._link_id = secrets.randbelow(256)  # two MAVSDK programs have the same ids
         self._voices: dict[tuple[int, int], Voice] = {}
         self._open = True
         self._thread = threading.Thread(target=self._relay, name="signed link", daemon=True)
@@ -112,7 +114,7 @@ class SignedLink:
             for message, _ in self._from_program.read(datagram):
                 who = message.get_srcSystem(), message.get_srcComponent()
                 if who not in self._voices:
-                    self._voices[who] = Voice(who[1], self._signing, system_id=who[0])
+                    self._voices[who] = Voice(who[1], self._signing, who[0], self._link_id)
                 self._vehicle.write(self._voices[who].pack(message))
 
     def _connect_again(self) -> None:

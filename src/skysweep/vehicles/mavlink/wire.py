@@ -74,12 +74,18 @@ def _end_of_frame(data: bytes, at: int) -> int | None:
 
 
 class Voice:
-    """What one component says to one listener: with its own sequence numbers, signed where there is a key."""
+    """What one component says to one listener: with its own sequence numbers, signed where there is a key.
 
-    def __init__(self, component_id: int, signing: Signing, system_id: int = SYSTEM_ID) -> None:
+    Programs that share ids and key need a ``link_id`` each: on one stream the slower clock is not heard.
+    """
+
+    def __init__(
+        self, component_id: int, signing: Signing, system_id: int = SYSTEM_ID, link_id: int = 0
+    ) -> None:
         self._encoder = mavlink.MAVLink(None, system_id, component_id)
         self._encoder.signing.secret_key = signing.key
         self._encoder.signing.sign_outgoing = signing.key is not None
+        self._encoder.signing.link_id = link_id
         self._signing = signing
 
     def pack(self, message: Message) -> bytes:
