@@ -1,7 +1,9 @@
 """Signed links: nothing moves without the key."""
 
+import time
+
 import pytest
-from mavlink_clients import HOLD, Program, Sky, local, scenario
+from mavlink_clients import HOLD, Program, Sky, local, scenario, wait
 from pymavlink.dialects.v20 import common as m
 
 from skysweep.errors import UserError
@@ -56,8 +58,6 @@ def test_a_recorded_frame_played_again_does_nothing():
 
 
 def test_an_old_recording_does_not_open_a_new_stream(monkeypatch):
-    import time
-
     now = time.time()
     monkeypatch.setattr("time.time", lambda: now - 120.0)
     old = Voice(190, Signing(KEY)).pack(arm_message())
@@ -99,9 +99,21 @@ def test_what_was_heard_before_a_restart_is_not_heard_again(memory):
     before, begun = Signing(KEY, memory), now()
     recorded = [signed(begun + i * SECOND // 4, link) for i in range(20) for link in (0, 7)]
     assert all(map(before.accepts, recorded))
+    before.close()
     after = Signing(KEY, memory)
     assert not any(map(after.accepts, recorded))
-    assert after.accepts(signed(begun + 6 * SECOND)), "and it goes on from there"
+    assert after.accepts(signed(begun + 8 * SECOND)), "and it goes on from there"
+
+
+def test_a_program_that_is_killed_has_written_down_what_it_heard(memory):
+    before, begun = Signing(KEY, memory), now()
+    wait(lambda: before.accepts(signed(now())) and memory.read(), 5.0)
+    for _ in range(30):
+        last = signed(now())
+        assert before.accepts(last)
+        time.sleep(0.1)
+    assert not Signing(KEY, memory).accepts(last)
+    assert now() - begun > 2 * SECOND, "longer than it was written down for at first"
 
 
 def test_a_served_vehicle_that_is_started_again_does_not_take_off_for_a_recording(monkeypatch, tmp_path):
@@ -118,20 +130,22 @@ def test_a_served_vehicle_that_is_started_again_does_not_take_off_for_a_recordin
 
 def test_programs_that_share_a_key_keep_each_others_streams(memory):
     one, two, begun = Signing(KEY, memory), Signing(KEY, memory), now()
-    assert one.accepts(signed(begun, system=1))
-    assert two.accepts(signed(begun, system=2))
+    for system, signing in enumerate((one, two), 1):
+        assert signing.accepts(signed(begun, system=system))
+        signing.close()
     after = Signing(KEY, memory)
     assert not any(after.accepts(signed(begun, system=system)) for system in (1, 2))
 
 
 def test_a_damaged_memory_refuses_all_that_is_older_than_the_restart(memory, tmp_path):
-    assert Signing(KEY, memory).accepts(signed(now()))
     path = tmp_path / "deep" / "streams.json"
     for damaged in ("", "{", "[1]", "null", '{"0/1": 5}'):
+        path.parent.mkdir(exist_ok=True)
         path.write_text(damaged)
         after = Signing(KEY, memory)
         assert not after.accepts(signed(now() - 5 * SECOND, link=9))
         assert after.accepts(signed(now() + SECOND, link=9))
+        after.close()
         assert len(memory.read()) == 1, "it is whole again"
 
 
@@ -168,8 +182,6 @@ def test_a_program_whose_clock_is_off_by_less_than_a_minute_is_heard(seconds, is
 
 
 def test_a_frame_that_was_held_back_for_minutes_is_refused_on_a_stream_that_is_known(monkeypatch):
-    import time
-
     signing, begun_s = Signing(KEY), time.monotonic()
     assert signing.accepts(signed(now()))
     held_back = signed(now() + SECOND)
@@ -179,8 +191,6 @@ def test_a_frame_that_was_held_back_for_minutes_is_refused_on_a_stream_that_is_k
 
 @pytest.mark.parametrize("hours", [-1, 1])
 def test_a_clock_that_is_set_in_flight_does_not_make_the_vehicle_deaf(monkeypatch, hours):
-    import time
-
     signing, begun, begun_s = Signing(KEY), now(), time.time()
     assert signing.accepts(signed(begun))
     monkeypatch.setattr("time.time", lambda: begun_s + 3600 * hours)
@@ -189,10 +199,10 @@ def test_a_clock_that_is_set_in_flight_does_not_make_the_vehicle_deaf(monkeypatc
 
 
 def test_a_clock_that_lost_its_time_is_set_by_the_first_good_frame(monkeypatch, memory):
-    import time
-
     recorded, begun, begun_s = signed(now()), now(), time.time()
-    assert Signing(KEY, memory).accepts(recorded)
+    before = Signing(KEY, memory)
+    assert before.accepts(recorded)
+    before.close()
     monkeypatch.setattr("time.time", lambda: begun_s - 9e6)
     after = Signing(KEY, memory)
     assert not after.accepts(recorded)

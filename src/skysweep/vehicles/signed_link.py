@@ -79,6 +79,7 @@ class SignedLink:
         self._thread.join()
         self._program.close()
         self._vehicle.close()
+        self._signing.close()
 
     def _relay(self) -> None:
         while self._open:

@@ -106,6 +106,7 @@ class VehicleServer:
         if self._thread is not None:
             self._thread.join()
         self._socket.close()
+        self.face.signing.close()
 
     def __enter__(self) -> VehicleServer:
         self._thread = threading.Thread(target=self.run, name="vehicle", daemon=True)

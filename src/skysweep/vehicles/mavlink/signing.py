@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from queue import Queue
 
 from skysweep.errors import UserError
 from skysweep.vehicles.mavlink.signing_memory import SigningMemory, Stream
@@ -22,7 +24,7 @@ SIGNATURE_BYTES = 13
 _EPOCH_2015_S = 1_420_070_400
 _SECOND = 100_000
 _WINDOW = 60 * _SECOND  # around the local time
-_KEPT_AHEAD = _SECOND  # a stream is written down that far ahead, and so once a second at most
+_KEPT_AHEAD = 2 * _SECOND  # a stream is written down that far ahead, and again when half of it is left
 _MAX_STREAMS = 1024
 
 
@@ -53,9 +55,14 @@ class Signing:
         self._streams: dict[Stream, int] = {}  # the last one heard is the last one here
         self._unseen_after = 0  # a stream that is not among them must be newer
         self._clock_is_wrong = False
-        self._memory, self._kept = memory, self._recall(memory)
+        self._kept = self._recall(memory)
         self._streams.update(self._kept)
         self._newest = min(max(self._kept.values(), default=0), self._begun + _WINDOW)
+        self._due: Queue[tuple[dict[Stream, int], int] | None] = Queue(1)
+        self._writer: threading.Thread | None = None
+        if memory is not None:  # a slow disk must not delay the vehicle
+            self._writer = threading.Thread(target=self._write, args=(memory,), name="signing", daemon=True)
+            self._writer.start()
 
     def _recall(self, memory: SigningMemory | None) -> dict[Stream, int]:
         if memory is None:
@@ -99,13 +106,25 @@ class Signing:
         return True
 
     def _keep(self, stream: Stream) -> None:
-        """Before a frame is acted on, its time is on disk."""
-        if self._memory is None or self._streams[stream] <= self._kept.get(stream, 0):
+        """Has a stream's time on disk before it is reached; that of a new stream soon after."""
+        if self._writer is None or self._kept.get(stream, 0) - self._streams[stream] > _KEPT_AHEAD // 2:
             return
-        oldest = self._now() - _WINDOW  # older ones are refused for that
-        self._kept = {s: newest + _KEPT_AHEAD for s, newest in self._streams.items() if newest >= oldest}
-        with suppress(OSError):  # a full disk must not make the vehicle deaf
-            self._memory.write(self._kept, oldest)
+        if not self._due.full():
+            oldest = self._now() - _WINDOW  # older ones are refused for that
+            self._kept = {s: newest + _KEPT_AHEAD for s, newest in self._streams.items() if newest >= oldest}
+            self._due.put((self._kept, oldest))
+
+    def _write(self, memory: SigningMemory) -> None:
+        while (due := self._due.get()) is not None:
+            with suppress(OSError):  # a full disk must not make the vehicle deaf
+                memory.write(*due)
+
+    def close(self) -> None:
+        """Has on disk whatever was heard."""
+        if self._writer is not None:
+            self._due.put((self._streams, self._now() - _WINDOW))
+            self._due.put(None)
+            self._writer.join()
 
     def stamp(self) -> int:
         """The timestamp of the next frame of ours."""
