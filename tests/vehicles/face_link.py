@@ -67,7 +67,7 @@ class FaceLink(Link):
             other()
         if self.now_s() - self._beat_s >= 1.0:
             self._beat_s = self.now_s()
-            self._say(m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
+            self.beat()
         self._sky.face.tick()
         moved = False
         for datagram in self._inbox:
@@ -82,6 +82,9 @@ class FaceLink(Link):
             self._said_s = self.now_s()
             for say in self._streams:
                 say()
+
+    def beat(self) -> None:
+        self._say(m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3))
 
     def _say(self, message) -> None:
         if self.open:

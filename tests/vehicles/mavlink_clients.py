@@ -65,12 +65,21 @@ class Sky:
         self.scenario = of or scenario()
         self.programs: dict = {}
         self.vehicle = embedded_vehicle(self.scenario, 0)
-        self.face = Face(self.vehicle, self.scenario, self._deliver, signing_key=signing_key)
+        self.face = Face(self.vehicle, self.scenario, self._deliver, signing=Signing(signing_key))
         self.pilot = self.face.pilot
+        self._beat_s = 0.0
 
     def _deliver(self, datagram, address):
         if address in self.programs:
             self.programs[address].hear(datagram)
+
+    def tick(self) -> None:
+        """TICK_S passes; programs that once spoke send their heartbeat every second."""
+        if self.pilot.time_s >= self._beat_s:
+            self._beat_s = self.pilot.time_s + 1.0
+            for program in list(self.programs.values()):
+                program.beat()
+        self.face.tick()
 
     def fly(self, seconds: float = 1e9, until=lambda: False) -> float:
         """Lets time pass; returns how much. Fails when ``until`` does not come true within 1000 s."""
@@ -79,7 +88,7 @@ class Sky:
         while self.pilot.time_s - start < limit - 1e-6:
             if until():
                 return self.pilot.time_s - start
-            self.face.tick()
+            self.tick()
         assert seconds < 1e9, "it never came true"
         return limit
 
@@ -88,7 +97,7 @@ class Sky:
         for i in range(round(seconds / TICK_S)):
             if i % 5 == 0:
                 program.say(message)
-            self.face.tick()
+            self.tick()
 
     @property
     def ned(self):
@@ -108,6 +117,7 @@ class Program:
         self._sky, self._decoder = sky, m.MAVLink(None)
         self._voice = Voice(component, Signing(key))
         self._voice._encoder.srcSystem = system
+        self.beats = False  # from its first word on; a test makes it silent
         sky.programs[self.address] = self
 
     def hear(self, datagram: bytes) -> None:
@@ -123,7 +133,12 @@ class Program:
         return [self._decoder.decode(bytearray(d)) for d in self._datagrams]
 
     def say(self, message):
+        self.beats = True
         self._sky.face.receive(self._voice.pack(message), self.address)
+
+    def beat(self) -> None:
+        if self.beats:
+            self.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
 
     def answers(self, message, kind: str) -> list:
         """Says something; the messages of a kind that come back at once."""

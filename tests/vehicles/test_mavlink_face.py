@@ -20,8 +20,6 @@ from mavlink_clients import (
 )
 from pymavlink.dialects.v20 import common as m
 
-from skysweep.vehicles.mavlink.face import MAX_PEERS
-
 NAN = float("nan")
 
 
@@ -306,17 +304,6 @@ def test_its_own_battery_brings_it_down_when_it_is_empty():
     gcs.forget()
     assert gcs.arm() == m.MAV_RESULT_TEMPORARILY_REJECTED
     assert "battery" in gcs.texts()
-
-
-def test_the_oldest_listener_leaves_when_there_are_too_many(sky, gcs):
-    programs = [Program(sky, port=10 + i) for i in range(MAX_PEERS)]
-    for program in programs:
-        sky.fly(0.1)
-        program.say(m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-    gcs.forget()
-    sky.fly(2.0)
-    assert not gcs.heard
-    assert all(program.of("HEARTBEAT") for program in programs)
 
 
 def test_frames_for_another_vehicle_are_not_ours(sky, gcs):

@@ -59,7 +59,7 @@ class Flight:
                     self.program.say(message)
                 if self.sticks is not None:
                     self.station.say(m.MAVLink_manual_control_message(1, *self.sticks, 0))
-            self.sky.face.tick()
+            self.sky.tick()
 
     def seen(self):
         """Mode, intended mode and system status, as the ground station is told."""
@@ -239,7 +239,7 @@ def test_the_fences_hold_stays_inside_again_until_the_mode_is_chosen_anew():
 
 def test_a_latched_hold_survives_the_way_back_in():
     flight = crossed(2)
-    flight.station.set("GF_MAX_HOR_DIST", 0.0)
+    flight.program.set("GF_MAX_HOR_DIST", 0.0)
     flight.stream(3.0)
     assert flight.seen() == (HOLD, OFFBOARD, m.MAV_STATE_CRITICAL)
 
@@ -422,7 +422,7 @@ def test_a_lost_pilot_may_be_no_matter(parameter, value):
     flight = Flight()
     flight.sticks = CENTRED
     flight.engage()
-    flight.station.set(parameter, value)
+    flight.program.set(parameter, value)
     flight.sticks = None
     flight.stream(8.0)
     assert flight.seen() == (OFFBOARD, OFFBOARD, m.MAV_STATE_ACTIVE)

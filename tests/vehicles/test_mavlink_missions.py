@@ -83,6 +83,50 @@ def test_two_programs_cannot_upload_at_once(sky, gcs):
     assert ack.type == m.MAV_MISSION_DENIED
 
 
+def test_a_program_that_sends_no_item_loses_its_turn_when_another_asks(sky, gcs, monkeypatch):
+    now, other = [100.0], Program(sky, port=2)
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    (first, *_) = lap(sky)
+    place = (first.x, first.y, first.z, 0)
+    out_of_turn = m.MAVLink_mission_item_int_message(1, 1, 7, 6, first.command, 0, 1, *first.params, *place)
+    count = m.MAVLink_mission_count_message(1, 1, 2, 0)
+    other.say(count)
+    for stalling in (out_of_turn, count):
+        now[0] += 0.45
+        other.say(stalling)
+    assert gcs.upload(lap(sky)) == m.MAV_MISSION_DENIED, "it has a second"
+    now[0] += 0.2
+    other.forget()
+    assert gcs.upload(lap(sky)) == ACCEPTED
+    assert other.of("MISSION_ACK")[0].type == m.MAV_MISSION_OPERATION_CANCELLED
+
+
+def test_one_frame_every_four_seconds_denies_nobody_an_upload(sky, gcs, monkeypatch):
+    now, other, denied = [100.0], Program(sky, port=2), 0
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    for tenths in range(200):
+        if tenths % 40 == 0:
+            other.say(m.MAVLink_mission_count_message(1, 1, 2, 0))
+        denied += gcs.upload(lap(sky)) == m.MAV_MISSION_DENIED
+        now[0] += 0.1
+    assert denied <= 55, "the first second after each frame"
+
+
+def test_a_mission_swapped_in_flight_is_held_against_the_fence_as_before_take_off(sky, gcs):
+    assert gcs.upload(square(sky, 60.0), FENCE) == ACCEPTED
+    assert gcs.upload(lap(sky)) == ACCEPTED
+    assert gcs.command(m.MAV_CMD_MISSION_START) == 0
+    sky.fly(until=lambda: sky.pilot.mission.current == 3)
+    outside = item(sky, m.MAV_CMD_NAV_WAYPOINT, 65.5, 0, 12.0)
+    assert gcs.upload([outside]) == m.MAV_MISSION_ERROR
+    assert "geofence" in gcs.texts()
+    assert len(gcs.download()) == 6
+    assert sky.pilot.mode.name == "MISSION"
+    assert gcs.upload([item(sky, m.MAV_CMD_NAV_WAYPOINT, 55, 0, 12.0)]) == ACCEPTED
+    sky.fly(until=lambda: sky.pilot.mission.finished)
+    assert sky.ned[:2] == pytest.approx([0.0, 55.0], abs=3.0)
+
+
 @pytest.mark.parametrize(
     ("change", "result"),
     [

@@ -103,7 +103,7 @@ def test_a_moving_setpoint_is_followed_without_lag(sky, program):
     for i in range(500):
         north = 3.0 * i * 0.02
         program.say(local(north, 0, -10, mask, velocity=(3.0, 0.0, 0.0)))
-        sky.face.tick()
+        sky.tick()
     assert sky.ned == pytest.approx([north, 0.0, -10.0], abs=0.4)
 
 

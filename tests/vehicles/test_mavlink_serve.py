@@ -81,8 +81,9 @@ class Station:
 
 
 @pytest.fixture
-def serve(tmp_path):
+def serve(tmp_path, monkeypatch):
     """Starts the command with options; gives the process and the port of the ground station."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     started = []
 
     def start(*options: str):

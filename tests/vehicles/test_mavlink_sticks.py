@@ -22,7 +22,7 @@ def hold_sticks(sky: Sky, pilot: Program, seconds: float, sticks=CENTRED) -> Non
     for i in range(round(seconds / TICK_S)):
         if i % 5 == 0:
             pilot.say(control(*sticks))
-        sky.face.tick()
+        sky.tick()
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("mavsdk", reason="needs the extra px4")
 
-from mavlink_clients import free_port, scenario
+from mavlink_clients import free_port, scenario, wait
 
 from skysweep.errors import UserError
 from skysweep.experiments.px4_flight import Px4Flight
@@ -21,6 +21,12 @@ from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.signed_link import SignedLink
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
+
+
+@pytest.fixture(autouse=True)
+def state(monkeypatch, tmp_path):
+    """Where the times of frames are kept."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 @pytest.fixture
@@ -111,6 +117,24 @@ def test_forged_and_old_frames_go_no_further_and_stop_nothing():
             program.settimeout(0.5)
             assert heard(vehicle, program, good) is None
             assert (link.accepted, link.refused) == (1, 4)
+
+
+def test_bytes_of_others_hide_no_frame_of_the_vehicle():
+    port, here = free_port(), ("127.0.0.1", 0)
+    with (
+        closing(SignedLink(f"udpin://127.0.0.1:{port}", KEY, 5.0)) as link,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        for each in (vehicle, stranger):
+            each.bind(here)
+            each.connect(("127.0.0.1", port))
+        for n in range(400):
+            if n % 4 == 0:
+                stranger.send(b"\xfd\xff")
+                stranger.send(b"\xfd\xff\x00")
+            vehicle.send(heartbeat(KEY))
+            wait(lambda n=n: link.accepted == n + 1, 5.0, f"{link.accepted} of {n + 1} frames came through")
 
 
 def test_a_connection_that_breaks_is_opened_again():

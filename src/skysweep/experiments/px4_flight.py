@@ -78,7 +78,7 @@ class Px4Flight:
                     raise UserError(str(error).replace(link.url, url)) from None
                 raise UserError(
                     f"--connection {url}: {link.refused} frames were heard, and not signed with this key; "
-                    "give the key that the vehicle signs with, set it up to sign, or set its clock"
+                    "give the key that the vehicle signs with, set it up to sign, or set its clock and ours"
                 ) from None
             except BaseException:
                 self._ending.close()

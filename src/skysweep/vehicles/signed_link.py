@@ -6,6 +6,7 @@ what comes in unsigned, signed with another key, or played back goes no further.
 
 from __future__ import annotations
 
+import secrets
 import select
 import socket
 import threading
@@ -16,9 +17,9 @@ from typing import Any, Protocol
 from urllib.parse import urlparse
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.vehicles.mavlink.dialect import mavlink
 from skysweep.vehicles.mavlink.signing import Signing
-from skysweep.vehicles.mavlink.wire import Voice
+from skysweep.vehicles.mavlink.signing_memory import SigningMemory
+from skysweep.vehicles.mavlink.wire import Frames, Message, Voice
 
 _LOOPBACK = "127.0.0.1"
 _LOOK_UP_S = 0.2  # how often a closing relay notices
@@ -26,14 +27,16 @@ _AGAIN_S = 1.0  # until a connection that broke is tried again
 _SEND_S = 1.0
 _READ_BYTES = 65_536
 _BAUD = 57_600
+_MAX_SENDERS = 16  # whose frames may be half here
 
 
 class _Wire(Protocol):
-    """Bytes from and to the vehicle. Every method raises OSError when the connection is gone."""
+    """Frames from and to the vehicle. Every method raises OSError when the connection is gone."""
 
     def fileno(self) -> int: ...
 
-    def read(self) -> bytes: ...
+    def read(self) -> Iterator[tuple[Message, bytes]]:
+        """The frames that are whole by now, of messages that we know: others cannot be checked nor signed."""
 
     def trust(self) -> None:
         """What was read last came from the vehicle."""
@@ -47,12 +50,14 @@ class SignedLink:
     """Stands between MAVSDK, which connects to ``url``, and the vehicle at ``vehicle_url``.
 
     ``accepted`` and ``refused`` count the vehicle's frames with and without a good signature. A connection
-    that breaks is opened again. Raises UserError where ``vehicle_url`` cannot be opened in ``timeout_s``.
+    that breaks is opened again. Raises UserError where ``vehicle_url`` cannot be opened in ``timeout_s``, and
+    where the times of frames cannot be kept (``SigningMemory``).
     """
 
     def __init__(self, vehicle_url: str, key: bytes, timeout_s: float) -> None:
         self.accepted = self.refused = 0
         self._vehicle_url, self._timeout_s = vehicle_url, timeout_s
+        self._signing = Signing(key, SigningMemory.of(key))
         try:
             self._vehicle = _open(vehicle_url, timeout_s)
         except (OSError, ValueError) as error:
@@ -61,8 +66,8 @@ class SignedLink:
         self._program.bind((_LOOPBACK, 0))
         self._program_address = (_LOOPBACK, _free_port())
         self.url = "udpin://{}:{}".format(*self._program_address)
-        self._from_vehicle, self._from_program = _parser(), _parser()
-        self._signing = Signing(key)
+        self._from_program = Frames()
+        self._link_id = secrets.randbelow(256)  # two MAVSDK programs have the same ids
         self._voices: dict[tuple[int, int], Voice] = {}
         self._open = True
         self._thread = threading.Thread(target=self._relay, name="signed link", daemon=True)
@@ -74,6 +79,7 @@ class SignedLink:
         self._thread.join()
         self._program.close()
         self._vehicle.close()
+        self._signing.close()
 
     def _relay(self) -> None:
         while self._open:
@@ -93,8 +99,7 @@ class SignedLink:
             self._hear_vehicle()
 
     def _hear_vehicle(self) -> None:
-        for message in _messages(self._from_vehicle, self._vehicle.read()):
-            frame = bytes(message.get_msgbuf())
+        for _, frame in self._vehicle.read():
             if self._signing.accepts(frame):
                 self.accepted += 1
                 self._vehicle.trust()
@@ -107,10 +112,10 @@ class SignedLink:
             datagram, sender = self._program.recvfrom(_READ_BYTES)
             if sender != self._program_address:
                 continue
-            for message in _messages(self._from_program, datagram):
+            for message, _ in self._from_program.read(datagram):
                 who = message.get_srcSystem(), message.get_srcComponent()
                 if who not in self._voices:
-                    self._voices[who] = Voice(who[1], self._signing, system_id=who[0])
+                    self._voices[who] = Voice(who[1], self._signing, who[0], self._link_id)
                 self._vehicle.write(self._voices[who].pack(message))
 
     def _connect_again(self) -> None:
@@ -133,10 +138,14 @@ class _Udp:
         self.fileno, self.close = self._socket.fileno, self._socket.close
         self._sender: Any = None
         self._vehicle: Any = None
+        self._frames: dict[Any, Frames] = {}  # by sender: nobody hides frames of another; the newest last
 
-    def read(self) -> bytes:
+    def read(self) -> Iterator[tuple[Message, bytes]]:
         datagram, self._sender = self._socket.recvfrom(_READ_BYTES)
-        return datagram
+        frames = self._frames[self._sender] = self._frames.pop(self._sender, Frames())
+        if len(self._frames) > _MAX_SENDERS:
+            del self._frames[next(iter(self._frames))]
+        return frames.read(datagram)
 
     def trust(self) -> None:
         self._vehicle = self._sender
@@ -151,12 +160,13 @@ class _Tcp:
         self._socket = socket.create_connection((host, port), timeout_s)
         self._socket.settimeout(_SEND_S)
         self.fileno, self.close, self.write = self._socket.fileno, self._socket.close, self._socket.sendall
+        self._frames = Frames()
 
-    def read(self) -> bytes:
+    def read(self) -> Iterator[tuple[Message, bytes]]:
         data = self._socket.recv(_READ_BYTES)
         if not data:
             raise ConnectionError("closed by the other side")
-        return data
+        return self._frames.read(data)
 
     def trust(self) -> None:
         """It is the only one there."""
@@ -170,9 +180,10 @@ class _Serial:
             raise MissingExtraError("a serial link", "px4") from None
         self._port = serial.Serial(path, baud, timeout=0, write_timeout=_SEND_S)
         self.fileno, self.close, self.write = self._port.fileno, self._port.close, self._port.write
+        self._frames = Frames()
 
-    def read(self) -> bytes:
-        return bytes(self._port.read(_READ_BYTES))
+    def read(self) -> Iterator[tuple[Message, bytes]]:
+        return self._frames.read(bytes(self._port.read(_READ_BYTES)))
 
     def trust(self) -> None:
         """It is the only one there."""
@@ -189,20 +200,6 @@ def _open(url: str, timeout_s: float) -> _Wire:
             return _Udp(parts.hostname, parts.port)
         return _Tcp(parts.hostname, parts.port, timeout_s)
     raise ValueError("write udpin://0.0.0.0:14540, tcpout://HOST:PORT or serial:///dev/ttyUSB0:57600")
-
-
-def _parser() -> Any:
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
-
-
-def _messages(parser: Any, data: bytes) -> Iterator[Any]:
-    """Whole messages of a stream that we know; the rest cannot be checked, nor signed."""
-    for message in parser.parse_buffer(data) or ():
-        known = not isinstance(message, mavlink.MAVLink_unknown)
-        if known and message.get_type() != "BAD_DATA":
-            yield message
 
 
 def _free_port() -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
+from skysweep.vehicles.mavlink.authority import Denied
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.items import ABOVE_HOME
 from skysweep.vehicles.mavlink.link import Sender
@@ -27,18 +28,15 @@ from skysweep.vehicles.mavlink.px4 import (
 from skysweep.vehicles.mavlink.wire import Message
 
 if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.autopilot import Manoeuvre
     from skysweep.vehicles.mavlink.face import Face
 
 _OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
 _UNSUPPORTED, _FAILED = m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_FAILED
 _TERMINATES = 0.5  # MAV_CMD_DO_FLIGHTTERMINATION, above it
 _FORCED = 21196  # MAV_CMD_COMPONENT_ARM_DISARM
-_FARTHEST_HOME_M = 100_000.0
+_FARTHEST_HOME_M = 1_000.0  # from the vehicle
 _ALWAYS_ALLOWED = (*STICK_MODES, Mode.HOLD, Mode.RETURN, Mode.LAND)  # to whoever asks, whoever is in control
-
-
-class _Denied(Refused):
-    """Refused for good, not for now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +63,7 @@ class Commands:
     """Carries out commands on a face."""
 
     def __init__(self, face: Face) -> None:
-        self._face, self._pilot = face, face.pilot
+        self._face, self._pilot, self._authority = face, face.pilot, face.authority
         self._do: dict[int, Callable[[Order], int | None]] = {
             m.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             m.MAV_CMD_DO_SET_MODE: self._set_mode,
@@ -109,7 +107,7 @@ class Commands:
                 answer = do(Order.of(message, sender))
                 result = _OK if answer is None else answer
             except Refused as why:
-                result = _DENIED if isinstance(why, _Denied) else _LATER
+                result = _DENIED if isinstance(why, Denied) else _LATER
                 sender.tell(str(why))
         if do == self._set_mode and result != _DENIED:  # PX4's link accepts it before its commander looks
             self._acknowledge(message, _OK, sender)
@@ -127,9 +125,10 @@ class Commands:
         wanted = whole(order.params[0])
         if wanted not in (0, 1):
             return _UNSUPPORTED
-        if wanted:
+        if wanted and not self._pilot.armed:
             self._pilot.arm()
-        else:
+            self._authority.take(order.sender.key)
+        elif not wanted:
             self._pilot.disarm(forced=whole(order.params[1]) == _FORCED)
         return None
 
@@ -155,33 +154,28 @@ class Commands:
 
     def _change(self, mode: Mode, sender: Sender) -> None:
         if mode not in _ALWAYS_ALLOWED:
-            self._must_be_free(sender, mode is Mode.OFFBOARD)
-        self._pilot.change_mode(mode)
+            self._authority.must_be_free(sender.key, mode is Mode.OFFBOARD)
+        self._fly(mode, sender)
         if mode is not Mode.OFFBOARD:
             self._pilot.offboard.release(sender.key)
 
-    def _must_be_free(self, sender: Sender, offboard_wanted: bool = False) -> None:
-        """Raises _Denied while another program is in control."""
-        engaged = offboard_wanted or self._pilot.mode is Mode.OFFBOARD
-        if engaged and not self._pilot.offboard.may_control(sender.key, self._pilot):
-            raise _Denied("denied: another program is in control")
+    def _fly(self, mode: Mode, sender: Sender, doing: Manoeuvre | None = None) -> None:
+        self._pilot.change_mode(mode, doing)
+        self._authority.take(sender.key)
 
     def _take_off(self, order: Order) -> None:
-        self._must_be_free(order.sender)
+        self._authority.must_be_free(order.sender.key)
         altitude = None
         if finite(order.z) and order.z != 0.0:
             altitude = float(self._place(order.frame, 0.0, 0.0, order.z)[2])
-        if altitude is None:
-            self._pilot.change_mode(Mode.TAKEOFF)
-            return
-        self._pilot.change_mode(Mode.TAKEOFF, TakeOff(altitude))
+        self._fly(Mode.TAKEOFF, order.sender, None if altitude is None else TakeOff(altitude))
 
     def _start_mission(self, order: Order) -> None:
-        self._must_be_free(order.sender)
+        self._authority.must_be_free(order.sender.key)
         first = whole(order.params[0])
         if first:
             self._face.set_mission_item(first)
-        self._pilot.change_mode(Mode.MISSION)
+        self._fly(Mode.MISSION, order.sender)
         self._pilot.arm()
 
     def _pause_continue(self, order: Order) -> int | None:
@@ -192,13 +186,14 @@ class Commands:
         return None
 
     def _set_mission_item(self, order: Order) -> int | None:
+        self._authority.must_command(order.sender.key)
         index = whole(order.params[0])
         return None if index is not None and self._face.set_mission_item(index) else _DENIED
 
     # ---- where to ------------------------------------------------------------------------------------
 
     def _reposition(self, order: Order) -> int | None:
-        self._must_be_free(order.sender)
+        self._authority.must_be_free(order.sender.key)
         if not (whole(order.params[1]) or 0) & m.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE:
             return _UNSUPPORTED
         if not self._pilot.flying:
@@ -210,28 +205,28 @@ class Commands:
             there = np.array([here[0], here[1], self._place(order.frame, 0.0, 0.0, order.z)[2]])
         if not finite(order.z):
             there[2] = here[2]
-        self._hold_at(there, order.params[3])
+        self._hold_at(there, order.params[3], order.sender)
         if order.params[0] > 0.0:
             self._pilot.speed_mps = order.params[0]
         return None
 
     def _change_altitude(self, order: Order) -> None:
-        self._must_be_free(order.sender)
+        self._authority.must_be_free(order.sender.key)
         if not self._pilot.flying:
             raise Refused("not flying")
         here = self._pilot.state.position_enu_m
         frame = whole(order.params[1])
         height = self._place(m.MAV_FRAME_GLOBAL if frame is None else frame, 0.0, 0.0, order.params[0])[2]
-        self._hold_at(np.array([here[0], here[1], height]), float("nan"))
+        self._hold_at(np.array([here[0], here[1], height]), float("nan"), order.sender)
 
-    def _hold_at(self, there: F64, yaw: float) -> None:
+    def _hold_at(self, there: F64, yaw: float, sender: Sender) -> None:
         if self._pilot.outside_fence(there):
-            raise _Denied("denied: outside the geofence")
+            raise Denied("denied: outside the geofence")
         heading = yaw_from_heading(float(np.degrees(yaw))) if abs(yaw) < 1e3 else None
-        self._pilot.change_mode(Mode.HOLD, Hold(there, heading))
+        self._fly(Mode.HOLD, sender, Hold(there, heading))
 
     def _change_speed(self, order: Order) -> int | None:
-        self._must_be_free(order.sender)
+        self._authority.must_command(order.sender.key)
         speed = order.params[1]
         if not finite(speed):
             return _DENIED
@@ -239,12 +234,15 @@ class Commands:
         return None
 
     def _set_home(self, order: Order) -> None:
+        self._authority.must_command(order.sender.key)
         if whole(order.params[0]) == 1:
             self._pilot.home_enu_m = self._pilot.state.position_enu_m
             return
         home = self._pilot.site.enu(order.x, order.y, order.z)
         if np.linalg.norm(home - self._pilot.state.position_enu_m) > _FARTHEST_HOME_M:
-            raise _Denied("denied: home would be too far away")
+            raise Denied("denied: home would be too far away")
+        if self._pilot.flying and self._pilot.outside_fence(home):
+            raise Denied("denied: outside the geofence")
         self._pilot.home_enu_m = home
 
     def _place(self, frame: int, latitude_deg: float, longitude_deg: float, z: float) -> F64:
@@ -253,7 +251,7 @@ class Commands:
         above = site.geodetic(self._pilot.home_enu_m)[2] if frame in ABOVE_HOME else 0.0
         if (latitude_deg, longitude_deg) == (0.0, 0.0):
             if not abs(z) < 1e5:
-                raise _Denied("denied: no such altitude")
+                raise Denied("denied: no such altitude")
             return np.array([0.0, 0.0, above + z - site.frame.altitude_m])
         return site.enu(latitude_deg, longitude_deg, above + z)
 
@@ -266,13 +264,16 @@ class Commands:
     def _set_interval(self, order: Order) -> int | None:
         kind = whole(order.params[0])
         streams = self._face.streams_of(order.sender)
+        if streams is None:
+            return _LATER
         return None if kind is not None and streams.set_interval(kind, order.params[1]) else _FAILED
 
     def _get_interval(self, order: Order) -> int | None:
         kind = whole(order.params[0])
         if kind is None or not 0 <= kind <= 65535:
             return _DENIED
-        interval = self._face.streams_of(order.sender).interval_us(kind)
+        streams = self._face.streams_of(order.sender)
+        interval = -1 if streams is None else streams.interval_us(kind)
         order.sender.reply(m.MAVLink_message_interval_message(kind, interval))
         return None
 

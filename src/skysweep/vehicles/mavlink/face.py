@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Vehicle
+from skysweep.vehicles.mavlink.authority import Authority
 from skysweep.vehicles.mavlink.autopilot import Autopilot
 from skysweep.vehicles.mavlink.commands import Commands
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.items import FENCE, MISSION, RALLY, Item, fence_of
-from skysweep.vehicles.mavlink.link import Address, Peer, Sender, status_texts
+from skysweep.vehicles.mavlink.link import Address, Sender, status_texts
 from skysweep.vehicles.mavlink.offboard import Target, target_from_global, target_from_local
 from skysweep.vehicles.mavlink.parameters import Parameters
 from skysweep.vehicles.mavlink.payload import Payload
-from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, Refused, Site
+from skysweep.vehicles.mavlink.peers import Peers
+from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, Mode, Refused, Site
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.telemetry import Picture, Streams, reports
 from skysweep.vehicles.mavlink.transfer import Transfers
 from skysweep.vehicles.mavlink.wire import Message, read_frames
 
-MAX_PEERS = 8
+_SILENT_S = 5.0  # on the wall, of a program; heartbeats come every second
 _FOR_CAMERA = ("COMMAND_LONG", "COMMAND_INT")
 _REFUSAL_EVERY_S = 1.0  # of setpoints, which come many times a second
 _REFUSALS_REMEMBERED = 64
@@ -29,8 +31,8 @@ _REFUSALS_REMEMBERED = 64
 class Face:
     """A PX4 from outside, ``vehicle`` inside.
 
-    ``transmit(datagram, address)`` sends. ``listeners`` hear it from the start; whoever speaks joins, and
-    beyond MAX_PEERS the one that was silent for the longest leaves. ``unix_start_s``: its clock at the start.
+    ``transmit(datagram, address)`` sends. ``listeners`` hear it always, others while they speak (``Peers``).
+    ``unix_start_s``: its clock at the start. ``speed``: how much faster its time runs than that of programs.
     """
 
     def __init__(
@@ -39,27 +41,25 @@ class Face:
         scenario: Scenario,
         transmit: Callable[[bytes, Address], None],
         listeners: Iterable[Address] = (),
-        signing_key: bytes | None = None,
+        signing: Signing | None = None,
         unix_start_s: float = 0.0,
+        speed: float = 1.0,
     ) -> None:
-        self.signing = Signing(signing_key)
+        self.signing = signing or Signing(None)
         self.payload = Payload(scenario.camera, getattr(vehicle, "look", None))
         self.parameters = Parameters(scenario.vehicle)
         site = Site(scenario.frame, vehicle.state().position_enu_m)
         self.pilot = Autopilot(vehicle, site, self.parameters, self.say)
-        self.transfers = Transfers(self._take_items)
-        self._transmit, self._unix_start_s = transmit, unix_start_s
+        silent_s = _SILENT_S * max(speed, 1.0)
+        self.authority = Authority(self.pilot, silent_s)
+        self.transfers = Transfers(self._take_items, lambda sender: self.authority.may_plan(sender.key))
+        self._unix_start_s = unix_start_s
         self._reports = reports(self.payload)
         self._commands = Commands(self)
-        self._peers: dict[Address, Peer] = {}
-        self._streams: dict[Address, Streams] = {}
-        self._heard_s: dict[Address, float] = {}
-        self._lists: dict[Address, Iterator[list[Message]]] = {}
+        self.peers = Peers(listeners, transmit, self.signing, self._reports, silent_s)
         self._refused: dict[tuple[Address, int, int], float] = {}
         self._camera_next_s = 0.0
         self._energy_wh, self._power_w, self._power_next_s = 0.0, 0.0, 1.0
-        for address in listeners:
-            self._join(address)
         self._handle: dict[str, Callable[[Message, Sender], None]] = {
             "COMMAND_LONG": self._commands.receive,
             "COMMAND_INT": self._commands.receive,
@@ -69,7 +69,7 @@ class Face:
             "MANUAL_CONTROL": self._hear_sticks,
             "PARAM_REQUEST_LIST": self._list_parameters,
             "PARAM_REQUEST_READ": lambda message, sender: _reply(sender, self.parameters.read(message)),
-            "PARAM_SET": lambda message, sender: _reply(sender, self.parameters.write(message)),
+            "PARAM_SET": self._write_parameter,
             "MISSION_COUNT": self.transfers.count,
             "MISSION_ITEM_INT": self.transfers.item,
             "MISSION_CLEAR_ALL": self.transfers.clear,
@@ -89,7 +89,8 @@ class Face:
             system, component = message.get_srcSystem(), message.get_srcComponent()
             if (system, component) in ((SYSTEM_ID, AUTOPILOT), (SYSTEM_ID, CAMERA)):
                 continue
-            peer = self._join(address)
+            sender = Sender(self.peers.hear(address, self.pilot.time_s), system, component)
+            self.authority.hear(sender.key)
             if getattr(message, "target_system", 0) not in (0, SYSTEM_ID):
                 continue
             to = getattr(message, "target_component", 0)
@@ -97,27 +98,14 @@ class Face:
                 continue
             handle = self._handle.get(message.get_type())
             if handle is not None:
-                handle(message, Sender(peer, system, component))
-
-    def _join(self, address: Address) -> Peer:
-        self._heard_s[address] = self.pilot.time_s
-        if address not in self._peers:
-            if len(self._peers) >= MAX_PEERS:
-                silent = min(self._peers, key=self._heard_s.__getitem__)
-                for table in (self._peers, self._streams, self._lists):
-                    table.pop(silent, None)
-                del self._heard_s[silent]
-            self._heard_s[address] = self.pilot.time_s
-            self._peers[address] = Peer(address, self._transmit, self.signing)
-            self._streams[address] = Streams(self._reports)
-        return self._peers[address]
+                try:
+                    handle(message, sender)
+                except Refused as why:
+                    sender.tell(str(why))
 
     def _set_mode(self, message: Message, sender: Sender) -> None:
         if message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            try:
-                self._commands.set_mode(message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24, sender)
-            except Refused as why:
-                sender.tell(str(why))
+            self._commands.set_mode(message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24, sender)
 
     def _follow_local(self, message: Message, sender: Sender) -> None:
         pilot = self.pilot
@@ -129,6 +117,9 @@ class Face:
 
     def _follow(self, sender: Sender, target: Callable[[], Target]) -> None:
         pilot = self.pilot
+        idle = Mode.OFFBOARD not in (pilot.mode, pilot.intended)
+        if idle and pilot.offboard.owner != sender.key and self.authority.commands(sender.key):
+            pilot.offboard.owner = None
         try:
             pilot.offboard.follow(sender.key, target(), pilot)
         except Refused as why:
@@ -144,9 +135,19 @@ class Face:
             self.pilot.sticks.hear(message, sender.peer.address, in_mode, self.pilot.time_s)
 
     def _list_parameters(self, _: Message, sender: Sender) -> None:
-        self._lists[sender.peer.address] = self.parameters.list()
+        listener = self.peers.get(sender.peer.address)
+        if listener is not None:
+            listener.parameters = self.parameters.list()
+
+    def _write_parameter(self, message: Message, sender: Sender) -> None:
+        try:
+            self.authority.must_command(sender.key)
+            self.parameters.write(message)
+        finally:  # taken or not: what it is now
+            _reply(sender, self.parameters.answer(message.param_id))
 
     def _set_current(self, message: Message, sender: Sender) -> None:
+        self.authority.must_command(sender.key)
         if not self.set_mission_item(message.seq):
             sender.tell("no such mission item")
 
@@ -168,8 +169,8 @@ class Face:
         if not 0 <= index < len(self.pilot.mission.items):
             return False
         self.pilot.mission.go_to(index)
-        for streams in self._streams.values():
-            streams.now(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+        for listener in self.peers.listening(self.pilot.time_s):
+            listener.streams.now(m.MAVLINK_MSG_ID_MISSION_CURRENT)
         return True
 
     def send_once(self, kind: int, sender: Sender) -> bool:
@@ -181,15 +182,16 @@ class Face:
         sender.reply(message, report.component)
         return True
 
-    def streams_of(self, sender: Sender) -> Streams:
-        """The sender's streams."""
-        return self._streams[sender.peer.address]
+    def streams_of(self, sender: Sender) -> Streams | None:
+        """The sender's streams, None where it hears none."""
+        listener = self.peers.get(sender.peer.address)
+        return None if listener is None else listener.streams
 
     def say(self, text: str, severity: int) -> None:
         """A STATUSTEXT for every listener."""
-        for peer in self._peers.values():
+        for listener in self.peers.listening(self.pilot.time_s):
             for message in status_texts(text, severity):
-                peer.send(message)
+                listener.peer.send(message)
 
     # ---- time ----------------------------------------------------------------------------------------
 
@@ -203,20 +205,16 @@ class Face:
         if camera_speaks:
             self._camera_next_s += 1.0
         reached, self.pilot.mission.reached = self.pilot.mission.reached, []
-        for address, peer in self._peers.items():
-            self._streams[address].send_due(peer, picture)
+        for listener in self.peers.listening(self.pilot.time_s):
+            peer, streams = listener.peer, listener.streams
+            streams.send_due(peer, picture)
             if camera_speaks:
                 peer.send(self.payload.camera_heartbeat(), CAMERA)
             for index in reached:
                 peer.send(m.MAVLink_mission_item_reached_message(index))
-                self._streams[address].now(m.MAVLINK_MSG_ID_MISSION_CURRENT)
-        for address, parts in list(self._lists.items()):
-            part = next(parts, None)
-            if part is None:
-                del self._lists[address]
-            else:
-                for message in part:
-                    self._peers[address].send(message)
+                streams.now(m.MAVLINK_MSG_ID_MISSION_CURRENT)
+            for message in next(listener.parameters, ()):
+                peer.send(message)
 
     def _picture(self) -> Picture:
         return Picture(self.pilot, self._power_w, self._unix_start_s)
@@ -228,10 +226,17 @@ class Face:
             self._power_next_s += 1.0
 
     def _take_items(self, kind: int, items: tuple[Item, ...]) -> None:
-        """A new mission, fence or list of rally points. Raises Refused where a fence is none."""
-        site = self.pilot.site
+        """A new mission, fence or list of rally points.
+
+        Raises Refused for a fence that is none, and for a mission that may not replace the one that is flown.
+        """
+        pilot, site = self.pilot, self.pilot.site
         if kind == MISSION:
-            self.pilot.mission.load(items)
+            if items and pilot.armed and Mode.MISSION in (pilot.mode, pilot.intended):
+                why = pilot.mission.why_not(pilot, items)
+                if why is not None:
+                    raise Refused(f"Mission denied: {why}")
+            pilot.mission.load(items)
         elif kind == FENCE:
             self.pilot.fence = fence_of(items, site)
         elif kind == RALLY:

@@ -12,6 +12,7 @@ from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Message, Voice
 
 Address = tuple[str, int]
+Key = tuple[Address, int, int]  # a program: where it speaks from, system and component
 NOTICE, WARNING, CRITICAL = 5, 4, 2  # MAV_SEVERITY
 _TEXT_BYTES = 50
 
@@ -42,7 +43,7 @@ class Sender:
     peer: Peer
     system: int
     component: int
-    key: tuple[Address, int, int] = field(init=False)
+    key: Key = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "key", (self.peer.address, self.system, self.component))

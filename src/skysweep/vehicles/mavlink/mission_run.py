@@ -44,9 +44,9 @@ class MissionRun:
         self.current, self.finished = index, False
         self._target = self._since_s = None
 
-    def why_not(self, pilot: Autopilot) -> str | None:
-        """What speaks against flying it."""
-        places = [i for i in self.items if i.is_place]
+    def why_not(self, pilot: Autopilot, items: tuple[Item, ...] | None = None) -> str | None:
+        """What speaks against flying it, or ``items`` instead."""
+        places = [i for i in (self.items if items is None else items) if i.is_place]
         for place in places:
             at_zero = place.x == place.y == 0 and place.command in _ANYWHERE
             if not at_zero and pilot.outside_fence(place.position_enu_m(pilot.site, pilot.home_enu_m)):

@@ -16,19 +16,19 @@ import numpy as np
 from skysweep.geometry.frames import enu_from_ned, yaw_from_heading
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.items import ABOVE_HOME
-from skysweep.vehicles.mavlink.link import Address
+from skysweep.vehicles.mavlink.link import Key
 from skysweep.vehicles.mavlink.px4 import F64, TICK_S, Refused, Site, finite
 from skysweep.vehicles.mavlink.wire import Message
 
 if TYPE_CHECKING:
     from skysweep.vehicles.mavlink.autopilot import Autopilot
 
-Key = tuple[Address, int, int]
 _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048  # POSITION_TARGET_TYPEMASK
 _LIFT_OFF_M, _LIFT_OFF_MPS = 0.3, 0.1  # a setpoint that means: leave the ground
 _OPEN = np.full(3, np.nan)
 _FARTHEST_M = 1e6
 _FASTEST_MPS = 100.0
+_SHORTEST_HOLD_S = 1.0  # of the control, however short COM_OF_LOSS_T is
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,9 @@ class Offboard:
 
     def may_control(self, key: Key, pilot: Autopilot) -> bool:
         """Whether nobody else is in control."""
-        return self.owner in (None, key) or not self.is_fresh(pilot)
+        if self.owner in (None, key):
+            return True
+        return pilot.time_s - self._heard_s > max(pilot.parameters["COM_OF_LOSS_T"], _SHORTEST_HOLD_S)
 
     def release(self, key: Key) -> None:
         """The owner gives it up."""

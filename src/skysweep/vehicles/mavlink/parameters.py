@@ -67,7 +67,7 @@ def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
         "MPC_VEL_MANUAL": _Parameter(10.0, 3.0, 20.0),
         "MPC_XY_CRUISE": _Parameter(cruise, 3.0, 20.0),
         "MPC_XY_P": _fixed(0.95),
-        "MPC_XY_VEL_MAX": _Parameter(12.0, 0.0, 20.0),
+        "MPC_XY_VEL_MAX": _Parameter(12.0, 3.0, 20.0),  # PX4: from 0, with which nothing comes home
         "MPC_Z_VEL_MAX_DN": _fixed(down),
         "MPC_Z_VEL_MAX_UP": _fixed(up),
         "MPC_Z_V_AUTO_DN": _fixed(down),
@@ -120,23 +120,24 @@ class Parameters:
     def read(self, asked: Message) -> Message | None:
         """The answer to PARAM_REQUEST_READ, None where there is no such parameter."""
         if asked.param_index < 0:
-            name = asked.param_id
-        elif asked.param_index < len(self._names):
-            name = self._names[asked.param_index]
-        else:
-            return None
+            return self.answer(asked.param_id)
+        if asked.param_index < len(self._names):
+            return self.message(self._names[asked.param_index])
+        return None
+
+    def answer(self, name: str) -> Message | None:
+        """What a parameter is, None where there is no such parameter."""
         return self.message(name) if name in self._table else None
 
-    def write(self, asked: Message) -> Message | None:
-        """Takes a PARAM_SET; the answer says what holds now."""
+    def write(self, asked: Message) -> None:
+        """Takes a PARAM_SET, where the value is in range and the parameter not fixed."""
         name = asked.param_id
         if name not in self._table:
-            return None
+            return
         if isinstance(self._table[name].default, int) and asked.param_type != mavlink.MAV_PARAM_TYPE_REAL32:
             self.set(name, _bits_of_float(asked.param_value))
         elif asked.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
             self.set(name, asked.param_value)
-        return self.message(name)
 
     def list(self) -> Iterator[list[Message]]:
         """All of them, a few at a time."""

@@ -15,11 +15,13 @@ from skysweep.types import Vehicle
 from skysweep.vehicles.mavlink.autopilot import Autopilot
 from skysweep.vehicles.mavlink.face import Face
 from skysweep.vehicles.mavlink.link import Address
+from skysweep.vehicles.mavlink.signing import Signing
+from skysweep.vehicles.mavlink.signing_memory import SigningMemory
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # where PX4's simulation sends to
-_LARGEST_DATAGRAM = 65_535
-_DATAGRAMS_IN_A_ROW = 200  # then the vehicle's turn
+_LARGEST_DATAGRAM = 4_096  # of which anything is read; a frame has at most 280 bytes
+_RECEIVE_S = 0.02  # on the wall, then it is the vehicle's turn
 _WATCH_EVERY_S = 0.2  # on the wall
 _WAITS_FOR_PROGRAMS = ("COM_OF_LOSS_T", "COM_RC_LOSS_T", "COM_DISARM_PRFLT")
 _MAX_LAG_S = 0.5  # on the wall; a machine that is slower than this lets vehicle time run slower
@@ -40,7 +42,8 @@ class VehicleServer:
     Where vehicle time runs faster than the wall clock, the times that it waits for programs are longer by as
     much, as in PX4's own simulations.
     Use it as a context manager, which runs it in a thread, or call ``run`` in the thread that may be blocked.
-    Raises UserError when the port is taken.
+    Raises UserError when the port is taken, and where the times of a signed link cannot be kept
+    (``SigningMemory``).
 
     Example:
         with VehicleServer(vehicle, scenario, listeners=[("127.0.0.1", 14540)], speed=10.0) as server:
@@ -57,6 +60,7 @@ class VehicleServer:
         local_port: int = 0,
         signing_key: bytes | None = None,
     ) -> None:
+        signing = None if signing_key is None else Signing(signing_key, SigningMemory.of(signing_key))
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, local_port))
@@ -69,7 +73,7 @@ class VehicleServer:
         self._speed = speed
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
-        self.face = Face(vehicle, scenario, self._transmit, listeners, signing_key, time.time())
+        self.face = Face(vehicle, scenario, self._transmit, listeners, signing, time.time(), speed)
         for name in _WAITS_FOR_PROGRAMS if speed > 1.0 else ():
             self.face.parameters.stretch(name, speed)
 
@@ -102,6 +106,7 @@ class VehicleServer:
         if self._thread is not None:
             self._thread.join()
         self._socket.close()
+        self.face.signing.close()
 
     def __enter__(self) -> VehicleServer:
         self._thread = threading.Thread(target=self.run, name="vehicle", daemon=True)
@@ -112,7 +117,8 @@ class VehicleServer:
         self.stop()
 
     def _receive(self) -> None:
-        for _ in range(_DATAGRAMS_IN_A_ROW):
+        end_s = time.monotonic() + _RECEIVE_S
+        while time.monotonic() < end_s:
             try:
                 datagram, address = self._socket.recvfrom(_LARGEST_DATAGRAM)
             except BlockingIOError:

@@ -1,23 +1,31 @@
 """MAVLink 2 message signing: who may speak to the vehicle, and what it signs itself.
 
 Rules of the MAVLink guide, "Message Signing": SHA-256 over key and frame, first 6 bytes; a timestamp in units
-of 10 us since 2015 that must grow on every stream (link id, system, component).
+of 10 us since 2015 that must grow on every stream (link id, system, component), across restarts too, and must
+not lie more than a minute behind. Stricter than the guide in one thing: neither more than a minute ahead, so
+that no clock can drag everybody's out of reach.
 """
 
 from __future__ import annotations
 
 import hashlib
 import hmac
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
+from queue import Queue
 
 from skysweep.errors import UserError
+from skysweep.vehicles.mavlink.signing_memory import SigningMemory, Stream
 
 SIGNED = 0x01  # incompatibility flag
 SIGNATURE_BYTES = 13
 _EPOCH_2015_S = 1_420_070_400
-_NEW_STREAM_MAY_LAG = 60 * 100_000  # a minute
-_MAX_STREAMS = 256
+_SECOND = 100_000
+_WINDOW = 60 * _SECOND  # around the local time
+_KEPT_AHEAD = 2 * _SECOND  # a stream is written down that far ahead, and again when half of it is left
+_MAX_STREAMS = 1024
 
 
 def read_signing_key(path: str | Path) -> bytes:
@@ -34,12 +42,41 @@ def read_signing_key(path: str | Path) -> bytes:
 
 
 class Signing:
-    """Signs and checks frames with one key. Without a key everything passes and nothing is signed."""
+    """Signs and checks frames with one key. Without a key everything passes and nothing is signed.
 
-    def __init__(self, key: bytes | None) -> None:
+    ``memory`` refuses after a restart what was heard before it. The computer's clock is read once, here: a
+    clock that is set in flight must not make the vehicle deaf. One that is behind what ``memory`` holds is
+    wrong, and set by the first good frame. Raises UserError where ``memory`` cannot be written.
+    """
+
+    def __init__(self, key: bytes | None, memory: SigningMemory | None = None) -> None:
         self.key = key
-        self._newest = 0
-        self._streams: dict[tuple[int, int, int], int] = {}
+        self._begun, self._begun_s = round((time.time() - _EPOCH_2015_S) * _SECOND), time.monotonic()
+        self._streams: dict[Stream, int] = {}  # the last one heard is the last one here
+        self._unseen_after = 0  # a stream that is not among them must be newer
+        self._clock_is_wrong = False
+        self._kept = self._recall(memory)
+        self._streams.update(self._kept)
+        self._newest = min(max(self._kept.values(), default=0), self._begun + _WINDOW)
+        self._due: Queue[tuple[dict[Stream, int], int] | None] = Queue(1)
+        self._writer: threading.Thread | None = None
+        if memory is not None:  # a slow disk must not delay the vehicle
+            self._writer = threading.Thread(target=self._write, args=(memory,), name="signing", daemon=True)
+            self._writer.start()
+
+    def _recall(self, memory: SigningMemory | None) -> dict[Stream, int]:
+        if memory is None:
+            return {}
+        kept: dict[Stream, int] = {}
+        try:
+            kept = memory.read()
+        except ValueError:  # whatever was heard before now may have been in it
+            self._unseen_after = self._begun
+        memory.must_be_writable()
+        heard_at = max(kept.values(), default=0) - _KEPT_AHEAD - _WINDOW
+        self._clock_is_wrong = self._begun < heard_at
+        self._begun = max(self._begun, heard_at)
+        return kept
 
     def accepts(self, frame: bytes) -> bool:
         """Whether a whole frame may be acted on. Only a good signature moves its stream's clock."""
@@ -52,20 +89,47 @@ class Signing:
             return False
         stream = (body[-7], frame[5], frame[6])
         timestamp = int.from_bytes(body[-6:], "little")
-        last = self._streams.get(stream)
-        if timestamp <= (self._now() - _NEW_STREAM_MAY_LAG if last is None else last):
+        if timestamp <= self._streams.get(stream, self._unseen_after):
             return False
-        if last is None and len(self._streams) >= _MAX_STREAMS:
+        ahead = timestamp - self._now()
+        if ahead < -_WINDOW or (ahead > _WINDOW and not self._clock_is_wrong):
             return False
+        if self._clock_is_wrong:
+            self._begun, self._clock_is_wrong = self._begun + ahead, False
+        self._streams.pop(stream, None)
         self._streams[stream] = timestamp
+        if len(self._streams) > _MAX_STREAMS:
+            longest_silent = next(iter(self._streams))
+            self._unseen_after = max(self._unseen_after, self._streams.pop(longest_silent))
         self._newest = max(self._newest, timestamp)
+        self._keep(stream)
         return True
+
+    def _keep(self, stream: Stream) -> None:
+        """Has a stream's time on disk before it is reached; that of a new stream soon after."""
+        if self._writer is None or self._kept.get(stream, 0) - self._streams[stream] > _KEPT_AHEAD // 2:
+            return
+        if not self._due.full():
+            oldest = self._now() - _WINDOW  # older ones are refused for that
+            self._kept = {s: newest + _KEPT_AHEAD for s, newest in self._streams.items() if newest >= oldest}
+            self._due.put((self._kept, oldest))
+
+    def _write(self, memory: SigningMemory) -> None:
+        while (due := self._due.get()) is not None:
+            with suppress(OSError):  # a full disk must not make the vehicle deaf
+                memory.write(*due)
+
+    def close(self) -> None:
+        """Has on disk whatever was heard."""
+        if self._writer is not None:
+            self._due.put((self._streams, self._now() - _WINDOW))
+            self._due.put(None)
+            self._writer.join()
 
     def stamp(self) -> int:
         """The timestamp of the next frame of ours."""
         self._newest = max(self._newest + 1, self._now())
         return self._newest
 
-    @staticmethod
-    def _now() -> int:
-        return int((time.time() - _EPOCH_2015_S) * 1e5)
+    def _now(self) -> int:
+        return self._begun + int((time.monotonic() - self._begun_s) * _SECOND)

@@ -17,6 +17,7 @@ from skysweep.vehicles.mavlink.wire import Message
 
 _ASK_AGAIN_S = 0.5
 _GIVE_UP_S = 5.0
+_TURN_S = 1.0  # without an item, after which another client may begin
 
 
 @dataclass(slots=True)
@@ -24,17 +25,20 @@ class _Upload:
     sender: Sender
     kind: int
     count: int
-    heard_s: float
+    heard_s: float  # when an item came that was asked for
     asked_s: float = 0.0
     items: list[Item] = field(default_factory=list)
 
 
 class Transfers:
-    """``stored`` holds what is kept by kind; ``take`` is called with each new list and may raise Refused."""
+    """``stored`` holds what is kept by kind.
 
-    def __init__(self, take: Callable[[int, tuple[Item, ...]], None]) -> None:
+    ``take`` is called with each new list, ``may`` before one is sent or kept; both may raise Refused.
+    """
+
+    def __init__(self, take: Callable[[int, tuple[Item, ...]], None], may: Callable[[Sender], None]) -> None:
         self.stored: dict[int, tuple[Item, ...]] = {kind: () for kind in MAX_ITEMS}
-        self._take = take
+        self._take, self._may = take, may
         self._upload: _Upload | None = None
 
     # ---- up ------------------------------------------------------------------------------------------
@@ -46,12 +50,17 @@ class Transfers:
             _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
         elif message.count > MAX_ITEMS[kind]:
             _answer(sender, kind, m.MAV_MISSION_NO_SPACE)
-        elif self._upload is not None and self._upload.sender.key != sender.key:
+        elif self._is_busy_for(sender) or not self._is_allowed(sender):
             _answer(sender, kind, m.MAV_MISSION_DENIED)
         elif message.count == 0:
             self._store(sender, kind, ())
         else:
-            self._upload = _Upload(sender, kind, message.count, time.monotonic())
+            before = self._upload
+            if before is not None and before.sender.key != sender.key:
+                _answer(before.sender, before.kind, m.MAV_MISSION_OPERATION_CANCELLED)
+                before = None
+            heard_s = time.monotonic() if before is None else before.heard_s
+            self._upload = _Upload(sender, kind, message.count, heard_s)
             self._ask()
 
     def item(self, message: Message, sender: Sender) -> None:
@@ -59,9 +68,9 @@ class Transfers:
         up = self._upload
         if up is None or up.sender.key != sender.key or up.kind != message.mission_type:
             return
-        up.heard_s = time.monotonic()
         if message.seq != len(up.items):
             return
+        up.heard_s = time.monotonic()
         item = Item.of(message)
         bad = refusal(item, up.kind)
         if bad is not None:
@@ -77,7 +86,9 @@ class Transfers:
 
     def clear(self, message: Message, sender: Sender) -> None:
         """MISSION_CLEAR_ALL of one kind or of all."""
-        if message.mission_type == m.MAV_MISSION_TYPE_ALL:
+        if not self._is_allowed(sender):
+            _answer(sender, message.mission_type, m.MAV_MISSION_DENIED)
+        elif message.mission_type == m.MAV_MISSION_TYPE_ALL:
             for kind in self.stored:
                 self._take(kind, ())
                 self.stored[kind] = ()
@@ -99,6 +110,19 @@ class Transfers:
         elif now - up.asked_s > _ASK_AGAIN_S:
             self._ask()
 
+    def _is_busy_for(self, sender: Sender) -> bool:
+        """Whether another client is sending: one that does not answer is not."""
+        up = self._upload
+        return up is not None and up.sender.key != sender.key and time.monotonic() - up.heard_s <= _TURN_S
+
+    def _is_allowed(self, sender: Sender) -> bool:
+        try:
+            self._may(sender)
+        except Refused as why:
+            sender.tell(str(why))
+            return False
+        return True
+
     def _ask(self) -> None:
         up = self._upload
         assert up is not None
@@ -108,6 +132,7 @@ class Transfers:
 
     def _store(self, sender: Sender, kind: int, items: tuple[Item, ...]) -> None:
         try:
+            self._may(sender)
             self._take(kind, items)
         except Refused as why:
             sender.tell(str(why))

@@ -1,4 +1,4 @@
-"""Frames on the wire: messages out of datagrams, and one voice for each component that speaks."""
+"""Frames on the wire: messages out of bytes, and one voice for each component that speaks."""
 
 from __future__ import annotations
 
@@ -12,51 +12,80 @@ from skysweep.vehicles.mavlink.signing import SIGNATURE_BYTES, SIGNED, Signing
 Message = Any  # a pymavlink message
 _V1, _V2 = 0xFE, 0xFD
 _HEADER_BYTES = {_V1: 6, _V2: 10}
+_FLAGS_END = 3  # where a header has said how long its frame is
 _CRC_BYTES = 2
-_MAX_FALSE_STARTS = 64  # in a datagram; the rest of one with more is noise
+_FALSE_STARTS, _MORE_FALSE_STARTS = 64, 4  # in one piece, and for each sound frame; then it is noise
+
+
+class Frames:
+    """The frames in the bytes of one sender, who needs an object of their own: a frame may come in pieces.
+
+    Bytes that only look like the start of a frame delay the frames behind them and swallow none.
+    """
+
+    def __init__(self) -> None:
+        self._decoder = mavlink.MAVLink(None)
+        self._begun = b""  # of a frame that has not come whole
+
+    def read(self, piece: bytes, is_last: bool = False) -> Iterator[tuple[Message, bytes]]:
+        """Every sound message that is whole by now, with its frame. ``is_last``: nothing will follow."""
+        data, self._begun = self._begun + piece, b""
+        at, false_starts = 0, _FALSE_STARTS
+        while at < len(data) and false_starts > 0:
+            end = _end_of_frame(data, at)
+            if end is not None and end > len(data) and not is_last:
+                self._begun = data[at:]
+                return
+            if end is not None and end <= len(data):
+                frame = data[at:end]
+                try:
+                    message = self._decoder.decode(bytearray(frame))
+                except mavlink.MAVError:
+                    message = None
+                if message is not None and not isinstance(message, mavlink.MAVLink_unknown):
+                    yield message, frame
+                    at = end
+                    false_starts += _MORE_FALSE_STARTS
+                    continue
+                false_starts -= 1
+            at += 1
 
 
 def read_frames(datagram: bytes, signing: Signing) -> Iterator[Message]:
     """Every sound message of a datagram in order; what is no frame or not authentic is passed over."""
-    decoder = mavlink.MAVLink(None)
-    at = false_starts = 0
-    while at < len(datagram) and false_starts < _MAX_FALSE_STARTS:
-        end = _end_of_frame(datagram, at)
-        if end is not None:
-            frame = datagram[at:end]
-            try:
-                message = decoder.decode(bytearray(frame))
-            except mavlink.MAVError:
-                message = None
-            if message is not None and not isinstance(message, mavlink.MAVLink_unknown):
-                if signing.accepts(frame):
-                    yield message
-                at = end
-                continue
-            false_starts += 1
-        at += 1
+    for message, frame in Frames().read(datagram, is_last=True):
+        if signing.accepts(frame):
+            yield message
 
 
-def _end_of_frame(datagram: bytes, at: int) -> int | None:
-    """Where the frame that begins at ``at`` ends, None where none does."""
-    header = _HEADER_BYTES.get(datagram[at])
-    if header is None or at + header > len(datagram):
+def _end_of_frame(data: bytes, at: int) -> int | None:
+    """Where the frame that begins at ``at`` ends, perhaps behind the data; None where none begins."""
+    header = _HEADER_BYTES.get(data[at])
+    if header is None:
         return None
-    length = header + datagram[at + 1] + _CRC_BYTES
-    if datagram[at] == _V2:
-        if datagram[at + 2] & ~SIGNED:
+    if at + _FLAGS_END > len(data):
+        return at + header
+    length = header + data[at + 1] + _CRC_BYTES
+    if data[at] == _V2:
+        if data[at + 2] & ~SIGNED:
             return None
-        length += SIGNATURE_BYTES if datagram[at + 2] & SIGNED else 0
-    return at + length if at + length <= len(datagram) else None
+        length += SIGNATURE_BYTES if data[at + 2] & SIGNED else 0
+    return at + length
 
 
 class Voice:
-    """What one component says to one listener: with its own sequence numbers, signed where there is a key."""
+    """What one component says to one listener: with its own sequence numbers, signed where there is a key.
 
-    def __init__(self, component_id: int, signing: Signing, system_id: int = SYSTEM_ID) -> None:
+    Programs that share ids and key need a ``link_id`` each: on one stream the slower clock is not heard.
+    """
+
+    def __init__(
+        self, component_id: int, signing: Signing, system_id: int = SYSTEM_ID, link_id: int = 0
+    ) -> None:
         self._encoder = mavlink.MAVLink(None, system_id, component_id)
         self._encoder.signing.secret_key = signing.key
         self._encoder.signing.sign_outgoing = signing.key is not None
+        self._encoder.signing.link_id = link_id
         self._signing = signing
 
     def pack(self, message: Message) -> bytes:

@@ -1,0 +1,66 @@
+"""Who is in command: the program whose order the vehicle carried out last.
+
+PX4 obeys whoever speaks. Here, too, Hold, Return, Land, the modes with sticks and switching off are done for
+whoever asks, so that a person can always take over. What would take the vehicle away unseen is done only for
+the program in command while the vehicle is armed: parameters, home, speed, and plans except in Hold; and no
+other program's Offboard, Mission, take-off or reposition replaces the Mission or take-off that it flies.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from skysweep.vehicles.mavlink.link import Key
+from skysweep.vehicles.mavlink.px4 import Mode, Refused
+
+if TYPE_CHECKING:
+    from skysweep.vehicles.mavlink.autopilot import Autopilot
+
+
+class Denied(Refused):
+    """Refused for good, not for now."""
+
+
+class Authority:
+    """``silent_s``: a program that is not heard for that long is not in command any more, in vehicle time."""
+
+    def __init__(self, pilot: Autopilot, silent_s: float) -> None:
+        self._pilot, self._silent_s = pilot, silent_s
+        self._commander: Key | None = None
+        self._heard_s = -math.inf
+
+    def hear(self, key: Key) -> None:
+        """A program said something, its heartbeat perhaps."""
+        if key == self._commander:
+            self._heard_s = self._pilot.time_s
+
+    def take(self, key: Key) -> None:
+        """The vehicle carried out a program's order."""
+        self._commander, self._heard_s = key, self._pilot.time_s
+
+    def commands(self, key: Key) -> bool:
+        """Whether this program is in command of an armed vehicle."""
+        return self._is_held() and self._commander == key
+
+    def must_command(self, key: Key) -> None:
+        """Raises Denied in a flight that another program commands."""
+        if self._is_held() and self._commander != key:
+            raise Denied("denied: another program is in command")
+
+    def may_plan(self, key: Key) -> None:
+        """Raises Denied where another program flies; in Hold a flight is prepared that goes on."""
+        if self._pilot.intended is not Mode.HOLD:
+            self.must_command(key)
+
+    def must_be_free(self, key: Key, offboard_wanted: bool = False) -> None:
+        """Raises Denied where another program's Offboard, Mission or take-off would be replaced."""
+        pilot = self._pilot
+        engaged = offboard_wanted or pilot.mode is Mode.OFFBOARD
+        if engaged and not pilot.offboard.may_control(key, pilot):
+            raise Denied("denied: another program is in control")
+        if pilot.mode in (Mode.MISSION, Mode.TAKEOFF):
+            self.must_command(key)
+
+    def _is_held(self) -> bool:
+        return self._pilot.armed and self._pilot.time_s - self._heard_s <= self._silent_s

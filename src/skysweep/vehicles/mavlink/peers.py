@@ -1,0 +1,76 @@
+"""Who hears the vehicle: the addresses that it was told to send to, and others for as long as they talk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+from skysweep.vehicles.mavlink.link import Address, Peer
+from skysweep.vehicles.mavlink.signing import Signing
+from skysweep.vehicles.mavlink.telemetry import Report, Streams
+from skysweep.vehicles.mavlink.wire import Message
+
+MAX_GUESTS = 8
+
+
+@dataclass(slots=True)
+class Listener:
+    """A peer with what it gets."""
+
+    peer: Peer
+    streams: Streams
+    heard_s: float
+    parameters: Iterator[list[Message]] = field(default_factory=lambda: iter(()))  # still to be sent
+
+
+class Peers:
+    """The listeners by address.
+
+    ``hosts`` hear it always. Whoever else says something sound hears it, as a guest, until silent for
+    ``silent_s``; ground stations send a heartbeat every second. At most MAX_GUESTS do: one who talks is never
+    sent away for another, who is answered without hearing telemetry.
+    """
+
+    def __init__(
+        self,
+        hosts: Iterable[Address],
+        transmit: Callable[[bytes, Address], None],
+        signing: Signing,
+        reports: dict[int, Report],
+        silent_s: float,
+    ) -> None:
+        self._transmit, self._signing = transmit, signing
+        self._reports, self._silent_s = reports, silent_s
+        self._guests: dict[Address, Listener] = {}
+        self._hosts: dict[Address, Listener] = {}
+        for address in hosts:
+            self._hosts[address] = self._listener(address, 0.0)
+
+    def get(self, address: Address) -> Listener | None:
+        """The listener at an address."""
+        return self._hosts.get(address) or self._guests.get(address)
+
+    def hear(self, address: Address, time_s: float) -> Peer:
+        """Whoever said something sound."""
+        listener = self.get(address)
+        if listener is None:
+            listener = self._listener(address, time_s)
+            if len(self._guests) >= MAX_GUESTS:
+                silent = min(self._guests, key=lambda guest: self._guests[guest].heard_s)
+                if not self._talks(self._guests[silent], time_s):
+                    del self._guests[silent]
+            if len(self._guests) < MAX_GUESTS:
+                self._guests[address] = listener
+        listener.heard_s = time_s
+        return listener.peer
+
+    def listening(self, time_s: float) -> list[Listener]:
+        """Those who hear it now. A guest who comes back finds its streams as it left them."""
+        guests = (guest for guest in self._guests.values() if self._talks(guest, time_s))
+        return [*self._hosts.values(), *guests]
+
+    def _talks(self, listener: Listener, time_s: float) -> bool:
+        return time_s - listener.heard_s <= self._silent_s
+
+    def _listener(self, address: Address, time_s: float) -> Listener:
+        return Listener(Peer(address, self._transmit, self._signing), Streams(self._reports), time_s)
