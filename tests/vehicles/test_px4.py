@@ -119,7 +119,7 @@ class Radio:
     def newest(self, name):
         return self.said.get(name)
 
-    def silent_s(self, name):
+    def now_s(self):
         return 0.0
 
     def say(self, name, **fields):
