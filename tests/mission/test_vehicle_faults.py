@@ -172,7 +172,9 @@ def test_an_estimate_that_stays_no_number_makes_it_land(what):
 def test_without_a_position_it_stays_on_the_ground():
     class Nowhere(Around):
         def state(self):
-            return self.inner.state()._replace(position_enu_m=NAN)
+            state = self.inner.state()
+            camera = CameraPose(NAN, state.camera.R_camera_to_enu)
+            return state._replace(position_enu_m=NAN, camera=camera)
 
     with pytest.raises(UserError, match="position: the vehicle has none"):
         Flown(vehicle=Nowhere)

@@ -26,21 +26,12 @@ class Believable:
 
     def state(self) -> VehicleState:
         """What the vehicle says."""
-        state, newest_s = self._vehicle.state(), self._newest.time_s
-        if state.time_s > newest_s:
-            self._newest, self._asked_s = state, 0.0
-        elif state.time_s < newest_s - _LATE_S:
-            self._newest, self.went_back_s = state, self.went_back_s + newest_s - state.time_s
-        elif state.time_s != newest_s:
-            state = self._newest
-        if is_sound(state):
-            self._sound = state
-        else:
-            state = self._without_position(state)
-        if self._asked_s == self.went_back_s == 0.0:
+        state = self._vehicle.state()
+        if state.time_s > self._newest.time_s and has_place(state) and self.went_back_s == 0.0:
+            self._newest = self._sound = state
+            self._asked_s = 0.0
             return state
-        silent_s = max(state.silent_s, self._asked_s)
-        return state._replace(time_s=state.time_s + self.went_back_s, silent_s=silent_s)
+        return self._doubted(state)
 
     def advance(self, duration_s: float) -> None:
         """Lets time pass."""
@@ -61,20 +52,24 @@ class Believable:
     def hold(self) -> None:
         self._vehicle.hold()
 
-    def _without_position(self, state: VehicleState) -> VehicleState:
-        sound = self._sound
-        return state._replace(
-            position_enu_m=sound.position_enu_m,
-            velocity_enu_mps=sound.velocity_enu_mps,
-            R_body_to_enu=sound.R_body_to_enu,
-            camera=sound.camera,
-            position_std_m=math.inf,
-        )
+    def _doubted(self, state: VehicleState) -> VehicleState:
+        newest_s = self._newest.time_s
+        if state.time_s > newest_s:
+            self._newest, self._asked_s = state, 0.0
+        elif state.time_s < newest_s - _LATE_S:
+            self._newest, self.went_back_s = state, self.went_back_s + newest_s - state.time_s
+        elif state.time_s != newest_s:
+            state = self._newest
+        if has_place(state):
+            self._sound = state
+        else:
+            place, R = self._sound.position_enu_m, self._sound.R_body_to_enu
+            state = state._replace(position_enu_m=place, R_body_to_enu=R, camera=self._sound.camera)
+            state = state._replace(position_std_m=math.inf)
+        silent_s = max(state.silent_s, self._asked_s)
+        return state._replace(time_s=state.time_s + self.went_back_s, silent_s=silent_s)
 
 
-def is_sound(state: VehicleState) -> bool:
-    """Whether time, place and attitude are numbers."""
-    numbers = state.position_enu_m.tolist() + state.velocity_enu_mps.tolist()
-    numbers += state.camera.position_enu_m.tolist()
-    turned = state.R_body_to_enu.item(0) + state.camera.R_camera_to_enu.item(8)
-    return math.isfinite(sum(numbers) + turned + state.time_s)
+def has_place(state: VehicleState) -> bool:
+    """Whether place and attitude are numbers: those of the camera are made of them."""
+    return math.isfinite(sum(state.camera.position_enu_m.tolist()))

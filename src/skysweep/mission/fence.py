@@ -69,7 +69,8 @@ class Fence:
         """How far a place inside is from the edge; 0 outside."""
         if not self.exists:
             return math.inf
-        return float(shapely.distance(self._edge, shapely.Point(xy))) if self.allows(xy) else 0.0
+        place = shapely.Point(xy)
+        return float(self._edge.distance(place)) if self._free.intersects(place) else 0.0
 
     def way(self, start: XY, goal: XY) -> list[XY]:
         """Places to fly to, one after another, ``goal`` the last; straight where nothing is in the way.

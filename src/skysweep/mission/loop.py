@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.mission.believable import Believable, is_sound
+from skysweep.mission.believable import Believable, has_place
 from skysweep.mission.clearance import Clearance, too_high
 from skysweep.mission.energy import ReturnEnergy, wind_xy
 from skysweep.mission.fence import Fence, Router, SearchedArea
@@ -146,7 +146,7 @@ class _Flight:
     def refuse_before_take_off(self) -> None:
         """Raises UserError."""
         state, safety = self._m.vehicle.state(), self._m.scenario.safety
-        if not is_sound(state):
+        if not has_place(state):
             raise UserError("position: the vehicle has none; wait for its GNSS fix")
         if math.isnan(state.battery_remaining) and not (state.airborne or safety.battery_estimated):
             raise UserError(

@@ -209,7 +209,7 @@ class Guard:
             or not self._is_far_inside(state)
             or bool(state.taken_over)
             or state.silent_s > limits.link_hold_s
-            or not state.position_std_m <= limits.position_std_max_m
+            or self._is_unsure(state)
             or not state.battery_remaining >= limits.battery_low
             or state.ground_below_m is not None
             or not limits.altitude_min_agl_m < altitude_agl_m < limits.altitude_max_agl_m
@@ -217,6 +217,11 @@ class Guard:
             or self._looks.age_s(state.time_s) > self._looks.silent_age_s
             or math.hypot(*wind_xy(state)) > limits.wind_max_mps
         )
+
+    def _is_unsure(self, state: VehicleState) -> bool:
+        """Whether place or velocity are not known well enough, or are no numbers."""
+        sure = state.position_std_m <= self._limits.position_std_max_m
+        return not (sure and math.isfinite(sum(state.velocity_enu_mps.tolist())))
 
     def _is_far_inside(self, state: VehicleState) -> bool:
         """Whether it is inside the fence, and has not moved as far as the fence was away."""
@@ -243,11 +248,11 @@ class Guard:
 
     def _position(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         limits = self._limits
-        unsure = not state.position_std_m <= limits.position_std_max_m
-        lost_s = self._lasting_s("position lost", unsure, now_s)
+        lost_s = self._lasting_s("position lost", self._is_unsure(state), now_s)
         if lost_s is not None:
             action = Action.HOLD if lost_s < limits.position_hold_s else Action.LAND
-            claim = "no position" if math.isinf(state.position_std_m) else f"{state.position_std_m:.0f} m"
+            std_m = state.position_std_m
+            claim = f"{std_m:.0f} m" if limits.position_std_max_m < std_m < math.inf else "no position"
             yield Alarm(action, "position lost", f"The position is not known well enough ({claim}).")
         offset_m = math.hypot(*self._jumped_m)
         displaced_s = self._lasting_s("position jump", offset_m > limits.position_jump_m, now_s)
@@ -370,7 +375,7 @@ class Guard:
             yield _is_lost(state.silent_s)
         else:
             yield from self._battery(state, "LAND", now_s)
-            if self._word == "hold" and state.position_std_m <= self._limits.position_std_max_m:
+            if self._word == "hold" and not self._is_unsure(state):
                 yield _HELD
 
     # ---- what it remembers ---------------------------------------------------------------------------
