@@ -433,12 +433,13 @@ def test_a_candidate_in_a_no_fly_area_is_reported_and_not_flown_to():
     assert not inside.any()
 
 
-def test_a_strategy_that_insists_on_a_refused_waypoint_ends_the_search():
+@pytest.mark.parametrize("fence", [None, [[-9, -9], [69, -9], [69, 49], [-9, 49]]])
+def test_a_strategy_that_insists_on_a_refused_waypoint_ends_the_search(fence):
     class Stubborn:
         def step(self, observation):
             return Command("SCAN", Waypoint((500.0, 0.0), 30.0, 5.0))
 
-    scenario = Scenario.model_validate(SMALL | {"geofence_enu_m": [[-9, -9], [69, -9], [69, 49], [-9, 49]]})
+    scenario = Scenario.model_validate(SMALL | {"geofence_enu_m": fence})
     mission = replace(build_mission(scenario, 0, "statistical"), strategy=Stubborn())
     journal = MemoryJournal()
     assert fly(mission, journal) == "geofence"

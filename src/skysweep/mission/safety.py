@@ -375,6 +375,7 @@ class Guard:
             yield _is_lost(state.silent_s)
         else:
             yield from self._battery(state, "LAND", now_s)
+            yield from self._rate()
             if self._word == "hold" and not self._is_unsure(state):
                 yield _HELD
 
