@@ -138,7 +138,7 @@ def sent(x, y, z=30.0, speed=5.0, yaw=0.0):
 
 def test_a_vehicle_that_ignores_where_it_is_sent_is_said_then_called_home():
     watched, actions = Watched(), []
-    for t in (0.0, 19.0, 22.0, 60.0, 62.0):
+    for t in (0.0, 15.0, 25.0, 60.0, 62.0):
         watched.looks.begin(t)
         actions.append(watched(state(t=t), goal=sent(50, 0)).get("setpoints ignored"))
     assert actions == [None, None, Action.CONTINUE, Action.CONTINUE, Action.RETURN]

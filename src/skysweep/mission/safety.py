@@ -89,6 +89,7 @@ class Guard:
         self._charge = Charge(energy, scenario.vehicle.battery_wh)
         self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
         self._homeward, self._progress = Progress(), Progress()
+        self._disobeys = False
         self._led_away = False  # by somebody else, perhaps beyond the fence
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
         self._allowed: Waypoint | None = None  # the newest that was let through
@@ -106,8 +107,7 @@ class Guard:
         """
         now_s = state.time_s + state.silent_s
         self._add_up_jumps(state)
-        disobeys = [*self._obedience(state, goal, now_s)] if phase == "SEARCH" else []
-        if phase == "SEARCH" and not disobeys and self._is_calm(state, altitude_agl_m):
+        if phase == "SEARCH" and self._is_calm(state, altitude_agl_m):
             return ()
         if phase == "LAND":
             return tuple(self._landing(state, now_s))
@@ -129,8 +129,10 @@ class Guard:
             return tuple(found)
         if self._word == "return":
             found.append(Alarm(Action.RETURN, "operator", "The operator calls the vehicle home."))
+        disobeys = [*self._obedience(state, goal, now_s)]
+        self._disobeys = bool(disobeys)
+        found += disobeys
         if not lost and not silent:
-            found += disobeys
             found += self._place(state, altitude_agl_m)
             found += self._height(state, altitude_agl_m, now_s)
             found += self._energy_left(state, altitude_agl_m)
@@ -205,6 +207,7 @@ class Guard:
             energy_due
             or self._since
             or self._word
+            or self._disobeys
             or self._jumped_m != _NO_JUMP
             or not self._is_far_inside(state)
             or bool(state.taken_over)
