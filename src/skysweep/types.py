@@ -30,13 +30,14 @@ class VehicleState(NamedTuple):
     velocity_enu_mps: F64  # (3,)
     R_body_to_enu: F64  # (3, 3) FLU -> ENU
     camera: CameraPose  # where the vehicle believes its camera is and looks, now
-    battery_remaining: float  # 0..1
+    battery_remaining: float  # 0..1; NaN: the vehicle does not say
     energy_used_wh: float
     airborne: bool
     position_std_m: float = 0.0  # horizontal, 1 sigma, that the estimator claims; inf: no position
     silent_s: float = 0.0  # since telemetry was last heard
     wind_enu_mps: F64 | None = None  # (3,) estimated mean wind; None: unknown
     taken_over: str = ""  # why somebody else flies it now, in words; empty: nobody does
+    ground_below_m: float | None = None  # measured straight down, by a rangefinder; None: it measures nothing
 
 
 class Setpoint(NamedTuple):

@@ -50,15 +50,18 @@ class Around:
 class Flown:
     """A mission with faults around its parts, and what its journal tells."""
 
-    def __init__(self, vehicle=None, sensor=None, operator=None, seed=0, **changes):
-        mission = build_mission(Scenario.model_validate(SCENARIO | changes), seed, "statistical")
+    def __init__(
+        self, vehicle=None, sensor=None, operator=None, journal=None, seed=0, battery_wh=98.0, **changes
+    ):
+        scenario = SCENARIO | {"vehicle": {"battery_wh": battery_wh}} | changes
+        mission = build_mission(Scenario.model_validate(scenario), seed, "statistical")
         self.embedded = mission.vehicle
         if vehicle is not None:
             mission = replace(mission, vehicle=vehicle(mission.vehicle))
         if sensor is not None:
             mission = replace(mission, sensor=sensor(mission.sensor))
         self.modes = []
-        journal = MemoryJournal()
+        journal = MemoryJournal() if journal is None else journal(self.embedded)
         self.reason = fly(
             mission,
             journal,

@@ -16,15 +16,15 @@ POND = [(40.0, -10.0), (60.0, -10.0), (60.0, 80.0), (40.0, 80.0)]
 TOWER = [(20.0, 40.0), (30.0, 40.0), (30.0, 50.0), (20.0, 50.0)]
 
 
-def fence(geofence=None, no_fly=()):
+def fence(geofence=None, no_fly=(), margin_m=None, path=()):
     data = {
         "name": "fence",
         "area": {"polygon_enu_m": [[5, 5], [15, 5], [15, 15], [5, 15]]},
         "home": {"position_enu_m": [2, 2]},
         "geofence_enu_m": geofence,
-        "safety": {"no_fly_enu_m": list(no_fly)},
+        "safety": {"no_fly_enu_m": list(no_fly), "fence_margin_m": margin_m},
     }
-    return Fence(Scenario.model_validate(data))
+    return Fence(Scenario.model_validate(data), path_xy_enu_m=np.array(path).reshape(-1, 2))
 
 
 def test_without_fence_everything_is_inside_and_straight():
@@ -40,6 +40,40 @@ def test_a_no_fly_area_is_outside_even_without_a_geofence():
     assert not f.allows((25, 45))
     assert math.isclose(f.outside_m((25, 43)), 3.0, abs_tol=0.1)
     assert f.allows((5000, 5000))
+
+
+def test_where_no_fence_is_drawn_area_path_and_home_are_kept_near():
+    f = fence(margin_m=30.0, path=[(10, 40), (10, 5)])
+    assert f.allows((10.0, 69.0))
+    assert not f.allows((10.0, 71.0))
+    assert not f.allows((10.0, -30.0))
+    assert math.isclose(f.outside_m((10.0, 80.0)), 10.0, abs_tol=0.1)
+    assert math.isclose(f.room_m((10.0, 40.0)), 30.0, abs_tol=0.1)
+    assert f.room_m((10.0, 80.0)) == 0.0
+    assert f.way((2, 2), (10, 60)) == [(10, 60)]
+    assert f.way((2, 2), (10, 80)) == []
+
+
+def test_a_drawn_fence_takes_the_place_of_that_margin():
+    f = fence(SQUARE, margin_m=5.0)
+    assert f.allows((99.0, 99.0))
+    assert not f.allows((-1.0, 5.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.tuples(st.floats(-25, 40), st.floats(-25, 40)), st.floats(0, 2 * math.pi), st.floats(0, 1))
+def test_nobody_leaves_the_fence_within_the_room_there_is(here, heading, share):
+    f = fence(margin_m=30.0, no_fly=[TOWER])
+    reach = share * f.room_m(here)
+    there = here[0] + reach * math.cos(heading), here[1] + reach * math.sin(heading)
+    assert f.outside_m(there) < 1e-6 or not f.allows(here)
+
+
+def test_there_is_room_for_the_way_round_what_reaches_into_the_surroundings():
+    wall = [(-200.0, 3.0), (200.0, 3.0), (200.0, 4.0), (-200.0, 4.0)]
+    way = fence(no_fly=[wall], margin_m=10.0).way((2.0, 2.0), (10.0, 10.0))
+    assert way[-1] == (10.0, 10.0)
+    assert max(abs(x) for x, _ in way) > 200.0
 
 
 def test_how_far_outside():

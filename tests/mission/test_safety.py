@@ -17,7 +17,7 @@ from skysweep.mission.loop import fly
 from skysweep.mission.safety import Action, Guard
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.schedule import Exposures
-from skysweep.types import Command, VehicleState, Waypoint
+from skysweep.types import Command, Setpoint, VehicleState, Waypoint
 
 BASE = {"name": "rules", "area": {"polygon_enu_m": [[0, 0], [200, 0], [200, 200], [0, 200]]}}
 
@@ -37,7 +37,7 @@ class Watched:
     """A guard whose detector has answered until ``looked_s``."""
 
     def __init__(self, looked_s=100.0, **changes):
-        s = scenario(**changes)
+        s = scenario(**changes | {"safety": {"fence_margin_m": None} | changes.get("safety", {})})
         self.looks, self.fence = Looks(s, Exposures(s.detector.rate_hz, 0.0), 30.0), Fence(s)
         self.looks.begin(looked_s)
         self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
@@ -46,8 +46,8 @@ class Watched:
     def refusal(self, seen, waypoint):
         return self.guard.refusal(seen, 30.0, waypoint, waypoint)
 
-    def __call__(self, seen, agl=30.0, phase="SEARCH"):
-        return {a.cause: a.action for a in self.guard.alarms(seen, agl, phase)}
+    def __call__(self, seen, agl=30.0, phase="SEARCH", goal=None):
+        return {a.cause: a.action for a in self.guard.alarms(seen, agl, phase, goal)}
 
 
 def test_nothing_wrong():
@@ -71,6 +71,152 @@ def test_telemetry_silence(silent_s, action):
 )
 def test_battery(left, alarms):
     assert Watched(vehicle={"battery_wh": 300.0})(state(battery_remaining=left)) == alarms
+
+
+UNKNOWN = math.nan
+
+
+def over_time(watched, at_s, phase="SEARCH", **changes):
+    """The alarms at each time; the detector answers."""
+    said = []
+    for t in at_s:
+        watched.looks.begin(t)
+        said.append(watched(state(t=t, **changes), phase=phase))
+    return said
+
+
+def test_a_battery_that_nobody_knows_is_said_at_once_and_brings_it_home():
+    times = (100.0, 101.0, 129.0, 131.0)
+    actions = [a.get("battery unknown") for a in over_time(Watched(), times, battery_remaining=UNKNOWN)]
+    assert actions == [Action.CONTINUE] * 3 + [Action.RETURN]
+
+
+def test_a_battery_that_was_never_known_is_flown_by_an_estimate_where_that_is_agreed():
+    watched = Watched(safety={"battery_estimated": True}, vehicle={"battery_wh": 10.0})
+    first, *_, last = over_time(watched, range(100, 400), battery_remaining=UNKNOWN)
+    assert first == {"battery unknown": Action.CONTINUE}
+    assert last == {
+        "battery unknown": Action.CONTINUE,
+        "low battery": Action.RETURN,
+        "return energy": Action.RETURN,
+    }
+    spent_s = 0.85 * 10.0 / 190.0 * 3600.0
+    early, late = Watched(safety={"battery_estimated": True}, vehicle={"battery_wh": 10.0}), []
+    for t in (0.0, spent_s - 5.0, spent_s + 5.0):
+        early.looks.begin(t)
+        late.append(early(state(t=t, battery_remaining=UNKNOWN)).get("low battery"))
+    assert late == [None, None, Action.RETURN]
+
+
+def test_what_is_measured_counts_where_it_is_more_than_the_estimate():
+    watched = Watched(vehicle={"battery_wh": 100.0})
+    over_time(watched, (100.0,), energy_used_wh=10.0)
+    (alarms,) = over_time(watched, (101.0,), battery_remaining=UNKNOWN, energy_used_wh=90.0)
+    assert "low battery" in alarms
+
+
+def test_a_battery_that_was_known_once_is_not_flown_by_an_estimate():
+    watched = Watched(safety={"battery_estimated": True})
+    over_time(watched, (100.0,))
+    assert over_time(watched, (101.0, 132.0), battery_remaining=UNKNOWN)[-1] == {
+        "battery unknown": Action.RETURN
+    }
+
+
+@pytest.mark.parametrize("field", ["position_std_m", "battery_remaining"])
+def test_what_is_no_number_is_no_all_clear(field):
+    assert Watched()(state(**{field: math.nan})) != {}
+
+
+def test_a_wind_that_is_no_number_is_unknown():
+    assert Watched()(state(wind_enu_mps=np.array([math.nan, 0.0, 0.0]))) == {}
+
+
+def sent(x, y, z=30.0, speed=5.0, yaw=0.0):
+    return Setpoint(np.array([x, y, z]), speed, yaw)
+
+
+def test_a_vehicle_that_ignores_where_it_is_sent_is_said_then_called_home():
+    watched, actions = Watched(), []
+    for t in (0.0, 15.0, 25.0, 60.0, 62.0):
+        watched.looks.begin(t)
+        actions.append(watched(state(t=t), goal=sent(50, 0)).get("setpoints ignored"))
+    assert actions == [None, None, Action.CONTINUE, Action.CONTINUE, Action.RETURN]
+
+
+@pytest.mark.parametrize("mps", [0.06, 1.0, 5.0])
+def test_a_slow_vehicle_is_no_disobedient_one(mps):
+    watched = Watched()
+    for t in range(300):
+        watched.looks.begin(t)
+        at = state(t=float(t), x=mps * t, v=(mps, 0.0, 0.0))
+        assert watched(at, goal=sent(max(50.0, 2 * mps * t), 0, speed=mps)) == {}
+
+
+def test_a_vehicle_that_waits_where_it_was_sent_does_what_it_is_told():
+    watched = Watched()
+    for t in range(300):
+        watched.looks.begin(t)
+        assert watched(state(t=float(t), x=1.0), goal=sent(0, 0)) == {}
+
+
+def test_a_nose_that_points_elsewhere_is_said_then_brings_it_home():
+    watched, actions = Watched(), []
+    for t in (0.0, 5.0, 11.0, 59.0, 61.0):
+        watched.looks.begin(t)
+        actions.append(watched(state(t=t), goal=sent(0, 0, yaw=0.5)).get("turned away"))
+    assert actions == [None, None, Action.CONTINUE, Action.CONTINUE, Action.RETURN]
+    assert Watched()(state(), goal=sent(0, 0, yaw=2.0 * math.pi + 0.1)) == {}
+
+
+@pytest.mark.parametrize(
+    ("below_m", "actions"),
+    [
+        (30.0, [None] * 3),
+        (24.0, [None] * 3),
+        (20.0, [None, Action.CONTINUE, Action.CONTINUE]),
+        (10.0, [None, Action.CONTINUE, Action.RETURN]),
+        (45.0, [None, Action.CONTINUE, Action.CONTINUE]),
+    ],
+)
+def test_a_rangefinder_that_does_not_agree_with_the_height(below_m, actions):
+    watched = Watched()
+    said = [a.get("height") for a in over_time(watched, (0.0, 4.0, 11.0), ground_below_m=below_m)]
+    assert said == actions
+
+
+def test_a_height_that_jumps_holds_until_it_jumps_back():
+    watched, actions = Watched(), []
+    for t, z in ((0.0, 30.0), (1.0, 50.0), (2.0, 50.0), (3.0, 30.0)):
+        watched.looks.begin(t)
+        actions.append(watched(state(t=t, z=z), agl=30.0).get("position jump"))
+    assert actions == [None, Action.HOLD, Action.HOLD, None]
+
+
+def test_whoever_led_it_out_of_the_fence_may_give_it_back_there():
+    watched = Watched(safety={"fence_margin_m": 30.0})
+    watched(state(t=100.0, x=300.0, taken_over="it is in Position"))
+    assert watched(state(t=101.0, x=300.0)) == {}
+    assert watched(state(t=160.0, x=100.0), phase="RETURN") == {}
+    watched.looks.begin(161.0)
+    assert watched(state(t=161.0, x=100.0)) == {}
+    assert watched(state(t=222.0, x=300.0)).get("geofence") is Action.RETURN
+
+
+def test_a_hold_while_landing_counts_until_the_battery_is_critical():
+    watched = Watched()
+    watched.guard.heed("hold")
+    assert watched(state(), phase="LAND") == {"operator": Action.HOLD}
+    assert max(watched(state(t=101.0, battery_remaining=0.04), phase="LAND").values()) is Action.LAND
+    watched.guard.heed("return")
+    assert watched(state(t=102.0), phase="LAND") == {}
+
+
+def test_nothing_heard_for_longer_than_a_battery_lasts_is_given_up():
+    watched = Watched(vehicle={"battery_wh": 19.0})
+    assert watched(state(silent_s=359.0), phase="LAND") == {}
+    assert watched(state(silent_s=361.0), phase="LAND") == {"vehicle lost": Action.LAND}
+    assert watched(state(silent_s=361.0), phase="RETURN") == {"vehicle lost": Action.LAND}
 
 
 def test_the_reserve_grows_with_distance_and_head_wind():
@@ -287,12 +433,13 @@ def test_a_candidate_in_a_no_fly_area_is_reported_and_not_flown_to():
     assert not inside.any()
 
 
-def test_a_strategy_that_insists_on_a_refused_waypoint_ends_the_search():
+@pytest.mark.parametrize("fence", [None, [[-9, -9], [69, -9], [69, 49], [-9, 49]]])
+def test_a_strategy_that_insists_on_a_refused_waypoint_ends_the_search(fence):
     class Stubborn:
         def step(self, observation):
             return Command("SCAN", Waypoint((500.0, 0.0), 30.0, 5.0))
 
-    scenario = Scenario.model_validate(SMALL | {"geofence_enu_m": [[-9, -9], [69, -9], [69, 49], [-9, 49]]})
+    scenario = Scenario.model_validate(SMALL | {"geofence_enu_m": fence})
     mission = replace(build_mission(scenario, 0, "statistical"), strategy=Stubborn())
     journal = MemoryJournal()
     assert fly(mission, journal) == "geofence"

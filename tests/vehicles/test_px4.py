@@ -111,7 +111,7 @@ class Radio:
     """A link that hears what a test says."""
 
     def __init__(self):
-        self.said, self._listeners = {}, {}
+        self.said, self._listeners, self.clock_s = {}, {}, 0.0
 
     def on(self, name, listener):
         self._listeners[name] = listener
@@ -119,8 +119,8 @@ class Radio:
     def newest(self, name):
         return self.said.get(name)
 
-    def silent_s(self, name):
-        return 0.0
+    def now_s(self):
+        return self.clock_s
 
     def say(self, name, **fields):
         self.said[name] = fields
@@ -175,6 +175,104 @@ def test_energy_is_voltage_times_current():
             "BATTERY_STATUS", voltages=[4000] * 4 + [65535] * 6, current_battery=1000, battery_remaining=90
         )
     assert told.state(anchor, 0.0).energy_used_wh == pytest.approx(1.6)
+
+
+def battery(percent, volts=16.0, amperes=10.0, number=0):
+    cells = [round(volts * 250.0)] * 4 + [65535] * 6
+    return {
+        "id": number,
+        "voltages": cells,
+        "current_battery": -1 if amperes is None else round(amperes * 100.0),
+        "battery_remaining": percent,
+    }
+
+
+def told_for(told_s, radio, *batteries, since_s=0.0):
+    """Positions every half second; each battery says a word until it is silent."""
+    for k in range(round(2.0 * told_s)):
+        now_s = since_s + 0.5 * k
+        radio.say("LOCAL_POSITION_NED", **position(round(now_s * 1000.0)))
+        for said in batteries:
+            radio.say("BATTERY_STATUS", **said)
+
+
+@pytest.mark.parametrize(
+    ("batteries", "left"),
+    [
+        ([], math.nan),
+        ([battery(-1)], math.nan),
+        ([battery(80)], 0.8),
+        ([battery(80, number=0), battery(30, number=1)], 0.3),
+        ([battery(80, number=0), battery(-1, number=1)], 0.8),
+    ],
+)
+def test_the_emptiest_battery_counts_and_unknown_is_unknown(batteries, left):
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    told_for(3.0, radio, *batteries)
+    assert told.battery_remaining == pytest.approx(left, nan_ok=True)
+
+
+@pytest.mark.parametrize("then", [[], [battery(-1)], [battery(80)]])
+def test_a_battery_that_says_no_more_is_unknown(then):
+    """80 % heard once is not 80 % an hour later, and neither battery's silence is hidden by the other."""
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    told_for(3.0, radio, battery(80), battery(70, number=1))
+    assert told.battery_remaining == 0.7
+    told_for(12.0, radio, *then, since_s=3.0)
+    assert math.isnan(told.battery_remaining)
+
+
+def test_a_silence_of_the_whole_vehicle_does_not_age_its_battery():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    told_for(3.0, radio, battery(80))
+    radio.say("LOCAL_POSITION_NED", **position(63_000))
+    assert told.battery_remaining == 0.8
+
+
+def test_the_energy_of_two_batteries_adds_up():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    anchor = Anchor(LocalFrame(60.0, 22.0), np.zeros(3), np.zeros(3))
+    told_for(36.5, radio, battery(90), battery(90, number=1))
+    assert told.state(anchor, 0.0).energy_used_wh == pytest.approx(3.2, rel=0.01)
+
+
+def test_a_clock_that_stands_still_is_silence():
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    radio.say("LOCAL_POSITION_NED", **position(1000))
+    radio.clock_s += 5.0
+    radio.say("LOCAL_POSITION_NED", **position(1000, x=2.0))
+    assert told.silent_s == 5.0
+    radio.say("LOCAL_POSITION_NED", **position(1100))
+    assert told.silent_s == 0.0
+
+
+def ranged(centimetres, **changes):
+    down = {"orientation": m.MAV_SENSOR_ROTATION_PITCH_270, "min_distance": 10, "max_distance": 4000}
+    return down | {"current_distance": centimetres} | changes
+
+
+@pytest.mark.parametrize(
+    ("said", "below_m"),
+    [
+        (ranged(1250), 12.5),
+        (ranged(4000), None),
+        (ranged(5), None),
+        (ranged(1250, orientation=m.MAV_SENSOR_ROTATION_NONE), None),
+    ],
+)
+def test_a_rangefinder_that_looks_down_measures_the_height(said, below_m):
+    radio = Radio()
+    told = Telemetry(radio, -1.57, 98.0)
+    radio.say("LOCAL_POSITION_NED", **position(1000))
+    radio.say("DISTANCE_SENSOR", **said)
+    assert told.ground_below_m == below_m
+    told_for(3.0, radio, since_s=1.5)
+    assert told.ground_below_m is None
 
 
 # ---- flying ----------------------------------------------------------------------------------------------
@@ -325,6 +423,18 @@ def test_the_preflight_list_and_the_fence_that_it_uploads():
         assert not fence.allows(np.array([160.0, 50.0, 0.0]))
         assert not fence.allows(np.array([137.0, 93.0, 0.0]))
         assert not server.face.pilot.armed
+
+
+@pytest.mark.parametrize("estimated", [False, True])
+def test_preflight_wants_a_word_where_nobody_knows_the_battery(estimated):
+    there = LookAlike(5, scenario(safety={"battery_estimated": estimated}))
+    silence = m.MAV_CMD_SET_MESSAGE_INTERVAL, m.MAVLINK_MSG_ID_BATTERY_STATUS, -1.0
+    there.vehicle.link.command(*silence)
+    there.wait(11.0)
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    (check,) = [c for c in preflight(there.vehicle, demands(plan), False, 0.0) if c.name == "battery"]
+    assert check.passed is (None if estimated else False)
+    assert "does not say how full it is" in check.said
 
 
 def test_a_battery_that_is_not_enough_stops_it_before_the_fence_is_sent():

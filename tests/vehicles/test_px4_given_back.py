@@ -186,3 +186,56 @@ def test_a_flight_killed_twice_goes_on_in_the_missions_time(tmp_path):
     assert summary["n_confirmed"] == uninterrupted["n_confirmed"] == 2
     assert summary["mission_time_s"] == pytest.approx(times[-1], abs=60.0)
     assert summary["mission_time_s"] < uninterrupted["mission_time_s"] + 60.0
+
+
+def test_the_operator_is_heard_while_px4_lands():
+    held = []
+
+    def happens(there, state, mode):
+        if mode != "LAND" or len(held) > 1:
+            return None
+        if not held and state.position_enu_m[2] < 10.0:
+            held.append(state.time_s)
+            return "hold"
+        if held and state.time_s > held[0] + 15.0:
+            held.append(state.time_s)
+            return "continue"
+        return None
+
+    flight = Flight(happens)
+    assert flight.safety == [("operator", "HOLD"), ("operator", "CONTINUE")]
+    while_held = [p[2] for t, _, p, _ in flight.states if held[0] + 3.0 < t < held[1]]
+    assert min(while_held) > 6.0
+    assert np.ptp(while_held) < 1.5
+    assert flight.of_kind("landed")
+    assert not flight.there.sky.vehicle.state().airborne
+
+
+def test_a_home_that_the_autopilot_moves_is_not_ours():
+    def happens(there, state, mode):
+        if state.time_s > 20.0:
+            there.sky.pilot.home_enu_m = np.array([60.0, 60.0, 0.0])
+
+    flight = Flight(happens)
+    assert flight.reason == "completed"
+    flight.assert_found()
+    x, y, _ = flight.there.sky.vehicle.true_position_enu_m
+    assert np.hypot(x + 5.0, y + 5.0) < 3.0
+
+
+def test_a_px4_whose_battery_falls_silent_comes_home():
+    silenced = []
+
+    def happens(there, state, mode):
+        if state.time_s > 20.0 and not silenced:
+            silenced.append(state.time_s)
+            number = m.MAVLINK_MSG_ID_BATTERY_STATUS
+            there.vehicle.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, number, -1.0)
+
+    flight = Flight(happens)
+    assert flight.reason == "battery unknown"
+    assert flight.safety == [("battery unknown", "CONTINUE"), ("battery unknown", "RETURN")]
+    first, second = flight.of_kind("safety")
+    assert 9.0 < first["t"] - silenced[0] < 13.0
+    assert 29.0 < second["t"] - first["t"] < 32.0
+    assert flight.of_kind("landed")

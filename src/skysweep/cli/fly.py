@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import shlex
@@ -137,11 +138,14 @@ def fly(
 
             def watch(state: VehicleState, mode: str, _new: Any) -> None:
                 operator.look(state)
+                battery = (
+                    "unknown" if math.isnan(state.battery_remaining) else f"{state.battery_remaining:4.0%}"
+                )
                 silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
                 progress.update(
                     task,
                     doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                    f"battery {state.battery_remaining:4.0%}   {operator.hint}{silent}",
+                    f"battery {battery}   {operator.hint}{silent}",
                 )
 
             if begun is not None:

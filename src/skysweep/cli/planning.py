@@ -37,6 +37,7 @@ def plan(
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.advice import warnings_for_plan
     from skysweep.scenarios.files import change_scenario, load_scenario
 
@@ -63,6 +64,7 @@ def plan(
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
     table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
     table.add_row("batteries", f"{estimate.batteries} ({estimate.energy_wh:.0f} Wh)")
+    table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
     console.print(table)

@@ -30,7 +30,7 @@ class ReturnEnergy:
     def home_wh(self, xy: XY, altitude_agl_m: float, wind_xy_mps: XY) -> float:
         """From a place: the climb to the return altitude, the way and the landing. inf: no way home."""
         climb_s = max(0.0, self._altitude_agl_m - altitude_agl_m) / self._vehicle.climb_speed_mps
-        upright_wh = self._power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
+        upright_wh = self.power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
         return upright_wh + self._way_wh(xy, self._home, self._vehicle.cruise_speed_mps, wind_xy_mps)
 
     def waypoint_wh(self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint) -> float:
@@ -41,7 +41,7 @@ class ReturnEnergy:
         speed_mps = self._vehicle.climb_speed_mps if up_m > 0.0 else self._vehicle.descent_speed_mps
         upright_s = abs(up_m) / speed_mps + self._look_s
         there_wh = self._way_wh((x, y), waypoint.xy_enu_m, waypoint.speed_mps, wind)
-        there_wh += self._power_w(math.hypot(*wind)) * upright_s / 3600.0
+        there_wh += self.power_w(math.hypot(*wind)) * upright_s / 3600.0
         return there_wh + self.home_wh(waypoint.xy_enu_m, waypoint.altitude_agl_m, wind)
 
     def _way_wh(self, start: XY, end: XY, speed_mps: float, wind: XY) -> float:
@@ -60,10 +60,36 @@ class ReturnEnergy:
         if over_ground < _SLOWEST_MPS:
             return math.inf
         seconds = distance / over_ground + LEG_LAG_S
-        return self._power_w(math.hypot(over_ground - tail, cross)) * seconds / 3600.0
+        return self.power_w(math.hypot(over_ground - tail, cross)) * seconds / 3600.0
 
-    def _power_w(self, air_speed_mps: float) -> float:
+    def power_w(self, air_speed_mps: float) -> float:
+        """What level flight draws from the battery."""
         return self._vehicle.hover_power_w * math.hypot(1.0, DRAG_PER_S * air_speed_mps / _G) ** 1.5
+
+
+class Charge:
+    """What the battery still holds: what the vehicle says, and while it says nothing at most what it said
+    last, or a full battery, less what is measured and at least what flying takes.
+    """
+
+    def __init__(self, energy: ReturnEnergy, battery_wh: float) -> None:
+        self._energy, self._battery_wh = energy, battery_wh
+        self._share, self._at_s, self._used_wh = 1.0, math.inf, math.inf
+        self.was_said = False
+
+    def left(self, state: VehicleState) -> float:
+        """The share, 0..1. Must see the states in their order."""
+        if not math.isnan(state.battery_remaining):
+            self._share, self.was_said = state.battery_remaining, True
+        elif state.airborne:
+            flown_s = max(0.0, state.time_s - self._at_s)
+            east, north = wind_xy(state)
+            vx, vy, _ = state.velocity_enu_mps.tolist()
+            flying_wh = self._energy.power_w(math.hypot(vx - east, vy - north)) * flown_s / 3600.0
+            used_wh = max(flying_wh, state.energy_used_wh - self._used_wh)
+            self._share = max(0.0, self._share - used_wh / self._battery_wh)
+        self._at_s, self._used_wh = state.time_s, state.energy_used_wh
+        return self._share
 
 
 def wind_xy(state: VehicleState) -> XY:
@@ -71,4 +97,4 @@ def wind_xy(state: VehicleState) -> XY:
     if state.wind_enu_mps is None:
         return 0.0, 0.0
     east, north, _ = state.wind_enu_mps.tolist()
-    return east, north
+    return (east, north) if math.isfinite(east + north) else (0.0, 0.0)

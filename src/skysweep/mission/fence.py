@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skysweep.planning.surroundings import surroundings
 from skysweep.scenarios.advice import localisation_std_m
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
@@ -19,26 +20,37 @@ F64 = NDArray[np.float64]
 _MARGIN_M = 2.0  # that a way round keeps from fence and no-fly areas
 _SLACK_M = 0.05
 _REACHED_M = 2.0  # PX4 NAV_ACC_RAD
+_NO_PATH = np.zeros((0, 2))
 
 
 class Fence:
     """The geofence without the no-fly areas and what is too high to be flown over.
 
-    Without any of them everything is inside.
+    Where no geofence is drawn, the surroundings of area, home and the path (N, 2). Without any of them
+    everything is inside.
     """
 
-    def __init__(self, scenario: Scenario, too_high: Sequence[shapely.Polygon] = ()) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        too_high: Sequence[shapely.Polygon] = (),
+        path_xy_enu_m: F64 = _NO_PATH,
+    ) -> None:
         no_fly = [shapely.Polygon(corners) for corners in scenario.safety.no_fly_enu_m]
         forbidden = shapely.union_all([*no_fly, *too_high])
-        self.exists = scenario.geofence_enu_m is not None or not forbidden.is_empty
-        if not self.exists:
-            return
         if scenario.geofence_enu_m is not None:
             inside = shapely.Polygon(scenario.geofence_enu_m)
         else:
+            inside = surroundings(scenario, path_xy_enu_m, list(shapely.get_parts(forbidden)))
+        self.exists = inside is not None or not forbidden.is_empty
+        self.is_straight = scenario.geofence_enu_m is None and forbidden.is_empty  # nothing is flown round
+        if not self.exists:
+            return
+        if inside is None:
             everything = shapely.union_all([scenario.area_enu_m, shapely.Point(scenario.home.position_enu_m)])
             inside = shapely.union(everything, forbidden).envelope.buffer(1e5)
         self._free = shapely.difference(inside, forbidden).buffer(_SLACK_M)
+        self._edge = shapely.boundary(self._free)
         shapely.prepare(self._free)
         roomy = shapely.difference(inside.buffer(-_MARGIN_M), forbidden.buffer(_MARGIN_M, join_style="mitre"))
         corners = shapely.get_coordinates(roomy)
@@ -53,12 +65,21 @@ class Fence:
         """How far a place is from being inside; 0 inside."""
         return 0.0 if self.allows(xy) else float(shapely.distance(self._free, shapely.Point(xy)))
 
+    def room_m(self, xy: XY) -> float:
+        """How far a place inside is from the edge; 0 outside."""
+        if not self.exists:
+            return math.inf
+        place = shapely.Point(xy)
+        return float(self._edge.distance(place)) if self._free.intersects(place) else 0.0
+
     def way(self, start: XY, goal: XY) -> list[XY]:
         """Places to fly to, one after another, ``goal`` the last; straight where nothing is in the way.
 
         From outside it leads back inside first. Empty where there is no way.
         """
-        if not self.exists or self._sees(start, goal):
+        if self.is_straight:
+            return [goal] if self.allows(goal) else []
+        if self._sees(start, goal):
             return [goal]
         if not self.allows(goal):
             return []
@@ -128,7 +149,7 @@ class Router:
 
     def next_xy(self, here: XY, goal: XY) -> XY:
         """The goal, or the corner that comes before it. The goal too where there is no way."""
-        if not self._fence.exists:
+        if self._fence.is_straight:
             return goal
         if goal != self._goal:
             self._goal, self._way = goal, self._fence.way(here, goal) or [goal]

@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.mission.believable import Believable, has_place
 from skysweep.mission.clearance import Clearance, too_high
 from skysweep.mission.energy import ReturnEnergy, wind_xy
 from skysweep.mission.fence import Fence, Router, SearchedArea
 from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.notes import Notes
-from skysweep.mission.safety import CHECK_PERIOD_S, Action, Alarm, Guard, Phase
+from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase
 from skysweep.mission.witness import Witness
+from skysweep.planning.flight_plan import landing_time_s
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.obstacles import Obstacles
 from skysweep.sensing.schedule import Exposures
@@ -45,6 +47,8 @@ Operator = Callable[[], str | None]
 _LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
+_LANDING_LONGEST_S = 60.0  # and twice the way down
+_LANDING_ORDERS = 3
 _CLIMBS_MPS = 1.0  # horizontally
 _DISPLACED_M = 10.0  # by somebody else, or by what the autopilot did while the link was lost
 _BACK_M = 2.0
@@ -112,11 +116,14 @@ class _Flight:
         before: Sequence[Mapping[str, Any]],
     ) -> None:
         scenario = mission.scenario
-        self._m, self._watch, self._operator, self._before = mission, watch, operator, before
+        self._heard = Believable(mission.vehicle)
+        self._m = replace(mission, vehicle=self._heard)
+        self._watch, self._operator, self._before = watch, operator, before
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
         self._looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
-        self._fence = Fence(scenario, too_high(scenario, mission.obstacles))
+        high = too_high(scenario, mission.obstacles)
+        self._fence = Fence(scenario, high, mission.waypoints_xy_enu_m)
         self._router = Router(self._fence)
         self._clearance = Clearance(scenario, mission.obstacles, self._fence, mission.yaw_rad)
         self._searched = SearchedArea(scenario)
@@ -131,15 +138,23 @@ class _Flight:
         self._asked: Waypoint | None = None  # by the strategy
         self._flown_to: Waypoint | None = None  # instead: it itself, or where it is looked at from
         self._refusal: Alarm | None = None
-        self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the last setpoint, and what of
+        self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
-        self._left_enu_m = mission.vehicle.state().position_enu_m  # where the search was at its last step
+        self._left_enu_m = self._heard.state().position_enu_m  # where the search was at its last step
         self._interrupted = self._going_back = False
 
     def refuse_before_take_off(self) -> None:
         """Raises UserError."""
-        limit_mps = self._m.scenario.safety.wind_max_mps
-        wind_mps = math.hypot(*wind_xy(self._m.vehicle.state()))
+        state, safety = self._m.vehicle.state(), self._m.scenario.safety
+        if not has_place(state):
+            raise UserError("position: the vehicle has none; wait for its GNSS fix")
+        if math.isnan(state.battery_remaining) and not (state.airborne or safety.battery_estimated):
+            raise UserError(
+                "battery: the vehicle does not say how full it is; have it say so, or write "
+                "safety.battery_estimated: true to fly a full one by an estimate"
+            )
+        limit_mps = safety.wind_max_mps
+        wind_mps = math.hypot(*wind_xy(state))
         if wind_mps > limit_mps:
             raise UserError(
                 f"wind: blows at {wind_mps:.1f} m/s, above safety.wind_max_mps ({limit_mps:g}); wait, or "
@@ -169,9 +184,11 @@ class _Flight:
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end.action < Action.LAND:
             self._return()
-        self._land()
-        self._notes.end(self._m.vehicle.state().time_s, end.cause, self._m.witness)
-        return end.cause
+        in_the_air = self._land()
+        landed = in_the_air is _ALL_WELL
+        reason = end.cause if landed else in_the_air.cause
+        self._notes.end(self._m.vehicle.state().time_s, reason, self._m.witness, landed)
+        return reason
 
     # ---- the four parts of a mission; each returns what ended it early -----------------------------------
 
@@ -248,6 +265,7 @@ class _Flight:
         home = m.scenario.home.position_enu_m
         back = Waypoint(home, m.return_altitude_agl_m, m.scenario.vehicle.cruise_speed_mps)
         self._mode = "RETURN"
+        self._guard.heed("continue")  # who held the search has let it come to this
         state = m.vehicle.state()
         while math.dist(state.position_enu_m[:2].tolist(), home) > _HOME_ACCEPTANCE_M:
             alarm = self._look_after(state, "RETURN")
@@ -265,14 +283,35 @@ class _Flight:
                 m.vehicle.command(self._setpoint(state, back))
             state = self._pass_time(state, "RETURN")
 
-    def _land(self) -> None:
-        self._m.vehicle.land()
-        state = self._m.vehicle.state()
+    def _land(self) -> Alarm:
+        """What ended the landing in the air. An order that leads nowhere is given again, and then no more."""
+        vehicle = self._m.vehicle
+        vehicle.land()
+        self._next_check_s = -math.inf
+        state = vehicle.state()
+        altitude_m, sinks_mps = self._altitude_agl_m(state), self._m.scenario.vehicle.descent_speed_mps
+        longest_s = _LANDING_LONGEST_S + 2.0 * landing_time_s(max(0.0, altitude_m), sinks_mps)
+        ordered_s, orders, waits = state.time_s, 1, False
         while state.airborne:
-            if state.taken_over:
-                state = self._keep_out(state, "RETURN")
-                self._m.vehicle.land()
+            alarm = self._look_after(state, "LAND")
+            if alarm.cause == LOST:
+                return alarm
+            if alarm.action is Action.KEEP_OUT:
+                state, waits = self._keep_out(state, "LAND"), True
+            elif alarm.action is Action.HOLD and not waits:
+                vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
+                waits = True
+            late = state.time_s > ordered_s + longest_s and not waits
+            if late:
+                alarm = _not_down(longest_s, orders == _LANDING_ORDERS)
+                self._notes.safety(state.time_s, alarm)
+                if orders == _LANDING_ORDERS:
+                    return alarm
+            if late or (waits and alarm.action is not Action.HOLD):
+                vehicle.land()
+                ordered_s, orders, waits = state.time_s, orders + 1 if late else 1, False
             state = self._pass_time(state, "LAND")
+        return _ALL_WELL
 
     # ---- the steps ---------------------------------------------------------------------------------------
 
@@ -286,7 +325,11 @@ class _Flight:
             return self._worst
         self._next_check_s = now_s + CHECK_PERIOD_S
         self._guard.heed(word)
-        alarms = self._guard.alarms(state, self._altitude_agl_m(state), phase)
+        goal = self._sent[1] if self._sent is not None else None
+        alarms = self._guard.alarms(state, self._altitude_agl_m(state), phase, goal)
+        if self._heard.went_back_s > 0.0:
+            sentence = f"The vehicle's clock went back by {self._heard.went_back_s:.0f} s."
+            alarms += (Alarm(Action.CONTINUE, "clock", sentence),)
         if self._notes.failed is not None:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
         if alarms or self._worst is not _ALL_WELL:
@@ -385,6 +428,7 @@ class _Flight:
 
     def _keep_out(self, state: VehicleState, phase: Phase) -> VehicleState:
         """Commands nothing while somebody else flies; the state when they gave it back, or it stands."""
+        self._sent = None
         while state.taken_over and state.airborne:
             self._look_after(state, phase)
             state = self._pass_time(state, "HOLD", self._look(state))
@@ -409,7 +453,7 @@ class _Flight:
     def _hold(self) -> None:
         if not self._holding:
             self._m.vehicle.hold()
-            self._holding = True
+            self._holding, self._sent = True, None
 
     def _pass_time(
         self, state: VehicleState, mode: str, detections: Detections | None = None
@@ -425,3 +469,10 @@ class _Flight:
     def _altitude_agl_m(self, state: VehicleState) -> float:
         x, y, z = state.position_enu_m.tolist()
         return float(z - self._m.ground_at_m(x, y))
+
+
+def _not_down(after_s: float, given_up: bool) -> Alarm:
+    what = "look after it by hand" if given_up else "ordered again"
+    return Alarm(
+        Action.LAND, "landing", f"Not on the ground {after_s:.0f} s after the order to land: {what}."
+    )

@@ -149,11 +149,12 @@ class Notes:
             place = {"p": candidate.position_enu_m, "covariance_m2": candidate.covariance_m2}
             self._journal.write(time_s, "unchecked", candidate=candidate.id, **place, **why)
 
-    def end(self, time_s: float, reason: str, witness: Witness | None) -> None:
-        """Landed, why the search ended, and what a simulator saw of obstacles."""
+    def end(self, time_s: float, reason: str, witness: Witness | None, landed: bool) -> None:
+        """Whether it landed, why the mission ended, and what a simulator saw of obstacles."""
         if witness is not None:
             self._journal.write(time_s, "clearance", **witness.saw())
-        self._journal.write(time_s, "landed")
+        if landed:
+            self._journal.write(time_s, "landed")
         self._journal.write(time_s, "end", reason=reason)
 
     def _unsearched(self, time_s: float, legs: tuple[tuple[XY, XY], ...], again: bool) -> None:

@@ -12,23 +12,32 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from skysweep.mission.energy import ReturnEnergy, wind_xy
+from skysweep.mission.energy import Charge, ReturnEnergy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
+from skysweep.mission.progress import Progress
 from skysweep.scenarios.model import Scenario
-from skysweep.types import VehicleState, Waypoint
+from skysweep.types import Setpoint, VehicleState, Waypoint
 
-Phase = Literal["TAKEOFF", "SEARCH", "RETURN"]
+Phase = Literal["TAKEOFF", "SEARCH", "RETURN", "LAND"]
+_XYZ = tuple[float, float, float]
 
 CHECK_PERIOD_S = 1.0
 _ENERGY_PERIOD_S = 5.0
 _NO_WAY_HOME_S = 60.0  # without coming nearer
-_STEP_HOME_M = 1.0
+_STUCK_SAID_S = 20.0  # without coming nearer to where it is sent
+_ARRIVED_M = 3.0  # from there on it need not come nearer
+_SLOW_M = 3.0  # that a slow vehicle has time for
+_TURNED_AWAY_RAD, _TURNED_SAID_S = 0.35, 10.0
+_GROUND_SAID_S, _GROUND_RETURN_S = 3.0, 10.0
+_GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the height above ground that is believed
+_GROUND_M = 2.0
 _LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
-
+_NO_JUMP = (0.0, 0.0, 0.0)
 
 OUTSIDE = "outside the area"  # cause
+LOST = "vehicle lost"  # cause: nothing is heard for longer than a battery lasts
 OVER = {
     "telemetry silent": "Telemetry is back.",
     "position lost": "The position is known again.",
@@ -37,7 +46,11 @@ OVER = {
     "detector slow": "The detector keeps its rate again.",
     "scan slowed": "The scan is as fast as planned again.",
     "wind": "The wind has dropped.",
-    "operator": "The operator lets it go on.",
+    "battery unknown": "The vehicle says how full its battery is again.",
+    "setpoints ignored": "The vehicle flies to where it is sent again.",
+    "turned away": "The vehicle looks where it is told again.",
+    "height": "The rangefinder agrees with the height again.",
+    "operator": "The operator's hold is over.",
     "taken over": "The vehicle was given back.",
 }  # what is told when a cause has passed that let the mission live
 
@@ -71,55 +84,72 @@ class Guard:
         self._fence, self._energy, self._looks = fence, energy, looks
         self._since: dict[str, float] = {}
         self._word: str | None = None
-        self._last: tuple[float, float, float, float, float] | None = None  # time, position, velocity
-        self._jumped_m = (0.0, 0.0)
-        self._nearest_home: tuple[float, float] | None = None  # metres, since
+        self._last: tuple[float, _XYZ, _XYZ] | None = None  # time, position, velocity
+        self._jumped_m = _NO_JUMP
+        self._charge = Charge(energy, scenario.vehicle.battery_wh)
+        self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
+        self._homeward, self._progress = Progress(), Progress()
+        self._disobeys = False
+        self._led_away = False  # by somebody else, perhaps beyond the fence
+        self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
         self._allowed: Waypoint | None = None  # the newest that was let through
         self._searched = SearchedArea(scenario)
-        self._x = self._y = math.inf
+        self._x = self._y = self._z = math.inf
         self._energy_due_s = 0.0
 
-    def alarms(self, state: VehicleState, altitude_agl_m: float, phase: Phase) -> tuple[Alarm, ...]:
-        """All that is wrong now. Only a search has all rules; going up and home, those that keep from it.
+    def alarms(
+        self, state: VehicleState, altitude_agl_m: float, phase: Phase, goal: Setpoint | None = None
+    ) -> tuple[Alarm, ...]:
+        """All that is wrong now. Only a search has all rules; the other phases those that keep from them.
 
-        Must see the states of the mission in their order.
+        Must see the states of the mission in their order. ``goal`` is where the vehicle is sent; None:
+        nowhere.
         """
         now_s = state.time_s + state.silent_s
         self._add_up_jumps(state)
-        if self._is_calm(state, altitude_agl_m) and phase == "SEARCH":
+        if phase == "SEARCH" and self._is_calm(state, altitude_agl_m):
             return ()
-        found = [*self._link(state, now_s), *self._position(state, now_s), *self._battery(state, phase)]
+        if phase == "LAND":
+            return tuple(self._landing(state, now_s))
+        found = [*self._link(state, now_s), *self._position(state, now_s)]
+        found += self._battery(state, phase, now_s)
         lost = any(a.cause in ("position lost", "position jump") for a in found)
-        silent = any(a.cause == "telemetry silent" for a in found)
+        silent = state.silent_s > self._limits.link_hold_s
         self._looks.trust(state.time_s, lost, silent)
         if state.taken_over:
-            return (Alarm(Action.KEEP_OUT, "taken over", _keeps_out(state.taken_over)),)
+            self._led_away = True
+            return (_keeps_out(state.taken_over),)
         if self._word == "hold":
-            found.append(Alarm(Action.HOLD, "operator", "The operator holds the vehicle."))
+            found.append(_HELD)
         if phase == "RETURN":
-            found += self._progress_home(state, now_s, bool(found))
+            waits = silent or any(a.action is Action.HOLD for a in found)
+            found += self._progress_home(state, now_s, waits)
         found += self._rate()
         if phase != "SEARCH":
             return tuple(found)
         if self._word == "return":
             found.append(Alarm(Action.RETURN, "operator", "The operator calls the vehicle home."))
+        disobeys = [*self._obedience(state, goal, now_s)]
+        self._disobeys = bool(disobeys)
+        found += disobeys
         if not lost and not silent:
             found += self._place(state, altitude_agl_m)
+            found += self._height(state, altitude_agl_m, now_s)
             found += self._energy_left(state, altitude_agl_m)
             found += self._detector(state.time_s)
         return (*found, *self._wind(state, now_s))
 
     def is_urgent(self, state: VehicleState) -> bool:
         """Whether link or position ask for a look at all rules now. To be asked at every step."""
-        x, y, _ = state.position_enu_m.tolist()
-        step_m = abs(x - self._x) + abs(y - self._y)
-        self._x, self._y = x, y
+        x, y, z = state.position_enu_m.tolist()
+        step_m = abs(x - self._x) + abs(y - self._y) + abs(z - self._z)
+        self._x, self._y, self._z = x, y, z
         limits = self._limits
         return (
             bool(state.taken_over)
             or step_m > limits.position_jump_m
             or state.silent_s > limits.link_hold_s
-            or state.position_std_m > limits.position_std_max_m
+            or not state.position_std_m <= limits.position_std_max_m
         )
 
     def heed(self, word: str | None) -> None:
@@ -177,37 +207,55 @@ class Guard:
             energy_due
             or self._since
             or self._word
-            or self._jumped_m != (0.0, 0.0)
-            or self._fence.exists
+            or self._disobeys
+            or self._jumped_m != _NO_JUMP
+            or not self._is_far_inside(state)
             or bool(state.taken_over)
             or state.silent_s > limits.link_hold_s
-            or state.position_std_m > limits.position_std_max_m
-            or state.battery_remaining < limits.battery_low
+            or self._is_unsure(state)
+            or not state.battery_remaining >= limits.battery_low
+            or state.ground_below_m is not None
             or not limits.altitude_min_agl_m < altitude_agl_m < limits.altitude_max_agl_m
             or self._looks.are_rare
             or self._looks.age_s(state.time_s) > self._looks.silent_age_s
             or math.hypot(*wind_xy(state)) > limits.wind_max_mps
         )
 
+    def _is_unsure(self, state: VehicleState) -> bool:
+        """Whether place or velocity are not known well enough, or are no numbers."""
+        sure = state.position_std_m <= self._limits.position_std_max_m
+        return not (sure and math.isfinite(sum(state.velocity_enu_mps.tolist())))
+
+    def _is_far_inside(self, state: VehicleState) -> bool:
+        """Whether it is inside the fence, and has not moved as far as the fence was away."""
+        x, y, _ = state.position_enu_m.tolist()
+        if math.dist((x, y), self._room[0]) >= self._room[1]:
+            self._room = (x, y), self._fence.room_m((x, y))
+        return self._room[1] > 0.0
+
     # ---- the rules -----------------------------------------------------------------------------------
 
     def _link(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         silent_s = state.silent_s
         self._lasting_s("telemetry silent", silent_s > self._limits.link_hold_s, now_s)
-        if silent_s > self._limits.link_return_s:
+        if silent_s > self._endurance_s:
+            yield _is_lost(silent_s)
+        elif silent_s > self._limits.link_return_s:
             yield Alarm(
-                Action.RETURN, "telemetry silent", f"No telemetry for {silent_s:.0f} s: home when it is back."
+                Action.RETURN,
+                "telemetry silent",
+                f"No new telemetry for {silent_s:.0f} s: home when it is back.",
             )
         elif silent_s > self._limits.link_hold_s:
-            yield Alarm(Action.HOLD, "telemetry silent", f"No telemetry for {silent_s:.1f} s.")
+            yield Alarm(Action.HOLD, "telemetry silent", f"No new telemetry for {silent_s:.1f} s.")
 
     def _position(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         limits = self._limits
-        unsure = state.position_std_m > limits.position_std_max_m
-        lost_s = self._lasting_s("position lost", unsure, now_s)
+        lost_s = self._lasting_s("position lost", self._is_unsure(state), now_s)
         if lost_s is not None:
             action = Action.HOLD if lost_s < limits.position_hold_s else Action.LAND
-            claim = "no position" if math.isinf(state.position_std_m) else f"{state.position_std_m:.0f} m"
+            std_m = state.position_std_m
+            claim = f"{std_m:.0f} m" if limits.position_std_max_m < std_m < math.inf else "no position"
             yield Alarm(action, "position lost", f"The position is not known well enough ({claim}).")
         offset_m = math.hypot(*self._jumped_m)
         displaced_s = self._lasting_s("position jump", offset_m > limits.position_jump_m, now_s)
@@ -215,32 +263,37 @@ class Guard:
             action = Action.HOLD if displaced_s < limits.position_hold_s else Action.RETURN
             yield Alarm(action, "position jump", f"The position jumped by {offset_m:.0f} m.")
 
-    def _battery(self, state: VehicleState, phase: Phase) -> Iterator[Alarm]:
-        left = state.battery_remaining
-        if left < self._limits.battery_critical:
+    def _battery(self, state: VehicleState, phase: Phase, now_s: float) -> Iterator[Alarm]:
+        limits, left, unknown = self._limits, self._charge.left(state), math.isnan(state.battery_remaining)
+        unknown_s = self._lasting_s("battery unknown", unknown, now_s)
+        if unknown_s is not None:
+            agreed = limits.battery_estimated and not self._charge.was_said
+            action = Action.CONTINUE if agreed or unknown_s < limits.battery_unknown_s else Action.RETURN
+            sentence = "The vehicle does not say how full its battery is"
+            yield Alarm(action, "battery unknown", f"{sentence}: at most {left:.0%}, by what flying takes.")
+        if not unknown and left < limits.battery_critical:
             yield Alarm(Action.LAND, "battery critical", f"The battery is at {left:.0%}: landing at once.")
-        elif phase == "SEARCH" and left < self._limits.battery_low:
+        elif phase == "SEARCH" and left < limits.battery_low:
             yield Alarm(Action.RETURN, "low battery", f"The battery is at {left:.0%}.")
 
     def _energy_left(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
         x, y, _ = state.position_enu_m.tolist()
         needed_wh = self._energy.home_wh((x, y), altitude_agl_m, wind_xy(state))
         if self._usable_wh(state) < needed_wh < math.inf:  # in too much wind the wind's own rule decides
-            yield Alarm(
-                Action.RETURN,
-                "return energy",
-                f"The way home takes {needed_wh:.1f} Wh and the battery is at {state.battery_remaining:.0%}.",
-            )
+            left = f"{self._charge.left(state):.0%}"
+            sentence = f"The way home takes {needed_wh:.1f} Wh and the battery is at {left}."
+            yield Alarm(Action.RETURN, "return energy", sentence)
 
     def _usable_wh(self, state: VehicleState) -> float:
-        return (state.battery_remaining - self._limits.landing_reserve) * self._battery_wh
+        return (self._charge.left(state) - self._limits.landing_reserve) * self._battery_wh
 
     def _place(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
         limits, tolerance_m = self._limits, self._limits.fence_tolerance_m
         if self._fence.exists:
             x, y, _ = state.position_enu_m.tolist()
             outside_m = self._fence.outside_m((x, y))
-            if outside_m > tolerance_m:
+            self._led_away = self._led_away and outside_m > 0.0
+            if outside_m > tolerance_m and not self._led_away:
                 yield Alarm(Action.RETURN, "geofence", f"The vehicle is {outside_m:.0f} m beyond the fence.")
         too_high = altitude_agl_m > limits.altitude_max_agl_m + tolerance_m
         if too_high or altitude_agl_m < limits.altitude_min_agl_m:
@@ -271,14 +324,63 @@ class Guard:
             action = Action.HOLD if blown_s < self._limits.wind_hold_s else Action.RETURN
             yield Alarm(action, "wind", f"The wind blows at {speed_mps:.0f} m/s.")
 
-    def _progress_home(self, state: VehicleState, now_s: float, kept: bool) -> Iterator[Alarm]:
+    def _progress_home(self, state: VehicleState, now_s: float, waits: bool) -> Iterator[Alarm]:
         """Land where it is if the way home leads nowhere, as in too much wind."""
         distance_m = math.dist(state.position_enu_m[:2].tolist(), self._home)
-        nearest = self._nearest_home
-        if nearest is None or kept or distance_m < nearest[0] - _STEP_HOME_M:
-            self._nearest_home = (distance_m, now_s)
-        elif now_s - nearest[1] > _NO_WAY_HOME_S:
+        if waits:
+            self._homeward.restart()
+        elif self._homeward.stuck_s(now_s, self._home, distance_m) > _NO_WAY_HOME_S:
             yield Alarm(Action.LAND, "no way home", f"Home stays {distance_m:.0f} m away: landing here.")
+
+    def _obedience(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:
+        """Whether it flies to where it is sent, and looks where it is told."""
+        if goal is None:
+            self._progress.restart()
+            self._since.pop("turned away", None)
+            return
+        x, y, z = goal.position_enu_m.tolist()
+        left_m = math.dist((x, y, z), state.position_enu_m.tolist())
+        if left_m < _ARRIVED_M:
+            self._progress.restart()
+        else:
+            stuck_s = self._progress.stuck_s(now_s, (x, y), left_m) - _SLOW_M / goal.speed_mps
+            if stuck_s > _STUCK_SAID_S:
+                sentence = f"The vehicle comes no nearer to where it is sent, {left_m:.0f} m away."
+                yield Alarm(self._home_after(stuck_s), "setpoints ignored", sentence)
+        R = state.R_body_to_enu
+        away_rad = abs(math.remainder(math.atan2(R.item(3), R.item(0)) - goal.yaw_rad, math.tau))
+        turned_s = self._lasting_s("turned away", away_rad > _TURNED_AWAY_RAD, now_s)
+        if turned_s is not None and turned_s > _TURNED_SAID_S:
+            sentence = (
+                f"The vehicle is turned {math.degrees(away_rad):.0f} degrees away from where it is told."
+            )
+            yield Alarm(self._home_after(turned_s), "turned away", sentence)
+
+    def _home_after(self, lasted_s: float) -> Action:
+        return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE
+
+    def _height(self, state: VehicleState, altitude_agl_m: float, now_s: float) -> Iterator[Alarm]:
+        """The believed height against a rangefinder's; things on the ground may be as high as half of it."""
+        below_m = state.ground_below_m
+        limit_m = max(_GROUND_M, _GROUND_SHARE * altitude_agl_m)
+        off = below_m is not None and abs(below_m - altitude_agl_m) > limit_m
+        off_s = self._lasting_s("height", off, now_s)
+        if below_m is not None and off_s is not None and off_s >= _GROUND_SAID_S:
+            near = below_m < _GROUND_NEAR_SHARE * altitude_agl_m and off_s >= _GROUND_RETURN_S
+            sentence = f"The rangefinder measures {below_m:.0f} m to the ground, not {altitude_agl_m:.0f} m."
+            yield Alarm(Action.RETURN if near else Action.CONTINUE, "height", sentence)
+
+    def _landing(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        """What keeps from landing, or does not."""
+        if state.taken_over:
+            yield _keeps_out(state.taken_over)
+        elif state.silent_s > self._endurance_s:
+            yield _is_lost(state.silent_s)
+        else:
+            yield from self._battery(state, "LAND", now_s)
+            yield from self._rate()
+            if self._word == "hold" and not self._is_unsure(state):
+                yield _HELD
 
     # ---- what it remembers ---------------------------------------------------------------------------
 
@@ -299,19 +401,31 @@ class Guard:
 
     def _add_up_jumps(self, state: VehicleState) -> None:
         """A position that jumps back is good again."""
-        x, y, _ = state.position_enu_m.tolist()
-        vx, vy, _ = state.velocity_enu_mps.tolist()
+        x, y, z = state.position_enu_m.tolist()
+        vx, vy, vz = state.velocity_enu_mps.tolist()
         if self._last is not None:
-            t0, x0, y0, vx0, vy0 = self._last
+            t0, (x0, y0, z0), (vx0, vy0, vz0) = self._last
             mean_s = 0.5 * (state.time_s - t0)
-            jump = (x - x0 - mean_s * (vx + vx0), y - y0 - mean_s * (vy + vy0))
+            jump = x - x0 - mean_s * (vx + vx0), y - y0 - mean_s * (vy + vy0), z - z0 - mean_s * (vz + vz0)
             steady = 0.0 <= state.time_s - t0 <= _LONGEST_STEP_S
             least_m = 0.5 * self._limits.position_jump_m
             if steady and math.hypot(*jump) > least_m:
-                jumped = (self._jumped_m[0] + jump[0], self._jumped_m[1] + jump[1])
-                self._jumped_m = jumped if math.hypot(*jumped) > least_m else (0.0, 0.0)
-        self._last = (state.time_s, x, y, vx, vy)
+                east_m, north_m, up_m = self._jumped_m
+                jumped = east_m + jump[0], north_m + jump[1], up_m + jump[2]
+                self._jumped_m = jumped if math.hypot(*jumped) > least_m else _NO_JUMP
+        self._last = (state.time_s, (x, y, z), (vx, vy, vz))
 
 
-def _keeps_out(why: str) -> str:
-    return f"Somebody else flies the vehicle ({why}): it is theirs until a person says continue."
+def _keeps_out(why: str) -> Alarm:
+    sentence = f"Somebody else flies the vehicle ({why}): it is theirs until a person says continue."
+    return Alarm(Action.KEEP_OUT, "taken over", sentence)
+
+
+def _is_lost(silent_s: float) -> Alarm:
+    sentence = (
+        f"Nothing new was heard for {silent_s / 60.0:.0f} minutes, longer than a battery lasts: given up."
+    )
+    return Alarm(Action.LAND, LOST, sentence)
+
+
+_HELD = Alarm(Action.HOLD, "operator", "The operator holds the vehicle.")

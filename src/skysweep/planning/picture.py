@@ -16,6 +16,7 @@ from matplotlib.path import Path as Outline
 from skysweep.geometry.areas import swept_rectangles
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.flight_plan import FlightEstimate
+from skysweep.planning.surroundings import surroundings
 from skysweep.scenarios.model import Scenario
 
 _INK, _PATH, _SWATH, _FENCE = "#1f2933", "#0b5fa5", "#7fb3dd", "#c0392b"
@@ -34,7 +35,7 @@ def draw_plan(
     altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     figure = Figure(dpi=200, layout="constrained")
     axes = figure.add_subplot()
-    _draw_ground(axes, scenario)
+    _draw_ground(axes, scenario, plan)
     _draw_path(axes, scenario, plan, altitude)
     axes.margins(0.06)
     axes.set_aspect("equal")
@@ -54,7 +55,7 @@ def draw_plan(
     return path
 
 
-def _draw_ground(axes: Axes, scenario: Scenario) -> None:
+def _draw_ground(axes: Axes, scenario: Scenario, plan: CoveragePlan) -> None:
     area = scenario.area_enu_m
     axes.add_patch(
         PathPatch(_outline(area), facecolor="#eef1e6", edgecolor=_INK, linewidth=1.4, label="Search area")
@@ -70,9 +71,10 @@ def _draw_ground(axes: Axes, scenario: Scenario) -> None:
                 label="No search needed" if i == 0 else None,
             )
         )
-    if scenario.geofence_enu_m is not None:
-        fence = np.array([*scenario.geofence_enu_m, scenario.geofence_enu_m[0]])
-        axes.plot(fence[:, 0], fence[:, 1], "--", color=_FENCE, linewidth=1.2, label="Geofence")
+    drawn = scenario.geofence_enu_m
+    fence = surroundings(scenario, plan.waypoints_xy_enu_m) if drawn is None else shapely.Polygon(drawn)
+    if fence is not None:
+        axes.plot(*fence.exterior.xy, "--", color=_FENCE, linewidth=1.2, label="Geofence")
     axes.autoscale_view()
 
 

@@ -348,6 +348,12 @@ class Safety(Model):
         le=100,
         description="Outside the fence, inside a no-fly area or above the ceiling by more: home",
     )
+    fence_margin_m: float | None = Field(
+        30.0,
+        ge=5,
+        le=10_000,
+        description="Without geofence_enu_m it stays this near to area, path and home; null: anywhere",
+    )
     clearance_m: float = Field(
         2.0, ge=0, le=100, description="Kept from trees, buildings and hillsides in every direction"
     )
@@ -367,8 +373,18 @@ class Safety(Model):
     landing_reserve: float = Field(
         0.1, ge=0, lt=1, description="Share of the battery that is still there after the way home and landing"
     )
+    battery_unknown_s: float = Field(
+        30.0, ge=0, le=3600, description="The vehicle does not say how full its battery is for longer: home"
+    )
+    battery_estimated: bool = Field(
+        False,
+        description="Fly a vehicle that never says how full its battery is, as if full at take-off",
+    )
     air_speed_max_mps: float = Field(
         9.8, gt=0, le=50, description="What the vehicle can keep up in level flight"
+    )
+    stuck_return_s: float = Field(
+        60.0, gt=0, le=3600, description="No nearer to where it is sent, or turned away, for longer: home"
     )
     wind_max_mps: float = Field(9.0, gt=0, le=50, description="Estimated mean wind above: hold")
     wind_hold_s: float = Field(60.0, ge=0, le=3600, description="Wind above the limit for longer: home")

@@ -32,7 +32,7 @@ MAX_FROM_HOME_M = 200.0  # between the vehicle and the home that a scenario name
 _MULTICOPTERS = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 _RATES_HZ = {"LOCAL_POSITION_NED": 30.0, "ATTITUDE_QUATERNION": 30.0, "EXTENDED_SYS_STATE": 5.0}
 _RATES_HZ |= {"BATTERY_STATUS": 2.0, "ESTIMATOR_STATUS": 2.0, "WIND_COV": 1.0, "HOME_POSITION": 1.0}
-_RATES_HZ |= {"CURRENT_MODE": 10.0, "SYS_STATUS": 2.0}
+_RATES_HZ |= {"CURRENT_MODE": 10.0, "SYS_STATUS": 2.0, "DISTANCE_SENSOR": 5.0}
 _GIMBAL_RATE_HZ = 20.0
 _GIMBAL_STATUS_HZ = 1.0
 _GIMBAL_S = 3.0  # on the wall, until it is ours
@@ -44,7 +44,6 @@ _SPARED = (
     "ATTITUDE",
     "ATTITUDE_TARGET",
     "ALTITUDE",
-    "DISTANCE_SENSOR",
     "GLOBAL_POSITION_INT",
     "HIGHRES_IMU",
     "ODOMETRY",
@@ -133,6 +132,7 @@ class Px4Vehicle:
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         if self.authority.lost():
             return
+        self._must_land = False
         self._offboard.aim(setpoint, self.anchor)
         if self.authority.wanted is not Mode.OFFBOARD:
             self._go_into_offboard()
@@ -305,6 +305,7 @@ class Px4Vehicle:
         if not self.link.wait(ready, timeout_s):
             missing = "home" if told.has_position else "position"
             raise UserError(f"the vehicle has no {missing} ({timeout_s:g} s); wait for its GNSS fix")
+        self.link.wait(lambda: not math.isnan(told.battery_remaining), _HELLO_S)
 
     def _anchored(self) -> Anchor:
         said = self.telemetry.home or {}

@@ -53,6 +53,7 @@ HEARD = (
     "EXTENDED_SYS_STATE",
     "SYS_STATUS",
     "BATTERY_STATUS",
+    "DISTANCE_SENSOR",
     "GPS_RAW_INT",
     "HOME_POSITION",
     "ESTIMATOR_STATUS",
@@ -153,10 +154,6 @@ class Link:
     def heard_s(self, name: str) -> float:
         """When a kind was last heard, by ``now_s``; -inf where it never was."""
         return self._heard_s.get(name, float("-inf"))
-
-    def silent_s(self, name: str) -> float:
-        """Seconds since a kind was last heard; inf where it never was."""
-        return self.now_s() - self.heard_s(name)
 
     def warnings(self, since_s: float) -> tuple[str, ...]:
         """Warnings that the vehicle said since then by ``now_s``, oldest first, each once."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from skysweep.planning.flight_plan import RESERVE
 from skysweep.planning.qgc import QgcPlan
+from skysweep.planning.surroundings import fence_words
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.px4 import Px4Vehicle
 from skysweep.vehicles.px4_authority import is_free
@@ -74,6 +75,7 @@ def preflight(
         _pilot(vehicle),
         _return_altitude(vehicle, demands.return_clear_m),
         _own_fence(vehicle, demands),
+        Check("kept within", True, fence_words(vehicle.scenario)),
         _speed(vehicle),
         _gimbal(vehicle),
     ]
@@ -142,9 +144,16 @@ def _home(vehicle: Px4Vehicle) -> Check:
 
 def _battery(vehicle: Px4Vehicle, needed_share: float) -> Check:
     full = vehicle.telemetry.battery_remaining
-    enough = full >= needed_share + RESERVE
-    said = f"{full:.0%}; the plan without checks takes {needed_share:.0%}, {RESERVE:.0%} stay"
-    return Check("battery", enough, said)
+    needs = f"the plan without checks takes {needed_share:.0%}, {RESERVE:.0%} stay"
+    if math.isnan(full):
+        estimated = vehicle.scenario.safety.battery_estimated
+        cure = (
+            "flown as a full one, by an estimate"
+            if estimated
+            else "write safety.battery_estimated: true to fly"
+        )
+        return Check("battery", None if estimated else False, f"does not say how full it is; {cure}; {needs}")
+    return Check("battery", full >= needed_share + RESERVE, f"{full:.0%}; {needs}")
 
 
 def _mode(vehicle: Px4Vehicle) -> Check:

@@ -30,6 +30,9 @@ _POSITION_GOOD = m.ESTIMATOR_POS_HORIZ_ABS | m.ESTIMATOR_POS_HORIZ_REL
 _IN_AIR = (m.MAV_LANDED_STATE_IN_AIR, m.MAV_LANDED_STATE_TAKEOFF, m.MAV_LANDED_STATE_LANDING)
 _GIMBAL_TOLERANCE_RAD = 0.1
 _CAMERA_BELOW_M = 0.1  # as on the embedded vehicle
+_UNSAID_S = 10.0  # that the vehicle is heard without a word of its battery
+_RANGE_UNSAID_S = 1.0
+_LONGEST_STEP_S = 1.0  # between two positions; longer is a silence of the whole vehicle
 _LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
 _MODE_NAMES = {
     (1, 0): "Manual", (2, 0): "Altitude", (3, 0): "Position", (3, 1): "Orbit", (4, 1): "Ready",
@@ -64,6 +67,16 @@ class Anchor:
         return ned_from_enu(enu_m - self.home_enu_m) + self.home_ned_m
 
 
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """One battery, by the vehicle's clock. ``share`` (0..1) is NaN while it does not say how full it is."""
+
+    share: float
+    said_share: bool  # ever
+    heard_s: float  # by ``Telemetry.heard_s``
+    power_at_s: float
+
+
 class Telemetry:
     """Keeps what the link hears. ``gimbal_pitch_rad`` is where a gimbal looks that does not report."""
 
@@ -72,7 +85,11 @@ class Telemetry:
         self.gimbal_pitch_rad = gimbal_pitch_rad
         self._battery_wh = battery_wh
         self._boot_s = 0.0
-        self._used_wh, self._power_at_s = 0.0, math.nan
+        self._used_wh = 0.0
+        self._batteries: dict[int, Battery] = {}
+        self._heard_s = 0.0  # of the vehicle's time, without its silences
+        self._moved_s = -math.inf  # by the link's clock: when the vehicle's clock last went on
+        self._range: tuple[float, float] | None = None  # metres down, and heard when
         self.ned_m = np.zeros(3)
         self.velocity_ned_mps = np.zeros(3)
         self.R_body_to_enu = np.eye(3)
@@ -86,6 +103,7 @@ class Telemetry:
         link.on("LOCAL_POSITION_NED", self._position)
         link.on("ATTITUDE_QUATERNION", self._attitude)
         link.on("BATTERY_STATUS", self._power)
+        link.on("DISTANCE_SENSOR", self._distance)
 
     # ---- now -----------------------------------------------------------------------------------------
 
@@ -96,8 +114,8 @@ class Telemetry:
 
     @property
     def silent_s(self) -> float:
-        """Seconds on the wall without a position."""
-        return self._link.silent_s("LOCAL_POSITION_NED")
+        """Seconds on the wall without a newer position: one whose clock stands still is no news."""
+        return self._link.now_s() - self._moved_s
 
     @property
     def armed(self) -> bool:
@@ -127,9 +145,22 @@ class Telemetry:
 
     @property
     def battery_remaining(self) -> float:
-        """0..1; 1 where the vehicle does not know."""
-        percent = (self._link.newest("BATTERY_STATUS") or {}).get("battery_remaining", -1)
-        return 1.0 if percent < 0 else min(percent / 100.0, 1.0)
+        """0..1, of the emptiest battery; NaN where one does not say, or no more.
+
+        A battery that never said is not counted beside others that do.
+        """
+        telling = [b for b in list(self._batteries.values()) if b.said_share]
+        if not telling or any(self._heard_s - b.heard_s > _UNSAID_S for b in telling):
+            return math.nan
+        shares = [b.share for b in telling]
+        return math.nan if any(map(math.isnan, shares)) else min(shares)
+
+    @property
+    def ground_below_m(self) -> float | None:
+        """What a rangefinder that looks down measures, along the vehicle's axis; None: nothing now."""
+        if self._range is None or self._heard_s - self._range[1] > _RANGE_UNSAID_S:
+            return None
+        return self._range[0] * float(self.R_body_to_enu[2, 2])
 
     @property
     def yaw_rad(self) -> float:
@@ -175,6 +206,7 @@ class Telemetry:
             self.position_std_m,
             self.silent_s,
             self.wind_enu_mps,
+            ground_below_m=self.ground_below_m,
         )
 
     # ---- hearing -------------------------------------------------------------------------------------
@@ -198,6 +230,9 @@ class Telemetry:
         values = np.array(numbers, dtype=float)
         if np.abs(values[3:]).max() > _LAWLESS_MPS:
             return
+        if boot_s > self._boot_s:
+            self._heard_s += min(boot_s - self._boot_s, _LONGEST_STEP_S)
+            self._moved_s = self._link.now_s()
         self._boot_s, self.ned_m, self.velocity_ned_mps = boot_s, values[:3], values[3:]
         self.has_position = True
 
@@ -210,15 +245,23 @@ class Telemetry:
 
     def _power(self, said: Fields) -> None:
         """Energy from voltage and current, from the charge where there is no current."""
-        now_s, before_s = self._boot_s, self._power_at_s
-        self._power_at_s = now_s
+        now_s, percent = self._boot_s, said.get("battery_remaining", -1)
+        share = min(percent / 100.0, 1.0) if percent >= 0 else math.nan
+        before = self._batteries.get(said.get("id", 0), Battery(share, False, 0.0, math.inf))
+        says = before.said_share or percent >= 0
+        self._batteries[said.get("id", 0)] = Battery(share, says, self._heard_s, now_s)
         cells = [v for v in said.get("voltages", ()) if 0 < v < 65535]
         current_a = said.get("current_battery", -1) * 1e-2
         if current_a > 0.0 and cells:
-            if math.isfinite(before_s):
-                self._used_wh += sum(cells) * 1e-3 * current_a * max(now_s - before_s, 0.0) / 3600.0
-        elif said.get("battery_remaining", -1) >= 0:
-            self._used_wh = max(self._used_wh, (1.0 - self.battery_remaining) * self._battery_wh)
+            self._used_wh += sum(cells) * 1e-3 * current_a * max(now_s - before.power_at_s, 0.0) / 3600.0
+        elif percent >= 0:
+            self._used_wh = max(self._used_wh, (1.0 - share) * self._battery_wh)
+
+    def _distance(self, said: Fields) -> None:
+        """Centimetres; only what looks down and lies between the sensor's limits is a measurement."""
+        low, measured, high = said["min_distance"], said["current_distance"], said["max_distance"]
+        if said["orientation"] == m.MAV_SENSOR_ROTATION_PITCH_270 and low < measured < high:
+            self._range = measured * 1e-2, self._heard_s
 
     @property
     def reported_gimbal_pitch_rad(self) -> float | None:

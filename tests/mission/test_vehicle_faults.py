@@ -1,0 +1,580 @@
+"""The fault table of docs/safety.md, second half: the vehicle's clock, numbers, battery and obedience."""
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+from test_faults import HOME, Around, Drained, Flown, Misplaced, words
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose
+from skysweep.mission.journal import MemoryJournal
+from skysweep.types import Setpoint
+from skysweep.vehicles import dynamics as d
+
+NAN = np.full(3, math.nan)
+SINCE_S = 25.0
+
+
+# ---- clock and states --------------------------------------------------------------------------------
+
+
+class Clock(Around):
+    """A vehicle that says another time than it is."""
+
+    def __init__(self, inner, told, left=None):
+        super().__init__(inner)
+        self.told, self.left = told, left
+
+    def state(self):
+        state = self.inner.state()
+        battery = self.left if self.left is not None and state.time_s > 70.0 else state.battery_remaining
+        return state._replace(time_s=self.told(state.time_s), battery_remaining=battery)
+
+
+def stands(until_s):
+    return lambda t: SINCE_S if SINCE_S <= t < until_s else t
+
+
+def goes_back(t):
+    return t if t < 60.0 else t - 50.0
+
+
+def test_a_clock_that_stands_still_is_waited_for():
+    flown = Flown(vehicle=lambda inner: Clock(inner, stands(45.0)))
+    assert flown.reason == "completed"
+    assert flown.safety == [("telemetry silent", "HOLD"), ("telemetry silent", "CONTINUE")]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_clock_that_stands_still_for_good_ends_the_search():
+    flown = Flown(vehicle=lambda inner: Clock(inner, stands(math.inf)))
+    assert flown.reason == "telemetry silent"
+    assert flown.safety == [("telemetry silent", "HOLD"), ("telemetry silent", "RETURN")]
+    flown.assert_landed_at_home()
+
+
+def test_a_clock_that_goes_back_is_followed_and_said():
+    flown = Flown(vehicle=lambda inner: Clock(inner, goes_back))
+    assert flown.reason == "completed"
+    assert flown.safety == [("clock", "CONTINUE")]
+    assert "went back by 50 s" in flown.of_kind("safety")[0]["sentence"]
+    times = [line["t"] for line in flown.of_kind("state")]
+    assert times == sorted(times)
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+@pytest.mark.parametrize("told", [stands(math.inf), goes_back])
+def test_whatever_the_clock_does_an_empty_battery_is_seen(told):
+    flown = Flown(vehicle=lambda inner: Clock(inner, told, left=0.04))
+    assert ("battery critical", "LAND") in flown.safety
+    assert not flown.embedded.state().airborne
+
+
+class Repeated(Around):
+    """A vehicle whose state is told again and again; it does as it is told."""
+
+    def __init__(self, inner, until_s):
+        super().__init__(inner)
+        self.until_s, self.kept = until_s, None
+
+    def state(self):
+        state = self.inner.state()
+        if not SINCE_S <= state.time_s < self.until_s:
+            return state
+        self.kept = self.kept or state
+        return self.kept
+
+
+def test_a_state_told_again_and_again_is_no_news():
+    flown = Flown(vehicle=lambda inner: Repeated(inner, 45.0))
+    assert flown.reason == "completed"
+    assert flown.safety == [("telemetry silent", "HOLD"), ("telemetry silent", "CONTINUE")]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_vehicle_not_heard_of_for_longer_than_its_battery_lasts_is_given_up():
+    flown = Flown(vehicle=lambda inner: Repeated(inner, math.inf), battery_wh=20.0)
+    assert flown.reason == "vehicle lost"
+    assert flown.safety[-1] == ("vehicle lost", "LAND")
+    assert flown.of_kind("landed") == []
+    flown.embedded.advance(60.0)
+    assert not flown.embedded.state().airborne
+    assert np.linalg.norm(flown.embedded.true_position_enu_m[:2] - HOME) < 2.5
+
+
+class OutOfOrder(Around):
+    """A vehicle of which every third state is half a second old."""
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.past, self.ticks = deque(maxlen=6), 0
+
+    def advance(self, duration_s):
+        self.inner.advance(duration_s)
+        self.past.append(self.inner.state())
+        self.ticks += 1
+
+    def state(self):
+        return self.past[0] if self.ticks % 3 == 2 else self.inner.state()
+
+
+def test_states_that_come_out_of_order_change_nothing_much():
+    flown = Flown(vehicle=OutOfOrder)
+    assert (flown.reason, flown.safety) == ("completed", [])
+    times = [line["t"] for line in flown.of_kind("state")]
+    assert times == sorted(times)
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+class NoNumber(Around):
+    """A vehicle whose estimate is NaN in a span of time."""
+
+    def __init__(self, inner, what, until_s):
+        super().__init__(inner)
+        self.what, self.until_s = what, until_s
+
+    def state(self):
+        state = self.inner.state()
+        if not SINCE_S <= state.time_s < self.until_s:
+            return state
+        if self.what == "position":
+            camera = CameraPose(NAN, state.camera.R_camera_to_enu)
+            return state._replace(position_enu_m=NAN, camera=camera)
+        if self.what == "velocity":
+            return state._replace(velocity_enu_mps=NAN)
+        R = np.full((3, 3), math.nan)
+        return state._replace(R_body_to_enu=R, camera=CameraPose(NAN, R))
+
+
+@pytest.mark.parametrize("what", ["position", "velocity", "attitude"])
+def test_an_estimate_that_is_no_number_is_a_lost_position(what):
+    flown = Flown(vehicle=lambda inner: NoNumber(inner, what, 40.0))
+    assert flown.reason == "completed"
+    assert flown.safety == [("position lost", "HOLD"), ("position lost", "CONTINUE")]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+@pytest.mark.parametrize("what", ["position", "velocity", "attitude"])
+def test_an_estimate_that_stays_no_number_makes_it_land(what):
+    flown = Flown(vehicle=lambda inner: NoNumber(inner, what, math.inf))
+    assert flown.reason == "position lost"
+    assert flown.safety == [("position lost", "HOLD"), ("position lost", "LAND")]
+    assert not flown.embedded.state().airborne
+
+
+def test_without_a_position_it_stays_on_the_ground():
+    class Nowhere(Around):
+        def state(self):
+            state = self.inner.state()
+            camera = CameraPose(NAN, state.camera.R_camera_to_enu)
+            return state._replace(position_enu_m=NAN, camera=camera)
+
+    with pytest.raises(UserError, match="position: the vehicle has none"):
+        Flown(vehicle=Nowhere)
+
+
+# ---- position and height -----------------------------------------------------------------------------
+
+
+class Raised(Misplaced):
+    """A vehicle that believes to be ``by_m`` higher than it is in a span of time."""
+
+    def __init__(self, inner, until_s, by_m=20.0):
+        super().__init__(inner, SINCE_S, until_s)
+        self.offset = np.array([0.0, 0.0, by_m])
+
+
+def test_a_height_that_jumps_and_back_is_waited_for():
+    flown = Flown(vehicle=lambda inner: Raised(inner, 35.0))
+    assert flown.reason == "completed"
+    assert flown.safety == [("position jump", "HOLD"), ("position jump", "CONTINUE")]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_height_that_stays_elsewhere_brings_the_vehicle_home():
+    flown = Flown(vehicle=lambda inner: Raised(inner, math.inf))
+    assert flown.reason == "position jump"
+    flown.assert_landed_at_home()
+
+
+class Sinking(Raised):
+    """A vehicle whose barometer drifts by 0.5 m/s; its rangefinder measures what is so."""
+
+    def __init__(self, inner):
+        super().__init__(inner, math.inf)
+
+    def state(self):
+        now_s = self.inner.state().time_s
+        self.offset = np.array([0.0, 0.0, min(20.0, 0.5 * max(0.0, now_s - SINCE_S))])
+        return super().state()._replace(ground_below_m=self.inner.true_position_enu_m[2])
+
+
+def test_a_barometer_that_drifts_is_seen_by_the_rangefinder():
+    flown = Flown(vehicle=Sinking, search={"n_c": math.inf}, area={"polygon_enu_m": WIDE})
+    assert flown.reason == "height"
+    assert flown.safety[:2] == [("height", "CONTINUE"), ("height", "RETURN")]
+    assert flown.embedded.state().airborne is False
+
+
+WIDE = [[0, 0], [150, 0], [150, 100], [0, 100]]
+
+
+class LostInCheck(Around):
+    """A vehicle without GNSS for ten seconds from the first time that it is low."""
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.low_s = math.inf
+
+    def state(self):
+        state = self.inner.state()
+        if state.time_s > 30.0 and state.position_enu_m[2] < 8.0:
+            self.low_s = min(self.low_s, state.time_s)
+        lost = self.low_s <= state.time_s < self.low_s + 10.0
+        return state._replace(position_std_m=math.inf) if lost else state
+
+
+def test_gnss_that_is_lost_in_the_middle_of_a_check_is_waited_for():
+    flown = Flown(vehicle=LostInCheck)
+    assert flown.reason == "completed"
+    assert flown.safety == [("position lost", "HOLD"), ("position lost", "CONTINUE")]
+    assert flown.of_kind("rejected") == []
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+class Drifting(Around):
+    """A vehicle that is carried 15 m east by its take-off."""
+
+    def advance(self, duration_s):
+        if self.inner.state().time_s < 15.0:
+            self.inner._x[d.TARGET_POSITION] += duration_s
+        self.inner.advance(duration_s)
+
+
+def test_a_take_off_that_drifts_is_made_up_for():
+    flown = Flown(vehicle=Drifting)
+    assert max(line["p"][0] for line in flown.of_kind("state") if line["mode"] == "TAKEOFF") > HOME[0] + 10.0
+    assert (flown.reason, flown.safety) == ("completed", [])
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_gentle_slope_is_landed_on():
+    flown = Flown(terrain={"hills_height_m": 6.0, "hills_wavelength_m": 60.0, "seed": 1})
+    assert (flown.reason, flown.safety) == ("completed", [])
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_slope_too_steep_to_stand_on_is_given_up_with_a_word():
+    """It slides down a little at every touch."""
+    flown = Flown(terrain={"hills_height_m": 20.0, "hills_wavelength_m": 60.0, "seed": 1})
+    assert (flown.reason, flown.safety) == ("landing", [("landing", "LAND")] * 3)
+    flown.assert_found()
+
+
+# ---- battery -----------------------------------------------------------------------------------------
+
+
+class Mute(Around):
+    """A vehicle that does not say how full its battery is in a span of time."""
+
+    def __init__(self, inner, since_s, until_s):
+        super().__init__(inner)
+        self.span = since_s, until_s
+
+    def state(self):
+        state = self.inner.state()
+        silent = self.span[0] <= state.time_s < self.span[1]
+        return state._replace(battery_remaining=math.nan) if silent else state
+
+
+def test_a_battery_not_told_of_for_a_while_is_waited_for():
+    flown = Flown(vehicle=lambda inner: Mute(inner, SINCE_S, 45.0))
+    assert flown.reason == "completed"
+    assert flown.safety == [("battery unknown", "CONTINUE"), ("battery unknown", "CONTINUE")]
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_a_battery_that_nobody_knows_any_more_brings_the_vehicle_home():
+    flown = Flown(vehicle=lambda inner: Mute(inner, SINCE_S, math.inf))
+    assert flown.reason == "battery unknown"
+    assert flown.safety == [("battery unknown", "CONTINUE"), ("battery unknown", "RETURN")]
+    flown.assert_landed_at_home()
+
+
+def test_a_battery_that_was_never_told_of_needs_a_word():
+    with pytest.raises(UserError, match=r"battery: .* write safety\.battery_estimated: true"):
+        Flown(vehicle=lambda inner: Mute(inner, 0.0, math.inf))
+    flown = Flown(vehicle=lambda inner: Mute(inner, 0.0, math.inf), safety={"battery_estimated": True})
+    assert (flown.reason, flown.safety) == ("completed", [("battery unknown", "CONTINUE")])
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+class Sags(Drained):
+    """A vehicle whose battery shows ``left`` for three seconds."""
+
+    def __init__(self, inner, left):
+        super().__init__(inner, left)
+        self.since_s = None
+
+    def state(self):
+        state = super().state()
+        if self.low:
+            self.since_s = self.since_s or state.time_s
+        over = self.since_s is not None and state.time_s > self.since_s + 3.0
+        return self.inner.state() if over else state
+
+
+def test_a_battery_that_sags_is_not_trusted_again():
+    flown = Flown(vehicle=lambda inner: Sags(inner, 0.14))
+    assert flown.reason == "low battery"
+    flown.assert_landed_at_home()
+
+
+# ---- obedience ---------------------------------------------------------------------------------------
+
+
+class Deaf(Around):
+    """A vehicle that ignores setpoints in a span of time, and hovers."""
+
+    def __init__(self, inner, until_s):
+        super().__init__(inner)
+        self.until_s = until_s
+
+    @property
+    def is_deaf(self):
+        return SINCE_S <= self.inner.state().time_s < self.until_s
+
+    def advance(self, duration_s):
+        before = self.is_deaf
+        self.inner.advance(duration_s)
+        if self.is_deaf and not before:
+            self.inner.hold()
+
+    def command(self, setpoint):
+        if not self.is_deaf:
+            self.inner.command(setpoint)
+
+
+def test_setpoints_that_are_ignored_for_a_while_are_said():
+    flown = Flown(vehicle=lambda inner: Deaf(inner, 60.0))
+    assert flown.reason == "completed"
+    assert flown.safety == [("setpoints ignored", "CONTINUE")] * 2
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+def test_setpoints_that_are_ignored_for_good_make_it_land():
+    flown = Flown(vehicle=lambda inner: Deaf(inner, math.inf))
+    assert flown.reason == "setpoints ignored"
+    assert flown.safety == [
+        ("setpoints ignored", "CONTINUE"),
+        ("setpoints ignored", "RETURN"),
+        ("no way home", "LAND"),
+    ]
+    assert not flown.embedded.state().airborne
+    assert flown.modes[-1][0] < SINCE_S + 200.0
+
+
+class Twisted(Around):
+    """A vehicle whose nose points a radian to the left of where it is told."""
+
+    def command(self, setpoint):
+        wrong = self.inner.state().time_s > SINCE_S
+        self.inner.command(setpoint._replace(yaw_rad=setpoint.yaw_rad + 1.0) if wrong else setpoint)
+
+
+def test_a_nose_that_does_not_follow_brings_the_vehicle_home():
+    flown = Flown(vehicle=Twisted)
+    assert flown.reason == "turned away"
+    assert flown.safety[:2] == [("turned away", "CONTINUE"), ("turned away", "RETURN")]
+    assert "57 degrees" in flown.of_kind("safety")[0]["sentence"]
+    flown.assert_landed_at_home()
+
+
+class TooHeavy(Around):
+    """A vehicle that cannot lift its payload higher than 12 m."""
+
+    def takeoff(self, altitude_agl_m):
+        self.inner.takeoff(min(altitude_agl_m, 12.0))
+
+
+def test_a_payload_that_is_too_heavy_makes_it_land():
+    flown = Flown(vehicle=TooHeavy)
+    assert (flown.reason, flown.safety) == ("take-off", [("take-off", "LAND")])
+    flown.assert_landed_at_home()
+
+
+class Weak(Around):
+    """A vehicle with a rotor that gives less and less: it sinks by 0.2 m/s and nothing lifts it."""
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.wanted, self.lands = None, False
+
+    def command(self, setpoint):
+        self.wanted = setpoint
+
+    def land(self):
+        self.lands = True
+        self.inner.land()
+
+    def advance(self, duration_s):
+        if self.wanted is not None and not self.lands:
+            highest_m = 30.0 - 0.2 * max(0.0, self.inner.state().time_s - SINCE_S)
+            x, y, z = self.wanted.position_enu_m
+            self.inner.command(self.wanted._replace(position_enu_m=np.array([x, y, min(z, highest_m)])))
+        self.inner.advance(duration_s)
+
+
+def test_a_vehicle_that_cannot_keep_its_height_comes_home():
+    flown = Flown(vehicle=Weak)
+    assert flown.reason == "setpoints ignored"
+    assert flown.safety[:2] == [("setpoints ignored", "CONTINUE"), ("setpoints ignored", "RETURN")]
+    flown.assert_landed_at_home()
+
+
+def test_gusts_are_flown_through():
+    flown = Flown(wind={"mean_speed_mps": 5.0, "from_heading_deg": 200.0, "gust_std_mps": 3.0})
+    assert flown.reason == "completed"
+    flown.assert_found()
+    flown.assert_landed_at_home()
+
+
+class Carried(Around):
+    """A vehicle that is carried off to the west, and comes back when it is called home."""
+
+    def __init__(self, inner):
+        super().__init__(inner)
+        self.called = False
+
+    def command(self, setpoint):
+        self.called |= self.inner.state().time_s > SINCE_S and bool(
+            np.linalg.norm(setpoint.position_enu_m[:2] - HOME) < 0.1
+        )
+        if not self.called and self.inner.state().time_s > SINCE_S:
+            setpoint = Setpoint(np.array([-200.0, 0.0, 30.0]), 5.0, setpoint.yaw_rad)
+        self.inner.command(setpoint)
+
+
+def test_a_vehicle_beyond_the_margin_around_the_area_is_called_home():
+    flown = Flown(vehicle=Carried)
+    assert flown.reason == "geofence"
+    assert min(line["p"][0] for line in flown.of_kind("state")) > HOME[0] - 30.0 - 5.0 - 15.0
+    flown.assert_landed_at_home()
+
+
+# ---- landing, operator, disk -------------------------------------------------------------------------
+
+
+class HardToLand(Around):
+    """A vehicle that hovers instead of landing, as often as it says; it knows whether it was told to."""
+
+    def __init__(self, inner, misses):
+        super().__init__(inner)
+        self.misses, self.orders = misses, 0
+
+    def land(self):
+        self.orders += 1
+        if self.orders > self.misses:
+            self.inner.land()
+        else:
+            self.inner.hold()
+
+
+def test_an_order_to_land_that_was_not_done_is_given_again():
+    flown = Flown(vehicle=lambda inner: HardToLand(inner, 1))
+    assert (flown.reason, flown.safety) == ("completed", [("landing", "LAND")])
+    flown.assert_landed_at_home()
+
+
+def test_a_landing_that_never_ends_is_given_up_with_a_word():
+    flown = Flown(vehicle=lambda inner: HardToLand(inner, math.inf))
+    assert flown.reason == "landing"
+    assert flown.safety == [("landing", "LAND")] * 3
+    assert flown.of_kind("safety")[-1]["sentence"].endswith("look after it by hand.")
+    assert flown.of_kind("landed") == []
+    assert flown.lines[-1]["kind"] == "end"
+
+
+def test_an_operator_who_holds_and_never_comes_back():
+    flown = Flown(operator=words((300, "hold")), battery_wh=15.0)
+    assert flown.reason in ("low battery", "return energy")
+    assert flown.safety[0] == ("operator", "HOLD")
+    flown.assert_landed_at_home()
+
+
+class Watcher:
+    """Says hold when a landing vehicle is lower than 8 m, and another word 20 s later."""
+
+    def __init__(self, word):
+        self.word, self.vehicle, self.held_s, self.heights = word, None, None, []
+
+    def see(self, inner):
+        self.vehicle = HardToLand(inner, 0)
+        return self.vehicle
+
+    def __call__(self):
+        if not (self.vehicle and self.vehicle.orders):
+            return None
+        state = self.vehicle.inner.state()
+        if self.held_s is None and state.position_enu_m[2] < 8.0:
+            self.held_s = state.time_s
+            return "hold"
+        if self.held_s is None or self.word is None:
+            return None
+        if state.time_s > self.held_s + 20.0:
+            word, self.word = self.word, None
+            return word
+        self.heights.append(state.position_enu_m[2])
+        return None
+
+
+@pytest.mark.parametrize("word", ["continue", "return"])
+def test_the_operator_is_heard_while_it_lands(word):
+    watcher = Watcher(word)
+    flown = Flown(vehicle=watcher.see, operator=watcher)
+    assert flown.reason == "completed"
+    assert flown.safety == [("operator", "HOLD"), ("operator", "CONTINUE")]
+    assert min(watcher.heights) > 5.0
+    assert len(watcher.heights) > 150
+    flown.assert_landed_at_home()
+
+
+def test_an_operator_who_holds_a_landing_and_never_comes_back():
+    watcher = Watcher(None)
+    flown = Flown(vehicle=watcher.see, operator=watcher, battery_wh=25.0)
+    assert ("battery critical", "LAND") in flown.safety
+    flown.assert_landed_at_home()
+
+
+class SlowDisk(MemoryJournal):
+    """A journal that takes five seconds of the vehicle's time for each candidate."""
+
+    def __init__(self, vehicle):
+        super().__init__()
+        self.vehicle = vehicle
+
+    def write(self, time_s, kind, **fields):
+        super().write(time_s, kind, **fields)
+        if kind == "scanned":
+            self.vehicle.advance(5.0)
+
+
+def test_a_disk_that_takes_five_seconds_costs_time_but_no_target():
+    flown = Flown(journal=SlowDisk)
+    assert flown.reason == "completed"
+    flown.assert_found()
+    flown.assert_landed_at_home()
