@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from skysweep.errors import UserError
@@ -13,6 +12,7 @@ from skysweep.results.metrics import Summary, compute_summary
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import SUMMARY_FILE, Run
 from skysweep.results.run_report import write_run_report
+from skysweep.results.summary_file import write_summary
 
 
 def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summary:
@@ -21,7 +21,7 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summ
     The mission may have been broken off, or still fly: then ``ended`` is false in the summary.
 
     Returns:
-        What ``summary.json`` holds. It is written last.
+        What ``summary.json`` holds, without its checksums. It is written last.
     """
     summary = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
     summary |= {"ended": run.ended, "n_unchecked": len(run.unchecked)}
@@ -29,7 +29,7 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summ
     write_exports(run, out)
     write_recording(run, out / "mission.mcap")
     write_run_report(run, summary, out)
-    (out / SUMMARY_FILE).write_text(json.dumps(summary, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_summary(out / SUMMARY_FILE, summary, run.seal)
     return summary
 
 
