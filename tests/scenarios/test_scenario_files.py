@@ -267,7 +267,7 @@ BAD_FIELDS = {
     ),
     "huge pictures": (
         MINIMAL + "camera: {width_px: 8192, height_px: 8192}",
-        "camera.width_px: 8192 x 8192 pixels are more than 25 million",
+        "camera.width_px: 8192 x 8192 pixels are more than 12.5 million",
     ),
     "many pictures under way": (
         MINIMAL + "camera: {width_px: 4000, height_px: 3000, latency_s: 5}\ndetector: {rate_hz: 10}",
