@@ -20,13 +20,13 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.json_files import parse_json, read_limited
+from skysweep.planning.json_files import parse_json
 from skysweep.planning.qgc import read_plan, survey_polygons
-from skysweep.scenarios.model import MAX_AREA_KM2, Area, Home, Scenario
+from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Area, Home, Scenario
 
-MAX_AREA_FILE_BYTES = 20_000_000
-MAX_CORNERS = 100_000
+MAX_AREA_FILE_BYTES = 10_000_000
 SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
 
 LatLon = tuple[float, float]
@@ -110,7 +110,7 @@ def _on_ground(
     corners = shapely.get_coordinates(lon_lat)
     if len(corners) > MAX_CORNERS:
         raise UserError(
-            f"{path}: the polygon has {len(corners)} corners; simplify it to {MAX_CORNERS} or fewer"
+            f"{path}: the polygon has {len(corners):,} corners; simplify it to {MAX_CORNERS:,} or fewer"
         )
     if not np.isfinite(corners).all() or (np.abs(corners) > [180.0, 90.0]).any():
         raise UserError(
@@ -179,6 +179,8 @@ def _list(node: Any, path: Path) -> list[Any]:
 
 
 def _polygon(rings: Any, path: Path) -> shapely.Polygon:
+    if isinstance(rings, list) and len(rings) > MAX_CORNERS:
+        raise UserError(f"{path}: the polygon has {len(rings) - 1:,} holes; leave them out, or merge them")
     try:
         shell, *holes = [[(float(p[0]), float(p[1])) for p in ring] for ring in rings]
         return shapely.Polygon(shell, holes)

@@ -17,6 +17,7 @@ from pathlib import Path
 from queue import Queue
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 from skysweep.vehicles.mavlink.signing_memory import SigningMemory, Stream
 
 SIGNED = 0x01  # incompatibility flag
@@ -26,14 +27,13 @@ _SECOND = 100_000
 _WINDOW = 60 * _SECOND  # around the local time
 _KEPT_AHEAD = 2 * _SECOND  # a stream is written down that far ahead, and again when half of it is left
 _MAX_STREAMS = 1024
+_MAX_KEY_FILE_BYTES = 1000
 
 
 def read_signing_key(path: str | Path) -> bytes:
     """The 32 bytes in a file of 64 hexadecimal digits. Raises UserError where it holds anything else."""
     try:
-        key = bytes.fromhex(Path(path).read_text(encoding="ascii").strip())
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); name a file with the key") from None
+        key = bytes.fromhex(read_limited(path, _MAX_KEY_FILE_BYTES).decode("ascii").strip())
     except ValueError:
         key = b""
     if len(key) != 32:
