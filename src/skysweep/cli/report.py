@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from skysweep.cli.common import bar, console, errors, friendly, local_folder, make_folder
+from skysweep.cli.common import bar, console, friendly, local_folder, warn
 from skysweep.cli.missions import print_summary
 from skysweep.errors import UserError
 
@@ -78,7 +77,7 @@ def report(
             on_step=lambda done, of: progress.update(task, completed=done, total=of),
         )
     for sentence in sentences:
-        console.print(sentence, soft_wrap=True, highlight=False, markup=False)
+        console.print(sentence, soft_wrap=True, highlight=False)
     console.print(f"report: {target / REPORT_FILE}", soft_wrap=True)
 
 
@@ -95,23 +94,13 @@ def _report_mission(folder: Path, out: Path) -> None:
             f"{run.damaged_line}); write what can still be read elsewhere with --out"
         )
     if run.damaged_line is not None:
-        _warn(
+        warn(
             f"{folder}: line {run.damaged_line} of the journal is damaged; the results are those of the "
             f"{len(run.records)} lines before it"
         )
     if not run.ended:
-        _warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
-    make_folder(out)
+        warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
     earlier = summary_of_complete(folder) or {}
-    try:
-        summary = write_results(run, out, earlier.get("wall_time_s"))
-    except OSError as error:
-        raise UserError(
-            f"--out {out}: the results cannot be written ({error.strerror}); choose another"
-        ) from None
+    summary = write_results(run, out, earlier.get("wall_time_s"))
     print_summary(summary)
     console.print(f"report: {out / 'report.html'}", soft_wrap=True)
-
-
-def _warn(sentence: str) -> None:
-    errors.print(f"[yellow]warning:[/] {escape(sentence)}", soft_wrap=True, highlight=False)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.markup import escape
 
-from skysweep.cli.common import SetOption, bar, changes_of, console, errors, friendly, make_folder, show
+from skysweep.cli.common import SetOption, bar, changes_of, console, errors, friendly, show
 from skysweep.errors import UserError
+from skysweep.outputs import make_folder
 
 if TYPE_CHECKING:
     from skysweep.experiments.tune import Problem
@@ -243,7 +243,7 @@ def _say_what_is_tuned(problem: Problem) -> None:
         shown = [number(value) for value in parameter.values]
         if len(shown) > 10:
             shown = [*shown[:3], "...", *shown[-2:]]
-        errors.print(escape(f"  {parameter.field}: {', '.join(shown)}"), soft_wrap=True, highlight=False)
+        errors.print(f"  {parameter.field}: {', '.join(shown)}", soft_wrap=True, highlight=False)
 
 
 def _best(problem: Problem, trials: list[Trial]) -> Trial | None:

@@ -13,6 +13,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.single import GIVEN_DETECTOR, SETUP, Watch, finish, fly_in, setup_of
 from skysweep.mission.build import build_mission, make_detector
 from skysweep.mission.journal import FileJournal
+from skysweep.outputs import make_folder
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
@@ -79,7 +80,7 @@ def fly_on_ros(
             camera=camera,
             detector=detector,
         )
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         write_scenario(scenario, folder / CONFIG_FILE)
         face.prepare(mission)
         pace = RealTime(settings.speed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import os
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -108,6 +109,8 @@ class SweepSpec(Model):
     def _some_and_once(cls, seeds: int | list[int]) -> int | list[int]:
         if seeds == [] or (isinstance(seeds, int) and seeds < 1):
             raise ValueError(f"is {seeds}, so there is nothing to fly; write how many, or a list of seeds")
+        if isinstance(seeds, int) and seeds > MAX_MISSIONS:
+            raise ValueError(f"is more than one sweep can hold; write at most {MAX_MISSIONS:,}")
         if isinstance(seeds, list):
             if len(set(seeds)) < len(seeds):
                 raise ValueError("a seed is written twice; keep one")
@@ -147,7 +150,7 @@ def load_spec(path: str | Path) -> SweepSpec:
     Raises:
         UserError: not found, not YAML, or not a sweep that can be flown.
     """
-    path = Path(path).expanduser()
+    path = Path(os.path.expanduser(path))
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise UserError(
@@ -174,7 +177,7 @@ def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise UserError(f"{source}: {line}not YAML ({error.problem or error.context})") from None
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"{source}: not YAML ({' '.join(str(error).split())})") from None
     if not isinstance(data, dict):
         raise UserError(f"{source}: is no sweep; write fields such as  name, scenarios, parameters, seeds")
@@ -281,7 +284,7 @@ def _scenario(variant: Variant, folder: Path) -> Scenario:
     elif variant.scenario in list_scenarios():
         base = load_scenario(variant.scenario)
     else:
-        base = load_scenario((folder / Path(variant.scenario).expanduser()).absolute())
+        base = load_scenario((folder / Path(os.path.expanduser(variant.scenario))).absolute())
     return change_scenario(base, variant.changes)
 
 

@@ -16,6 +16,7 @@ from skysweep.mission.line_file import read_sound_lines
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
+from skysweep.text import printable
 
 F64 = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -210,10 +211,10 @@ class Run:
         known = records if verdict is None else records[: records.index(verdict) + 1]
         scanned = next((r for r in known if r["kind"] == "scanned"), None)
         sightings = [r for r in known if r["kind"] == "sighting"]
-        classes = self.scenario.target_classes
+        named, classes = _newest(known, "class_name"), self.scenario.target_classes
         return CandidateStory(
             id=identity,
-            class_name=_newest(known, "class_name") or (classes[0] if len(classes) == 1 else None),
+            class_name=printable(str(named)) if named else (classes[0] if len(classes) == 1 else None),
             position_enu_m=np.asarray(_newest(known, "p"), dtype=float),
             n_sightings=len(sightings),
             first_seen_s=self.since_start(known[0]),

@@ -142,7 +142,8 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
             raise UserError(f"{folder}: there is no such folder; {_WRITERS}")
         spec = files.cat_file(f"{root}/{SPEC}").decode("utf-8") if files.exists(f"{root}/{SPEC}") else ""
         tables = [f"{root}/{FINAL_TABLE}"] if files.exists(f"{root}/{FINAL_TABLE}") else []
-        parts = sorted(files.glob(f"{root}/{PARTS}/*.parquet"))
+        parts = sorted(files.ls(f"{root}/{PARTS}", detail=False)) if files.exists(f"{root}/{PARTS}") else []
+        parts = [name for name in parts if name.endswith(".parquet")]
         if parts and matrix is not None:
             table = _so_far(matrix(spec), [_parquet(files, name) for name in tables + parts], folder)
         elif tables:
@@ -151,8 +152,11 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
             table = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder)
         else:
             raise UserError(f"{folder}: holds no missions ({FINAL_TABLE}); {_WRITERS}")
-    except (OSError, ValueError, ImportError) as error:
-        raise UserError(f"{folder}: cannot be read ({error}); {_WRITERS}") from None
+    except UserError:
+        raise
+    except Exception as error:  # a store raises what it likes
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise UserError(f"{folder}: cannot be read ({reason}); {_WRITERS}") from None
     return Missions(folder, _checked(table, folder), not parts, spec)
 
 

@@ -234,8 +234,8 @@ class StatisticalModel(_Part):
             reason = ": ".join([*(str(part) for part in first["loc"]), message])
         except OSError as error:
             reason = str(error.strerror)
-        except (UnicodeDecodeError, yaml.YAMLError) as error:
-            reason = str(error).splitlines()[0]
+        except (ValueError, RecursionError, yaml.YAMLError) as error:
+            reason = str(error).split("\n")[0]
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
 
     def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
