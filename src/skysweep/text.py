@@ -2,5 +2,5 @@
 
 
 def printable(text: str) -> str:
-    """The text without what steers a terminal, breaks a line or is no character of XML, written as escapes."""
+    """The text without what steers a terminal, breaks a line or is no XML, written as escapes."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

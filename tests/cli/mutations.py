@@ -163,7 +163,11 @@ def faults(ended: Ended) -> list[str]:
         found.append(f"control characters {sorted(set(steering))}")
     if ended.code == 2:
         told = [line for line in ended.errors.splitlines() if line.startswith("error: ")]
-        if "Usage: " not in ended.errors and (len(told) != 1 or not ended.errors.endswith(f"{told[0]}\n")):
+        told_by_click = (
+            "Usage: " in ended.errors
+            or "\N{BOX DRAWINGS LIGHT HORIZONTAL} Error \N{BOX DRAWINGS LIGHT HORIZONTAL}" in ended.errors
+        )
+        if not told_by_click and (len(told) != 1 or not ended.errors.endswith(f"{told[0]}\n")):
             found.append("not one sentence")
         if changed := {name for name, _ in ended.before.items() ^ ended.after.items()}:
             found.append(f"left {sorted(changed)[:4]}")
@@ -238,6 +242,16 @@ def _nested(text: str) -> bytes:
     return text.encode("utf-8", "surrogatepass")
 
 
+def broken_text(content: bytes, rng: random.Random) -> bytes:
+    """One to three numbers or words of a text replaced."""
+    text = content.decode()
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        word = rng.choice(list(re.finditer(r"-?[\d.]+|\w+", text)))
+        odd = rng.choice((*map(str, NUMBERS), *(odd for odd in ODD if isinstance(odd, str)), "-" + word[0]))
+        text = text[: word.start()] + odd + text[word.end() :]
+    return text.encode("utf-8", "surrogatepass")
+
+
 def broken_bytes(content: bytes, rng: random.Random) -> bytes:
     """Bits flipped, or a piece cut off, cut out, doubled, zeroed or replaced by others."""
     data = bytearray(content)
@@ -299,16 +313,16 @@ def scenario_fields() -> dict[str, Any]:
     return {
         "name": "tiny",
         "area": {"polygon_enu_m": square, "holes_enu_m": [[[18, 12], [22, 12], [22, 16]]]},
-        "home": {"latitude_deg": 60.2, "longitude_deg": 22.1, "altitude_amsl_m": 20, "position_enu_m": [-5, -5]},
+        "home": {"latitude_deg": 60.2, "longitude_deg": 22.1, "position_enu_m": [-5, -5]},
         "geofence_enu_m": [[-30, -30], [80, -30], [80, 80], [-30, 80]],
         "terrain": {"surface": "grass", "hills_height_m": 2.0, "hills_wavelength_m": 100.0, "seed": 1},
         "trees": [{"position_enu_m": [10, 25], "height_m": 5, "crown_radius_m": 1.5, "kind": "conifer"}],
-        "forests": [{"trees_per_hectare": 50, "polygon_enu_m": [[30, 20], [40, 20], [40, 30]], "height_m": [3, 5]}],
+        "forests": [{"trees_per_hectare": 50, "polygon_enu_m": [[30, 20], [40, 20], [40, 30]]}],
         "buildings": [{"position_enu_m": [60, 60], "size_m": [8, 6], "height_m": 3, "yaw_deg": 20}],
         "targets": [{"class": "stop sign", "position_enu_m": [8, 12], "size_m": 0.9, "pose": "face-up"}],
         "distractors": [{"class": "red bucket", "position_enu_m": [26, 22]}],
         "generators": [
-            {"class": "stop sign", "pattern": "clustered", "count": 2, "centres_enu_m": [[20, 8]], "spread_m": 4},
+            {"class": "boat", "pattern": "clustered", "count": 2, "centres_enu_m": [[20, 8]], "spread_m": 4},
             {"class": "rock", "pattern": "sparse", "count": 2, "seed": None},
         ],
         "scatter_m": 1.0,
@@ -357,10 +371,10 @@ def kml() -> bytes:
     ).encode()
 
 
-def kmz(method: int = zipfile.ZIP_DEFLATED) -> bytes:
+def kmz(method: int = zipfile.ZIP_DEFLATED, content: bytes | None = None) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", method) as archive:
-        archive.writestr(zipfile.ZipInfo("doc.kml"), kml(), method)
+        archive.writestr(zipfile.ZipInfo("doc.kml"), kml() if content is None else content, method)
     return packed.getvalue()
 
 
@@ -389,7 +403,7 @@ def waypoint_plan(
 ) -> dict[str, Any]:
     """A plan of plain waypoints (latitude, longitude, altitude above home), without survey and fence."""
     items = [
-        {"type": "SimpleItem", "command": 16, "frame": 3, "params": [0, 0, 0, None, *place], "autoContinue": True}
+        {"type": "SimpleItem", "command": 16, "frame": 3, "params": [0, 0, 0, None, *place]}
         for place in places or [(60.2001, 22.101, 30), (60.2005, 22.101, 30), (60.2005, 22.102, 30)]
     ]  # fmt: skip
     mission = {"version": 2, "firmwareType": 12, "vehicleType": 2, "cruiseSpeed": 15, "hoverSpeed": 5}
@@ -534,7 +548,9 @@ class Inputs:
             method = rng.choice(
                 (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
             )
-            content = broken_bytes(kml() if suffix == "kml" else kmz(method), rng)
+            content = broken_text(kml(), rng) if rng.random() < 0.5 else kml()
+            content = kmz(method, content) if suffix == "kmz" else content
+            content = broken_bytes(content, rng) if rng.random() < 0.5 else content
         name = f"m.{suffix}"
         if rng.random() < 0.3:
             return Case(suffix, ("plan", name), {name: content})
@@ -682,8 +698,8 @@ def main() -> int:
     for (kind, code), times in sorted(codes.items()):
         print(f"{kind}: exit code {code}: {times}")
     print(
-        f"{len(chosen)} cases, {wrong} wrong, at most {cpu_s:.1f} s of CPU and {peak_bytes / 1e9:.2f} GB each, "
-        f"{time.monotonic() - started:.0f} s"
+        f"{len(chosen)} cases, {wrong} wrong, {time.monotonic() - started:.0f} s; "
+        f"each at most {cpu_s:.1f} s of CPU and {peak_bytes / 1e9:.2f} GB"
     )
     return int(wrong > 0)
 

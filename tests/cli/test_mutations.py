@@ -133,7 +133,13 @@ def test_a_sweep_that_nests_or_counts_too_far(judge, change, words):
 )
 def test_metadata_that_is_no_list_of_names(judge, names):
     files = {**labelled_picture(), "m.onnx": detector_model(names)}
-    refused(judge, ("detect", "evaluate", "data", "--model", "m.onnx"), files, "is no list of class names", "m.names")
+    refused(
+        judge,
+        ("detect", "evaluate", "data", "--model", "m.onnx"),
+        files,
+        "is no list of class names",
+        "m.names",
+    )
     accepted(
         judge,
         ("detect", "evaluate", "data", "--model", "m.onnx"),

@@ -183,6 +183,6 @@ def _decode(line: bytes, sealed: bool) -> dict[str, Any] | None:
         line = bare
     try:
         record = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return record if isinstance(record, dict) else None

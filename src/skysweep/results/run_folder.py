@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.mission.line_file import read_sound_lines
+from skysweep.results.journal_lines import can_be_told
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
@@ -240,7 +241,7 @@ def load_run(folder: str | Path) -> Run:
         if not needed.is_file():
             raise UserError(f"{folder}: has no {needed.name}; give a folder that 'skysweep run' wrote")
     records, damaged = read_sound_lines(path)
-    foreign = next((k for k, r in enumerate(records) if "kind" not in r or "t" not in r), None)
+    foreign = next((k for k, r in enumerate(records) if not can_be_told(r)), None)
     if foreign is not None:
         records, damaged = records[:foreign], foreign + 1
     if all(record["kind"] != "start" for record in records):
