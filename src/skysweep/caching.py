@@ -1,4 +1,4 @@
-"""Where Numba keeps compiled code between runs."""
+"""What is kept between runs, and where."""
 
 from __future__ import annotations
 
@@ -10,6 +10,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 
+def cache_folder() -> Path:
+    """Ours: ``$XDG_CACHE_HOME/skysweep`` or ``~/.cache/skysweep``."""
+    return _user_cache() / "skysweep"
+
+
+def _user_cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+
+
 def prepare_numba_cache() -> None:
     """Makes sure that Numba can cache, also from a read-only installation without a home.
 
@@ -17,9 +26,8 @@ def prepare_numba_cache() -> None:
     write to neither: then a temporary folder serves, for this process and those that it starts. Call it
     before Numba is imported. A NUMBA_CACHE_DIR set by the user stands.
     """
-    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "numba"
     beside_sources = Path(__file__).parent / "__pycache__"
-    if "NUMBA_CACHE_DIR" in os.environ or first_writable([beside_sources, user_cache]):
+    if "NUMBA_CACHE_DIR" in os.environ or first_writable([beside_sources, _user_cache() / "numba"]):
         return
     folder = tempfile.mkdtemp(prefix="skysweep-numba-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -148,6 +148,6 @@ def test_what_is_no_sweep_is_refused(text):
 
 def test_no_such_file_no_text_no_folder(tmp_path):
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
-    for name, said in [("none.yaml", "no such file"), ("binary.yaml", "UTF-8"), ("", "cannot be read")]:
+    for name, said in [("none.yaml", "no such file"), ("binary.yaml", "UTF-8"), ("", "folder or device")]:
         with pytest.raises(UserError, match=said):
             load_spec(tmp_path / name)

@@ -11,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
+from skysweep.files.plain_yaml import MAX_YAML_BYTES
 from skysweep.scenarios.files import (
-    MAX_FILE_BYTES,
     change_scenario,
     dump_scenario,
     json_schema,
@@ -227,7 +227,7 @@ BAD_FIELDS = {
     "jungle": (
         "name: a\narea: {polygon_enu_m: [[0, 0], [4000, 0], [4000, 4000]]}\n"
         "forests: [{trees_per_hectare: 900}]",
-        "forests[0].trees_per_hectare: makes 1440000 trees, more than can be drawn (50000); write fewer",
+        "forests[0].trees_per_hectare: makes 1527696 trees with all before it, more than can be drawn",
     ),
     "trees upside down": (
         MINIMAL + "forests: [{trees_per_hectare: 9, height_m: [9, 3]}]",
@@ -321,7 +321,7 @@ def test_binary_file_is_refused(tmp_path):
 def test_huge_file_is_refused_unread(tmp_path):
     path = tmp_path / "huge.yaml"
     with path.open("wb") as file:
-        file.truncate(MAX_FILE_BYTES + 1)
+        file.truncate(MAX_YAML_BYTES + 1)
     with pytest.raises(UserError, match="is larger than 5 MB"):
         load_scenario(path)
 

@@ -16,6 +16,7 @@ from skysweep.sensing.layouts import (
     _YOLO4_SCALE_XY,
     cell_centres,
 )
+from skysweep.sensing.model_trial import vouch_for
 from skysweep.types import Frame
 
 SIDE = 320
@@ -50,6 +51,7 @@ def constant_model(
     if metadata:
         helper.set_model_props(model, metadata)
     onnx.save(model, path)
+    vouch_for(path)
     return path
 
 

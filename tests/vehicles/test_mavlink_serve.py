@@ -160,7 +160,7 @@ def test_with_a_key_only_signed_frames_count(serve, tmp_path):
     ("options", "words"),
     [
         (["--host", "no host"], ["--host", "no host"]),
-        (["--signing-key", "missing"], ["missing", "cannot be read"]),
+        (["--signing-key", "missing"], ["missing", "no such file"]),
         (["no-such-scenario"], ["no-such-scenario"]),
     ],
 )

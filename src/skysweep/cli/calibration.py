@@ -11,7 +11,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from skysweep.cli.common import (
+    MOST_SEEDS,
     SeedOption,
+    WorkersOption,
     bar,
     console,
     description,
@@ -40,9 +42,9 @@ def calibrate(
     camera: Annotated[
         str, typer.Option("--camera", "--camera-of", help="Scenario whose camera to fit: a name or a file.")
     ] = "clusters",
-    pictures: Annotated[int, typer.Option(min=10, help="How many to render.")] = 27000,
+    pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    workers: WorkersOption = None,
     out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(
         "sensor.yaml"
     ),
@@ -122,7 +124,9 @@ def _print_fit(held_out: list[HeldOut]) -> None:
 @app.command()
 @friendly
 def validate(
-    seeds: Annotated[int, typer.Option(min=2, help="Missions with pictures for each scenario and n_c.")] = 30,
+    seeds: Annotated[
+        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures for each scenario and n_c.")
+    ] = 30,
     scenario: Annotated[
         list[str] | None,
         typer.Option(help="A name or a file; may be repeated. Default: clusters, abundance, sparse."),
@@ -134,7 +138,7 @@ def validate(
     out: Annotated[Path, typer.Option(help="Folder for missions, validate.json and validate.md.")] = Path(
         "validation"
     ),
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    workers: WorkersOption = None,
 ) -> None:
     """Fly the same missions with pictures and without, and compare their means.
 

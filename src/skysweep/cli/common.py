@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -29,6 +30,8 @@ from skysweep.text import printable
 P = ParamSpec("P")
 R = TypeVar("R")
 
+MOST_SEEDS = 10_000  # of one comparison: every mission's result is held until its end
+_MOST_PER_CORE = 8  # processes
 _WIDEST = 10_000  # characters of a table in a file
 
 
@@ -111,17 +114,27 @@ SetOption = Annotated[
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 
 
+def _fit_this_machine(workers: int | None) -> int | None:
+    most = _MOST_PER_CORE * (os.cpu_count() or 1)
+    if workers is not None and workers > most:
+        raise typer.BadParameter(f"{workers} are too many for this machine's cores; write at most {most}")
+    return workers
+
+
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=1, callback=_fit_this_machine, help="Processes. Default: one a core."),
+]
+
+
 def changes_of(assignments: list[str] | None) -> dict[str, Any]:
     """FIELD=VALUE texts as a mapping; values are YAML."""
-    import yaml
+    from skysweep.files.plain_yaml import parse_yaml
 
     changes = {}
     for text in assignments or []:
         field, equals, value = text.partition("=")
-        try:
-            changes[field.strip()] = yaml.safe_load(value)
-        except (yaml.YAMLError, ValueError, RecursionError):
-            equals = ""
+        changes[field.strip()] = parse_yaml(value, f"--set {text}")
         if not equals or changes[field.strip()] is None:
             raise UserError(f"--set {text}: write FIELD=VALUE, such as search.n_c=3")
     return changes

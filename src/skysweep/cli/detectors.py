@@ -8,16 +8,16 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.progress import TaskID
 
-from skysweep.cli.common import SeedOption, bar, console, friendly
+from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly
 
 
 @friendly
 def dataset(
     out: Annotated[Path, typer.Argument(help="A new folder.")],
-    images: Annotated[int, typer.Option(min=1, help="How many pictures.")] = 6000,
+    images: Annotated[int, typer.Option(min=1, max=1_000_000, help="How many pictures.")] = 6000,
     seed: SeedOption = 0,
     split: Annotated[Literal["train", "held-out"], typer.Option(help="Which assets to show.")] = "train",
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    workers: WorkersOption = None,
 ) -> None:
     """Render labelled pictures (COCO and YOLO labels) to train or evaluate detectors.
 
@@ -55,7 +55,7 @@ def train(
         typer.Option(min=1e-6, max=0.1, help="Its peak. Default: 0.002, to fine-tune 0.0005."),
     ] = None,
     seed: SeedOption = 0,
-    threads: Annotated[int, typer.Option(min=1, help="CPU cores to train on.")] = 2,
+    threads: Annotated[int, typer.Option(min=1, max=256, help="CPU cores to train on.")] = 2,
 ) -> None:
     """Train a detector, or fine-tune ours on your pictures (extra: train).
 

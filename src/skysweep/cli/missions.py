@@ -12,10 +12,12 @@ from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from skysweep.cli.common import (
+    MOST_SEEDS,
     ScenarioArg,
     SeedOption,
     SensorOption,
     SetOption,
+    WorkersOption,
     bar,
     changes_of,
     console,
@@ -233,12 +235,12 @@ def _figure(value: float | None, unit: str, decimals: int = 0) -> str:
 
 @friendly
 def compare_paper_command(
-    seeds: Annotated[int, typer.Option(min=1, help="Missions for each row.")] = 5,
+    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Missions for each row.")] = 5,
     sensor: SensorOption = "imaging",
     out: Annotated[
         Path, typer.Option(help="Folder for compare.json, baselines.json, figures, report, runs.")
     ] = Path("paper-run"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    workers: WorkersOption = None,
     change: SetOption = None,
 ) -> None:
     """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.

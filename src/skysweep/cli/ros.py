@@ -92,7 +92,7 @@ def ros_detect(
     images: Annotated[str, typer.Option(help="Topic of pictures.")] = "camera/image_raw",
     model: Annotated[str, typer.Option(help="'skysweep' (ours) or the path of an ONNX file.")] = "skysweep",
     confidence_min: Annotated[float, typer.Option(min=0.0, max=1.0, help="Boxes below are dropped.")] = 0.25,
-    threads: Annotated[int, typer.Option(min=1, help="Of the detector.")] = 1,
+    threads: Annotated[int, typer.Option(min=1, max=256, help="Of the detector.")] = 1,
     patience: PatienceOption = 30.0,
 ) -> None:
     """Look for targets in the pictures of a topic; publish detections until Ctrl-C.
@@ -128,8 +128,8 @@ def ros_detect(
 @friendly
 def ros_measure(
     context: typer.Context,
-    width: Annotated[int, typer.Option(min=16, help="Pixels.")] = 640,
-    height: Annotated[int, typer.Option(min=16, help="Pixels.")] = 360,
+    width: Annotated[int, typer.Option(min=16, max=8192, help="Pixels.")] = 640,
+    height: Annotated[int, typer.Option(min=16, max=8192, help="Pixels.")] = 360,
     rate: Annotated[float, typer.Option(min=0.1, max=200, help="Pictures a second.")] = 10.0,
     seconds: Annotated[float, typer.Option(min=1.0, help="How long.")] = 20.0,
     patience: PatienceOption = 10.0,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from skysweep.cli.common import bar, errors, friendly, local_folder, warn
+from skysweep.cli.common import WorkersOption, bar, errors, friendly, local_folder, warn
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -31,9 +31,7 @@ def sweep(
         str | None,
         typer.Option(help="Ray's: auto, host:port or ray://host:port. Default: a Ray started here."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Missions at a time. Default: one a core.")
-    ] = None,
+    workers: WorkersOption = None,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Do not ask before a sweep of more than an hour.")
     ] = False,

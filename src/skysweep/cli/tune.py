@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from skysweep.cli.common import SetOption, bar, changes_of, console, errors, friendly, show
+from skysweep.cli.common import (
+    MOST_SEEDS,
+    SetOption,
+    WorkersOption,
+    bar,
+    changes_of,
+    console,
+    errors,
+    friendly,
+    show,
+)
 from skysweep.errors import UserError
 from skysweep.outputs import make_folder
 
@@ -25,11 +35,14 @@ def tune(
     together: Annotated[
         bool, typer.Option("--together", help="One answer for all scenarios instead of one for each.")
     ] = False,
-    trials: Annotated[int, typer.Option(min=1, help="Sets of parameters to try.")] = 100,
+    trials: Annotated[int, typer.Option(min=1, max=100_000, help="Sets of parameters to try.")] = 100,
     minutes: Annotated[float | None, typer.Option(min=0.0, help="Search no longer than this.")] = None,
-    seeds: Annotated[int, typer.Option(min=4, help="Seeds that the best are flown on in the search.")] = 32,
+    seeds: Annotated[
+        int, typer.Option(min=4, max=MOST_SEEDS, help="Seeds that the best are flown on in the search.")
+    ] = 32,
     validation_seeds: Annotated[
-        int, typer.Option(min=0, help="Fresh seeds for the final comparison; 0: only search.")
+        int,
+        typer.Option(min=0, max=MOST_SEEDS, help="Fresh seeds for the final comparison; 0: only search."),
     ] = 100,
     recall: Annotated[
         Literal["constraint", "objective"], typer.Option(help="Keep --min-recall, or trade recall for time.")
@@ -65,7 +78,7 @@ def tune(
     study: Annotated[
         str | None, typer.Option(help="Name in that database. Default: the scenario's name.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.")] = None,
+    workers: WorkersOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
 ) -> None:
     """Find good n_c, d_c, altitudes, speeds and sidelap by flying many missions without pictures.

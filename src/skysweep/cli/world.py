@@ -56,7 +56,7 @@ def world_export(
 @friendly
 def world_transfer(
     scenario: ScenarioArg,
-    pictures: Annotated[int, typer.Option(min=1, help="Views at each of h_S and h_C.")] = 100,
+    pictures: Annotated[int, typer.Option(min=1, max=100_000, help="Views at each of h_S and h_C.")] = 100,
     seed: SeedOption = 0,
     change: SetOption = None,
 ) -> None:

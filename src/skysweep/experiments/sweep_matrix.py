@@ -7,7 +7,6 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from operator import attrgetter
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import polars as pl
 import skysweep
 from skysweep.experiments.sweep_spec import SweepSpec, scenarios_of, seeds_of, swept_fields
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.model_files import sha256_of
 
 _PACKAGE = Path(skysweep.__file__).parent
 _SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical_default.yaml"}
@@ -116,12 +116,7 @@ def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
         *(n for n in named if isinstance(n, str) and os.path.isfile(n)),
     ]
     text = json.dumps(
-        [fields, sensor, [_file_digest(f, os.stat(f).st_mtime_ns) for f in files], results_version],
+        [fields, sensor, [sha256_of(Path(f)) for f in files], results_version],
         sort_keys=True,
     )
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-@cache
-def _file_digest(path: str, _changed_ns: int) -> str:
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()

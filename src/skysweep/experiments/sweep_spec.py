@@ -14,6 +14,8 @@ import yaml
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from skysweep.errors import UserError
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
+from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.files import (
     change_scenario,
     dump_scenario,
@@ -24,7 +26,6 @@ from skysweep.scenarios.files import (
 from skysweep.scenarios.model import Model, Scenario
 from skysweep.strategies import strategy_spec
 
-MAX_FILE_BYTES = 50_000_000
 MAX_MISSIONS = 1_000_000
 MAX_SEED = 2**32 - 1
 
@@ -151,18 +152,7 @@ def load_spec(path: str | Path) -> SweepSpec:
         UserError: not found, not YAML, or not a sweep that can be flown.
     """
     path = Path(os.path.expanduser(path))
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError(
-                f"{path}: is larger than {MAX_FILE_BYTES / 1e6:g} MB; a sweep is a small text file"
-            )
-        text = path.read_text("utf-8")
-    except FileNotFoundError:
-        raise UserError(f"{path}: there is no such file; write the path of a sweep's YAML file") from None
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: is not a text file in UTF-8; write a sweep as YAML text") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+    text = read_text_limited(path, MAX_YAML_BYTES)
     return parse_spec(text, str(path), path.parent)
 
 
@@ -172,13 +162,7 @@ def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
     Raises:
         UserError: not YAML, or not a sweep that can be flown.
     """
-    try:
-        data = yaml.load(text, Loader=_Loader)
-    except yaml.MarkedYAMLError as error:
-        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise UserError(f"{source}: {line}not YAML ({error.problem or error.context})") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise UserError(f"{source}: not YAML ({' '.join(str(error).split())})") from None
+    data = parse_yaml(text, source)
     if not isinstance(data, dict):
         raise UserError(f"{source}: is no sweep; write fields such as  name, scenarios, parameters, seeds")
     try:
@@ -300,7 +284,7 @@ def _written_out(spec: SweepSpec, folder: Path) -> list[Variant]:
         label = _label(variant, scenario)
         if label in whole:
             raise UserError(f"scenarios[{index}]: there is a '{label}' already; write another label")
-        fields = yaml.safe_load(dump_scenario(scenario))
+        fields = parse_yaml(dump_scenario(scenario), label)
         whole[label] = Variant(scenario=fields, label=variant.label, set={})
     return list(whole.values())
 
@@ -378,16 +362,3 @@ def _shown(value: Any) -> str:
         return "nothing"
     text = yaml.safe_dump(value, default_flow_style=True, width=1000).split("\n")[0]
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-class _Loader(yaml.SafeLoader):
-    """A key may be written once: of two lists of values for a parameter, one would be lost."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        for key in keys:
-            if keys.count(key) > 1 and key != "<<":
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"{key} is written twice; keep one", node.start_mark
-                )
-        return super().construct_mapping(node, deep=deep)

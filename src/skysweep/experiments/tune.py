@@ -12,6 +12,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 from skysweep import __version__
@@ -119,7 +120,7 @@ def search(
     job = _SearchJob(problem, storage, study_name, trials, deadline)
     missing = max(0, trials - len(known))
     if missing:
-        for _job, trial in run_jobs(_fly_trial, [job] * missing, workers):
+        for _job, trial in run_jobs(_fly_trial, repeat(job, missing), workers):
             if trial is not None:
                 on_trial(trial)
     return study.trials()

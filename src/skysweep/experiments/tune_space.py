@@ -33,6 +33,7 @@ _N_C_VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, math.inf)
 _D_C_SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)  # of the side of a square as large as the area
 _STEPS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _MOST_VALUES = 24
+_MOST_IN_RANGE = 1000
 _MAX_SIDELAP = 0.5
 
 
@@ -186,6 +187,11 @@ def _parsed_range(text: str, field: str, wanted: str) -> tuple[float, ...]:
             )
         if low > high:
             raise UserError(f"{source}: the range is empty; write LOW:HIGH with LOW below HIGH")
+        if high - low > _MOST_IN_RANGE * (1.0 if field == N_C else _STEPS[-1]):
+            raise UserError(
+                f"{source}: the range holds more than {_MOST_IN_RANGE:,} values; "
+                f"write a narrower one, or the values themselves, such as {field}=1,2,5"
+            )
         if colon and field == N_C:
             values |= {float(n) for n in np.arange(math.ceil(low), math.floor(high) + 1)}
         else:

@@ -19,6 +19,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.obstacles import Obstacles
 from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.model_files import existing_model_file
+from skysweep.sensing.model_trial import try_out
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_model import model_for
@@ -169,7 +170,7 @@ def refuse_unseeable(scenario: Scenario, sensor_name: str) -> None:
     model = scenario.detector.model
     registered = {entry.name for entry in entry_points(group="skysweep.detectors")}
     if model not in registered:
-        existing_model_file(model)
+        try_out(existing_model_file(model))
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:

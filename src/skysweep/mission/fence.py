@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skysweep.errors import UserError
 from skysweep.scenarios.advice import localisation_std_m
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
@@ -19,6 +20,7 @@ F64 = NDArray[np.float64]
 _MARGIN_M = 2.0  # that a way round keeps from fence and no-fly areas
 _SLACK_M = 0.05
 _REACHED_M = 2.0  # PX4 NAV_ACC_RAD
+_MAX_CORNERS = 20_000
 
 
 class Fence:
@@ -43,7 +45,12 @@ class Fence:
         roomy = shapely.difference(inside.buffer(-_MARGIN_M), forbidden.buffer(_MARGIN_M, join_style="mitre"))
         corners = shapely.get_coordinates(roomy)
         self._corners = corners[shapely.contains_xy(self._free, corners)]
-        self._graph: dict[int, list[tuple[int, float]]] | None = None
+        if len(self._corners) > _MAX_CORNERS:
+            raise UserError(
+                f"safety.altitude_max_agl_m: what is too high to be flown over has {len(self._corners):,} "
+                "corners with fence and no-fly areas, too many to find ways round; raise it"
+            )
+        self._graph: dict[int, list[tuple[int, float]]] = {}
 
     def allows(self, xy: XY) -> bool:
         """Whether a place is inside."""
@@ -80,8 +87,6 @@ class Fence:
 
     def _way_round(self, start: XY, goal: XY) -> list[XY]:
         """Shortest way over the corners: Dijkstra (1959) on the visibility graph."""
-        if self._graph is None:
-            self._graph = {k: self._visible((x, y)) for k, (x, y) in enumerate(self._corners.tolist())}
         to_goal = dict(self._visible(goal))
         queue: list[tuple[float, int, tuple[int, ...]]] = [
             (length, k, (k,)) for k, length in self._visible(start)
@@ -96,6 +101,8 @@ class Fence:
             done.add(k)
             if k in to_goal:
                 best = min(best, (length + to_goal[k], path))
+            if k not in self._graph:
+                self._graph[k] = self._visible((self._corners[k, 0], self._corners[k, 1]))
             for other, step in self._graph[k]:
                 if other not in done:
                     heapq.heappush(queue, (length + step, other, (*path, other)))

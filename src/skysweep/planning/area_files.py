@@ -22,14 +22,14 @@ from defusedxml.ElementTree import fromstring
 from pydantic import ValidationError
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.json_files import parse_json, read_limited
+from skysweep.planning.json_files import parse_json
 from skysweep.planning.qgc import read_plan, survey_polygons
 from skysweep.scenarios.files import explain
-from skysweep.scenarios.model import MAX_AREA_KM2, Area, Home, Scenario
+from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Area, Home, Scenario
 
 MAX_AREA_FILE_BYTES = 20_000_000
-MAX_CORNERS = 100_000
 SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
 
 LatLon = tuple[float, float]
@@ -126,7 +126,7 @@ def _on_ground(
     corners = shapely.get_coordinates(lon_lat)
     if len(corners) > MAX_CORNERS:
         raise UserError(
-            f"{path}: the polygon has {len(corners)} corners; simplify it to {MAX_CORNERS} or fewer"
+            f"{path}: the polygon has {len(corners):,} corners; simplify it to {MAX_CORNERS:,} or fewer"
         )
     if not np.isfinite(corners).all() or (np.abs(corners) > [180.0, 90.0]).any():
         raise UserError(

@@ -99,7 +99,8 @@ def estimate_flight(
     flights, at, total_s = 0, 0, 0.0
     while True:
         flights += 1
-        landed_s = (out_s[at] + times - times[at] + back_s)[at:]
+        farthest = max(at + 2, int(np.searchsorted(times, times[at] + endurance_s)) + 1)
+        landed_s = out_s[at] + times[at:farthest] - times[at] + back_s[at:farthest]
         in_reach = np.flatnonzero(landed_s <= endurance_s)
         reached = at + (int(in_reach[-1]) if len(in_reach) else -1)
         if reached == len(stops) - 1:

@@ -1,4 +1,4 @@
-"""JSON from strangers: size, nesting and what is wrong with it told in one sentence."""
+"""JSON from strangers: what is wrong with it told in one sentence."""
 
 from __future__ import annotations
 
@@ -7,23 +7,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from skysweep.errors import UserError
-
-
-def read_limited(path: str | Path, max_bytes: int) -> bytes:
-    """A file's bytes. Raises UserError when it is not there, no file, unreadable or too large."""
-    path = Path(path)
-    if not path.exists():
-        raise UserError(f"{path}: there is no such file; check the path")
-    if not path.is_file():
-        raise UserError(f"{path}: is a folder or device; write the path of a file")
-    try:
-        with path.open("rb") as file:
-            data = file.read(max_bytes + 1)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the file's rights") from None
-    if len(data) > max_bytes:
-        raise UserError(f"{path}: is larger than {max_bytes / 1e6:g} MB; give a smaller file")
-    return data
 
 
 def parse_json(data: bytes, path: str | Path, fix: str) -> Any:

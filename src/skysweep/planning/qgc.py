@@ -29,18 +29,20 @@ from pydantic import (
 )
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 from skysweep.geometry.areas import headings_of
 from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
 from skysweep.outputs import whole_files
 from skysweep.planning.coverage import CoveragePlan
-from skysweep.planning.json_files import parse_json, read_limited
+from skysweep.planning.json_files import parse_json
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import TerrainSurface, build_terrain
 
 F64 = NDArray[np.float64]
 
 MAX_PLAN_BYTES = 20_000_000
+MAX_WAYPOINTS = 10_000
 SENSOR_WIDTH_MM = (
     6.3  # of a 1/2.3 inch sensor; QGroundControl wants one, only its ratio to the focal length counts
 )
@@ -233,7 +235,7 @@ def read_plan(path: str | Path) -> QgcPlan:
                 "draw a Survey or a Corridor Scan instead"
             )
     try:
-        return QgcPlan.model_validate(data)
+        plan = QgcPlan.model_validate(data)
     except ValidationError as error:
         detail = error.errors()[0]
         tags = ("SimpleItem", "ComplexItem")
@@ -243,6 +245,11 @@ def read_plan(path: str | Path) -> QgcPlan:
             f"{path}: {field.removeprefix('.')}: {what[0].lower()}{what[1:]}; "
             "correct it, or save the plan again with QGroundControl 4.2 or newer"
         ) from None
+    if len(plan.waypoints) > MAX_WAYPOINTS:
+        raise UserError(
+            f"{path}: mission.items: has {len(plan.waypoints):,} waypoints; draw at most {MAX_WAYPOINTS:,}"
+        )
+    return plan
 
 
 def write_plan(path: str | Path, plan: QgcPlan) -> Path:
@@ -322,7 +329,7 @@ def coverage_from_qgc(plan: QgcPlan, frame: LocalFrame, lens: Lens, altitude_agl
     if len(points) < 2:
         raise UserError("mission.items: there is no path to fly; draw a Survey or at least 2 waypoints")
     xy = frame.enu_from_geodetic(points)[:, :2]
-    xy = shapely.get_coordinates(shapely.LineString(xy).simplify(_STRAIGHT_M))
+    xy = xy[_bends(xy, _STRAIGHT_M)]
     legs = np.stack([xy[:-1], xy[1:]], axis=1)
     lengths = np.linalg.norm(legs[:, 1] - legs[:, 0], axis=1)
     headings = headings_of(legs)
@@ -336,6 +343,26 @@ def coverage_from_qgc(plan: QgcPlan, frame: LocalFrame, lens: Lens, altitude_agl
     return CoveragePlan(
         xy, tuple(legs[along]), max(spacings, default=swath), swath, heading, float(lengths.sum())
     )
+
+
+def _bends(path_xy: F64, tolerance_m: float) -> NDArray[np.int_]:
+    """Which points of a path (N, 2) keep it within the tolerance (Douglas and Peucker, 1973): first to last.
+
+    Not recursive: a zigzag is as deep as it is long.
+    """
+    kept = [len(path_xy) - 1]
+    todo = [(0, len(path_xy) - 1)]
+    while todo:
+        first, last = todo.pop()
+        straight, between = path_xy[last] - path_xy[first], path_xy[first + 1 : last] - path_xy[first]
+        share = np.clip(between @ straight / max(straight @ straight, 1e-12), 0.0, 1.0)
+        off_m = np.linalg.norm(between - share[:, None] * straight, axis=1)
+        if off_m.max(initial=0.0) > tolerance_m:
+            middle = first + 1 + int(off_m.argmax())
+            todo += [(first, middle), (middle, last)]
+        else:
+            kept.append(first)
+    return np.sort(kept)
 
 
 def survey_polygons(plan: QgcPlan) -> list[shapely.Polygon]:

@@ -6,12 +6,17 @@ Small instances are solved exactly (Held and Karp, "A dynamic programming approa
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
 EXACT_MAX = 7  # places
+MAX_TRIES = 50_000_000  # of an improvement
+_LEAST_GAIN_M = 1e-6
 
 
 def visit_order(
@@ -24,12 +29,16 @@ def visit_order(
     tour begins; None leaves it free.
     """
     m, k = lengths.shape
-    hop = np.linalg.norm(exits.reshape(-1, 1, 2) - entries.reshape(1, -1, 2), axis=2)
-    hop += lengths.reshape(1, -1)
     first = lengths.ravel().copy()
     if start is not None:
         first += np.linalg.norm(entries.reshape(-1, 2) - start, axis=1)
-    nodes = _exact(hop, first, m, k) if m <= EXACT_MAX else _two_opt(hop, first, m, k, reverse)
+    if m <= EXACT_MAX:
+        hop = np.linalg.norm(exits.reshape(-1, 1, 2) - entries.reshape(1, -1, 2), axis=2)
+        nodes = _exact(hop + lengths.reshape(1, -1), first, m, k)
+    else:
+        ends = np.column_stack([entries.reshape(-1, 2), exits.reshape(-1, 2), lengths.ravel()])
+        backwards = (np.arange(m)[:, None] * k + reverse).ravel()
+        nodes = _two_opt(_nearest(ends, first, m, k), ends, first, backwards, MAX_TRIES).tolist()
     return [divmod(node, k) for node in nodes]
 
 
@@ -55,40 +64,66 @@ def _exact(hop: F64, first: F64, m: int, k: int) -> list[int]:
     return nodes[::-1]
 
 
-def _two_opt(hop: F64, first: F64, m: int, k: int, reverse: NDArray[np.int_]) -> list[int]:
-    """Nearest neighbour, then reversals of parts of the tour for as long as they shorten it."""
-    backwards = (np.arange(m)[:, None] * k + reverse).ravel()
-    free = np.ones(m * k, dtype=bool)
-    tour: list[int] = []
-    cost = first
-    while free.any():
-        node = int(np.argmin(np.where(free, cost, np.inf)))
-        tour.append(node)
-        free[node // k * k : node // k * k + k] = False
-        cost = hop[node]
+@njit(cache=True)
+def _hop(ends: F64, node: int, to: int) -> float:
+    """From where a node is left to where another one is, by its entry. Rows: entry, exit, length inside."""
+    dx, dy = ends[node, 2] - ends[to, 0], ends[node, 3] - ends[to, 1]
+    return math.sqrt(dx * dx + dy * dy) + ends[to, 4]
 
-    def into(before: int, node: int) -> float:
-        return float(hop[tour[before], node] if before >= 0 else first[node])
 
-    improved = True
-    while improved:
-        improved = False
-        for i in range(m):
-            for j in range(i, m):
-                new_first, new_last = int(backwards[tour[j]]), int(backwards[tour[i]])
-                gain = into(i - 1, tour[i]) - into(i - 1, new_first)
-                if j + 1 < m:
-                    gain += float(hop[tour[j], tour[j + 1]] - hop[new_last, tour[j + 1]])
-                if i < j:
-                    gain += _inside_gain(hop, tour, backwards, i, j)
-                if gain > 1e-6:
-                    tour[i : j + 1] = [int(backwards[n]) for n in reversed(tour[i : j + 1])]
-                    improved = True
+@njit(cache=True)
+def _nearest(ends: F64, first: F64, m: int, k: int) -> NDArray[np.int64]:
+    """A tour that always goes to the nearest place that is left."""
+    free = np.ones(m, dtype=np.bool_)
+    tour = np.empty(m, dtype=np.int64)
+    for n in range(m):
+        least = np.inf
+        for node in range(m * k):
+            if free[node // k]:
+                cost = _hop(ends, tour[n - 1], node) if n else first[node]
+                if cost < least:
+                    least, tour[n] = cost, node
+        free[tour[n] // k] = False
     return tour
 
 
-def _inside_gain(hop: F64, tour: list[int], backwards: NDArray[np.int_], i: int, j: int) -> float:
-    """What the lengths inside a reversed part change: hops are symmetric, ways count at the node entered."""
-    part = np.array(tour[i : j + 1])
-    back = backwards[part[::-1]]
-    return float(hop[part[:-1], part[1:]].sum() - hop[back[:-1], back[1:]].sum())
+@njit(cache=True)
+def _measure(
+    tour: NDArray[np.int64], ends: F64, backwards: NDArray[np.int64], forth: F64, back: F64, begin: int
+) -> None:
+    """Lengths of the hops up to each node of the tour, and of those the other way, from ``begin`` on."""
+    for n in range(max(begin, 1), len(tour)):
+        forth[n] = forth[n - 1] + _hop(ends, tour[n - 1], tour[n])
+        back[n] = back[n - 1] + _hop(ends, backwards[tour[n]], backwards[tour[n - 1]])
+
+
+@njit(cache=True)
+def _two_opt(
+    tour: NDArray[np.int64], ends: F64, first: F64, backwards: NDArray[np.int64], tries: int
+) -> NDArray[np.int64]:
+    """Reverses parts of the tour for as long as they shorten it, and ``tries`` last.
+
+    What the lengths inside a reversed part change: hops are symmetric, ways count at the node entered.
+    """
+    m = len(tour)
+    forth, back = np.zeros(m), np.zeros(m)
+    _measure(tour, ends, backwards, forth, back, 0)
+    improved = True
+    while improved and tries > 0:
+        improved = False
+        for i in range(m):
+            for j in range(i, m):
+                new_first, new_last = backwards[tour[j]], backwards[tour[i]]
+                if i:
+                    gain = _hop(ends, tour[i - 1], tour[i]) - _hop(ends, tour[i - 1], new_first)
+                else:
+                    gain = first[tour[i]] - first[new_first]
+                if j + 1 < m:
+                    gain += _hop(ends, tour[j], tour[j + 1]) - _hop(ends, new_last, tour[j + 1])
+                gain += (forth[j] - forth[i]) - (back[j] - back[i])
+                if gain > _LEAST_GAIN_M:
+                    tour[i : j + 1] = backwards[tour[i : j + 1][::-1]]
+                    _measure(tour, ends, backwards, forth, back, i)
+                    improved = True
+            tries -= m - i
+    return tour

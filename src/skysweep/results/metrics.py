@@ -33,6 +33,7 @@ _NEEDS_TRUTH = (
 )
 _FORBIDDEN_M = 1e6
 _GROUND_POINTS = 2000  # about so many tell how much of the ground crowns and buildings hide
+_GROUND_TRIES = 1_000_000  # at most, where the area is thin
 _ABOVE_GROUND_M = 0.1
 _FLATTEST_VIEW = (
     -0.1
@@ -209,7 +210,8 @@ def seen_m2_of(run: Run) -> float:
     states, lens = run.states, run.scenario.camera.lens
     scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
     west, south, east, north = area.bounds
-    step_m = math.sqrt(area.area / _GROUND_POINTS)
+    tries = (east - west) * (north - south) / _GROUND_TRIES
+    step_m = math.sqrt(max(area.area / _GROUND_POINTS, tries))
     grid = np.stack(np.meshgrid(np.arange(west, east, step_m), np.arange(south, north, step_m)), axis=-1)
     xy = grid.reshape(-1, 2) + step_m / 2
     xy = xy[shapely.contains_xy(area, xy)]

@@ -1,7 +1,6 @@
 """Scenario files: YAML in, YAML out, and what is wrong with one said in a sentence.
 
-Only plain YAML is read: no tags, no aliases, no repeated keys, no huge or deeply nested files. Everything
-that a user can mend raises UserError naming the file, the field and what to write instead.
+Everything that a user can mend raises UserError naming the file, the field and what to write instead.
 """
 
 from __future__ import annotations
@@ -11,7 +10,8 @@ import os
 import re
 import tempfile
 import typing
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from functools import reduce
 from importlib import resources
 from pathlib import Path
@@ -22,29 +22,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from skysweep.errors import UserError
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
+from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import Scenario
-
-MAX_FILE_BYTES = 5_000_000
-MAX_NESTING = 20
-
-_FastLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
-    """YAML's own types only; a key may be written once."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            problem = None
-            if key.tag != "tag:yaml.org,2002:str":
-                problem = "a field's name must be a word; put it in quotes if it is one"
-            elif key.value in seen:
-                problem = f"'{key.value}' is written twice; keep one"
-            if problem:
-                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-            seen.add(key.value)
-        return super().construct_mapping(node, deep=deep)
 
 
 class _PlainDumper(yaml.SafeDumper):
@@ -106,7 +86,7 @@ def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
     Raises:
         UserError: not plain YAML, or not a valid scenario.
     """
-    data = _with_area_read(_plain_yaml(text, source), source, folder)
+    data = _with_area_read(_fields_of(text, source), source, folder)
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
@@ -198,21 +178,10 @@ def _shipped() -> Any:
 
 
 def _read_text(path: Path) -> str:
-    try:
+    with suppress(OSError):
         if not path.exists():
             raise UserError(f"{path}: there is no such scenario; {_shipped_hint(path.name)}")
-        if not path.is_file():
-            raise UserError(f"{path}: is a folder or device; write the path of a scenario's YAML file")
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise UserError(
-                f"{path}: is larger than {MAX_FILE_BYTES / 1e6:g} MB; a scenario is a small text file "
-                "(thin out terrain.heightmap_m, or write generators instead of single objects)"
-            )
-        return path.read_text("utf-8")
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: is not a text file in UTF-8; write a scenario as YAML text") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+    return read_text_limited(path, MAX_YAML_BYTES)
 
 
 def _shipped_hint(name: str) -> str:
@@ -222,23 +191,8 @@ def _shipped_hint(name: str) -> str:
     return f"{start}write the path of a YAML file or one of {', '.join(shipped)}"
 
 
-def _plain_yaml(text: str, source: str) -> dict[str, Any]:
-    try:
-        for problem, line in _forbidden(text):
-            raise UserError(f"{source}: line {line}: {problem}")
-        data = yaml.load(text, Loader=_PlainLoader)
-    except yaml.MarkedYAMLError as error:
-        at = error.problem_mark or error.context_mark
-        where = f"line {at.line + 1}: " if at else ""
-        if isinstance(error, yaml.constructor.ConstructorError):
-            raise UserError(f"{source}: {where}{error.problem}") from None
-        raise UserError(
-            f"{source}: {where}not YAML ({error.problem or error.context}); "
-            "check the indentation, quotes and brackets there, and that the file is whole"
-        ) from None
-    except (yaml.YAMLError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise UserError(f"{source}: not YAML ({reason}); write a scenario as YAML text") from None
+def _fields_of(text: str, source: str) -> dict[str, Any]:
+    data = parse_yaml(text, source)
     if not isinstance(data, dict):
         found = "empty" if data is None else f"a {type(data).__name__}"
         raise UserError(f"{source}: is {found}, not a scenario; write fields such as  name: my-search")
@@ -257,23 +211,6 @@ def _with_area_read(data: dict[str, Any], source: str, folder: Path) -> dict[str
                 raise UserError(f"{source}: area.file: {error}") from None
             return data | {"area": {"polygon_lat_lon_deg": polygon, "holes_lat_lon_deg": holes}}
     return data
-
-
-def _forbidden(text: str) -> Iterator[tuple[str, int]]:
-    """What a scenario file may not hold and on which line, found before anything is built from it."""
-    depth = 0
-    for event in yaml.parse(text, Loader=_FastLoader):
-        line = event.start_mark.line + 1 if event.start_mark else 0
-        if isinstance(event, yaml.AliasEvent):
-            yield f"the alias *{event.anchor} is not allowed; write the value out", line
-        elif isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)) and event.tag:
-            yield f"the YAML tag {event.tag} is not allowed; write a plain value", line
-        if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_NESTING:
-                yield "lists are nested too deeply; check the brackets", line
-        elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
 
 
 def _without_infinity(node: Any) -> Any:
@@ -327,7 +264,8 @@ def _sentence(location: tuple[str | int, ...], details: list[ErrorDetails]) -> s
         return f"{path}: is empty; write at least {detail['ctx']['min_length']}, or delete the line"
     if kind == "too_long":
         ctx = detail["ctx"]
-        return f"{path}: has {ctx['actual_length']} values; write {ctx['max_length']}"
+        at_most = "" if ctx["field_type"] == "Tuple" else "at most "
+        return f"{path}: has {ctx['actual_length']} values; write {at_most}{ctx['max_length']}"
     instead = re.sub(r"^(Input|String|List|Tuple) should (be|have) ", "", detail["msg"]).split(",")[0]
     instead = re.sub(r"^(greater|less) than", r"a number \1 than", instead)
     return f"{path}: is {'empty' if value is None else shown}; write {instead}"

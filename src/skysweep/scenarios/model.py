@@ -19,7 +19,13 @@ from skysweep.geometry.frames import LocalFrame
 
 MAX_AREA_KM2 = 25.0
 MAX_DISTANCE_FROM_HOME_KM = 50.0
-MAX_TREES = 50_000
+MAX_CORNERS = 10_000  # of an area
+MAX_FENCE_CORNERS = 1000
+MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
+MAX_HOVER_H = 48.0
+MAX_PICTURE_PX = 25_000_000
+MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
+MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
 TargetClass = Literal["stop sign", "person", "boat"]
 DistractorClass = Literal["red bucket", "red round sign", "rock", "stump", "clothing", "buoy"]
@@ -40,7 +46,10 @@ DEFAULT_SIZE_M: dict[str, float] = {
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
 
 PointXY = tuple[float, float]
-Positive = Annotated[float, Field(gt=0)]
+Speed = Annotated[float, Field(ge=0.01, le=20)]
+TreeHeight = Annotated[float, Field(gt=0.3, le=60)]
+CrownRadius = Annotated[float, Field(gt=0.1, le=15)]
+SideOfBuilding = Annotated[float, Field(gt=0, le=1000)]
 LatLon = tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]]
 
 
@@ -78,8 +87,13 @@ class Area(Model):
             raise ValueError("the polygon is in latitude/longitude: write the holes as holes_lat_lon_deg")
         if self.polygon_enu_m is not None and self.holes_lat_lon_deg:
             raise ValueError("the polygon is in ENU metres: write the holes as holes_enu_m")
-        if any(len(hole) < 3 for hole in [*self.holes_enu_m, *self.holes_lat_lon_deg]):
+        outer = self.polygon_enu_m or self.polygon_lat_lon_deg or []
+        holes = [*self.holes_enu_m, *self.holes_lat_lon_deg]
+        if any(len(hole) < 3 for hole in holes):
             raise ValueError("a hole has less than 3 corners; write at least 3, or delete it")
+        corners = sum(map(len, [outer, *holes]))
+        if corners > MAX_CORNERS:
+            raise ValueError(f"has {corners:,} corners; simplify it to {MAX_CORNERS:,} or fewer")
         return self
 
 
@@ -119,8 +133,8 @@ class Tree(Model):
     """One tree: it occludes, and is flown round or over, never below."""
 
     position_enu_m: PointXY = Field(description="Of the trunk")
-    height_m: float = Field(8.0, gt=0.3, le=60)
-    crown_radius_m: float = Field(2.0, gt=0.1, le=15)
+    height_m: TreeHeight = 8.0
+    crown_radius_m: CrownRadius = 2.0
     kind: Literal["broadleaf", "conifer", "bush"] = "broadleaf"
 
 
@@ -128,9 +142,11 @@ class Forest(Model):
     """Trees scattered by seed over the area and its margin, or inside a polygon."""
 
     trees_per_hectare: float = Field(gt=0, le=2000)
-    polygon_enu_m: list[PointXY] | None = Field(None, description="Where it grows; default: area and margin")
-    height_m: tuple[Positive, Positive] = Field((5.0, 12.0), description="Smallest and largest")
-    crown_radius_m: tuple[Positive, Positive] = Field((1.2, 2.8), description="Smallest and largest")
+    polygon_enu_m: list[PointXY] | None = Field(
+        None, max_length=MAX_FENCE_CORNERS, description="Where it grows; default: area and margin"
+    )
+    height_m: tuple[TreeHeight, TreeHeight] = Field((5.0, 12.0), description="Smallest and largest")
+    crown_radius_m: tuple[CrownRadius, CrownRadius] = Field((1.2, 2.8), description="Smallest and largest")
     conifer_fraction: float = Field(0.5, ge=0, le=1, description="The rest is broadleaf")
     seed: int = Field(0, ge=0)
 
@@ -153,7 +169,7 @@ class Building(Model):
     """A box with a gable roof: it occludes, and is flown round or over."""
 
     position_enu_m: PointXY = Field(description="Of the centre")
-    size_m: tuple[Positive, Positive] = Field((10.0, 8.0), description="Length and width")
+    size_m: tuple[SideOfBuilding, SideOfBuilding] = Field((10.0, 8.0), description="Length and width")
     height_m: float = Field(4.0, gt=0, le=120, description="Of the eaves")
     yaw_deg: float = Field(0.0, description="Of the length, counter-clockwise from east")
 
@@ -197,7 +213,9 @@ class Generator(Model):
     clusters: int = Field(
         2, ge=1, le=100, description="How many centres to draw, where centres_enu_m is not given"
     )
-    centres_enu_m: list[PointXY] | None = Field(None, min_length=1, description="Centres of the clusters")
+    centres_enu_m: list[PointXY] | None = Field(
+        None, min_length=1, max_length=100, description="Centres of the clusters"
+    )
     spread_m: float = Field(8.0, gt=0, le=1000, description="Standard deviation around a centre")
     min_separation_m: float = Field(
         2.0, ge=0, le=1000, description="Between two of these objects, where there is room for it"
@@ -228,15 +246,25 @@ class Light(Model):
 class VehicleLimits(Model):
     """The vehicle. Defaults are PX4's (v1.17) and fit its SIH quadrotor."""
 
-    cruise_speed_mps: float = Field(5.0, gt=0, le=20, description="Horizontal limit")
-    climb_speed_mps: float = Field(3.0, gt=0, le=8)
-    descent_speed_mps: float = Field(1.5, gt=0, le=4)
+    cruise_speed_mps: Speed = Field(5.0, description="Horizontal limit")
+    climb_speed_mps: float = Field(3.0, ge=0.01, le=8)
+    descent_speed_mps: float = Field(1.5, ge=0.01, le=4)
     battery_wh: float = Field(98.0, gt=1, le=5000)
     hover_power_w: float = Field(190.0, gt=1, le=20000, description="Drawn from the battery in hover")
     position_noise_m: float = Field(0.3, ge=0, le=20, description="Standard deviation of the slow GNSS error")
     attitude_noise_deg: float = Field(
         0.3, ge=0, le=10, description="Standard deviation of the slow attitude error"
     )
+
+    @model_validator(mode="after")
+    def _lands_some_day(self) -> VehicleLimits:
+        hover_h = self.battery_wh / self.hover_power_w
+        if hover_h > MAX_HOVER_H:
+            raise ValueError(
+                f"battery_wh: {self.battery_wh:g} Wh hover for {hover_h:.0f} h at hover_power_w "
+                f"({self.hover_power_w:g} W); write less than lasts {MAX_HOVER_H:g} h, or more power"
+            )
+        return self
 
 
 class Gimbal(Model):
@@ -253,7 +281,7 @@ class CameraModel(Model):
     width_px: int = Field(640, ge=64, le=8192)
     height_px: int = Field(360, ge=64, le=8192)
     hfov_rad: float = Field(2.0, gt=0.02, lt=3.0, description="Horizontal field of view")
-    rate_hz: float = Field(10.0, gt=0, le=60, description="Pictures a second")
+    rate_hz: float = Field(10.0, ge=0.1, le=60, description="Pictures a second")
     exposure_s: float = Field(1 / 500, gt=0, le=0.1, description="Longer: brighter but blurred in motion")
     noise_std: float = Field(2.0, ge=0, le=50, description="Grey levels (0..255)")
     jpeg_quality: int = Field(90, ge=10, le=100)
@@ -262,6 +290,15 @@ class CameraModel(Model):
         0.1, ge=0, le=2, description="How much older the believed pose is than the picture"
     )
     gimbal: Gimbal = Gimbal()
+
+    @model_validator(mode="after")
+    def _fits_in_memory(self) -> CameraModel:
+        if self.width_px * self.height_px > MAX_PICTURE_PX:
+            raise ValueError(
+                f"width_px: {self.width_px} x {self.height_px} pixels are more than "
+                f"{MAX_PICTURE_PX / 1e6:g} million; write a smaller width_px or height_px"
+            )
+        return self
 
     @property
     def lens(self) -> Lens:
@@ -273,7 +310,7 @@ class DetectorModel(Model):
     """Which detector, and how often it looks."""
 
     model: str = Field("skysweep", description="'skysweep' (ours, shipped) or the path of an ONNX file")
-    rate_hz: float = Field(2.5, gt=0, le=60, description="Looks a second, at most the camera's rate")
+    rate_hz: float = Field(2.5, ge=0.1, le=60, description="Looks a second, at most the camera's rate")
     confidence_min: float = Field(0.25, ge=0.01, le=0.99, description="Detections below are dropped")
     iou_max: float = Field(0.5, gt=0, le=1, description="Boxes of one class that overlap more are one thing")
     tiles: int = Field(1, ge=1, le=8, description="Split the picture into tiles x tiles")
@@ -297,8 +334,8 @@ class Search(Model):
     c_t: float = Field(0.6, gt=0, lt=1, description="Confidence at h_C that confirms")
     scan_altitude_agl_m: float = Field(30.0, gt=0, le=500, description="h_S")
     check_altitude_agl_m: float = Field(4.0, gt=0, le=200, description="h_C")
-    scan_speed_mps: float = Field(5.0, gt=0, le=20, description="In SCAN")
-    check_speed_mps: float = Field(1.0, gt=0, le=20, description="In CHECK")
+    scan_speed_mps: Speed = Field(5.0, description="In SCAN")
+    check_speed_mps: Speed = Field(1.0, description="In CHECK")
     sidelap: float = Field(
         0.2, ge=0, lt=0.95, description="Share of a picture's width that the next transect sees again"
     )
@@ -388,8 +425,14 @@ class Safety(Model):
 
     @model_validator(mode="after")
     def _areas_are_simple(self) -> Safety:
-        for index, corners in enumerate(self.no_fly_enu_m):
-            if len(corners) < 3 or not shapely.Polygon(corners).is_valid:
+        corners = sum(map(len, self.no_fly_enu_m))
+        if corners > MAX_FENCE_CORNERS:
+            raise ValueError(
+                f"no_fly_enu_m: has {corners:,} corners, too many to find ways round; "
+                f"simplify it to {MAX_FENCE_CORNERS:,} or fewer"
+            )
+        for index, ring in enumerate(self.no_fly_enu_m):
+            if len(ring) < 3 or not shapely.Polygon(ring).is_valid:
                 raise ValueError(f"no_fly_enu_m[{index}]: write at least 3 corners, in order around it")
         return self
 
@@ -402,12 +445,16 @@ class Scenario(Model):
     area: Area
     home: Home = Home()
     geofence_enu_m: list[PointXY] | None = Field(
-        None, description="Corners of where the vehicle may be; holds home and area"
+        None,
+        max_length=MAX_FENCE_CORNERS,
+        description="Corners of where the vehicle may be; holds home and area",
     )
     terrain: Terrain = Terrain()
     trees: list[Tree] = Field(default_factory=list, description="Single trees")
     forests: list[Forest] = Field(default_factory=list, description="Trees at random")
-    buildings: list[Building] = Field(default_factory=list, description="They occlude and are kept clear of")
+    buildings: list[Building] = Field(
+        default_factory=list, max_length=MAX_BUILDINGS, description="They occlude and are kept clear of"
+    )
     targets: list[Target] = Field(default_factory=list, description="What to find, placed by hand")
     distractors: list[Distractor] = Field(
         default_factory=list, description="What looks like a target from high up, placed by hand"
@@ -523,14 +570,34 @@ class Scenario(Model):
                         f"generators[{index}].centres_enu_m: [{x:g}, {y:g}] lies outside the area; "
                         "write centres inside it"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _fits_in_memory(self) -> Scenario:
+        west, south, east, north = self.area_enu_m.bounds
+        around_m2 = (east - west + 2 * MARGIN_M) * (north - south + 2 * MARGIN_M)
+        trees = float(len(self.trees))
         for index, forest in enumerate(self.forests):
-            ground = shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.envelope
-            trees = forest.trees_per_hectare * ground.area / 1e4
+            ground_m2 = shapely.Polygon(forest.polygon_enu_m).area if forest.polygon_enu_m else around_m2
+            trees += forest.trees_per_hectare * ground_m2 / 1e4
             if trees > MAX_TREES:
                 raise ValueError(
-                    f"forests[{index}].trees_per_hectare: makes {trees:.0f} trees, more than can be drawn "
-                    f"({MAX_TREES}); write fewer, or a smaller polygon_enu_m"
+                    f"forests[{index}].trees_per_hectare: makes {trees:.0f} trees with all before it, more "
+                    f"than can be drawn ({MAX_TREES}); write fewer, or a smaller polygon_enu_m"
                 )
+        objects = len(self.targets) + len(self.distractors) + sum(g.count for g in self.generators)
+        if objects > MAX_OBJECTS:
+            raise ValueError(
+                f"generators: make {objects} objects with targets and distractors; "
+                f"write at most {MAX_OBJECTS} in all"
+            )
+        camera = self.camera
+        looks = camera.latency_s * min(camera.rate_hz, self.detector.rate_hz)
+        if looks * camera.width_px * camera.height_px > MAX_WAITING_PX:
+            raise ValueError(
+                f"camera.latency_s: {looks:.0f} pictures wait for their answers, more than fit in memory; "
+                "write a smaller latency_s, width_px or height_px"
+            )
         return self
 
     @property

@@ -13,11 +13,11 @@ import shapely
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Forest, Generator, Light, Scenario
+from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
+from skysweep.scenarios.places import Ground, generate_positions, scattered
 
 F64 = NDArray[np.float64]
 
-MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
 
@@ -164,7 +164,7 @@ def build_world(scenario: Scenario, seed: int) -> World:
     """The world of one mission. The same scenario and seed give the same world."""
     terrain = build_terrain(scenario)
     rng = np.random.default_rng([seed, 11])
-    area = scenario.area_enu_m
+    area = Ground(scenario.area_enu_m)
     items: list[tuple[str, tuple[float, float], float, float | None, str | None, bool]] = [
         (t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True) for t in scenario.targets
     ]
@@ -184,7 +184,7 @@ def build_world(scenario: Scenario, seed: int) -> World:
     objects = tuple(
         WorldObject(
             kind,
-            _on_ground(terrain, _scattered(xy, scenario.scatter_m, area, scatter)),
+            _on_ground(terrain, scattered(xy, scenario.scatter_m, area, scatter)),
             yaw,
             size or DEFAULT_SIZE_M[kind],
             pose or DEFAULT_POSE.get(kind, "face-up"),
@@ -218,72 +218,6 @@ def build_buildings(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldB
     )
 
 
-def generate_positions(
-    generator: Generator, area: shapely.Polygon, rng: np.random.Generator
-) -> list[tuple[float, float]]:
-    """Positions inside ``area`` by the generator's pattern, at least ``min_separation_m`` apart.
-
-    Where the area has no room for that, the separation is halved until they fit.
-    """
-    centres = generator.centres_enu_m
-    if generator.pattern == "clustered" and centres is None:
-        inner = area.buffer(-generator.spread_m)
-        centres = _sparse(inner if not inner.is_empty else area, generator.clusters, rng)
-    if generator.pattern == "sparse":
-        return _sparse(area, generator.count, rng)
-    placed: list[tuple[float, float]] = []
-    separation, tries = generator.min_separation_m, 0
-    while len(placed) < generator.count:
-        if generator.pattern == "clustered":
-            assert centres is not None
-            cx, cy = centres[len(placed) % len(centres)]
-            xy = (
-                cx + float(rng.normal(0, generator.spread_m)),
-                cy + float(rng.normal(0, generator.spread_m)),
-            )
-        else:
-            xy = _inside(area, rng)
-        free = all(np.hypot(xy[0] - p[0], xy[1] - p[1]) >= separation for p in placed)
-        if free and area.covers(shapely.Point(xy)):
-            placed.append(xy)
-        tries += 1
-        if tries % 500 == 0:
-            separation /= 2
-    return placed
-
-
-def _sparse(area: shapely.Polygon, count: int, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Mitchell's best candidate sampling."""
-    placed = [_inside(area, rng)]
-    while len(placed) < count:
-        tries = [_inside(area, rng) for _ in range(10 * len(placed) + 10)]
-        gaps = [min(np.hypot(t[0] - p[0], t[1] - p[1]) for p in placed) for t in tries]
-        placed.append(tries[int(np.argmax(gaps))])
-    return placed
-
-
-def _scattered(
-    xy: tuple[float, float], scatter_m: float, area: shapely.Polygon, rng: np.random.Generator
-) -> tuple[float, float]:
-    """``xy`` moved at random; what was inside the area stays inside."""
-    moved = xy
-    if scatter_m > 0:
-        while True:
-            dx, dy = rng.normal(0.0, scatter_m, 2)
-            moved = (xy[0] + float(dx), xy[1] + float(dy))
-            if area.covers(shapely.Point(moved)) or not area.covers(shapely.Point(xy)):
-                break
-    return moved
-
-
-def _inside(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float, float]:
-    west, south, east, north = area.bounds
-    while True:
-        x, y = float(rng.uniform(west, east)), float(rng.uniform(south, north))
-        if area.covers(shapely.Point(x, y)):
-            return x, y
-
-
 def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:
     return np.array([xy[0], xy[1], terrain.height_m([xy])[0]])
 
@@ -291,18 +225,21 @@ def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:
 def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: int) -> list[WorldTree]:
     rng = np.random.default_rng([forest.seed, index, 17])
     area = scenario.area_enu_m
-    ground = shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.buffer(MARGIN_M).envelope
-    count = round(forest.trees_per_hectare * ground.area / 1e4)
+    ground = Ground(
+        shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.buffer(MARGIN_M).envelope
+    )
+    count = round(forest.trees_per_hectare * ground.polygon.area / 1e4)
     clear = shapely.Point(scenario.home.position_enu_m).buffer(6.0)
+    shapely.prepare(clear)
     trees: list[WorldTree] = []
     while len(trees) < count:
-        xy = _inside(ground, rng)
+        x, y = ground.draw(1, rng)[0].tolist()
         height = float(rng.uniform(*forest.height_m))
         radius = float(rng.uniform(*forest.crown_radius_m))
         kind = "conifer" if rng.random() < forest.conifer_fraction else "broadleaf"
         variant = int(rng.integers(1000))
-        if clear.covers(shapely.Point(xy)):
+        if shapely.intersects_xy(clear, x, y):
             count -= 1
             continue
-        trees.append(WorldTree(_on_ground(terrain, xy), height, radius, kind, variant))
+        trees.append(WorldTree(_on_ground(terrain, (x, y)), height, radius, kind, variant))
     return trees

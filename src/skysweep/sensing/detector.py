@@ -13,9 +13,11 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_text_limited
 from skysweep.sensing.classes import default_names
 from skysweep.sensing.layouts import Boxes, Layout, PixelFormat, Probe, recognise
 from skysweep.sensing.model_files import OWN_MODEL, existing_model_file
+from skysweep.sensing.model_trial import try_out
 from skysweep.types import Detections, Frame
 
 U8 = NDArray[np.uint8]
@@ -24,6 +26,7 @@ PAD_GREY = 114
 STRIDE = 32
 PROBE_SIZE = (640, 640)
 TILE_OVERLAP = 0.2
+_MAX_NAMES_BYTES = 1_000_000
 _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
 
@@ -44,7 +47,8 @@ class YoloDetector:
         threads: CPU threads of the network; they do not spin while they wait, so that rendering may overlap.
 
     Raises:
-        UserError: the file is missing or broken, its layout or class names are unknown, or a class is asked
+        UserError: the file is missing or broken, takes too long or too much memory (see
+            :mod:`skysweep.sensing.model_trial`), its layout or class names are unknown, or a class is asked
             for that it does not have.
 
     Example:
@@ -64,9 +68,9 @@ class YoloDetector:
         threads: int = 1,
     ) -> None:
         self._path = existing_model_file(model_path)
+        try_out(self._path)
         self._confidence_min, self._iou_max, self._tiles = confidence_min, iou_max, tiles
-        self._session = _open(self._path, threads)
-        self._network = _Network(self._session, self._path)
+        self._network = load_network(self._path, threads)
         self.model_class_names = self._network.class_names
         self.class_names = tuple(classes) if classes is not None else self.model_class_names
         for name in self.class_names:
@@ -97,6 +101,10 @@ class YoloDetector:
             lens=frame.lens,
         )
 
+    def interrupt(self) -> None:
+        """Break off the look that another thread is taking; there it raises."""
+        self._network.interrupt()
+
     def _look(self, picture: U8, left_px: int, top_px: int, input_hw: tuple[int, int]) -> Boxes:
         """Boxes of wanted classes above the threshold in one tile, in pixels of the whole picture."""
         canvas, scale, pad_x, pad_y = letterbox(picture, input_hw, centred=not self.layout.pixels.bgr)
@@ -111,7 +119,7 @@ class YoloDetector:
         return Boxes(corners[real], boxes.scores[keep][real], boxes.classes[keep][real])
 
 
-class _Network:
+class Network:
     """An open model: pixels in, decoded boxes out."""
 
     def __init__(self, session: ort.InferenceSession, path: Path) -> None:
@@ -146,6 +154,10 @@ class _Network:
         """Boxes in the canvas' pixels."""
         return self.layout.decode(self._run(canvas, self.layout.pixels), canvas.shape[:2])
 
+    def interrupt(self) -> None:
+        """Break off what another thread is running; there it raises."""
+        self._options.terminate = True
+
     def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, NDArray[np.float32]]:
         picture = _pixels(canvas, pixels, self._dtype)
         if self._channels_last:
@@ -154,7 +166,8 @@ class _Network:
         if self._size_input is not None:
             kind = np.int64 if self._size_input.type == "tensor(int64)" else np.float32
             feed[self._size_input.name] = np.array([canvas.shape[1::-1]], dtype=kind)
-        answers = self._session.run(None, feed)
+        self._options = ort.RunOptions()
+        answers = self._session.run(None, feed, self._options)
         return {
             o.name: np.asarray(a, np.float32)
             for o, a in zip(self._session.get_outputs(), answers, strict=True)
@@ -183,10 +196,7 @@ class _Network:
         """Class names of the metadata (a Python or JSON dict or list, as Ultralytics writes) or sidecar."""
         sidecar = self._path.with_suffix(".names")
         if sidecar.is_file():
-            try:
-                lines = sidecar.read_text(encoding="utf-8").splitlines()
-            except UnicodeDecodeError:
-                raise UserError(f"{sidecar}: is not text in UTF-8; write one class name a line") from None
+            lines = read_text_limited(sidecar, _MAX_NAMES_BYTES).splitlines()
             return tuple(line.strip() for line in lines if line.strip())
         text = self._session.get_modelmeta().custom_metadata_map.get("names")
         if text is None:
@@ -213,6 +223,11 @@ class _Network:
                 f"into {self._path.with_suffix('.names').name} beside it"
             )
         return names
+
+
+def load_network(path: Path, threads: int) -> Network:
+    """Opens a model and recognises its layout from its answer to a blank picture. Raises UserError."""
+    return Network(_open(path, threads), path)
 
 
 def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple[U8, float, int, int]:

@@ -56,6 +56,15 @@ class SkippingCamera(Camera, Protocol):
         ...
 
 
+@runtime_checkable
+class InterruptibleDetector(Detector, Protocol):
+    """A detector that can be told to break off a look."""
+
+    def interrupt(self) -> None:
+        """Called from another thread; ``detect`` raises."""
+        ...
+
+
 class ImagingSensor:
     """Captures at the detector's rate and hands results on ``latency_s`` after exposure.
 
@@ -123,6 +132,7 @@ class ImagingSensor:
         """Let go of detector and camera; a detector that does not answer is left alone after a while."""
         for _, answer in self._pending:
             answer.cancel()
+        self._interrupt()
         self._asked.put(None)
         self._worker.join(_FAREWELL_S)
         self.camera.close()
@@ -153,6 +163,10 @@ class ImagingSensor:
                 except Exception as error:
                     answer.set_exception(error)
 
+    def _interrupt(self) -> None:
+        if isinstance(self._detector, InterruptibleDetector):
+            self._detector.interrupt()
+
     def _time_looks(self, now_s: float) -> None:
         """Tell the pace how long the looks took that were answered since the last time."""
         for frame, answer in self._pending:
@@ -177,6 +191,7 @@ class ImagingSensor:
             raise
         except TookTooLong:
             answer.cancel()
+            self._interrupt()
             self._patience_s = min(self._patience_s, _LITTLE_PATIENCE_S)
             raise DetectorError("no answer") from None
         except Exception as error:

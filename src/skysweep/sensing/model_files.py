@@ -8,8 +8,10 @@ from importlib import resources
 from pathlib import Path
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 
 OWN_MODEL = "skysweep"
+MAX_MODEL_BYTES = 1_000_000_000
 
 
 def own_model_path() -> Path:
@@ -46,4 +48,4 @@ def fingerprint(model: str) -> str:
 
 @lru_cache(maxsize=16)
 def _digest(path: Path, _changed_ns: int, _size: int) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_limited(path, MAX_MODEL_BYTES)).hexdigest()

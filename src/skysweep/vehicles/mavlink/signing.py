@@ -12,20 +12,20 @@ import time
 from pathlib import Path
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 
 SIGNED = 0x01  # incompatibility flag
 SIGNATURE_BYTES = 13
 _EPOCH_2015_S = 1_420_070_400
 _NEW_STREAM_MAY_LAG = 60 * 100_000  # a minute
 _MAX_STREAMS = 256
+_MAX_KEY_FILE_BYTES = 1000
 
 
 def read_signing_key(path: str | Path) -> bytes:
     """The 32 bytes in a file of 64 hexadecimal digits. Raises UserError where it holds anything else."""
     try:
-        key = bytes.fromhex(Path(path).read_text(encoding="ascii").strip())
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); name a file with the key") from None
+        key = bytes.fromhex(read_limited(path, _MAX_KEY_FILE_BYTES).decode("ascii").strip())
     except ValueError:
         key = b""
     if len(key) != 32:

@@ -1,0 +1,89 @@
+"""YAML from strangers: plain values only, found to be so before anything is built from them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+from typing import Any
+
+import yaml
+
+from skysweep.errors import UserError
+
+MAX_YAML_BYTES = 5_000_000
+MAX_VALUES = 250_000
+MAX_NESTING = 20
+
+_FastLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
+    """YAML's own types only; a key may be written once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            problem = None
+            if key.tag != "tag:yaml.org,2002:str":
+                problem = "a field's name must be a word; put it in quotes if it is one"
+            elif key.value in seen:
+                problem = f"'{key.value}' is written twice; keep one"
+            if problem:
+                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep=deep)
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """The value that plain YAML says: no tags, no aliases, words as keys, none of them twice.
+
+    ``source`` names the text in errors.
+
+    Raises:
+        UserError: it is anything else, or too much.
+    """
+    return _load(text, source, _PlainLoader)
+
+
+def parse_foreign_yaml(text: str, source: str) -> Any:
+    """The same for files of other programs, whose keys may be numbers."""
+    return _load(text, source, _FastLoader)
+
+
+def _load(text: str, source: str, loader: type[yaml.SafeLoader]) -> Any:
+    try:
+        for problem, line in _forbidden(text):
+            raise UserError(f"{source}: line {line}: {problem}")
+        return yaml.load(text, Loader=loader)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        where = f"line {at.line + 1}: " if at else ""
+        if isinstance(error, yaml.constructor.ConstructorError):
+            raise UserError(f"{source}: {where}{error.problem}") from None
+        raise UserError(
+            f"{source}: {where}not YAML ({error.problem or error.context}); "
+            "check the indentation, quotes and brackets there, and that nothing is missing at the end"
+        ) from None
+    except (yaml.YAMLError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise UserError(f"{source}: not YAML ({reason}); write it as plain text") from None
+
+
+def _forbidden(text: str) -> Iterator[tuple[str, int]]:
+    """What plain YAML does not hold, and on which line."""
+    depth = values = 0
+    for event in yaml.parse(text, Loader=_FastLoader):
+        line = event.start_mark.line + 1 if event.start_mark else 0
+        if isinstance(event, yaml.AliasEvent):
+            yield f"the alias *{event.anchor} is not allowed; write the value out", line
+        elif isinstance(event, (yaml.ScalarEvent, yaml.CollectionStartEvent)):
+            if event.tag:
+                yield f"the YAML tag {event.tag} is not allowed; write a plain value", line
+            values += 1
+            if values > MAX_VALUES:
+                yield f"holds more than {MAX_VALUES:,} values, too many to read; leave some out", line
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MAX_NESTING:
+                yield "lists are nested too deeply; check the brackets", line
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1

@@ -1,0 +1,36 @@
+"""Files from strangers: none larger than it may be, and nothing that is no file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from skysweep.errors import UserError
+
+
+def read_limited(path: str | Path, max_bytes: int) -> bytes:
+    """The bytes of a user's file. Folders, pipes and devices, which may have no end, are not opened.
+
+    Raises:
+        UserError: not there, no file, unreadable, or larger than ``max_bytes``.
+    """
+    path = Path(path)
+    try:
+        if not path.exists():
+            raise UserError(f"{path}: there is no such file; check the path")
+        if not path.is_file():
+            raise UserError(f"{path}: is a folder or device; write the path of a file")
+        with path.open("rb") as file:
+            data = file.read(max_bytes + 1)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+    if len(data) > max_bytes:
+        raise UserError(f"{path}: is larger than {max_bytes / 1e6:g} MB; give a smaller file")
+    return data
+
+
+def read_text_limited(path: str | Path, max_bytes: int) -> str:
+    """The same as text. Raises UserError, as that does, and where the file is not UTF-8."""
+    try:
+        return read_limited(path, max_bytes).decode("utf-8")
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not a text file in UTF-8; write plain text") from None

@@ -1,0 +1,118 @@
+"""Where things are placed at random. Draws are many at a time, and the same however many."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from skysweep.scenarios.model import Generator
+from skysweep.types import XY
+
+F64 = NDArray[np.float64]
+
+_FILLS = 0.1  # of its bounding box: a polygon that fills less is drawn from by triangles
+_UNTIL_CLOSER = 500  # tries
+_SPARSE_TRIES = 1000
+_SCATTER_TRIES = 100
+_CLUSTER_TRIES = 10_000, 100  # and for each object
+
+
+class Ground:
+    """A polygon, or several as one, that places are drawn evenly from."""
+
+    def __init__(self, polygon: shapely.Geometry) -> None:
+        self.polygon = polygon
+        shapely.prepare(polygon)
+        self._low, self._high = np.array(polygon.bounds).reshape(2, 2)
+        self._is_thin = polygon.area < _FILLS * np.prod(self._high - self._low)
+        if self._is_thin:
+            triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+            self._corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+            self._areas_m2 = np.cumsum(shapely.area(triangles))
+
+    def covers(self, xy: XY) -> bool:
+        """Whether a place is in it."""
+        return bool(shapely.intersects_xy(self.polygon, *xy))
+
+    def draw(self, count: int, rng: np.random.Generator) -> F64:
+        """Places (count, 2)."""
+        if self._is_thin:
+            which, u, v = rng.random((count, 3)).T
+            a, b, c = self._corners[np.searchsorted(self._areas_m2, which * self._areas_m2[-1])].swapaxes(
+                0, 1
+            )
+            u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
+            return a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        found = np.empty((0, 2))
+        while len(found) < count:
+            tries = rng.uniform(self._low, self._high, (count - len(found), 2))
+            found = np.concatenate([found, tries[shapely.intersects_xy(self.polygon, tries)]])
+        return found
+
+
+def generate_positions(generator: Generator, area: Ground, rng: np.random.Generator) -> list[XY]:
+    """Positions inside the area by the generator's pattern, at least ``min_separation_m`` apart.
+
+    Where the area has no room for that, the separation is halved until they fit. Where clusters hardly meet
+    the area, what is left of them is placed anywhere in it.
+    """
+    count, spread_m = generator.count, generator.spread_m
+    if generator.pattern == "sparse":
+        return _pairs(_sparse(area, count, rng))
+    centres = None
+    if generator.pattern == "clustered":
+        inner = area.polygon.buffer(-spread_m)
+        centres = (
+            _sparse(area if inner.is_empty else Ground(inner), generator.clusters, rng)
+            if generator.centres_enu_m is None
+            else np.array(generator.centres_enu_m)
+        )
+    cluster_tries = _CLUSTER_TRIES[0] + _CLUSTER_TRIES[1] * count
+    placed, n, tries = np.empty((count, 2)), 0, 0
+    separation_m = generator.min_separation_m
+    while n < count:
+        batch = min(count - n, _UNTIL_CLOSER - tries % _UNTIL_CLOSER)
+        in_cluster = centres is not None and tries < cluster_tries
+        drawn = rng.normal(0.0, spread_m, (batch, 2)) if in_cluster else area.draw(batch, rng)
+        for xy in drawn:
+            if centres is not None and in_cluster:
+                xy = centres[n % len(centres)] + xy
+            gaps_m = np.hypot(*(placed[:n] - xy).T)
+            if gaps_m.min(initial=math.inf) >= separation_m and area.covers((xy[0], xy[1])):
+                placed[n] = xy
+                n += 1
+        tries += batch
+        if tries % _UNTIL_CLOSER == 0:
+            separation_m /= 2
+    return _pairs(placed)
+
+
+def scattered(xy: XY, scatter_m: float, area: Ground, rng: np.random.Generator) -> XY:
+    """``xy`` moved at random; what was inside the area stays inside, anywhere if it is hardly hit."""
+    if scatter_m == 0:
+        return xy
+    stays = area.covers(xy)
+    for _ in range(_SCATTER_TRIES):
+        dx, dy = rng.normal(0.0, scatter_m, 2).tolist()
+        moved = (xy[0] + dx, xy[1] + dy)
+        if not stays or area.covers(moved):
+            return moved
+    return _pairs(area.draw(1, rng))[0]
+
+
+def _sparse(area: Ground, count: int, rng: np.random.Generator) -> F64:
+    """Positions (count, 2) by Mitchell's best candidate sampling."""
+    placed = area.draw(1, rng)
+    while len(placed) < count:
+        tries = area.draw(min(10 * len(placed) + 10, _SPARSE_TRIES), rng)
+        gaps_m, _ = KDTree(placed).query(tries)
+        placed = np.concatenate([placed, tries[[np.argmax(gaps_m)]]])
+    return placed
+
+
+def _pairs(positions: F64) -> list[XY]:
+    return [(x, y) for x, y in positions.tolist()]

@@ -1,0 +1,115 @@
+"""A stranger's model is tried in a process of its own before it runs in ours.
+
+A file of a few hundred bytes may loop for ever, or ask for all the memory that there is. The trial loads it
+and shows it one blank picture, within limits. What a model does only when it sees more, it does not find.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from functools import lru_cache
+from math import ceil
+from pathlib import Path
+
+from skysweep.caching import cache_folder
+from skysweep.errors import UserError
+from skysweep.sensing.model_files import own_model_path, sha256_of
+
+try:
+    import resource
+except ImportError:  # only POSIX has it; elsewhere the wall clock alone is a limit
+    resource = None  # type: ignore[assignment]
+
+MEMORY_BYTES = 1_500_000_000
+CPU_S = 10
+_WALL_S = 60.0
+_REFUSED = 2
+
+
+def try_out(path: Path) -> None:
+    """Raises UserError where a model does not load, or takes too long or too much memory for one picture.
+
+    The shipped model needs no trial, and one that passed is not tried again.
+    """
+    digest = sha256_of(path)
+    if digest != sha256_of(own_model_path()):
+        _try_once(path, digest)
+
+
+def vouch_for(path: Path) -> None:
+    """Says that a model needs no trial, for as long as its file stays as it is."""
+    passed = _passed(sha256_of(path))
+    with suppress(OSError):
+        passed.parent.mkdir(parents=True, exist_ok=True)
+        passed.touch()
+
+
+def _passed(digest: str) -> Path:
+    """What is there where a model with this SHA-256 has passed."""
+    return cache_folder() / "tried-models" / digest
+
+
+@lru_cache(maxsize=64)
+def _try_once(path: Path, digest: str) -> None:
+    if _passed(digest).exists():
+        return
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", __name__, str(path)],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=_WALL_S,
+            env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise _too_slow(path) from None
+    if done.returncode == -getattr(signal, "SIGXCPU", 0):
+        raise _too_slow(path)
+    if done.returncode == _REFUSED and done.stdout:
+        raise UserError(done.stdout.strip())
+    if done.returncode != 0:
+        raise UserError(f"{path}: the model broke the process that tried it; export or download it again")
+    vouch_for(path)
+
+
+def _too_slow(path: Path) -> UserError:
+    return UserError(f"{path}: the model took more than {CPU_S} s for one picture; export a smaller one")
+
+
+def _limit() -> None:
+    """From now on: so much more time and memory, and no core files."""
+    if resource is None:
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    cpu_s = ceil(used.ru_utime + used.ru_stime) + CPU_S
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    with suppress(OSError):  # only Linux tells and limits it
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        memory_bytes = pages * resource.getpagesize() + MEMORY_BYTES
+        resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+
+
+def _main(path: Path) -> int:
+    from skysweep.sensing.detector import load_network
+
+    _limit()
+    try:
+        load_network(path, threads=1)
+    except UserError as error:
+        print(error)
+        return _REFUSED
+    except MemoryError:
+        print(f"{path}: the model takes more than {MEMORY_BYTES / 1e9:g} GB; export a smaller one")
+        return _REFUSED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(_main(Path(sys.argv[1])))
