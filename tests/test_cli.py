@@ -244,14 +244,19 @@ def test_a_mission_is_reported_while_it_flies(tmp_path, flown):
     held.close()
 
 
-def test_a_damaged_journal_gives_the_results_of_the_lines_before(tmp_path, flown):
+def test_the_sound_part_of_a_damaged_folder_is_reported_elsewhere_when_asked_for(tmp_path, flown):
     journal = flown / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join([*lines[:40], b"rubbish\n", *lines[41:]]))
-    result = skysweep("report", flown, cwd=tmp_path)
-    assert result.returncode == 0
-    assert "line 41 of the journal is damaged" in result.stderr
-    assert "40 lines before it" in result.stderr
+    before = contents(flown)
+    refused(skysweep("report", flown, cwd=tmp_path), "line 41 is damaged, 40 before it", "--from-sound-lines")
+    refused(skysweep("report", flown, "--from-sound-lines", cwd=tmp_path), "line 41", "--out")
+    result = skysweep("report", flown, "--from-sound-lines", "--out", "sound", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "left out: line 41 of journal.jsonl and what comes after it" in result.stderr
+    assert "left out: summary.json" in result.stderr
+    assert "line 41 of journal.jsonl" in (tmp_path / "sound" / "report.html").read_text()
+    assert contents(flown) == before
     refused(skysweep("resume", flown, cwd=tmp_path), "line 41 is damaged", "--from-sound-lines")
 
 

@@ -581,7 +581,7 @@ class Inputs:
         if rng.random() < 0.6:  # as version 0.1 wrote them, without checksums
             records = [json.loads(line) for line in lines]
             for record in records:
-                record.pop("crc")
+                record.pop("chain")
             number = rng.randrange(len(records))
             records[number] = broken_tree(records[number], rng)
             lines = [as_json(record) + b"\n" for record in records]

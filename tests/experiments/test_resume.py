@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.resume import resume_folder
 from skysweep.experiments.single import fly_to_folder
 from skysweep.mission.journal import FileJournal, read_journal
-from skysweep.mission.line_file import encode
+from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
 
 SHORT = {
@@ -28,7 +29,7 @@ SHORT = {
     "search": {"n_c": 1, "scan_altitude_agl_m": 8},
 }
 RESULTS = ("journal.jsonl", "config.yaml", "targets.geojson", "targets.csv", "map.png")
-WALL = ("wall_time_s", "real_time_factor")
+WALL = ("wall_time_s", "real_time_factor", "crc")  # the last one is of the others
 
 
 def fly_short(folder, sensor="statistical", watch=None):
@@ -117,7 +118,7 @@ def test_it_can_be_resumed_again_and_again(whole, tmp_path):
 def test_killed_while_it_wrote_results_it_writes_them(whole, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(whole, folder)
-    (folder / "summary.json").write_text('{"scenario": "sho')
+    (folder / "summary.json").unlink()
     (folder / "map.png").unlink()
     resume_folder(folder)
     assert_same(folder, whole)
@@ -127,7 +128,8 @@ def test_a_complete_mission_is_left_alone(whole, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(whole, folder)
     before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
-    assert resume_folder(folder) == json.loads((whole / "summary.json").read_text())
+    written = json.loads((whole / "summary.json").read_text())
+    assert written | resume_folder(folder) == written
     assert {path: path.stat().st_mtime_ns for path in folder.iterdir()} == before
 
 
@@ -164,8 +166,11 @@ def test_what_differs_from_the_begun_mission_is_refused(whole, tmp_path, change,
     folder = cut(whole, tmp_path / "run", 60)
     journal = folder / "journal.jsonl"
     first, *rest = read_journal(journal)
-    content = b"".join(encode(line) for line in [first | change, *rest])
-    journal.write_bytes(content)
+    journal.unlink()
+    with closing(FileJournal(journal)) as again:
+        for line in [first | change, *rest]:
+            again.write(line.pop("t"), line.pop("kind"), **line)
+    content = journal.read_bytes()
     with pytest.raises(UserError, match=told):
         resume_folder(folder)
     assert journal.read_bytes() == content
@@ -176,8 +181,82 @@ def test_another_scenario_in_the_folder_is_refused(whole, tmp_path):
     config = yaml.safe_load((folder / "config.yaml").read_text())
     config["search"]["scan_altitude_agl_m"] += 0.5
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
-    with pytest.raises(UserError, match="flown again, the mission differs in line"):
+    for read in (resume_folder, load_run):
+        with pytest.raises(UserError, match=r"config\.yaml: is not what the mission was begun with"):
+            read(folder)
+
+
+def test_a_journal_with_a_line_missing_doubled_or_elsewhere_is_refused(whole, tmp_path):
+    folder = copied(whole, tmp_path / "run")
+    (folder / "summary.json").unlink()
+    lines = (whole / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    n = len(lines)
+    orders = [[*range(k), *range(k + 1, n)] for k in range(n - 1)]
+    orders += [[*range(k + 1), *range(k, n)] for k in range(n)]
+    orders += [[*range(k), k + 1, k, *range(k + 2, n)] for k in range(n - 1)]
+    for order in orders:
+        content = b"".join(lines[k] for k in order)
+        (folder / "journal.jsonl").write_bytes(content)
+        for read in (load_run, resume_folder):
+            with pytest.raises(UserError, match=r"line \d+ is damaged"):
+                read(folder)
+        assert (folder / "journal.jsonl").read_bytes() == content
+
+
+@pytest.mark.parametrize("n_left", [-1, 30])
+def test_a_journal_that_lost_its_end_does_not_agree_with_the_summary(whole, tmp_path, n_left):
+    folder = copied(whole, tmp_path / "run")
+    lines = (whole / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (folder / "journal.jsonl").write_bytes(b"".join(lines[:n_left]))
+    for read in (load_run, resume_folder):
+        with pytest.raises(
+            UserError, match=r"\d+ sound lines, and summary\.json was made from others; .*--from"
+        ):
+            read(folder)
+    assert load_run(folder, from_sound_lines=True).left_out == ("summary.json with the wall time",)
+    resume_folder(folder, from_sound_lines=True)
+    assert_same(folder, whole)
+
+
+def test_a_summary_that_says_nothing_is_not_that_of_a_complete_mission(whole, tmp_path):
+    folder = copied(whole, tmp_path / "run")
+    (folder / "summary.json").write_text("{}")
+    with pytest.raises(
+        UserError, match=r"summary\.json: is damaged; delete it, and 'skysweep report .*' writes"
+    ):
         resume_folder(folder)
+    (folder / "summary.json").unlink()
+    resume_folder(folder)
+    assert_same(folder, whole)
+
+
+@pytest.mark.parametrize("fly", [fly_short, resume_folder, load_run])
+def test_nothing_is_written_through_a_link_out_of_the_folder(whole, tmp_path, fly):
+    theirs = tmp_path / "passwd"
+    for name in ("journal.jsonl", "summary.json", "map.png"):
+        folder = cut(whole, tmp_path / f"run-{name}", 10)
+        theirs.write_text("root:x:0:0")
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(theirs)
+        with pytest.raises(UserError, match="is a link; put the file itself there, or delete it"):
+            fly(folder)
+        assert theirs.read_text() == "root:x:0:0"
+
+
+def test_an_older_folder_is_reported_on_and_not_gone_on_with(whole, tmp_path):
+    """Of a skysweep that did not chain lines and kept no digest of the configuration."""
+    folder = cut(whole, tmp_path / "run", 0)
+    lines = read_journal(whole / "journal.jsonl")
+    del lines[0]["config"]
+    (folder / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines[:40]))
+    assert len(load_run(folder).records) == 40
+    with pytest.raises(UserError, match=r"begun by an older skysweep .*; install that one to go on"):
+        resume_folder(folder)
+
+
+def copied(whole, folder):
+    shutil.copytree(whole, folder)
+    return folder
 
 
 def test_a_mission_that_still_flies_is_refused(whole, tmp_path):
@@ -270,6 +349,37 @@ except UserError as error:
     assert before != journal.read_bytes()
     resume_folder(folder)
     assert_same(folder, whole)
+
+
+def test_where_not_even_the_first_line_can_be_written_nothing_is_flown(tmp_path):
+    """``resume`` would have nothing to go on with, so it is not advised."""
+    folder = tmp_path / "run"
+    program = f"""
+import resource, signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from skysweep.errors import UserError
+from skysweep.mission.journal import FileJournal
+from test_resume import fly_short
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+write = FileJournal.write
+def on_a_full_disk(self, *args, **fields):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
+    write(self, *args, **fields)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+FileJournal.write = on_a_full_disk
+try:
+    fly_short(Path(sys.argv[1]), watch=lambda *_: print("flies"))
+except UserError as error:
+    print(error)
+"""
+    run = subprocess.run([sys.executable, "-c", program, folder], capture_output=True, text=True, check=True)
+    assert run.stdout == (
+        f"{folder / 'journal.jsonl'}: nothing more can be written (File too large); what it holds is sound, "
+        "and nothing was flown; make room, then give the same command again\n"
+    )
+    fly_short(folder)
+    assert read_journal(folder / "journal.jsonl")[-1]["kind"] == "end"
 
 
 def test_ctrl_c_says_the_command_that_goes_on(tmp_path):

@@ -16,6 +16,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine, make_engine
+from skysweep.experiments.folder import Folder
 from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.sweep import Estimate, Sweep
 from skysweep.experiments.sweep_matrix import Matrix
@@ -41,6 +42,8 @@ parameters:
   search.n_c: [1, .inf]
 seeds: 10
 """
+
+FILES = ["SHA256SUMS", "missions.parquet", "spec.yaml", "timings.parquet"]
 
 BRITTLE = """
 from skysweep.strategies import StrategySpec
@@ -102,7 +105,7 @@ def whole(tmp_path_factory):
 
 def test_one_row_a_mission_with_its_summary(whole):
     table = pl.read_parquet(whole / "missions.parquet")
-    assert sorted(p.name for p in whole.iterdir()) == ["missions.parquet", "spec.yaml", "timings.parquet"]
+    assert sorted(p.name for p in whole.iterdir()) == FILES
     assert table.columns == [
         *("job", "scenario", "strategy", "seed", "sensor", "param.search.n_c", "config_hash"),
         *METRICS,
@@ -238,7 +241,7 @@ def test_results_may_live_at_a_url(whole, tmp_path):
         assert Sweep(spec(seeds="1"), url).left == 0
         files, root = fsspec.core.url_to_fs(url)
         names = sorted(path.rpartition("/")[2] for path in files.ls(root, detail=False))
-        assert names == ["missions.parquet", "spec.yaml", "timings.parquet"]
+        assert names == FILES
         table = pl.read_parquet(io.BytesIO(files.cat_file(f"{root}/missions.parquet")))
         assert table.equals(pl.read_parquet(whole / "missions.parquet").head(3))
 
@@ -270,6 +273,41 @@ def test_a_table_without_spec_and_a_damaged_part_are_said(whole, tmp_path):
     (tmp_path / "parts" / "broken.parquet").write_bytes(b"PAR1")
     with pytest.raises(UserError, match=r"broken\.parquet: is damaged"):
         Sweep(spec(), tmp_path)
+
+
+def test_the_digests_are_those_that_sha256sum_checks(whole):
+    subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=whole, check=True)
+
+
+def test_a_table_of_a_sweep_without_digests_is_taken_as_it_is_and_gets_them(whole, tmp_path):
+    sweep(tmp_path / "out", wanted=spec(seeds="1"))
+    (tmp_path / "out" / "SHA256SUMS").unlink()
+    assert sweep(tmp_path / "out", wanted=spec(seeds="2")).missions == 6
+    subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=tmp_path / "out", check=True)
+
+
+@pytest.mark.parametrize("name", ["SHA256SUMS", "missions.parquet", "timings.parquet"])
+def test_killed_while_it_writes_the_table_it_goes_on(whole, tmp_path, monkeypatch, name):
+    sweep(tmp_path / "out", wanted=spec(seeds="1"))
+    flight = Sweep(spec(), tmp_path / "out")
+
+    class Killed(Exception):
+        pass
+
+    write = Folder.write
+
+    def write_until(self, file, content):
+        write(self, file, content)
+        if file == name and (flight._folder.names("parts") or name == "SHA256SUMS"):
+            raise Killed
+
+    monkeypatch.setattr(Folder, "write", write_until)
+    with pytest.raises(Killed):
+        flight.fly(Here())
+    monkeypatch.undo()
+    sweep(tmp_path / "out")
+    assert table_bytes(tmp_path / "out") == table_bytes(whole)
+    subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=tmp_path / "out", check=True)
 
 
 def test_it_asks_with_an_estimate_before_anything_is_written(tmp_path):

@@ -4,16 +4,39 @@ import json
 import multiprocessing
 import zlib
 from contextlib import closing, suppress
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
-from skysweep.mission.line_file import LineFile, encode, read_lines
+from skysweep.mission.line_file import LineFile, read_lines, read_sound_lines, scan_lines
 
 RECORDS = [{"t": k / 3, "kind": "state", "name": "Zoë", "p": [k, None]} for k in range(4)]
-WHOLE = b"".join(encode(r) for r in RECORDS)
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["single", "chained"])
+def chained(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def lines(chained, tmp_path_factory):
+    """Each line of a file, its end included."""
+    return written(tmp_path_factory.mktemp("lines") / "lines", RECORDS, chained)
+
+
+@pytest.fixture(scope="module")
+def whole(lines):
+    return b"".join(lines)
+
+
+def written(path, records, chained):
+    with closing(LineFile(path, "mend it", chained=chained)) as file:
+        for record in records:
+            file.append(record, sync=False)
+    return path.read_bytes().splitlines(keepends=True)
 
 
 def read(path, content):
@@ -21,34 +44,62 @@ def read(path, content):
     return read_lines(path, "mend it")
 
 
-def test_lines_are_json_with_the_checksum_of_the_rest():
-    line = encode({"t": 0.5, "kind": "end"})
+def test_lines_are_json_with_the_checksum_of_the_rest(tmp_path):
+    (line,) = written(tmp_path / "lines", [{"t": 0.5, "kind": "end"}], False)
     assert line == b'{"t": 0.5, "kind": "end", "crc": "%08x"}\n' % zlib.crc32(b'{"t": 0.5, "kind": "end"}')
     assert json.loads(line)["kind"] == "end"
 
 
-def test_a_last_line_torn_at_any_byte_is_left_out_and_written_again(tmp_path):
+def test_a_chained_checksum_goes_on_from_that_of_the_line_before(tmp_path):
+    before = 0
+    for line, record in zip(written(tmp_path / "lines", RECORDS, True), RECORDS, strict=True):
+        before = zlib.crc32(json.dumps(record).encode(), before)
+        assert json.loads(line) == record | {"chain": f"{before:08x}"}
+    assert read_sound_lines(tmp_path / "lines").seal == before
+
+
+def test_a_last_line_torn_at_any_byte_is_left_out_and_written_again(tmp_path, chained, lines, whole):
     path = tmp_path / "lines"
-    whole_lines = len(WHOLE) - len(encode(RECORDS[-1]))
-    for n_bytes in range(whole_lines, len(WHOLE)):
-        assert read(path, WHOLE[:n_bytes]) == RECORDS[:-1]
-        with closing(LineFile(path, "mend it")) as file:
+    for n_bytes in range(len(whole) - len(lines[-1]), len(whole)):
+        assert read(path, whole[:n_bytes]) == RECORDS[:-1]
+        with closing(LineFile(path, "mend it", chained=chained)) as file:
             assert file.records == RECORDS[:-1]
             file.append(RECORDS[-1], sync=False)
-        assert path.read_bytes() == WHOLE
+        assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("torn", [b"", b'{"t": 1.3, "kind": "sta'])
+def test_every_single_bit_counts(whole, torn):
+    """But for those of a torn line, which is left out as it is."""
+    for bit in range(8 * len(whole)):
+        flipped = bytearray(whole + torn)
+        flipped[bit // 8] ^= 1 << bit % 8
+        found = scan_lines(bytes(flipped))
+        assert found.damaged is not None, f"bit {bit} of {len(whole)} bytes"
+        assert found.records == RECORDS[: found.damaged - 1]
 
 
 @settings(deadline=None)
-@given(st.integers(0, len(WHOLE) - 1), st.integers(1, 255))
-def test_no_changed_byte_goes_unseen(tmp_path_factory, place, change):
-    path = tmp_path_factory.getbasetemp() / "flipped"
-    damaged = bytearray(WHOLE)
-    damaged[place] ^= change
-    if place >= len(WHOLE) - len(encode(RECORDS[-1])) - 1:
-        assert read(path, bytes(damaged)) in (RECORDS[:-1], RECORDS[:-2])
-    else:
-        with pytest.raises(UserError, match=r"line \d is damaged, \d before it are sound; mend it"):
-            read(path, bytes(damaged))
+@given(place=st.integers(0), change=st.integers(1, 255))
+def test_no_changed_byte_goes_unseen(whole, place, change):
+    changed = bytearray(whole)
+    changed[place % len(whole)] ^= change
+    assert scan_lines(bytes(changed)).damaged is not None
+
+
+def test_a_chained_line_that_is_missing_doubled_or_elsewhere_is_found(tmp_path):
+    lines = written(tmp_path / "lines", RECORDS, True)
+    for k, _ in enumerate(lines[:-1]):
+        assert scan_lines(b"".join(lines[:k] + lines[k + 1 :])).damaged == k + 1
+    for k, _ in enumerate(lines):
+        assert scan_lines(b"".join([*lines[: k + 1], *lines[k:]])).damaged == k + 2
+    for k, (line, next_line) in enumerate(pairwise(lines)):
+        assert scan_lines(b"".join([*lines[:k], next_line, line, *lines[k + 2 :]])).damaged == k + 1
+
+
+def test_a_line_that_is_not_chained_may_be_removed(tmp_path):
+    lines = written(tmp_path / "lines", RECORDS, False)
+    assert read(tmp_path / "lines", lines[0] + lines[2]) == [RECORDS[0], RECORDS[2]]
 
 
 @settings(deadline=None)
@@ -59,36 +110,63 @@ def test_no_content_can_crash_a_reader(tmp_path_factory, content):
         assert all(isinstance(record, dict) for record in read(path, content))
 
 
-def test_the_lines_before_the_damage_are_saved(tmp_path):
+def test_the_lines_before_the_damage_are_saved(tmp_path, chained, whole):
     path, aside = tmp_path / "lines", tmp_path / "lines.damaged"
-    damaged = WHOLE.replace(b'"p": [2', b'"p": [3')
+    damaged = whole.replace(b'"p": [2', b'"p": [3')
     path.write_bytes(damaged)
-    with closing(LineFile(path, "mend it", aside)) as file:
+    with closing(LineFile(path, "mend it", aside, chained)) as file:
         assert file.records == RECORDS[:2]
+        assert path.read_bytes() == damaged, "nothing changes before something is written"
         file.append(RECORDS[2], sync=True)
     assert read_lines(path, "mend it") == RECORDS[:3]
     assert aside.read_bytes() == damaged
 
 
-def test_lines_without_checksums_of_an_older_version_may_come_first(tmp_path):
-    path = tmp_path / "lines"
-    old = "".join(json.dumps(r) + "\n" for r in RECORDS[:2]).encode()
-    path.write_bytes(old)
-    with closing(LineFile(path, "mend it")) as file:
-        file.append(RECORDS[2], sync=False)
-    assert read_lines(path, "mend it") == RECORDS[:3]
-    with pytest.raises(UserError, match="line 3 is damaged"):
-        read(path, encode(RECORDS[0]) * 2 + old)
+def test_opening_changes_nothing(tmp_path, chained, whole):
+    """A file of one torn line: whatever it is, it is not ours to empty."""
+    for content in (b"root:x:0:0", whole + b'{"t": 9'):
+        (tmp_path / "lines").write_bytes(content)
+        with closing(LineFile(tmp_path / "lines", "mend it", chained=chained)):
+            pass
+        assert (tmp_path / "lines").read_bytes() == content
 
 
-def test_lines_can_be_cut_off_before_others_are_written(tmp_path):
+def test_links_and_devices_are_refused(tmp_path):
+    (tmp_path / "elsewhere").write_bytes(b"root:x:0:0")
+    (tmp_path / "lines").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UserError, match=r"cannot be written \(it is a link\)"):
+        LineFile(tmp_path / "lines", "mend it")
+    assert (tmp_path / "elsewhere").read_bytes() == b"root:x:0:0"
+    (tmp_path / "lines").unlink()
+    (tmp_path / "lines").symlink_to("/dev/zero")
+    with pytest.raises(UserError, match="is no file; put the file itself there"):
+        read_lines(tmp_path / "lines", "mend it")
+
+
+def test_lines_of_an_older_version_may_come_first(tmp_path):
     path = tmp_path / "lines"
-    path.write_bytes(WHOLE)
-    with closing(LineFile(path, "mend it")) as file:
+    bare = [json.dumps(record).encode() + b"\n" for record in RECORDS]
+    path.write_bytes(bare[0])
+    written(path, RECORDS[1:2], False)
+    written(path, RECORDS[2:], True)
+    assert read_lines(path, "mend it") == RECORDS
+    older = {"bare": bare[0], "single": written(tmp_path / "single", RECORDS[:1], False)[0]}
+    chained = written(tmp_path / "chained", RECORDS[:1], True)[0]
+    for first, second in ((chained, "bare"), (chained, "single"), (older["single"], "bare")):
+        with pytest.raises(UserError, match="line 2 is damaged"):
+            read(path, first + older[second])
+
+
+def test_lines_can_be_cut_off_before_others_are_written(tmp_path, chained, whole):
+    path = tmp_path / "lines"
+    path.write_bytes(whole)
+    with closing(LineFile(path, "mend it", chained=chained)) as file:
         file.cut(1)
         assert file.records == RECORDS[:1]
         file.append(RECORDS[3], sync=True)
-    assert path.read_bytes() == encode(RECORDS[0]) + encode(RECORDS[3])
+    content = path.read_bytes()
+    path.unlink()
+    assert content == b"".join(written(path, [RECORDS[0], RECORDS[3]], chained))
 
 
 def test_two_processes_cannot_write_one_file(tmp_path):

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import SETUP, fly_in, setup_of
+from skysweep.experiments.single import begin, fly_in
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, read_journal
-from skysweep.mission.line_file import encode
 from skysweep.results.run_folder import load_run
-from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.embedded import embedded_vehicle
 
@@ -37,7 +35,6 @@ class Broken(Exception):
 def broken_off(folder, until):
     """Fly until ``until(record)``; the vehicle, which is left as it is."""
     folder.mkdir()
-    write_scenario(SCENARIO, folder / "config.yaml")
     vehicle = embedded_vehicle(SCENARIO, 0)
     mission = build_mission(SCENARIO, 0, "statistical", vehicle=vehicle)
     assert not mission.replays
@@ -49,7 +46,7 @@ def broken_off(folder, until):
                 raise Broken
 
     with closing(Breaking(folder / "journal.jsonl")) as journal:
-        journal.write(0.0, SETUP, **setup_of(mission, 1))
+        begin(folder, mission, journal, 1)
         with pytest.raises(Broken):
             fly_in(folder, mission, journal, None)
     return vehicle
@@ -119,6 +116,9 @@ def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
         resume_folder(folder)
     lines = read_journal(folder / "journal.jsonl")
     lines[0]["replays"] = True
-    (folder / "journal.jsonl").write_bytes(b"".join(encode(line) for line in lines))
+    (folder / "journal.jsonl").unlink()
+    with closing(FileJournal(folder / "journal.jsonl")) as journal:
+        for line in lines:
+            journal.write(line.pop("t"), line.pop("kind"), **line)
     with pytest.raises(Exception, match="the mission was simulated; go on with  skysweep resume"):
         resume_folder(folder, vehicle=embedded_vehicle(SCENARIO, 1))

@@ -56,13 +56,17 @@ def test_line_cut_short_by_a_crash_is_left_out(tiny_folder):
 
 
 @pytest.mark.parametrize("bad", ["nonsense", json.dumps([1, 2]), json.dumps({"kind": "state"})])
-def test_lines_before_a_damaged_one_are_read_and_it_is_named(tiny_folder, bad):
+def test_a_damaged_line_is_named_and_those_before_it_are_read_when_asked_for(tiny_folder, bad):
     journal = tiny_folder / "journal.jsonl"
     lines = journal.read_text().splitlines()
     lines[4] = bad
     journal.write_text("\n".join(lines))
-    run = load_run(tiny_folder)
-    assert run.damaged_line == 5
+    with pytest.raises(
+        UserError, match=r"line 5 is damaged, 4 before it are sound; .skysweep report .*--from"
+    ):
+        load_run(tiny_folder)
+    run = load_run(tiny_folder, from_sound_lines=True)
+    assert run.left_out == ("line 5 of journal.jsonl and what comes after it",)
     assert [r["kind"] for r in run.records] == ["start", "plan", "state", "state"]
 
 

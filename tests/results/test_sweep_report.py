@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
+from contextlib import closing
 from pathlib import Path
 
 import fsspec
@@ -25,7 +27,9 @@ from skysweep.experiments.sweep import fly_job
 from skysweep.experiments.sweep_matrix import Matrix
 from skysweep.experiments.sweep_spec import dump_spec, parse_spec
 from skysweep.experiments.sweep_store import SweepStore
+from skysweep.mission.line_file import LineFile
 from skysweep.results import sweep_figures
+from skysweep.results.checksums import sha256
 from skysweep.results.statistics import holm, pairs_needed
 from skysweep.results.sweep_analysis import analyse, best_rule, sensitivity, verdict
 from skysweep.results.sweep_missions import (
@@ -223,8 +227,11 @@ def test_a_sweep_that_still_runs_with_missions_cut_short(table, tmp_path):
     (tmp_path / "sweep/spec.yaml").write_text("")
     jobs = cut.select("job", "scenario", "strategy", "seed", "sensor", N_C, "config_hash")
     outcomes = cut.drop("job", "strategy", "seed", "sensor", N_C)
-    failing(outcomes.with_columns(job=cut["job"]), [11]).drop("job")[10:].write_parquet(parts / "0.parquet")
-    outcomes[:12].write_parquet(parts / "1.parquet")
+    late = failing(outcomes.with_columns(job=cut["job"]), [11]).drop("job")[10:]
+    for part in (late, outcomes[:12]):
+        content = io.BytesIO()
+        part.write_parquet(content)
+        (parts / f"{sha256(content.getvalue())}.parquet").write_bytes(content.getvalue())
     missions = load_missions(str(tmp_path / "sweep"), lambda spec: jobs)
     assert missions.table["job"].to_list() == list(range(24))
     assert not len(missions.failed)  # the mission that failed in one part was flown again in the other
@@ -289,9 +296,37 @@ def test_a_comparison_with_the_paper(table, tmp_path):
     flown_here = by_scenario(load_missions_of(table))["calm"]
     assert verdict_of(*flown_there) == verdict_of(*flown_here)
     assert all((a.pos[0] == b.pos[0]).all() for a, b in zip(flown_there, flown_here, strict=True))
-    ledger.write_text("\n".join([*lines, lines[0]]))
+    ledger.write_text("\n".join([*lines, lines[0]]) + "\n")
     with pytest.raises(UserError, match="different parameters"):
         load_missions(str(tmp_path))
+
+
+def test_a_damaged_line_of_a_ledger_is_named_and_no_number_of_it_is_used(tmp_path):
+    base = {
+        "scenario": "calm",
+        "strategy": "scan-check",
+        "n_c": 5,
+        "sensor": "statistical",
+        "completed": True,
+    }
+    base |= {"recall": 1.0, "false_positives": 0, "pos_curve": [[0.0, 0.0], [9.0, 1.0]]}
+    path = tmp_path / "missions.jsonl"
+    with closing(LineFile(path, "")) as ledger:
+        for seed in range(10):
+            summary = base | {"seed": seed, "mission_time_s": 100.0 + seed}
+            ledger.append({"key": str(seed), "summary": summary}, sync=False)
+    sound = path.read_bytes()
+    for wrong, number in (
+        (sound.replace(b"104.0", b"94.0"), 5),
+        (sound.replace(b'"seed": 9', b'"seed": 8'), 10),
+    ):
+        path.write_bytes(wrong)
+        with pytest.raises(
+            UserError, match=rf"missions\.jsonl: line {number} is damaged.*; delete that line"
+        ):
+            load_missions(str(tmp_path))
+    path.write_bytes(b"".join(sound.splitlines(keepends=True)[1:]))
+    assert len(load_missions(str(tmp_path)).table) == 9
 
 
 def test_a_comparison_tells_scan_only_from_the_n_c_of_its_scenario(tmp_path):

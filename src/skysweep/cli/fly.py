@@ -97,9 +97,9 @@ def fly(
         skysweep fly field.plan --connection serial:///dev/ttyUSB0:57600 --camera rtsp://10.0.0.5/live
     """
     from skysweep.experiments.px4_flight import Px4Flight
-    from skysweep.experiments.resume import summary_of_complete
+    from skysweep.experiments.resume import begun_scenario
     from skysweep.planning.plan_files import scenario_from_plan
-    from skysweep.results.run_folder import CONFIG_FILE
+    from skysweep.results.run_folder import CONFIG_FILE, summary_of_complete
     from skysweep.scenarios.files import change_scenario, load_scenario
     from skysweep.vehicles.mavlink.signing import read_signing_key
 
@@ -108,7 +108,7 @@ def fly(
         if summary_of_complete(begun) is not None:
             console.print(f"complete; nothing to do. Report: {begun / 'report.html'}", soft_wrap=True)
             return
-        chosen = load_scenario(begun / CONFIG_FILE)
+        chosen = begun_scenario(begun)
     else:
         is_plan = Path(source).suffix.lower() == ".plan"
         chosen = change_scenario(

@@ -146,9 +146,10 @@ def resume(
 
         skysweep resume my-run --from-sound-lines
     """
-    from skysweep.experiments.resume import resume_folder, summary_of_complete
+    from skysweep.experiments.resume import resume_folder
+    from skysweep.results.run_folder import summary_of_complete
 
-    if summary_of_complete(run_dir) is not None:
+    if summary_of_complete(run_dir, from_sound_lines) is not None:
         console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
         return
     with flying(run_dir.name, run_dir) as watch:
@@ -171,6 +172,7 @@ def _topic(option: str, value: str, *others: str) -> str:
 def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
     """A status line that watches a mission, and never holds it up; Ctrl-C says how to go on."""
     from skysweep.mission.journal import resume_command
+    from skysweep.results.run_folder import JOURNAL_FILE
 
     columns = description, TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
     with unblocked(), Progress(*columns, console=errors) as progress:
@@ -187,7 +189,10 @@ def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]
             yield watch
         except KeyboardInterrupt:
             progress.stop()
-            errors.print(f"stopped; go on with:  {resume_command(folder)}", soft_wrap=True, highlight=False)
+            journal = folder / JOURNAL_FILE
+            begun = journal.is_file() and journal.stat().st_size > 0
+            how = f"go on with:  {resume_command(folder)}" if begun else "nothing was flown"
+            errors.print(f"stopped; {how}", soft_wrap=True, highlight=False)
             raise typer.Exit(130) from None
 
 

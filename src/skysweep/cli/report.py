@@ -29,6 +29,12 @@ def report(
         float,
         typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration of a sweep must have."),
     ] = 0.95,
+    from_sound_lines: Annotated[
+        bool,
+        typer.Option(
+            "--from-sound-lines", help="Of a damaged run folder, report what is sound; needs --out."
+        ),
+    ] = False,
 ) -> None:
     """Write the results of a mission from its journal, or report what the missions of a sweep show.
 
@@ -61,8 +67,10 @@ def report(
 
     target, here = out, local_folder(folder)
     if here is not None and (here / JOURNAL_FILE).is_file():
-        _report_mission(here, out or here)
+        _report_mission(here, out or here, from_sound_lines)
         return
+    if from_sound_lines:
+        raise UserError(f"--from-sound-lines: {folder} is not the folder of one mission; leave it out")
     if target is None:
         if here is None:
             raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
@@ -81,26 +89,21 @@ def report(
     console.print(f"report: {target / REPORT_FILE}", soft_wrap=True)
 
 
-def _report_mission(folder: Path, out: Path) -> None:
-    from skysweep.experiments.resume import summary_of_complete
-    from skysweep.results.run_folder import load_run
+def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
+    from skysweep.results.run_folder import is_older, load_run
     from skysweep.results.writing import write_results
 
-    run = load_run(folder)
-    complete = summary_of_complete(folder) is not None
-    if run.damaged_line is not None and complete and out.resolve() == folder.resolve():
+    run = load_run(folder, from_sound_lines)
+    if run.left_out and out.resolve() == folder.resolve():
         raise UserError(
-            f"{folder}: its results are complete, and its journal was damaged since (line "
-            f"{run.damaged_line}); write what can still be read elsewhere with --out"
+            f"{folder}: is damaged ({', '.join(run.left_out)}); write what is sound elsewhere with --out"
         )
-    if run.damaged_line is not None:
-        warn(
-            f"{folder}: line {run.damaged_line} of the journal is damaged; the results are those of the "
-            f"{len(run.records)} lines before it"
-        )
+    for what in run.left_out:
+        warn(f"{folder}: is damaged; left out: {what}")
+    if is_older(run.records):
+        warn(f"{folder}: an older skysweep wrote it, so that not all damage would be seen")
     if not run.ended:
         warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
-    earlier = summary_of_complete(folder) or {}
-    summary = write_results(run, out, earlier.get("wall_time_s"))
+    summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
     print_summary(summary)
     console.print(f"report: {out / 'report.html'}", soft_wrap=True)

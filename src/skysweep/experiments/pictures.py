@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from skysweep.geometry.camera import Lens
 from skysweep.mission.journal import Journal
 from skysweep.results.evidence import picture_name
+from skysweep.results.picture_files import write_picture
 from skysweep.results.wording import clock
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.types import Detections, Frame
@@ -106,9 +107,7 @@ class PictureBook:
                 image = labelled(frame.image, found, box, words)
                 _, jpeg = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
                 self._folder.mkdir(exist_ok=True)
-                part = path.with_suffix(".part")
-                part.write_bytes(jpeg.tobytes())
-                part.replace(path)
+                write_picture(path, jpeg.tobytes())
             if path.exists():
                 for worse in set(self._folder.glob(f"candidate-{candidate}-*.jpg")) - {path}:
                     worse.unlink()

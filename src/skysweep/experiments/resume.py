@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,19 @@ from skysweep import __version__
 from skysweep.errors import UserError
 from skysweep.experiments.single import SETUP, Say, Watch, finish, fly_in, setup_of
 from skysweep.mission.build import build_mission
-from skysweep.mission.journal import FileJournal
+from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.mission.loop import Mission, Operator
 from skysweep.mission.resume import recorded_answers, restored
-from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, SUMMARY_FILE
-from skysweep.scenarios.files import load_scenario
+from skysweep.results.run_folder import (
+    CONFIG_FILE,
+    JOURNAL_FILE,
+    Record,
+    flown_scenario,
+    is_older,
+    refuse_links,
+    summary_of_complete,
+)
+from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.types import Camera, Vehicle
 
@@ -46,29 +53,28 @@ def resume_folder(
     A simulated mission ends as if it had never been broken off, but for the wall time. One that a ``vehicle``
     from outside flew goes on with that, from where it is now; ``camera``, ``operator`` and ``say`` are as in
     ``fly_to_folder``, and only what is new is said. A complete mission is left alone. With
-    ``from_sound_lines`` a journal that is damaged in the middle is set aside and the lines before the damage
-    are gone on from.
+    ``from_sound_lines`` a journal that is damaged is set aside, and the mission goes on from the lines before
+    the damage.
 
-    Raises UserError when there is no mission, it still flies, its journal is damaged, or what it was begun
-    with is not what there is now.
+    Raises UserError when there is no mission, it still flies, its folder is damaged, or what it was begun
+    with is not what there is now; nothing is changed then.
     """
     started = time.perf_counter()
-    summary = summary_of_complete(folder)
+    summary = summary_of_complete(folder, from_sound_lines)
     if summary is not None:
-        return summary
-    path = folder / JOURNAL_FILE
-    if not (folder / CONFIG_FILE).is_file() or not path.is_file():
-        raise UserError(f"{folder}: {_nothing_begun(folder)}")
+        return dict(summary)
+    path = _begun_journal(folder)
     with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
-        if not journal.records:
-            raise UserError(f"{folder}: {_nothing_begun(folder)}")
+        begun = _begun(folder, journal.records)
         if journal.records[-1]["kind"] == _END:
+            flown_scenario(folder, journal.records)
+            journal.mend()
             return finish(folder, None)
-        begun = _begun(folder, journal)
+        scenario = _scenario_to_go_on_with(folder, journal.records)
         if begun["replays"] == (vehicle is not None):
             raise UserError(f"{folder}: {_OTHER_COMMAND[vehicle is not None].format(folder)}")
         mission = build_mission(
-            load_scenario(folder / CONFIG_FILE),
+            scenario,
             begun["seed"],
             begun["sensor"],
             begun["renderer"] or "auto",
@@ -85,25 +91,38 @@ def resume_folder(
         return finish(folder, started)
 
 
-def summary_of_complete(folder: Path) -> dict[str, Any] | None:
-    """The summary of a mission that has ended and whose results are written, else None."""
-    try:
-        summary: dict[str, Any] = json.loads((folder / SUMMARY_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return summary if summary.get("ended", True) else None
+def begun_scenario(folder: Path) -> Scenario:
+    """The scenario of a mission that can go on. Raises UserError as ``resume_folder`` does."""
+    records = read_journal(_begun_journal(folder))
+    _begun(folder, records)
+    return _scenario_to_go_on_with(folder, records)
 
 
-def _begun(folder: Path, journal: FileJournal) -> dict[str, Any]:
+def _begun_journal(folder: Path) -> Path:
+    path = folder / JOURNAL_FILE
+    if not (folder / CONFIG_FILE).is_file() or not path.is_file():
+        raise UserError(f"{folder}: {_nothing_begun(folder)}")
+    refuse_links(folder)
+    return path
+
+
+def _begun(folder: Path, records: Sequence[Record]) -> Record:
     """With what the mission was begun."""
-    begun = journal.records[0]
-    if begun["kind"] != SETUP or begun["version"] != __version__:
+    if not records:
+        raise UserError(f"{folder}: {_nothing_begun(folder)}")
+    return records[0]
+
+
+def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario:
+    begun = records[0]
+    if begun["kind"] != SETUP or begun["version"] != __version__ or is_older(records):
         version = begun.get("version", "0.1.0")
+        other = f"skysweep {version}" if version != __version__ else f"an older skysweep {version}"
         raise UserError(
-            f"{folder}: the mission was begun by skysweep {version}, and this is {__version__}; install that "
-            "one to go on, or fly it again into a new folder"
+            f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to go "
+            "on, or fly it again into a new folder"
         )
-    return begun
+    return flown_scenario(folder, records)
 
 
 def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[str, Any]) -> None:

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.experiments.single import GIVEN_DETECTOR, SETUP, Watch, finish, fly_in, setup_of
+from skysweep.experiments.single import Watch, begin, finish, fly_in
 from skysweep.mission.build import build_mission, make_detector
 from skysweep.mission.journal import FileJournal
 from skysweep.outputs import make_folder
-from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE
+from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
 from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPoseVehicle
-from skysweep.scenarios.files import change_scenario, load_scenario, write_scenario
+from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
 from skysweep.vehicles.mavlink.embedded import embedded_vehicle
@@ -68,7 +68,7 @@ def fly_on_ros(
         vehicle, camera, detector = _parts(
             link, scenario, settings.seed, settings.sensor, settings.camera, settings.detector, settings.pose
         )
-        given = GIVEN_DETECTOR if detector else {}
+        theirs = detector
         if settings.sensor == "imaging" and not settings.detector:
             detector = PublishedDetector(link, make_detector(scenario, _DETECTOR_THREADS))
         mission = build_mission(
@@ -81,7 +81,6 @@ def fly_on_ros(
             detector=detector,
         )
         make_folder(folder)
-        write_scenario(scenario, folder / CONFIG_FILE)
         face.prepare(mission)
         pace = RealTime(settings.speed)
 
@@ -93,11 +92,11 @@ def fly_on_ros(
         journal = FileJournal(folder / JOURNAL_FILE)
         journal.listeners.append(face.note)
         with closing(mission.sensor), closing(journal):
+            begin(folder, mission, journal, _DETECTOR_THREADS, theirs)
             if not settings.autostart:
                 say(f"waiting for {link.node.get_fully_qualified_name()}/start")
                 face.wait_for_start()
             started = time.perf_counter()
-            journal.write(0.0, SETUP, **setup_of(mission, _DETECTOR_THREADS) | given)
             fly_in(folder, mission, journal, watch_all, face.operator, say=say)
             summary = finish(folder, started)
         face.end(summary["end_reason"])

@@ -20,7 +20,16 @@ from skysweep.outputs import make_folder
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary
-from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, PICTURES, Run, load_run
+from skysweep.results.run_folder import (
+    CONFIG,
+    CONFIG_FILE,
+    JOURNAL_FILE,
+    PICTURES,
+    Run,
+    digest_of_config,
+    load_flown,
+    refuse_links,
+)
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
@@ -62,19 +71,35 @@ def fly_to_folder(
     """
     started = time.perf_counter()
     journal_path = out / JOURNAL_FILE
+    refuse_links(out)
     if journal_path.exists():
         _refuse_flown(out, read_journal(journal_path))
     scenario = with_paths_beside(scenario, Path.cwd())
     mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera, detector)
-    setup = setup_of(mission, threads) | (GIVEN_DETECTOR if detector else {})
     with closing(mission.sensor):
         make_folder(out)
         with closing(FileJournal(journal_path)) as journal:
             _refuse_flown(out, journal.records)
-            write_scenario(scenario, out / CONFIG_FILE)
-            journal.write(0.0, SETUP, **setup)
+            begin(out, mission, journal, threads, detector)
             fly_in(out, mission, journal, watch, operator, say=say)
             return finish(out, started)
+
+
+def begin(
+    folder: Path, mission: Mission, journal: FileJournal, threads: int, detector: Detector | None = None
+) -> None:
+    """Write down what a mission is flown with: its configuration, and the first line of its journal.
+
+    Raises UserError where the disk does not take that.
+    """
+    write_scenario(mission.scenario, folder / CONFIG_FILE)
+    given = GIVEN_DETECTOR if detector else {}
+    setup = setup_of(mission, threads) | given | {CONFIG: digest_of_config(folder)}
+    journal.write(0.0, SETUP, **setup)
+    if journal.failed is not None:
+        raise UserError(
+            f"{journal.failed}, and nothing was flown; make room, then give the same command again"
+        )
 
 
 def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> dict[str, Any]:
@@ -120,8 +145,8 @@ def fly_in(
     fly(mission, notes, watch or (lambda _state, _mode, _new: None), operator, before)
     if journal.failed is not None:
         raise UserError(
-            f"{journal.failed}, and the vehicle has come home; make room, then  {resume_command(folder)}  "
-            "goes on"
+            f"{journal.failed}, and the vehicle has come home; make room, then  "
+            f"{resume_command(folder, mission.replays)}  goes on"
         )
 
 
@@ -165,7 +190,7 @@ def finish(folder: Path, started: float | None) -> dict[str, Any]:
 
     try:
         wall_time_s = None if started is None else time.perf_counter() - started
-        return write_results(load_run(folder), folder, wall_time_s)
+        return write_results(load_flown(folder), folder, wall_time_s)
     except CannotWriteError as error:
         raise UserError(
             f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "
@@ -177,5 +202,5 @@ def _refuse_flown(folder: Path, records: list[dict[str, Any]]) -> None:
     if records:
         raise UserError(
             f"{folder}: holds a mission already; write another --out, or go on with it:  "
-            f"{resume_command(folder)}"
+            f"{resume_command(folder, records[0].get('replays', True))}"
         )

@@ -1,20 +1,29 @@
 """The results of a sweep in a folder: parts while it runs, one table when it is complete.
 
 ``missions.parquet`` has one row a mission and the same bytes however the sweep ran; ``timings.parquet``
-has what differs from run to run.
+has what differs from run to run. ``SHA256SUMS`` has their digests and that of ``spec.yaml``; a part is named
+by its own. What does not have its digest any more is refused.
 """
 
 from __future__ import annotations
 
-import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import polars as pl
 
 from skysweep.errors import UserError
 from skysweep.experiments.folder import Folder
+from skysweep.results.checksums import (
+    SUMS_FILE,
+    Sums,
+    dump_sums,
+    read_sums,
+    refuse_changed,
+    refuse_misnamed,
+    sha256,
+)
 
 SPEC_FILE = "spec.yaml"
 TABLE_FILE = "missions.parquet"
@@ -86,14 +95,14 @@ class SweepStore:
 
     def spec(self) -> str | None:
         """The stored spec's text. Raises UserError where there are results and no spec."""
-        content = self._folder.read(SPEC_FILE)
+        content = self._checked(SPEC_FILE)
         if content is None and self._folder.read(TABLE_FILE) is not None:
             raise UserError(f"{self._folder}: holds a {TABLE_FILE} and no {SPEC_FILE}; write another --out")
         return None if content is None else content.decode("utf-8")
 
     def write_spec(self, text: str) -> None:
         """Keep the spec beside its results."""
-        self._folder.write(SPEC_FILE, text.encode("utf-8"))
+        self._replace({SPEC_FILE: text.encode("utf-8")})
 
     def known(self) -> pl.DataFrame:
         """Scenario, config_hash and error of every mission that is finished."""
@@ -105,9 +114,8 @@ class SweepStore:
 
     def append(self, rows: Sequence[dict[str, Any]]) -> None:
         """Write finished missions down, as one part."""
-        part = pl.DataFrame(rows, schema=_SCHEMA, orient="row")
-        name = hashlib.sha256("".join(part["scenario"] + part["config_hash"]).encode()).hexdigest()[:16]
-        self._folder.write(f"{PARTS}/{name}.parquet", _parquet(part))
+        part = _parquet(pl.DataFrame(rows, schema=_SCHEMA, orient="row"))
+        self._folder.write(f"{PARTS}/{sha256(part)}.parquet", part)
 
     def finish(self, matrix: pl.DataFrame) -> None:
         """Make the table from the parts and remove them. ``matrix`` has one row for each mission.
@@ -120,8 +128,8 @@ class SweepStore:
                 f"{self._folder}: {len(matrix) - len(table)} missions were removed while the sweep ran; "
                 "give the same command again"
             )
-        self._folder.write(TIMINGS_FILE, _parquet(table.select("job", *TIMINGS)))
-        self._folder.write(TABLE_FILE, _parquet(table.drop(*TIMINGS)))
+        timings, metrics = table.select("job", *TIMINGS), table.drop(*TIMINGS)
+        self._replace({TIMINGS_FILE: _parquet(timings), TABLE_FILE: _parquet(metrics)})
         self._folder.remove(PARTS)
 
     def _outcomes(self, columns: list[str]) -> pl.DataFrame:
@@ -129,15 +137,45 @@ class SweepStore:
 
         A mission that failed and was flown again stands there twice; what counts is where it did not fail.
         """
-        frames = [_read(self._folder, name).select(columns) for name in self._folder.names(PARTS)]
-        content = self._folder.read(TABLE_FILE)
-        if content is not None:
-            table = _read(self._folder, TABLE_FILE)
-            timings = _read(self._folder, TIMINGS_FILE)
+        frames = [self._part(name).select(columns) for name in self._folder.names(PARTS)]
+        if self._folder.read(TABLE_FILE) is not None:
+            table, timings = self._table(TABLE_FILE), self._table(TIMINGS_FILE)
             frames.append(table.join(timings, on="job", how="left").select(columns))
         empty = pl.DataFrame(schema={name: _SCHEMA[name] for name in columns})
         failed_last = pl.concat([empty, *frames]).sort(pl.col("error").is_not_null(), maintain_order=True)
         return failed_last.unique(KEY, keep="first", maintain_order=True)
+
+    def _table(self, name: str) -> pl.DataFrame:
+        return _read(self._checked(name) or b"", self._folder.where(name))
+
+    def _part(self, name: str) -> pl.DataFrame:
+        content, where = self._folder.read(name) or b"", self._folder.where(name)
+        refuse_misnamed(name, content, where)
+        return _read(content, where)
+
+    def _checked(self, name: str) -> bytes | None:
+        """What is in a file; None where there is none. Raises UserError where it is damaged."""
+        content = self._folder.read(name)
+        if content is not None:
+            refuse_changed(self._sums(), name, content, self._folder.where(name))
+        return content
+
+    def _sums(self) -> Sums | None:
+        content = self._folder.read(SUMS_FILE)
+        return None if content is None else read_sums(content, self._folder.where(SUMS_FILE))
+
+    def _replace(self, contents: Mapping[str, bytes]) -> None:
+        """Write files and their digests; a kill in between leaves nothing that would be refused."""
+        sums = self._sums()
+        if sums is None:
+            found = {name: self._folder.read(name) for name in (SPEC_FILE, TABLE_FILE, TIMINGS_FILE)}
+            sums = {name: frozenset([sha256(old)]) for name, old in found.items() if old is not None}
+        new = {name: frozenset([sha256(content)]) for name, content in contents.items()}
+        both = {name: sums.get(name, frozenset()) | digest for name, digest in new.items()}
+        self._folder.write(SUMS_FILE, dump_sums({**sums, **both}))
+        for name, content in contents.items():
+            self._folder.write(name, content)
+        self._folder.write(SUMS_FILE, dump_sums({**sums, **new}))
 
 
 def _parquet(frame: pl.DataFrame) -> bytes:
@@ -147,11 +185,8 @@ def _parquet(frame: pl.DataFrame) -> bytes:
     return content.getvalue()
 
 
-def _read(folder: Folder, name: str) -> pl.DataFrame:
-    content = folder.read(name)
+def _read(content: bytes, where: str) -> pl.DataFrame:
     try:
-        return pl.read_parquet(io.BytesIO(content or b""))
+        return pl.read_parquet(io.BytesIO(content))
     except (pl.exceptions.PolarsError, OSError):
-        raise UserError(
-            f"{folder.where(name)}: is damaged or missing; delete it, or write another --out"
-        ) from None
+        raise UserError(f"{where}: is damaged or missing; delete it, or write another --out") from None

@@ -46,7 +46,7 @@ class FileJournal:
     def __init__(self, path: Path, set_aside: Path | None = None) -> None:
         self.path = path
         self.listeners: list[Callable[[Mapping[str, Any]], None]] = []
-        self._file = LineFile(path, _remedy(path), set_aside)
+        self._file = LineFile(path, journal_remedy(path), set_aside, chained=True)
 
     @property
     def records(self) -> list[dict[str, Any]]:
@@ -67,6 +67,10 @@ class FileJournal:
     def cut(self, n_lines: int) -> None:
         """Keep only the first of ``records``."""
         self._file.cut(n_lines)
+
+    def mend(self) -> None:
+        """Cut off what is behind ``records``, as the next line would."""
+        self._file.mend()
 
     def close(self) -> None:
         """Close the file."""
@@ -108,7 +112,7 @@ def read_journal(path: Path) -> list[dict[str, Any]]:
 
     Raises UserError naming the line when one in the middle is damaged, and how to save those before it.
     """
-    return read_lines(path, _remedy(path))
+    return read_lines(path, journal_remedy(path))
 
 
 def line_of(time_s: float, kind: str, fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,13 +121,18 @@ def line_of(time_s: float, kind: str, fields: Mapping[str, Any]) -> dict[str, An
     return {"t": round(time_s, 4), "kind": kind} | {k: plain(v) for k, v in fields.items()}
 
 
-def resume_command(folder: Path) -> str:
-    """What goes on with the mission in a run folder, to be typed."""
-    return f"skysweep resume {shlex.quote(str(folder))}"
+def resume_command(folder: Path, replays: bool = True) -> str:
+    """What goes on with the mission in a run folder, to be typed; a real vehicle's does not replay."""
+    return f"skysweep {'resume' if replays else 'fly'} {shlex.quote(str(folder))}"
 
 
-def _remedy(path: Path) -> str:
-    return f"'{resume_command(path.parent)} --from-sound-lines' goes on from those"
+def journal_remedy(path: Path) -> str:
+    """What to do about a journal that is damaged."""
+    folder = shlex.quote(str(path.parent))
+    return (
+        f"'skysweep report {folder} --from-sound-lines --out NEW_FOLDER' reports those, and "
+        f"'{resume_command(path.parent)} --from-sound-lines' goes on from those of a simulated mission"
+    )
 
 
 def _exact(value: Any) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 from skysweep.results.exports import found_targets, unchecked_targets
 from skysweep.results.html import Picture
-from skysweep.results.run_folder import PICTURES, CandidateStory, Run
+from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.wording import clock
 
 SHOWN_WIDTH_PX = 640  # in a report; the folder has them whole
@@ -34,7 +34,7 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
     titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
     pictures: dict[int, Path] = {}
     other = []
-    for path in sorted(run.folder.glob(f"{PICTURES}/*.jpg"), key=_taken_s) if run.folder is not None else ():
+    for path in sorted(run.pictures, key=_taken_s):
         told = _NAME.match(path.stem)
         if told is None:
             other.append((path, path.stem.replace("_", " ").replace("-", " ")))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,8 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.mission.journal import journal_remedy
 from skysweep.mission.line_file import read_sound_lines
 from skysweep.results.journal_lines import can_be_told
+from skysweep.results.picture_files import is_sound
+from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
@@ -26,6 +31,7 @@ CONFIG_FILE = "config.yaml"
 JOURNAL_FILE = "journal.jsonl"
 SUMMARY_FILE = "summary.json"
 PICTURES = "pictures"
+CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +81,10 @@ class Run:
     records: tuple[Record, ...]
     folder: Path | None = None
     known_world: World | None = field(default=None, repr=False)
-    damaged_line: int | None = None  # of the journal; ``records`` are the lines before it
+    seal: int = 0  # of the journal's last line: it speaks for all of them
+    pictures: tuple[Path, ...] = ()  # that were kept in flight
+    summary: Record | None = None  # as written, of a mission that has ended
+    left_out: tuple[str, ...] = ()  # what was damaged
 
     @cached_property
     def start(self) -> Record:
@@ -227,27 +236,123 @@ class Run:
         )
 
 
-def load_run(folder: str | Path) -> Run:
-    """Read ``config.yaml`` and ``journal.jsonl`` of a run folder, also of a mission that still flies.
+def load_run(folder: str | Path, from_sound_lines: bool = False) -> Run:
+    """Read the mission of a run folder, also one that was broken off or still flies; nothing is written.
 
-    A last line cut short by a crash is left out; of a damaged journal the lines before the damage are read.
+    A last line cut short by a crash is left out. With ``from_sound_lines`` so is whatever is damaged or does
+    not agree with the rest, and ``left_out`` says what.
 
     Raises:
-        UserError: a file is missing or is not what it should be, or the mission had not begun.
+        UserError: a file is missing, damaged, a link, or of another mission than the others, or the mission
+            had not begun.
     """
+    run = load_flown(folder, from_sound_lines)
+    try:
+        return replace(run, summary=_summary_of(run))
+    except UserError:
+        if not from_sound_lines:
+            raise
+        return replace(run, left_out=(*run.left_out, f"{SUMMARY_FILE} with the wall time"))
+
+
+def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
+    """The same of what was written in flight: configuration, journal and pictures, without the results."""
     folder = Path(folder)
     path = folder / JOURNAL_FILE
     for needed in (folder / CONFIG_FILE, path):
         if not needed.is_file():
             raise UserError(f"{folder}: has no {needed.name}; give a folder that 'skysweep run' wrote")
-    records, damaged = read_sound_lines(path)
-    foreign = next((k for k, r in enumerate(records) if not can_be_told(r)), None)
+    refuse_links(folder)
+    lines = read_sound_lines(path)
+    foreign = next((k for k, r in enumerate(lines.records) if not can_be_told(r)), None)
     if foreign is not None:
-        records, damaged = records[:foreign], foreign + 1
-    if all(record["kind"] != "start" for record in records):
-        why = "the mission had not taken off" if damaged is None else f"line {damaged} is damaged"
+        lines = replace(lines.first(foreign), damaged=foreign + 1)
+    if all(record["kind"] != "start" for record in lines.records):
+        why = "the mission had not taken off" if lines.damaged is None else f"line {lines.damaged} is damaged"
         raise UserError(f"{path}: {why}, so there are no results; fly the mission into a new folder")
-    return Run(load_scenario(folder / CONFIG_FILE), tuple(records), folder, damaged_line=damaged)
+    left_out = []
+    if lines.damaged is not None:
+        left_out.append(f"line {lines.damaged} of {JOURNAL_FILE} and what comes after it")
+    pictures = sorted(folder.glob(f"{PICTURES}/*.jpg"))
+    spoilt = [] if is_older(lines.records) else [picture for picture in pictures if not is_sound(picture)]
+    left_out += [f"{PICTURES}/{picture.name}" for picture in spoilt]
+    if not from_sound_lines:
+        lines.refuse_damaged(path, journal_remedy(path))
+        if spoilt:
+            raise UserError(f"{spoilt[0]}: is damaged; delete it, the mission's results need no pictures")
+    return Run(
+        flown_scenario(folder, lines.records),
+        tuple(lines.records),
+        folder,
+        seal=lines.seal,
+        pictures=tuple(picture for picture in pictures if picture not in spoilt),
+        left_out=tuple(left_out),
+    )
+
+
+def summary_of_complete(folder: Path, from_sound_lines: bool = False) -> Record | None:
+    """The summary of a mission that has ended and whose results are written, else None.
+
+    Raises UserError where its folder is damaged; with ``from_sound_lines`` such a mission is not complete.
+    """
+    if not (folder / SUMMARY_FILE).is_file():
+        return None
+    try:
+        return load_run(folder).summary
+    except UserError:
+        if from_sound_lines:
+            return None
+        raise
+
+
+def flown_scenario(folder: Path, records: Sequence[Record]) -> Scenario:
+    """The scenario that a mission with these lines was begun with. Raises UserError where it was changed."""
+    path = folder / CONFIG_FILE
+    if not is_older(records) and digest_of_config(folder) != records[0][CONFIG]:
+        raise UserError(
+            f"{path}: is not what the mission was begun with (SHA-256 {records[0][CONFIG]}); put that back"
+        )
+    return load_scenario(path)
+
+
+def digest_of_config(folder: Path) -> str:
+    """SHA-256 of a run folder's ``config.yaml``, in hexadecimal. Raises OSError."""
+    return hashlib.sha256((folder / CONFIG_FILE).read_bytes()).hexdigest()
+
+
+def is_older(records: Sequence[Record]) -> bool:
+    """Whether a skysweep wrote them that did not protect configuration, summary and pictures yet."""
+    return not records or CONFIG not in records[0]
+
+
+def refuse_links(folder: Path) -> None:
+    """Raises UserError where something in a run folder is a link: what is written would leave the folder."""
+    link = next((p for p in (*folder.glob("*"), *folder.glob(f"{PICTURES}/*")) if p.is_symlink()), None)
+    if link is not None:
+        raise UserError(f"{link}: is a link; put the file itself there, or delete it")
+
+
+def _summary_of(run: Run) -> Record | None:
+    """The written summary of a mission that has ended. Raises UserError where that is of another journal."""
+    assert run.folder is not None
+    path = run.folder / SUMMARY_FILE
+    if not path.is_file():
+        return None
+    if is_older(run.records):
+        try:
+            summary = json.loads(path.read_bytes())
+        except ValueError:
+            return None
+        is_whole = isinstance(summary, dict) and "mission_time_s" in summary
+        return summary if is_whole and summary.get("ended", True) else None
+    summary, journal = read_summary(path)
+    if summary["ended"] and journal != run.seal:
+        held = run.folder / JOURNAL_FILE
+        raise UserError(
+            f"{held}: has {len(run.records)} sound lines, and {SUMMARY_FILE} was made from others; "
+            f"{journal_remedy(held)}"
+        )
+    return summary if summary["ended"] else None
 
 
 def _newest(records: list[Record], key: str) -> Any:

@@ -78,11 +78,8 @@ def _run_lead(run: Run, s: Summary) -> str:
         text += f". The vehicle ran into {s['collisions']} obstacle{'s' * (s['collisions'] > 1)}"
     if run.ended and not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
-    if run.damaged_line is not None:
-        text += (
-            f". The journal is damaged: line {run.damaged_line} cannot be read, and only what comes before "
-            "it is reported"
-        )
+    if run.left_out:
+        text += f". The folder is damaged, and not reported is: {', '.join(run.left_out)}"
     return f"{text}."
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,6 +15,8 @@ from fsspec import AbstractFileSystem
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.mission.line_file import scan_lines
+from skysweep.results.checksums import SUMS_FILE, read_sums, refuse_changed, refuse_misnamed
 from skysweep.results.tables import choice_of
 
 F64 = NDArray[np.float64]
@@ -133,21 +134,30 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
             these but scenario and config_hash.
 
     Raises:
-        UserError: no such folder, no missions in it, not readable, or not one mission without an error.
+        UserError: no such folder, no missions in it, not readable, damaged, or not one mission without
+            an error.
     """
     try:
         files, path = fsspec.core.url_to_fs(folder)
         root = path.rstrip("/")
         if not files.exists(root):
             raise UserError(f"{folder}: there is no such folder; {_WRITERS}")
-        spec = files.cat_file(f"{root}/{SPEC}").decode("utf-8") if files.exists(f"{root}/{SPEC}") else ""
-        tables = [f"{root}/{FINAL_TABLE}"] if files.exists(f"{root}/{FINAL_TABLE}") else []
+        sums = None
+        if files.exists(f"{root}/{SUMS_FILE}"):
+            sums = read_sums(files.cat_file(f"{root}/{SUMS_FILE}"), f"{folder}/{SUMS_FILE}")
+        kept = {}
+        for name in (SPEC, FINAL_TABLE):
+            if files.exists(f"{root}/{name}"):
+                kept[name] = files.cat_file(f"{root}/{name}")
+                refuse_changed(sums, name, kept[name], f"{folder}/{name}")
+        spec = kept.get(SPEC, b"").decode("utf-8")
+        tables = [_parquet(kept[FINAL_TABLE], f"{folder}/{FINAL_TABLE}")] if FINAL_TABLE in kept else []
         parts = sorted(files.ls(f"{root}/{PARTS}", detail=False)) if files.exists(f"{root}/{PARTS}") else []
         parts = [name for name in parts if name.endswith(".parquet")]
         if parts and matrix is not None:
-            table = _so_far(matrix(spec), [_parquet(files, name) for name in tables + parts], folder)
+            table = _so_far(matrix(spec), tables + [_part(files, path) for path in parts], folder)
         elif tables:
-            table = _parquet(files, tables[0])
+            table = tables[0]
         elif files.exists(f"{root}/{LEDGER}"):
             table = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder)
         else:
@@ -175,21 +185,24 @@ def _so_far(jobs: pl.DataFrame, tables: Sequence[pl.DataFrame], folder: str) -> 
     return table
 
 
-def _parquet(files: AbstractFileSystem, path: str) -> pl.DataFrame:
+def _part(files: AbstractFileSystem, path: str) -> pl.DataFrame:
+    content: bytes = files.cat_file(path)
+    refuse_misnamed(path, content, path)
+    return _parquet(content, path)
+
+
+def _parquet(content: bytes, where: str) -> pl.DataFrame:
     try:
-        return pl.read_parquet(io.BytesIO(files.cat_file(path)))
+        return pl.read_parquet(io.BytesIO(content))
     except pl.exceptions.PolarsError:
-        raise UserError(f"{path}: is no Parquet table; delete it and give the sweep again") from None
+        raise UserError(f"{where}: is no Parquet table; delete it and give the sweep again") from None
 
 
 def _from_ledger(text: bytes, folder: str) -> pl.DataFrame:
     """A table of what ``skysweep compare paper`` flew: n_c is the swept field of Algorithm 1."""
-    summaries: list[dict[str, Any]] = []
-    for line in text.decode("utf-8").splitlines():
-        try:
-            summaries.append(json.loads(line)["summary"])
-        except (json.JSONDecodeError, KeyError, TypeError):
-            break  # a line that a kill tore is the last one
+    lines = scan_lines(text)
+    lines.refuse_damaged(f"{folder}/{LEDGER}", "delete that line, and fly what it held again")
+    summaries: list[dict[str, Any]] = [line["summary"] for line in lines.records if "summary" in line]
     if not summaries:
         raise UserError(f"{folder}: {LEDGER} holds no missions; {_WRITERS}")
     rows = [

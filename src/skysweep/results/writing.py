@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from skysweep.errors import UserError
@@ -14,6 +13,7 @@ from skysweep.results.metrics import Summary, compute_summary
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import SUMMARY_FILE, Run
 from skysweep.results.run_report import write_run_report
+from skysweep.results.summary_file import write_summary
 
 
 def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summary:
@@ -22,7 +22,7 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summ
     The mission may have been broken off, or still fly: then ``ended`` is false in the summary.
 
     Returns:
-        What ``summary.json`` holds. It is written last.
+        What ``summary.json`` holds, without its checksums. It is written last.
 
     Raises:
         CannotWriteError: ``out`` cannot be written to.
@@ -35,8 +35,7 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summ
         write_recording(run, unfinished / "mission.mcap")
         write_run_report(run, summary, unfinished)
     with whole_files(out) as unfinished:
-        text = json.dumps(summary, indent=1, allow_nan=False) + "\n"
-        (unfinished / SUMMARY_FILE).write_text(text, encoding="utf-8")
+        write_summary(unfinished / SUMMARY_FILE, summary, run.seal)
     return summary
 
 

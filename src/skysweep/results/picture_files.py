@@ -1,0 +1,32 @@
+"""JPEG files that know when they are damaged: a comment in front holds their name and a checksum."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+_START, _COMMENT = b"\xff\xd8", b"\xff\xfe"  # markers of ITU-T T.81, table B.1
+
+
+def write_picture(path: Path, jpeg: bytes) -> None:
+    """Write a JPEG, whole or not at all. Raises OSError."""
+    part = path.with_suffix(".part")
+    part.write_bytes(_sealed(path.name, jpeg))
+    part.replace(path)
+
+
+def is_sound(path: Path) -> bool:
+    """Whether a picture is what ``write_picture`` wrote under this name. Raises OSError."""
+    data = path.read_bytes()
+    before = len(_START) + len(_segment(path.name, b""))
+    return data == _sealed(path.name, _START + data[before:])
+
+
+def _sealed(name: str, jpeg: bytes) -> bytes:
+    return _START + _segment(name, jpeg) + jpeg[len(_START) :]
+
+
+def _segment(name: str, jpeg: bytes) -> bytes:
+    """The comment: the file's name and the CRC-32 of name and picture."""
+    text = f"{name} {zlib.crc32(jpeg, zlib.crc32(name.encode())):08x}".encode()
+    return _COMMENT + (len(text) + 2).to_bytes(2, "big") + text

@@ -1,0 +1,41 @@
+"""``summary.json``: a mission's numbers, with a checksum and the journal that they were made from.
+
+The last two fields are ``journal``, the checksum of that journal's last line, which speaks for all of them,
+and ``crc``, the CRC-32 (that of zlib, in hexadecimal) of the file before the comma in front of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from skysweep.errors import UserError
+
+_SEAL = ',\n "crc": "%08x"\n}\n'
+_SEAL_LENGTH = len(_SEAL % 0)
+
+
+def write_summary(path: Path, summary: Mapping[str, Any], journal: int) -> None:
+    """Write a summary, whole or not at all. Raises OSError."""
+    text = json.dumps({**summary, "journal": f"{journal:08x}"}, indent=1, allow_nan=False)
+    text = text.removesuffix("\n}")
+    part = path.with_name(f".{path.name}.part")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text + _SEAL % zlib.crc32(text.encode()))
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def read_summary(path: Path) -> tuple[dict[str, Any], int]:
+    """A summary and the checksum of its journal's last line. Raises UserError where it is not sound."""
+    data = path.read_bytes()
+    text = data[:-_SEAL_LENGTH]
+    if data[-_SEAL_LENGTH:] != (_SEAL % zlib.crc32(text)).encode():
+        raise UserError(f"{path}: is damaged; delete it, and 'skysweep report {path.parent}' writes it anew")
+    summary: dict[str, Any] = json.loads(text + b"}")
+    return summary, int(summary.pop("journal"), 16)

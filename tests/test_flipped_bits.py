@@ -1,0 +1,247 @@
+"""One wrong bit anywhere in a folder that later commands read: it is refused, or nothing changes.
+
+``python tests/test_flipped_bits.py 10000`` tries that often, with the pictures of a rendered mission, and
+counts what happened. The tests try a sample.
+"""
+
+from __future__ import annotations
+
+import random
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from skysweep.cli import app
+from skysweep.errors import UserError
+from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
+from skysweep.experiments.folder import Folder
+from skysweep.experiments.ledger import fly_missing
+from skysweep.experiments.single import fly_to_folder
+from skysweep.experiments.sweep import Sweep, fly_job
+from skysweep.experiments.sweep_matrix import Matrix
+from skysweep.experiments.sweep_spec import dump_spec, parse_spec
+from skysweep.experiments.sweep_store import SweepStore
+from skysweep.mission.line_file import LineFile
+from skysweep.results.evidence import picture_name
+from skysweep.results.picture_files import write_picture
+from skysweep.results.run_folder import load_run
+from skysweep.results.sweep_missions import load_missions
+from skysweep.scenarios.files import dump_scenario
+from skysweep.scenarios.model import Scenario
+
+SHORT = {
+    "name": "short",
+    "area": {"polygon_enu_m": [[0, 0], [8, 0], [8, 6], [0, 6]]},
+    "home": {"position_enu_m": [-12, -3]},
+    "targets": [{"class": "stop sign", "position_enu_m": [4, 3], "size_m": 0.9}],
+    "camera": {"hfov_rad": 1.2},
+    "search": {"n_c": 1, "scan_altitude_agl_m": 8},
+}
+SPEC = """
+name: small
+scenarios:
+  - scenario:
+      name: field
+      area: {polygon_enu_m: [[0, 0], [24, 0], [24, 12], [0, 12]]}
+      home: {position_enu_m: [-2, -2]}
+      generators: [{class: stop sign, pattern: uniform, count: 1, size_m: 0.9, seed: null}]
+      search: {scan_altitude_agl_m: 12}
+parameters:
+  search.n_c: [1, .inf]
+seeds: 3
+"""
+READ_BACK = ("config.yaml", "journal.jsonl", "summary.json")
+
+
+class Here:
+    """An engine without processes."""
+
+    workers = 1
+
+    def __enter__(self) -> Here:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def run(self, work: Callable[[Any], Any], jobs: Any) -> Iterator[tuple[Any, Any]]:
+        for job in jobs:
+            yield job, work(job)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A folder, and what its readers make of it."""
+
+    folder: Path
+    told: Callable[[Path], Any]
+    share: float  # of the tries
+
+
+def flown(folder: Path, sensor: str) -> Path:
+    """A mission's folder; one without a camera gets a picture as a camera's are written."""
+    fly_to_folder(Scenario.model_validate(SHORT), 2, folder, sensor)
+    if sensor == "statistical":
+        (folder / "pictures").mkdir()
+        candidate = load_run(folder).candidates[0]
+        _, jpeg = cv2.imencode(".jpg", np.random.default_rng(0).integers(0, 255, (90, 160, 3), np.uint8))
+        name = picture_name(candidate.id, candidate.verdict_s or 0.0)
+        write_picture(folder / "pictures" / name, jpeg.tobytes())
+    return folder
+
+
+def broken_off(whole: Path, folder: Path) -> Path:
+    """As a kill in the middle of a line leaves a mission."""
+    shutil.copytree(whole / "pictures", folder / "pictures")
+    shutil.copy(whole / "config.yaml", folder)
+    content = (whole / "journal.jsonl").read_bytes()
+    (folder / "journal.jsonl").write_bytes(content[: 2 * len(content) // 3])
+    return folder
+
+
+def swept(folder: Path, complete: bool) -> Path:
+    spec = parse_spec(SPEC, "spec.yaml")
+    if complete:
+        Sweep(spec, folder).fly(Here())
+        return folder
+    matrix, store = Matrix.of(spec), SweepStore(Folder(folder))
+    store.write_spec(dump_spec(spec))
+    for jobs in ((0, 1), (2, 4)):
+        store.append([fly_job(matrix.job(k)) for k in jobs])
+    return folder
+
+
+def compared(folder: Path) -> Path:
+    folder.mkdir()
+    jobs = [PaperJob("sparse", n_c, seed, "statistical", None) for n_c in (1.0, np.inf) for seed in (0, 1)]
+    by_key = {job.key: job for job in jobs}
+    fly_missing(fly_paper_job, by_key, folder / MISSIONS_FILE, 1, lambda _job, _summary: None)
+    return folder
+
+
+def told_of_run(folder: Path) -> Any:
+    """All that results are made from."""
+    run = load_run(folder)
+    pictures = {path.name: path.read_bytes() for path in run.pictures}
+    return dump_scenario(run.scenario), run.records, run.summary, run.seal, run.left_out, pictures
+
+
+def told_of_sweep(folder: Path) -> Any:
+    """What ``report`` makes its statistics from, and what ``sweep`` goes on from."""
+    missions = load_missions(str(folder), lambda text: Matrix.of(parse_spec(text, "spec.yaml")).table())
+    flight = Sweep(parse_spec(SPEC, "spec.yaml"), folder)
+    return str(missions.table.to_dicts()), missions.finished, missions.spec, flight.left, flight.errors()
+
+
+def told_of_comparison(folder: Path) -> Any:
+    """What ``report`` makes its statistics from, and what ``compare`` and ``tune`` go on from."""
+    with closing(LineFile(folder / MISSIONS_FILE, "")) as ledger:
+        return str(load_missions(str(folder)).table.to_dicts()), ledger.records
+
+
+def kept_in(place: Path, sensor: str) -> dict[str, Kept]:
+    """One of each kind of folder."""
+    whole = flown(place / "run", sensor)
+    return {
+        "a mission": Kept(whole, told_of_run, 0.4),
+        "a mission broken off": Kept(broken_off(whole, place / "broken-off"), told_of_run, 0.2),
+        "a sweep": Kept(swept(place / "sweep", True), told_of_sweep, 0.15),
+        "a sweep that still runs": Kept(swept(place / "running", False), told_of_sweep, 0.15),
+        "a comparison": Kept(compared(place / "comparison"), told_of_comparison, 0.1),
+    }
+
+
+@contextmanager
+def flipped(path: Path, bit: int) -> Iterator[None]:
+    content = path.read_bytes()
+    wrong = bytearray(content)
+    wrong[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(wrong)
+    try:
+        yield
+    finally:
+        path.write_bytes(content)
+
+
+def some_bits(folder: Path, n: int, seed: int) -> Iterator[tuple[Path, int]]:
+    """Bits of the folder's files, every other one of a file that is read back."""
+    draw = random.Random(seed)
+    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.stat().st_size)
+    read = [p for p in files if p.name in READ_BACK or p.suffix in (".parquet", ".jpg")] or files
+    for k in range(n):
+        path = draw.choice(read if k % 2 else files)
+        yield path, draw.randrange(8 * path.stat().st_size)
+
+
+def what_happens(kept: Kept, n: int, seed: int) -> Counter[str]:
+    """Refused, the same, or WRONG with file and bit, and how often."""
+    right, happened = kept.told(kept.folder), Counter[str]()
+    for path, bit in some_bits(kept.folder, n, seed):
+        with flipped(path, bit):
+            try:
+                same = kept.told(kept.folder) == right
+                happened["the same" if same else f"WRONG: bit {bit} of {path.name}"] += 1
+            except UserError:
+                happened["refused"] += 1
+    return happened
+
+
+def report(kept: Kept, out: Path) -> tuple[int, dict[str, bytes]]:
+    """Exit code and files of ``skysweep report``."""
+    shutil.rmtree(out, ignore_errors=True)
+    result = CliRunner().invoke(app, ["report", str(kept.folder), "--out", str(out)])
+    assert result.exit_code in (0, 2), result.output
+    files = (path for path in out.rglob("*") if path.is_file()) if result.exit_code == 0 else ()
+    return result.exit_code, {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kept]:
+    return kept_in(tmp_path_factory.mktemp("kept"), "statistical")
+
+
+KINDS = ("a mission", "a mission broken off", "a sweep", "a sweep that still runs", "a comparison")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_flipped_bit_is_refused_or_changes_nothing(folders, kind):
+    happened = what_happens(folders[kind], 150, 1)
+    assert set(happened) <= {"refused", "the same"}, happened
+    assert happened["refused"] > 50
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_command_says_the_same_or_ends_with_exit_code_2(folders, kind, tmp_path):
+    kept = folders[kind]
+    right = report(kept, tmp_path / "out")
+    assert right[0] == 0
+    for path, bit in some_bits(kept.folder, 4, 2):
+        with flipped(path, bit):
+            code, files = report(kept, tmp_path / "out")
+        assert code == 2 or files == right[1], (path, bit)
+
+
+def main(n: int) -> int:
+    with tempfile.TemporaryDirectory() as place:
+        wrong = 0
+        for kind, kept in kept_in(Path(place), "imaging").items():
+            happened = what_happens(kept, round(n * kept.share), 0)
+            print(f"{kind}: {dict(happened)}", flush=True)
+            wrong += sum(count for what, count in happened.items() if what.startswith("WRONG"))
+        print(f"{wrong} of {n} flipped bits gave other numbers")
+    return min(wrong, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))
