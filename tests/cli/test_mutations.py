@@ -178,7 +178,7 @@ def test_results_that_cannot_be_written_there(judge, inputs, writer):
 @pytest.mark.parametrize("writer", ["plan", "world", "report", "sweep report"])
 def test_results_that_do_not_fit_on_the_disk(judge, inputs, writer):
     files = inputs.good | inputs.swept
-    refused(judge, (*WRITERS[writer], "new/out"), files, "cannot be written to", out_bytes=9000)
+    refused(judge, (*WRITERS[writer], "new/out"), files, "cannot be made or written to", out_bytes=9000)
 
 
 def test_a_folder_called_like_markup(judge, inputs):
