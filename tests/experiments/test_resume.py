@@ -11,10 +11,12 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+import typer
 import yaml
 
+from skysweep.cli.missions import flying
 from skysweep.errors import UserError
-from skysweep.experiments.resume import resume_folder
+from skysweep.experiments.resume import begun_scenario, resume_folder
 from skysweep.experiments.single import fly_to_folder
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.results.run_folder import load_run
@@ -181,7 +183,7 @@ def test_another_scenario_in_the_folder_is_refused(whole, tmp_path):
     config = yaml.safe_load((folder / "config.yaml").read_text())
     config["search"]["scan_altitude_agl_m"] += 0.5
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
-    for read in (resume_folder, load_run):
+    for read in (resume_folder, load_run, begun_scenario):
         with pytest.raises(UserError, match=r"config\.yaml: is not what the mission was begun with"):
             read(folder)
 
@@ -320,6 +322,7 @@ def test_on_a_full_disk_it_comes_home_and_goes_on_when_there_is_room(whole, tmp_
 import json, resource, signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
+from skysweep.cli.missions import flying
 from skysweep.errors import UserError
 from test_resume import fly_short
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -358,6 +361,7 @@ def test_where_not_even_the_first_line_can_be_written_nothing_is_flown(tmp_path)
 import resource, signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
+from skysweep.cli.missions import flying
 from skysweep.errors import UserError
 from skysweep.mission.journal import FileJournal
 from test_resume import fly_short
@@ -431,3 +435,9 @@ from test_resume import fly_short, killed_after
 killed_after({n_lines}, fly_short, Path(sys.argv[1]), "imaging")
 """
     subprocess.run([sys.executable, "-c", program, folder], check=True)
+
+
+def test_ctrl_c_before_anything_was_flown_advises_nothing(tmp_path, capfd):
+    with pytest.raises(typer.Exit), flying("short", tmp_path / "run"):
+        raise KeyboardInterrupt
+    assert "stopped; nothing was flown" in capfd.readouterr().err

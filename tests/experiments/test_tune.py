@@ -289,6 +289,27 @@ def test_the_recall_constraint_is_respected(tmp_path):
     assert low.mean("recall") >= 0.95
 
 
+def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
+    wanted, path = problem(Parameter(CHECK_SPEED, (2.0, 4.0))), tmp_path / "study.db"
+    search(wanted, f"sqlite:///{path}", "tiny", 2, workers=1)
+    whole = path.read_bytes()
+    longer = """replace(value_json, 's": ', 's": 1')"""
+    changes = {
+        "UPDATE trial_values SET value = value + 1": "trial 0 is not what was written",
+        f"UPDATE trial_user_attributes SET value_json = {longer}": "trial 0 is not what was written",
+        "UPDATE trial_params SET param_value = 1 - param_value": "trial 0 is not what was written",
+        "DELETE FROM trials WHERE number = 0": "trials are missing",
+        "UPDATE trials SET state = 'COMPLETD'": "COMPLETD",
+    }
+    for change, told in changes.items():
+        path.write_bytes(whole)
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute(change)
+        tune_study._database.cache_clear()
+        with pytest.raises(UserError, match=rf"study\.db: is damaged, .*{told}"):
+            search(wanted, f"sqlite:///{path}", "tiny", 2, workers=1)
+
+
 def test_one_process_and_one_seed_repeat_themselves(tmp_path):
     space = [p for p in default_space([tiny()]) if p.field in (CHECK_SPEED, H_C)]
     first, second = (

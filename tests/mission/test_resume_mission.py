@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import begin, fly_in
+from skysweep.experiments.single import begin, fly_in, fly_to_folder
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.results.run_folder import load_run
@@ -114,6 +114,8 @@ def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
     broken_off(folder, first_verdict)
     with pytest.raises(Exception, match=r"cannot be replayed; .* goes on with  skysweep fly "):
         resume_folder(folder)
+    with pytest.raises(Exception, match="go on with it:  skysweep fly "):
+        fly_to_folder(SCENARIO, 0, folder, "statistical")
     lines = read_journal(folder / "journal.jsonl")
     lines[0]["replays"] = True
     (folder / "journal.jsonl").unlink()

@@ -1,7 +1,8 @@
 """The study of a tuning: Optuna, and the only place that imports it.
 
 A study lives in a database, so several processes and machines may work on it at once. Everything that a
-resumed or joining process needs is in it: the problem, every trial's values, its missions and how it ended.
+resumed or joining process needs is in it: the problem, every trial's values, its missions and how it ended,
+and a digest of these, since databases keep none: a trial that is not what was written is refused.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ import hashlib
 import json
 import os
 import socket
+import sqlite3
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
@@ -30,6 +33,8 @@ except ImportError:  # only POSIX has it
 _STALE_S = 120.0  # a running trial without a sign of life for longer has lost its process
 _CLAIM_S = 20.0  # and one that nobody has claimed for longer was never begun
 _RANDOM_TRIALS = 12  # before the sampler trusts what it has learnt
+_SEALED = ("values", "missions", "dropped", "same_as", "violations")  # attributes of a trial that ended
+_SEAL = "sha256"  # the attribute that holds their digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +64,8 @@ class TuningStudy:
 
     Raises:
         MissingExtraError: Optuna is not installed.
-        UserError: the database cannot be used, or holds a study of another problem under this name.
+        UserError: the database cannot be used or is damaged, or holds a study of another problem under this
+            name.
     """
 
     def __init__(
@@ -77,10 +83,12 @@ class TuningStudy:
         self._locks = bool(self._file) and fcntl is not None
         directions = ["minimize"] * (2 if rules.min_recall is not None else 3)
         try:
+            self._refuse_broken_file(storage)
             self._study = self._optuna.create_study(
                 storage=_database(storage), study_name=name, directions=directions, load_if_exists=True
             )
             self._claim(problem, name, storage)
+            self._refuse_changed_trials(storage)
         except UserError:
             raise
         except ImportError as error:
@@ -88,6 +96,8 @@ class TuningStudy:
                 f"--storage {hidden(storage)}: its driver is not installed ({error.__cause__ or error}); "
                 "install it, or leave --storage out for a file in the output folder"
             ) from None
+        except (LookupError, RuntimeError, TypeError, ValueError) as error:  # Optuna met what nobody wrote
+            raise _damaged(storage, str(error).splitlines()[0]) from None
         except Exception as error:  # every database has its own exceptions
             if not type(error).__module__.startswith(("sqlalchemy", "optuna", "alembic")):
                 raise
@@ -188,6 +198,29 @@ class TuningStudy:
                 constraints_func=lambda trial: trial.user_attrs["violations"],
             )
 
+    def _refuse_broken_file(self, storage: str) -> None:
+        """SQLite's own look at its tables and indices."""
+        if not self._file or not Path(self._file).is_file():
+            return
+        url = f"{Path(self._file).absolute().as_uri()}?mode=rw"
+        try:
+            with closing(sqlite3.connect(url, uri=True, timeout=60)) as file:
+                ((found, *_), *_) = file.execute("PRAGMA integrity_check")
+        except sqlite3.OperationalError:
+            return  # locked, or not to be opened: told when the study is
+        except sqlite3.DatabaseError as error:
+            found = str(error)
+        if found != "ok":
+            raise _damaged(storage, found)
+
+    def _refuse_changed_trials(self, storage: str) -> None:
+        trials = self._study.get_trials(deepcopy=False)
+        complete = [t for t in trials if t.state == self._optuna.trial.TrialState.COMPLETE]
+        changed = [t.number for t in complete if t.user_attrs.get(_SEAL) != _digest(t, t.values)]
+        if changed or {t.number for t in trials} != set(range(len(trials))):
+            what = f"trial {changed[0]} is not what was written" if changed else "trials are missing"
+            raise _damaged(storage, what)
+
     def _claim(self, problem: dict[str, Any], name: str, storage: str) -> None:
         """Write the problem into a new study; refuse a study of another one."""
         told = json.loads(json.dumps(problem))
@@ -221,7 +254,9 @@ class OpenTrial:
         self._trial.set_user_attr("missions", missions)
         self._trial.set_user_attr("dropped", dropped)
         self._trial.set_user_attr("same_as", same_as)
-        self._study.tell(self._trial, list(self._rules.objectives(flown)), skip_if_finished=True)
+        objectives = list(self._rules.objectives(flown))
+        self._trial.set_user_attr(_SEAL, _digest(self._trial, objectives))
+        self._study.tell(self._trial, objectives, skip_if_finished=True)
         return Trial(self.number, self.values, missions, dropped, same_as)
 
 
@@ -230,6 +265,19 @@ def hidden(storage: str) -> str:
     head, at, tail = storage.rpartition("@")
     scheme, slashes, user = head.partition("://")
     return f"{scheme}{slashes}{user.split(':')[0]}{at}{tail}" if at else storage
+
+
+def _damaged(storage: str, what: str) -> UserError:
+    return UserError(
+        f"{hidden(storage)}: is damaged, or of an older skysweep ({what}); put back the one that was there, "
+        "or write another --out or --study"
+    )
+
+
+def _digest(trial: Any, objectives: Sequence[float]) -> str:
+    """SHA-256 of what is told of a trial that ended, in hexadecimal."""
+    told = [trial.number, trial.params, {key: trial.user_attrs[key] for key in _SEALED}, list(objectives)]
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 def _optuna() -> Any:

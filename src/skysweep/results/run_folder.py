@@ -246,13 +246,10 @@ def load_run(folder: str | Path, from_sound_lines: bool = False) -> Run:
         UserError: a file is missing, damaged, a link, or of another mission than the others, or the mission
             had not begun.
     """
-    run = load_flown(folder, from_sound_lines)
     try:
-        return replace(run, summary=_summary_of(run))
-    except UserError:
-        if not from_sound_lines:
-            raise
-        return replace(run, left_out=(*run.left_out, f"{SUMMARY_FILE} with the wall time"))
+        return _with_summary(load_flown(folder, from_sound_lines), from_sound_lines)
+    except OSError as error:
+        raise UserError(f"{folder}: cannot be read ({error.strerror}); check its rights") from None
 
 
 def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
@@ -330,6 +327,15 @@ def refuse_links(folder: Path) -> None:
     link = next((p for p in (*folder.glob("*"), *folder.glob(f"{PICTURES}/*")) if p.is_symlink()), None)
     if link is not None:
         raise UserError(f"{link}: is a link; put the file itself there, or delete it")
+
+
+def _with_summary(run: Run, from_sound_lines: bool) -> Run:
+    try:
+        return replace(run, summary=_summary_of(run))
+    except UserError:
+        if not from_sound_lines:
+            raise
+        return replace(run, left_out=(*run.left_out, f"{SUMMARY_FILE} with the wall time"))
 
 
 def _summary_of(run: Run) -> Record | None:

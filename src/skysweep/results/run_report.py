@@ -79,7 +79,7 @@ def _run_lead(run: Run, s: Summary) -> str:
     if run.ended and not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
     if run.left_out:
-        text += f". The folder is damaged, and not reported is: {', '.join(run.left_out)}"
+        text += f". The folder is damaged; left out: {', '.join(run.left_out)}"
     return f"{text}."
 
 
