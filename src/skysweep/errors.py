@@ -28,4 +28,4 @@ class CannotWriteError(UserError):
         self.strerror: str = error.strerror or str(error)
 
     def __str__(self) -> str:
-        return f"--out {self.folder}: cannot be made or written to ({self.strerror}); choose another --out"
+        return f"--out {self.folder}: cannot be made or written to ({self.strerror}); choose another"

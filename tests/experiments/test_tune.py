@@ -168,6 +168,8 @@ def test_ranges_and_fixed_values():
         (["search.n_c=3"], [], ["empty", "--fix search.n_c"]),
         (["search.n_c="], [], ["empty"]),
         (["search.d_c_m=10:inf"], [], ["inf on its own"]),
+        (["search.d_c_m=1e-300:1e300"], [], ["search.d_c_m=1e-300:1e300", "more than 1,000 values"]),
+        (["search.n_c=1:1e9"], [], ["search.n_c=1:1e9", "more than 1,000 values"]),
         (["search.n_c=one:two"], [], ["'one' is no number"]),
         (["search.c_t=0.5:1.5"], [], ["search.c_t", "less than 1"]),
         (["search.check_altitude_agl_m=3:60"], [], ["not below the lowest scan altitude"]),
@@ -470,6 +472,8 @@ def test_two_commands_share_a_study(tmp_path, scenario_file):
     [
         (["clusterz"], ["clusterz", "did you mean 'clusters'?"]),
         (["clusters", "clusters"], ["both called 'clusters'"]),
+        (["clusters", "--seeds", "1000000000"], ["--seeds", "less than or equal to 10000"]),
+        (["clusters", "--workers", "1000000"], ["--workers", "too many for this machine"]),
         (["clusters", "--false-positive-cost-s", "inf"], ["--false-positive-cost-s", "inf"]),
         (["clusters", "--storage", "sqlite:////nowhere/at/all.db"], ["--storage", "cannot be used"]),
         (["clusters", "--storage", "nonsense"], ["--storage nonsense", "check the URL"]),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skysweep.geometry.areas import (
@@ -27,6 +27,21 @@ def test_headings_of_legs_are_those_of_their_axes(heading_deg, length_m):
     start = np.array([3.0, -2.0])
     leg = [start, start + length_m * heading_axes(heading_deg)[0]]
     assert headings_of(leg)[0] == pytest.approx(heading_deg, abs=1e-6)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 10_000), st.floats(0.0, 3.0))
+def test_many_corners_span_what_few_do(seed, min_gap):
+    rng = np.random.default_rng(seed)
+    radii = rng.uniform(5.0, 20.0, 14)
+    ring = np.column_stack([radii * np.cos(np.arange(14) * 0.448), radii * np.sin(np.arange(14) * 0.448)])
+    area = shapely.Polygon(ring, [0.3 * ring[::-1]])
+    finer = area.segmentize(0.1)
+    assert shapely.get_num_coordinates(finer) > 500
+    bands = np.column_stack([np.arange(-20.0, 20.0, 1.7), np.arange(-20.0, 20.0, 1.7) + 1.7])
+    few, many = (intervals_in_bands(a, bands, min_gap) for a in (area, finer))
+    for expected, found in zip(few, many, strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 def test_edge_headings_come_longest_first_and_include_holes():

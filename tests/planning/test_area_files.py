@@ -188,7 +188,7 @@ BOW_TIE = [[22.0, 60.0], [22.01, 60.01], [22.01, 60.0], [22.0, 60.01], [22.0, 60
         ("a.kmz", b"PK\x03\x04 broken", "no readable KMZ"),
         ("a.kmz", kmz({"a.txt": "x"}), "no .kml file"),
         ("a.kmz", kmz({"doc.kml": BILLION_LAUGHS}), "DTD or entities"),
-        ("a.kmz", kmz({"doc.kml": b" " * (MAX_AREA_FILE_BYTES + 1)}), "unpacks to more than 20 MB"),
+        ("a.kmz", kmz({"doc.kml": b" " * (MAX_AREA_FILE_BYTES + 1)}), "unpacks to more than 10 MB"),
     ],
 )
 def test_what_is_no_area_is_told_in_one_sentence(tmp_path, name, content, words):

@@ -131,3 +131,24 @@ def test_the_same_input_gives_the_same_plan():
 def test_bad_input_is_told_in_one_sentence(area, altitude_m, sidelap, word):
     with pytest.raises(UserError, match=word):
         plan_coverage(area, LENS, altitude_m, sidelap)
+
+
+def comb(teeth, pitch_m, length_m):
+    """An area of many corners that falls into many strips."""
+    tooth = np.array([[0, 0], [0, length_m], [pitch_m / 2, length_m], [pitch_m / 2, 0]], dtype=float)
+    corners = [tooth + np.array([k * pitch_m, 0.0]) for k in range(teeth)]
+    return shapely.Polygon(np.concatenate([*corners, [[teeth * pitch_m, -5.0], [0.0, -5.0]]]))
+
+
+@pytest.mark.parametrize("heading_deg", [None, 90.0])
+def test_a_comb_of_two_thousand_corners_is_planned_soon(heading_deg):
+    area = comb(500, 50.0, 60.0)
+    begun_s = time.process_time()
+    plan = plan_coverage(area, LENS, 30.0, 0.2, heading_deg)
+    assert time.process_time() - begun_s < 20.0
+    assert area.difference(footprints(plan, LENS, 30.0).buffer(1e-6)).area < 1e-3
+
+
+def test_many_corners_in_many_transects_are_refused():
+    with pytest.raises(UserError, match=r"area: 9,603 corners are too many for 2,\d{3} transects"):
+        plan_coverage(comb(2400, 1.0, 12_000.0), Lens(640, 360, 0.2), 30.0, 0.2, 90.0)

@@ -10,11 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import plan_coverage
 from skysweep.planning.qgc import (
+    MAX_WAYPOINTS,
     FenceCircle,
     GeoFence,
     RallyPoints,
+    _bends,
     coverage_from_qgc,
     plan_for_qgc,
     read_plan,
@@ -31,6 +34,19 @@ FENCE = [(-50, -50), (250, -50), (250, 250), (-50, 250)]
 def scenario(**changes):
     fields = {"area": Area(polygon_enu_m=AREA), "geofence_enu_m": FENCE, "camera": CameraModel(hfov_rad=0.7)}
     return Scenario(name="test", **{**fields, **changes})
+
+
+def zigzag(count):
+    """Waypoints that turn at each of them."""
+    return [
+        {
+            "type": "SimpleItem",
+            "command": 16,
+            "frame": 3,
+            "params": [0, 0, 0, None, 47.0 + 0.001 * (k % 2), 8.0 + 1e-6 * k, 30],
+        }
+        for k in range(count)
+    ]
 
 
 def planned(s):
@@ -389,3 +405,29 @@ def test_writing_to_no_place_is_told_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot be written"):
         write_plan(tmp_path / "file" / "a.plan", read(tmp_path, drawn([])))
+
+
+def test_a_zigzag_of_as_many_waypoints_as_may_be_is_planned(tmp_path):
+    path = tmp_path / "a.plan"
+    path.write_text(json.dumps(drawn(zigzag(MAX_WAYPOINTS))))
+    plan = read_plan(path)
+    coverage = coverage_from_qgc(plan, LocalFrame(47.0, 8.0, 500.0), CameraModel().lens, 30.0)
+    assert len(coverage.waypoints_xy_enu_m) == MAX_WAYPOINTS
+
+
+def test_more_waypoints_are_refused(tmp_path):
+    path = tmp_path / "a.plan"
+    path.write_text(json.dumps(drawn(zigzag(MAX_WAYPOINTS + 1))))
+    with pytest.raises(
+        UserError, match=r"a\.plan: mission\.items: has 10,001 waypoints; draw at most 10,000"
+    ):
+        read_plan(path)
+
+
+@given(st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9)), min_size=2, max_size=30))
+def test_the_bends_of_a_path_keep_it_within_the_tolerance(points):
+    path = np.array(points, dtype=float)
+    kept = path[_bends(path, 0.5)]
+    assert (kept[0] == path[0]).all()
+    assert (kept[-1] == path[-1]).all()
+    assert shapely.distance(shapely.LineString(kept), shapely.points(path)).max() <= 0.5 + 1e-9

@@ -241,6 +241,46 @@ BAD_FIELDS = {
         MINIMAL + "buildings: [{position_enu_m: [5, 5], size_m: [10, 0]}]",
         "buildings[0].size_m[1]: is 0; write a number greater than 0",
     ),
+    "many forests": (
+        MINIMAL + "forests: [" + "{trees_per_hectare: 2000}, " * 30 + "]",
+        "forests[8].trees_per_hectare: makes 52020 trees with all before it, more than can be drawn (50000)",
+    ),
+    "many objects": (
+        MINIMAL + "generators: [" + "{class: person, pattern: uniform, count: 2000}, " * 3 + "]",
+        "generators: make 6000 objects with targets and distractors; write at most 5000 in all",
+    ),
+    "many houses": (
+        MINIMAL + "buildings: [" + "{position_enu_m: [5, 5]}, " * 5001 + "]",
+        "buildings: has 5001 values; write at most 5000",
+    ),
+    "many corners": (
+        "name: a\narea: {polygon_enu_m: [" + "[0, 0], " * 10_001 + "]}",
+        "area: has 10,001 corners; simplify it to 10,000 or fewer",
+    ),
+    "many corners not to fly over": (
+        MINIMAL + "safety: {no_fly_enu_m: [[" + "[0, 0], " * 1001 + "]]}",
+        "safety.no_fly_enu_m: has 1,001 corners, too many to find ways round; simplify it to 1,000 or fewer",
+    ),
+    "a picture in years": (
+        MINIMAL + "camera: {rate_hz: 1.0e-300}",
+        "camera.rate_hz: is 1e-300; write a number greater than or equal to 0.1",
+    ),
+    "huge pictures": (
+        MINIMAL + "camera: {width_px: 8192, height_px: 8192}",
+        "camera.width_px: 8192 x 8192 pixels are more than 12.5 million",
+    ),
+    "many pictures under way": (
+        MINIMAL + "camera: {width_px: 4000, height_px: 3000, latency_s: 5}\ndetector: {rate_hz: 10}",
+        "camera.latency_s: 50 pictures wait for their answers, more than fit in memory",
+    ),
+    "a battery for months": (
+        MINIMAL + "vehicle: {battery_wh: 5000, hover_power_w: 2}",
+        "vehicle.battery_wh: 5000 Wh hover for 2500 h at hover_power_w (2 W); write less than lasts 48 h",
+    ),
+    "standing still": (
+        MINIMAL + "search: {scan_speed_mps: 1.0e-300}",
+        "search.scan_speed_mps: is 1e-300; write a number greater than or equal to 0.01",
+    ),
     "name with a slash": (
         "name: ../../x\n" + MINIMAL.split("\n", 1)[1],
         "name: '../../x' does not do; write letters",

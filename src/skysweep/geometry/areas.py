@@ -6,9 +6,14 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 F64 = NDArray[np.float64]
+
+_MANY_CORNERS = (
+    500  # from here on a cut by GEOS, which rounds better, takes too long: a comb's has as many parts
+)
 
 
 def heading_axes(heading_deg: float) -> F64:
@@ -50,22 +55,49 @@ def intervals_in_bands(area: shapely.Polygon, bands: ArrayLike, min_gap: float) 
     Returns one array (K, 2) of disjoint ascending intervals for each band; intervals no more than
     ``min_gap`` apart are joined. The area within a band lies inside the band's intervals.
     """
+    bands = np.asarray(bands, dtype=float)
+    if shapely.get_num_coordinates(area) > _MANY_CORNERS:
+        rings = [shapely.get_coordinates(ring) for ring in (area.exterior, *area.interiors)]
+        edges = np.concatenate([np.column_stack([r[:-1], r[1:]]) for r in rings])
+        return [_joined(_extents(edges, low, high), min_gap) for low, high in bands]
     west, _, east, _ = area.bounds
-    low, high = np.asarray(bands, dtype=float).T
+    low, high = bands.T
     shapely.prepare(area)
     cuts = shapely.intersection(area, shapely.box(west - 1.0, low, east + 1.0, high))
     parts, index = shapely.get_parts(cuts, return_index=True)
     solid = shapely.area(parts) > 0.0
     parts, index = parts[solid], index[solid]
     spans = shapely.bounds(parts)[:, [0, 2]]
-    return [_join(spans[index == i], min_gap) for i in range(len(low))]
+    return [_joined(spans[index == i], min_gap) for i in range(len(low))]
 
 
-def _join(intervals: F64, min_gap: float) -> F64:
-    joined: list[list[float]] = []
-    for low, high in intervals[np.argsort(intervals[:, 0], kind="stable")]:
-        if joined and low - joined[-1][1] <= min_gap:
-            joined[-1][1] = max(joined[-1][1], high)
-        else:
-            joined.append([low, high])
-    return np.array(joined).reshape(-1, 2)
+@njit(cache=True)
+def _extents(edges: F64, low: float, high: float) -> F64:
+    """Ranges (K, 2) of x: of edges (N, 4) between two heights, and between edges at the low one."""
+    ranges, k = np.empty((2 * len(edges), 2)), 0
+    crossings, c = np.empty(len(edges)), 0
+    for x, y, to_x, to_y in edges:
+        if max(y, to_y) <= low or min(y, to_y) >= high:
+            continue
+        slope = (to_x - x) / (to_y - y) if to_y != y else 0.0
+        begin = x if low <= y <= high else x + (min(max(y, low), high) - y) * slope
+        end = to_x if low <= to_y <= high else x + (min(max(to_y, low), high) - y) * slope
+        ranges[k] = min(begin, end), max(begin, end)
+        k += 1
+        if (y <= low) != (to_y <= low):
+            crossings[c] = begin if y <= low else end
+            c += 1
+    crossings[:c].sort()
+    for i in range(0, c - 1, 2):
+        ranges[k] = crossings[i], crossings[i + 1]
+        k += 1
+    return ranges[:k]
+
+
+def _joined(intervals: F64, min_gap: float) -> F64:
+    if not len(intervals):
+        return intervals
+    lows, highs = intervals[np.argsort(intervals[:, 0], kind="stable")].T
+    highs = np.maximum.accumulate(highs)
+    apart = lows[1:] - highs[:-1] > min_gap
+    return np.column_stack([lows[np.insert(apart, 0, True)], highs[np.append(apart, True)]])

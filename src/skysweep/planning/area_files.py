@@ -29,7 +29,7 @@ from skysweep.planning.qgc import read_plan, survey_polygons
 from skysweep.scenarios.files import explain
 from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Area, Home, Scenario
 
-MAX_AREA_FILE_BYTES = 20_000_000
+MAX_AREA_FILE_BYTES = 10_000_000
 SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
 
 LatLon = tuple[float, float]
@@ -195,6 +195,8 @@ def _list(node: Any, path: Path) -> list[Any]:
 
 
 def _polygon(rings: Any, path: Path) -> shapely.Polygon:
+    if isinstance(rings, list) and len(rings) > MAX_CORNERS:
+        raise UserError(f"{path}: the polygon has {len(rings) - 1:,} holes; leave them out, or merge them")
     try:
         shell, *holes = [[(float(p[0]), float(p[1])) for p in ring] for ring in rings]
         return shapely.Polygon(shell, holes)

@@ -33,8 +33,7 @@ _SWEEP_DEG = 15.0
 _EDGES_TRIED = 12
 _HEADINGS_PLANNED = 3
 _BANDS_SAMPLED = 24
-_MAX_ROWS_CORNERS = 2_000_000
-_CORNERS_AT_ONCE = 200_000
+_MAX_ROWS_CORNERS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -125,12 +124,6 @@ def _bands(turned: shapely.Polygon, swath: float, sidelap: float) -> tuple[F64, 
     low, high = turned.bounds[1], turned.bounds[3]
     rows = rows_needed(high - low, swath, sidelap)
     _refuse_many(rows, swath)
-    corners = shapely.get_num_coordinates(turned)
-    if rows * corners > _MAX_ROWS_CORNERS:
-        raise UserError(
-            f"area: {corners:,} corners are too many for {rows:,} transects of {swath:.1f} m swath; "
-            "write a simpler outline, or a higher altitude"
-        )
     used = (high - low) / ((rows - 1) * (1.0 - sidelap) + 1.0)
     centres = low + used / 2 + used * (1.0 - sidelap) * np.arange(rows)
     edges = np.concatenate([[low], (centres[1:] + centres[:-1]) / 2, [high]])
@@ -156,12 +149,14 @@ def _plan_along(
     axes = heading_axes(heading_deg)
     turned = _turned(area, axes)
     bands, centres = _bands(turned, swath, sidelap)
-    spans: list[F64] = []
-    at_once = max(1, _CORNERS_AT_ONCE // shapely.get_num_coordinates(turned))
-    for first in range(0, len(bands), at_once):
-        some = intervals_in_bands(turned, bands[first : first + at_once], min_gap=swath)
-        spans += [_shorten(s, picture_height) for s in some]
-        _refuse_many(sum(map(len, spans)), swath)
+    corners = shapely.get_num_coordinates(turned)
+    if len(bands) * corners > _MAX_ROWS_CORNERS:
+        raise UserError(
+            f"area: {corners:,} corners are too many for {len(bands):,} transects of {swath:.1f} m swath; "
+            "write a simpler outline, or a higher altitude"
+        )
+    spans = [_shorten(s, picture_height) for s in intervals_in_bands(turned, bands, min_gap=swath)]
+    _refuse_many(sum(map(len, spans)), swath)
     legs = _fly(_cells(spans), spans, centres, None if start is None else axes @ start) @ axes
     waypoints = legs.reshape(-1, 2)
     length = float(np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum())

@@ -23,7 +23,7 @@ MAX_CORNERS = 10_000  # of an area
 MAX_FENCE_CORNERS = 1000
 MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
-MAX_PICTURE_PX = 25_000_000
+MAX_PICTURE_PX = 12_500_000
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 

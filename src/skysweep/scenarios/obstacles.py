@@ -74,14 +74,11 @@ class Obstacles:
     def outlines(self) -> NDArray[np.object_]:
         """Polygons (N,) of the solids, seen from above."""
         x, y, cos, sin, a, b, r = self.solids[:, :7].T
-        boxes = shapely.box(-a, -b, a, b)
-        round_ones = a == 0.0
-        boxes[round_ones] = shapely.points(np.zeros((int(round_ones.sum()), 2)))
-        turned = [
-            shapely.affinity.affine_transform(box, row)
-            for box, row in zip(boxes, np.stack([cos, -sin, sin, cos, x, y], axis=1), strict=True)
-        ]
-        return np.asarray(shapely.buffer(turned, r), dtype=object)
+        cores = shapely.points(x, y)
+        for k in np.flatnonzero(a > 0.0):
+            box = shapely.box(-a[k], -b[k], a[k], b[k])
+            cores[k] = shapely.affinity.affine_transform(box, [cos[k], -sin[k], sin[k], cos[k], x[k], y[k]])
+        return np.asarray(shapely.buffer(cores, r), dtype=object)
 
     def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:
         """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf: none."""
