@@ -1,5 +1,9 @@
 """The one exception that means: the user can mend this."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 
 class UserError(Exception):
     """A problem with what the user gave us, told in one sentence that names the field and the fix.
@@ -13,3 +17,15 @@ class MissingExtraError(UserError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs an optional part: install it with  pip install 'skysweep[{extra}]'")
+
+
+class CannotWriteError(UserError):
+    """Results cannot be written into a folder; ``strerror`` is what the system says."""
+
+    def __init__(self, folder: Path, error: OSError | CannotWriteError) -> None:
+        super().__init__(folder, error)  # so that it can be pickled
+        self.folder = folder
+        self.strerror: str = error.strerror or str(error)
+
+    def __str__(self) -> str:
+        return f"--out {self.folder}: cannot be made or written to ({self.strerror}); choose another"

@@ -10,11 +10,9 @@ from contextlib import redirect_stderr
 from io import StringIO
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from skysweep.cli.missions import say
-from skysweep.cli.terminal import printable, unblocked
+from skysweep.cli.terminal import unblocked
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes and pseudo-terminals of POSIX")
 
@@ -93,13 +91,6 @@ def test_a_stream_without_a_file_is_left_alone():
         print("hello", file=sys.stderr)
         assert sys.stderr is text
     assert text.getvalue() == "hello\n"
-
-
-@given(st.text())
-def test_nothing_that_steers_a_terminal_is_printable(text):
-    shown = printable(text)
-    assert shown.isprintable()
-    assert (shown == text) == text.isprintable()
 
 
 def test_names_from_outside_neither_steer_the_terminal_nor_are_markup(capsys):

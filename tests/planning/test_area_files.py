@@ -131,7 +131,7 @@ def test_an_area_becomes_a_scenario_that_can_be_planned(tmp_path):
     assert s.home.latitude_deg == pytest.approx(60.449, abs=1e-4)
     plan, estimate = plan_scenario(s)
     assert estimate.time_s > 0
-    assert s.name == "Gr-e - co"
+    assert s.name == "Gro-e - co"
     assert np.linalg.norm(plan.waypoints_xy_enu_m[0]) < 150
 
 

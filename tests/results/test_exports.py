@@ -74,3 +74,16 @@ def test_geojson_points_are_flat_and_carry_what_is_known(files):
 def test_gpx_elements_stand_in_the_order_of_the_schema(files):
     waypoint = next(ET.fromstring(files[".gpx"]).iter(f"{GPX}wpt"))
     assert [child.tag.removeprefix(GPX) for child in waypoint] == ["ele", "name", "desc", "sym", "type"]
+
+
+@pytest.mark.parametrize("name", ["boat\x1b[31m", "a\x00b", "\ud800", "\ufffe", "<&>"])
+def test_whatever_a_class_is_called_every_format_can_be_read(tmp_path, name):
+    records = [r | {"class_name": name} if r["kind"] == "sighting" else r for r in tiny_records()]
+    run = load_run(write_run(tmp_path / "run", records))
+    files = {path.suffix: path.read_text(encoding="utf-8") for path in write_exports(run, tmp_path)}
+    kml, gpx = ET.fromstring(files[".kml"]), ET.fromstring(files[".gpx"])
+    row = next(csv.DictReader(io.StringIO(files[".csv"])))
+    assert row["name"] == next(kml.iter(f"{KML}Placemark")).findtext(f"{KML}name")
+    assert row["name"] == next(gpx.iter(f"{GPX}wpt")).findtext(f"{GPX}name")
+    assert row["class_name"] == run.candidates[0].class_name
+    assert row["class_name"].isprintable()

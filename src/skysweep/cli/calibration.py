@@ -16,13 +16,15 @@ from skysweep.cli.common import (
     WorkersOption,
     bar,
     console,
+    description,
     errors,
     friendly,
-    make_folder,
     number_or_inf,
     show,
+    warn,
 )
 from skysweep.errors import UserError
+from skysweep.outputs import make_folder
 
 if TYPE_CHECKING:
     from skysweep.sensing.statistical_model import HeldOut
@@ -84,11 +86,9 @@ def calibrate(
         raise typer.Exit(130) from None
     _print_fit(model.held_out)
     if pictures < FIRST_LOOK:
-        errors.print(
-            f"[yellow]warning:[/] {pictures} pictures are few, and what was not seen often enough is left "
-            f"out; {FIRST_LOOK} do for a first look",
-            soft_wrap=True,
-            highlight=False,
+        warn(
+            f"{pictures} pictures are few, and what was not seen often enough is left "
+            f"out; {FIRST_LOOK} do for a first look"
         )
     console.print(f"sensor model: {out}, picture: {out.with_suffix('.png')}", soft_wrap=True)
 
@@ -164,7 +164,7 @@ def validate(
     scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)
     missions = len(scenarios) * len(values) * seeds
     with Progress(
-        TextColumn("{task.description}"),
+        description,
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("left"),

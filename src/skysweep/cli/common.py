@@ -7,23 +7,25 @@ import os
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from skysweep.errors import UserError
+from skysweep.text import printable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -32,8 +34,29 @@ MOST_SEEDS = 10_000  # of one comparison: every mission's result is held until i
 _MOST_PER_CORE = 8  # processes
 _WIDEST = 10_000  # characters of a table in a file
 
-console = Console(emoji=False)
-errors = Console(stderr=True, emoji=False)
+
+class PlainConsole(Console):
+    """Prints text as it stands: nothing in it is markup or steers the terminal."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(emoji=False, markup=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Of everything that is printed as a ``str``, cells of tables too."""
+        return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
+
+
+class _Description(ProgressColumn):
+    """What a task is called."""
+
+    def render(self, task: Task) -> Text:
+        """As it stands."""
+        return Text(printable(task.description))
+
+
+console = PlainConsole()
+errors = PlainConsole(stderr=True)
+description = _Description()
 
 
 def friendly(command: Callable[P, R]) -> Callable[P, R]:
@@ -44,13 +67,29 @@ def friendly(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except UserError as error:
-            errors.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, highlight=False)
-            raise typer.Exit(2) from None
+            sentence = str(error)
+        except BrokenPipeError:  # whoever read our output is gone
+            raise
+        except OSError as error:
+            where, why = error.filename or "a file or device", error.strerror or str(error)
+            sentence = f"{where}: cannot be read or written ({why}); check its name, rights and room"
         except KeyboardInterrupt:
             errors.print("stopped; what was finished is kept, and the same command goes on where it can")
             raise typer.Exit(130) from None
+        _say("error", "bold red", sentence)
+        raise typer.Exit(2)
 
     return wrapped
+
+
+def warn(sentence: str) -> None:
+    """Of what is no error, but may not be what was meant."""
+    _say("warning", "yellow", sentence)
+
+
+def _say(kind: str, style: str, sentence: str) -> None:
+    line = Text.assemble((f"{kind}:", style), " ", printable(sentence))
+    errors.print(line, soft_wrap=True, highlight=False)
 
 
 def number_or_inf(text: str) -> float:
@@ -108,8 +147,8 @@ def show(table: Table) -> None:
     if console.is_terminal:
         console.print(table)
     else:
-        wide = Console(emoji=False, width=_WIDEST)
-        Console(emoji=False, width=wide.measure(table).maximum).print(table)
+        wide = PlainConsole(width=_WIDEST)
+        PlainConsole(width=wide.measure(table).maximum).print(table)
 
 
 def local_folder(address: str) -> Path | None:
@@ -117,18 +156,6 @@ def local_folder(address: str) -> Path | None:
     if "://" in address and not address.startswith(("file://", "local://")):
         return None
     return Path(address.partition("://")[2] or address)
-
-
-def make_folder(out: Path) -> None:
-    """Raises UserError where it cannot be made or written to."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=out):
-            return
-    except OSError as error:
-        raise UserError(
-            f"--out {out}: cannot be made or written to ({error.strerror}); choose another"
-        ) from None
 
 
 def refuse_unused_eye(sensor: str, camera: str) -> None:
@@ -140,7 +167,7 @@ def refuse_unused_eye(sensor: str, camera: str) -> None:
 def bar() -> Progress:
     """A progress bar that counts and says how long it will take, on standard error."""
     return Progress(
-        TextColumn("{task.description}"),
+        description,
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

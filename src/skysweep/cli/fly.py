@@ -14,9 +14,9 @@ from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.markup import escape
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from skysweep.cli.common import (
     SeedOption,
@@ -24,13 +24,15 @@ from skysweep.cli.common import (
     SetOption,
     changes_of,
     console,
+    description,
     errors,
     friendly,
     refuse_unused_eye,
 )
 from skysweep.cli.missions import free_folder, print_summary, say
-from skysweep.cli.terminal import printable, unblocked
+from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
+from skysweep.text import printable
 
 if TYPE_CHECKING:
     from skysweep.types import VehicleState
@@ -132,7 +134,7 @@ def fly(
         question = "Arm and take off?" if begun is None else "Go on with the mission?"
         if not yes and not typer.confirm(question, err=True):
             raise typer.Exit(1)
-        columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
+        columns = description, TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
         with Progress(*columns, console=errors) as progress, _Operator(folder) as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)
 
@@ -239,8 +241,12 @@ def _end(number: int, _frame: FrameType | None) -> None:
 
 
 def _print_checks(checks: tuple[Check, ...]) -> None:
-    marks = {True: "[green]ok[/]", None: "[yellow]note[/]", False: "[bold red]no[/]"}
+    marks = {
+        True: Text("ok", "green"),
+        None: Text("note", "yellow"),
+        False: Text("no", "bold red"),
+    }
     table = Table(show_header=False, box=None)
     for check in checks:
-        table.add_row(marks[check.passed], check.name, escape(printable(check.said)))
+        table.add_row(marks[check.passed], check.name, printable(check.said))
     errors.print(table)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.markup import escape
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -22,13 +21,16 @@ from skysweep.cli.common import (
     bar,
     changes_of,
     console,
+    description,
     errors,
     friendly,
     number_or_inf,
     refuse_unused_eye,
+    warn,
 )
-from skysweep.cli.terminal import printable, unblocked
+from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
+from skysweep.text import printable
 
 if TYPE_CHECKING:
     from skysweep.sensing.render import Backend
@@ -99,7 +101,7 @@ def run(
     given = {field: value for field, value in named.items() if value is not None}
     chosen = change_scenario(load_scenario(scenario), changes_of(change) | given)
     for warning in warnings_for(chosen):
-        errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+        warn(warning)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
     refuse_unused_eye(sensor, camera)
     engines: dict[str, Backend] = {"gazebo": "gazebo", "gz": "gz"}
@@ -172,7 +174,7 @@ def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]
     from skysweep.mission.journal import resume_command
     from skysweep.results.run_folder import JOURNAL_FILE
 
-    columns = TextColumn("{task.description}"), TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
+    columns = description, TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
     with unblocked(), Progress(*columns, console=errors) as progress:
         task = progress.add_task(name, doing="preparing", total=None)
 
@@ -196,7 +198,7 @@ def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]
 
 def say(words: str) -> None:
     """A line for whoever watches, above the status line."""
-    errors.print(printable(words), markup=False, highlight=False, soft_wrap=True)
+    errors.print(printable(words), highlight=False, soft_wrap=True)
 
 
 def free_folder(parent: Path, name: str) -> Path:

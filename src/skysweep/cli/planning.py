@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
-from skysweep.cli.common import console, errors, friendly
+from skysweep.cli.common import console, friendly, warn
+from skysweep.outputs import whole_files
 
 
 @friendly
@@ -53,11 +53,11 @@ def plan(
         },
     )
     for warning in warnings_for_plan(chosen):
-        errors.print(f"[yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False)
+        warn(warning)
     coverage, estimate = plan_scenario(chosen)
-    out.mkdir(parents=True, exist_ok=True)
-    picture = draw_plan(out / f"{chosen.name}.png", chosen, coverage, estimate)
-    file = write_plan(out / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
+    with whole_files(out) as unfinished:
+        draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
+        write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
     table = Table(show_header=False, box=None)
     table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
@@ -68,4 +68,6 @@ def plan(
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
     console.print(table)
-    console.print(f"plan: {file}\npicture: {picture}", soft_wrap=True, highlight=False)
+    console.print(
+        f"plan: {out / chosen.name}.plan\npicture: {out / chosen.name}.png", soft_wrap=True, highlight=False
+    )

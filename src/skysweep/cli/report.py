@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from skysweep.cli.common import bar, console, errors, friendly, local_folder, make_folder
+from skysweep.cli.common import bar, console, friendly, local_folder, warn
 from skysweep.cli.missions import print_summary
 from skysweep.errors import UserError
 
@@ -86,7 +85,7 @@ def report(
             on_step=lambda done, of: progress.update(task, completed=done, total=of),
         )
     for sentence in sentences:
-        console.print(sentence, soft_wrap=True, highlight=False, markup=False)
+        console.print(sentence, soft_wrap=True, highlight=False)
     console.print(f"report: {target / REPORT_FILE}", soft_wrap=True)
 
 
@@ -100,21 +99,11 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
             f"{folder}: is damaged ({', '.join(run.left_out)}); write what is sound elsewhere with --out"
         )
     for what in run.left_out:
-        _warn(f"{folder}: is damaged; left out: {what}")
+        warn(f"{folder}: is damaged; left out: {what}")
     if is_older(run.records):
-        _warn(f"{folder}: an older skysweep wrote it, so that not all damage would be seen")
+        warn(f"{folder}: an older skysweep wrote it, so that not all damage would be seen")
     if not run.ended:
-        _warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
-    make_folder(out)
-    try:
-        summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
-    except OSError as error:
-        raise UserError(
-            f"--out {out}: the results cannot be written ({error.strerror}); choose another"
-        ) from None
+        warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
+    summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
     print_summary(summary)
     console.print(f"report: {out / 'report.html'}", soft_wrap=True)
-
-
-def _warn(sentence: str) -> None:
-    errors.print(f"[yellow]warning:[/] {escape(sentence)}", soft_wrap=True, highlight=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import Progress, SpinnerColumn, TextColumn
+from rich.progress import Progress, SpinnerColumn
 from typer.core import TyperCommand
 
 from skysweep.cli.common import (
@@ -17,6 +17,7 @@ from skysweep.cli.common import (
     SetOption,
     changes_of,
     console,
+    description,
     errors,
     friendly,
 )
@@ -107,7 +108,7 @@ def ros_detect(
     from skysweep.sensing.detector import YoloDetector
 
     finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
-    columns = SpinnerColumn(), TextColumn("{task.description}")
+    columns = SpinnerColumn(), description
     with (
         closing(Link("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
         Progress(*columns, console=errors, transient=True) as progress,

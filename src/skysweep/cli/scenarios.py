@@ -7,7 +7,6 @@ import sys
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from skysweep.cli.common import ScenarioArg, console, friendly
@@ -59,7 +58,5 @@ def scenarios_validate(files: Annotated[list[str], typer.Argument(help="Scenario
     for file in files:
         warnings = warnings_for(load_scenario(file))
         for warning in warnings:
-            console.print(
-                f"{escape(file)}: [yellow]warning:[/] {escape(warning)}", soft_wrap=True, highlight=False
-            )
-        console.print(f"{escape(file)}: {'usable' if warnings else 'good'}", soft_wrap=True)
+            console.print(f"{file}: warning: {warning}", soft_wrap=True, highlight=False)
+        console.print(f"{file}: {'usable' if warnings else 'good'}", soft_wrap=True)

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
-from rich.progress import Progress, SpinnerColumn, TextColumn
+from rich.progress import Progress, SpinnerColumn
 
-from skysweep.cli.common import SeedOption, SetOption, changes_of, errors, friendly
+from skysweep.cli.common import SeedOption, SetOption, changes_of, description, errors, friendly, warn
 
 if TYPE_CHECKING:
     from skysweep.vehicles.mavlink.autopilot import Autopilot
@@ -61,11 +60,7 @@ def serve_vehicle(
     to = address_of(host)
     if to != LOOPBACK:
         who = "Whoever has the key" if key else "Whoever reaches this computer"
-        errors.print(
-            f"[yellow]warning:[/] {escape(host)} is another computer: the vehicle listens on every network. "
-            f"{who} can command it.",
-            soft_wrap=True,
-        )
+        warn(f"{host} is another computer: the vehicle listens on every network. {who} can command it.")
     server = VehicleServer(
         embedded_vehicle(chosen, seed),
         chosen,
@@ -76,12 +71,12 @@ def serve_vehicle(
         key,
     )
     errors.print(
-        f"{escape(chosen.name)} at {speed:g}x: MAVSDK udpin://{to}:{port}, QGroundControl {to}:{gcs_port}; "
+        f"{chosen.name} at {speed:g}x: MAVSDK udpin://{to}:{port}, QGroundControl {to}:{gcs_port}; "
         f"listening on {':'.join(map(str, server.address))}. Ctrl-C ends it.",
         soft_wrap=True,
         highlight=False,
     )
-    columns = SpinnerColumn(), TextColumn("{task.description}")
+    columns = SpinnerColumn(), description
     with Progress(*columns, console=errors, transient=True) as progress:
         task = progress.add_task("")
         try:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.markup import escape
 
-from skysweep.cli.common import WorkersOption, bar, errors, friendly, local_folder
+from skysweep.cli.common import WorkersOption, bar, errors, friendly, local_folder, warn
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -100,12 +99,12 @@ def sweep(
             raise typer.Exit(130) from None
     wrong = flight.errors()
     for error, count in Counter(wrong).most_common(3):
-        _say(f"[yellow]warning:[/] {count:,} of {flight.missions:,} missions failed: {escape(error)}")
-    _say(f"table: {escape(flight.address)}")
+        warn(f"{count:,} of {flight.missions:,} missions failed: {error}")
+    _say(f"table: {flight.address}")
     if len(wrong) == flight.missions:
         raise typer.Exit(1)
     elsewhere = "" if local_folder(folder) else f" --out {wanted.name}-report"
-    _say(f"statistics: skysweep report {escape(folder)}{elsewhere}")
+    _say(f"statistics: skysweep report {folder}{elsewhere}")
 
 
 def _say(text: str) -> None:

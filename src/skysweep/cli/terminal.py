@@ -33,11 +33,6 @@ def unblocked() -> Iterator[None]:
         yield
 
 
-def printable(text: str) -> str:
-    """A text from outside, such as a class name, without what would steer the terminal."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
 class _Valve(io.RawIOBase):
     """Passes bytes to a file descriptor in a thread of its own; they are lost while too many wait."""
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.markup import escape
 
 from skysweep.cli.common import (
     MOST_SEEDS,
@@ -19,10 +18,10 @@ from skysweep.cli.common import (
     console,
     errors,
     friendly,
-    make_folder,
     show,
 )
 from skysweep.errors import UserError
+from skysweep.outputs import make_folder
 
 if TYPE_CHECKING:
     from skysweep.experiments.tune import Problem
@@ -257,7 +256,7 @@ def _say_what_is_tuned(problem: Problem) -> None:
         shown = [number(value) for value in parameter.values]
         if len(shown) > 10:
             shown = [*shown[:3], "...", *shown[-2:]]
-        errors.print(escape(f"  {parameter.field}: {', '.join(shown)}"), soft_wrap=True, highlight=False)
+        errors.print(f"  {parameter.field}: {', '.join(shown)}", soft_wrap=True, highlight=False)
 
 
 def _best(problem: Problem, trials: list[Trial]) -> Trial | None:

@@ -7,9 +7,11 @@ from typing import Annotated, Literal
 
 import typer
 from rich.table import Table
+from rich.text import Text
 from scipy.stats import binomtest
 
 from skysweep.cli.common import ScenarioArg, SeedOption, SetOption, bar, changes_of, console, errors, friendly
+from skysweep.text import printable
 
 app = typer.Typer(no_args_is_help=True, help="Worlds for Gazebo.")
 
@@ -40,7 +42,7 @@ def world_export(
     from skysweep.scenarios.files import change_scenario, load_scenario
 
     chosen = change_scenario(load_scenario(scenario), changes_of(change))
-    with errors.status(f"writing {out}"):
+    with errors.status(Text(printable(f"writing {out}"))):
         path = export_world(chosen, seed, out, fmt)
     models = (out / "models").resolve()
     opens = {

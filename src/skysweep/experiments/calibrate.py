@@ -20,6 +20,7 @@ from skysweep.experiments.sensor_fit import (
     kind_models,
 )
 from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
+from skysweep.outputs import whole_files
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.model_files import OWN_MODEL, model_file, sha256_of
 from skysweep.sensing.statistical_model import VERSION, Camera, Detecting, Experiment, StatisticalModel
@@ -48,20 +49,20 @@ def calibrate(
         progress: called with pictures done and total.
 
     Raises:
-        UserError: the detector's file cannot be used.
+        UserError: the detector's file cannot be used, or the results cannot be written.
     """
     looks, background = observe(model, camera, pictures, seed, workers, progress)
     name = OWN_MODEL if model == OWN_MODEL else Path(model).name
     fitted, told = fit_sensor(
         looks, background, Detecting(name=name, sha256=sha256_of(model_file(model))), camera, pictures, seed
     )
-    out_yaml.parent.mkdir(parents=True, exist_ok=True)
-    out_yaml.write_text(
-        "# Written by skysweep calibrate.\n"
-        + yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110),
-        encoding="utf-8",
-    )
-    draw_fit(looks, background, told, fitted, out_yaml.with_suffix(".png"))
+    with whole_files(out_yaml.parent) as unfinished:
+        (unfinished / out_yaml.name).write_text(
+            "# Written by skysweep calibrate.\n"
+            + yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110),
+            encoding="utf-8",
+        )
+        draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
     return fitted
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_in_memory, fly_to_folder
+from skysweep.outputs import make_folder
 from skysweep.results.metrics import finite_or_inf
 from skysweep.results.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
@@ -108,7 +109,7 @@ def compare_paper(
     flown with other parameters are flown again.
     """
     jobs = paper_jobs(seeds, sensor, out, changes)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     summaries = fly_missing(
         fly_paper_job, {job.key: job for job in jobs}, out / MISSIONS_FILE, workers, on_done
     )

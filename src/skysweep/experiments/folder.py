@@ -37,15 +37,15 @@ def _told(method: Callable[Concatenate[Folder, P], R]) -> Callable[Concatenate[F
 class Folder:
     """Whole files in and out: a file is written under another name first, then renamed.
 
-    ``url`` is a path or an fsspec URL. Raises UserError where its protocol is unknown or not installed.
+    ``url`` is a path or an fsspec URL. Raises UserError where it cannot be opened.
     """
 
     def __init__(self, url: str | os.PathLike[str]) -> None:
         self.url = os.fspath(url)
         try:
             self._files, self._root = fsspec.core.url_to_fs(self.url)
-        except (ImportError, ValueError) as error:
-            reason = " ".join(str(error).split()).rstrip(".")
+        except Exception as error:  # a store raises what it likes, and some connect at once
+            reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
             raise UserError(
                 f"{self.url}: {reason}; write a local folder or a URL that fsspec can open"
             ) from None

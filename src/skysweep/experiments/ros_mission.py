@@ -13,6 +13,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.single import Watch, begin, finish, fly_in
 from skysweep.mission.build import build_mission, make_detector
 from skysweep.mission.journal import FileJournal
+from skysweep.outputs import make_folder
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
@@ -79,7 +80,7 @@ def fly_on_ros(
             camera=camera,
             detector=detector,
         )
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         face.prepare(mission)
         pace = RealTime(settings.speed)
 

@@ -65,7 +65,6 @@ def draw_fit(looks: Looks, background: Background, told: Told, model: Statistica
         f"{model.experiment.looks} looks; reports with confidence ≥ {MISSION_CONFIDENCE_MIN:g}",
         fontsize=11,
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=100)
 
 

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skysweep import __version__
-from skysweep.errors import UserError
+from skysweep.errors import CannotWriteError, UserError
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
 from skysweep.mission.loop import Mission, Operator, fly
 from skysweep.mission.resume import RecordedSensor, ReplayJournal
+from skysweep.outputs import make_folder
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary
@@ -76,10 +77,7 @@ def fly_to_folder(
     scenario = with_paths_beside(scenario, Path.cwd())
     mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera, detector)
     with closing(mission.sensor):
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(f"{out}: cannot be made ({error.strerror}); write another --out") from None
+        make_folder(out)
         with closing(FileJournal(journal_path)) as journal:
             _refuse_flown(out, journal.records)
             begin(out, mission, journal, threads, detector)
@@ -193,7 +191,7 @@ def finish(folder: Path, started: float | None) -> dict[str, Any]:
     try:
         wall_time_s = None if started is None else time.perf_counter() - started
         return write_results(load_flown(folder), folder, wall_time_s)
-    except OSError as error:
+    except CannotWriteError as error:
         raise UserError(
             f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "
             f"room, then  {resume_command(folder)}  writes them"

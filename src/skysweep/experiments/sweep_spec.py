@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import os
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -109,6 +110,8 @@ class SweepSpec(Model):
     def _some_and_once(cls, seeds: int | list[int]) -> int | list[int]:
         if seeds == [] or (isinstance(seeds, int) and seeds < 1):
             raise ValueError(f"is {seeds}, so there is nothing to fly; write how many, or a list of seeds")
+        if isinstance(seeds, int) and seeds > MAX_MISSIONS:
+            raise ValueError(f"is more than one sweep can hold; write at most {MAX_MISSIONS:,}")
         if isinstance(seeds, list):
             if len(set(seeds)) < len(seeds):
                 raise ValueError("a seed is written twice; keep one")
@@ -148,7 +151,7 @@ def load_spec(path: str | Path) -> SweepSpec:
     Raises:
         UserError: not found, not YAML, or not a sweep that can be flown.
     """
-    path = Path(path).expanduser()
+    path = Path(os.path.expanduser(path))
     text = read_text_limited(path, MAX_YAML_BYTES)
     return parse_spec(text, str(path), path.parent)
 
@@ -265,7 +268,7 @@ def _scenario(variant: Variant, folder: Path) -> Scenario:
     elif variant.scenario in list_scenarios():
         base = load_scenario(variant.scenario)
     else:
-        base = load_scenario((folder / Path(variant.scenario).expanduser()).absolute())
+        base = load_scenario((folder / Path(os.path.expanduser(variant.scenario))).absolute())
     return change_scenario(base, variant.changes)
 
 

@@ -19,6 +19,7 @@ from skysweep.experiments.tune_race import RECALL_SLACK, Rules
 from skysweep.experiments.tune_space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
 from skysweep.experiments.tune_study import Trial
 from skysweep.experiments.tune_validate import Cell, Effect, Standing, effects
+from skysweep.outputs import whole_files
 from skysweep.results.html import Grid
 from skysweep.results.statistics import (
     SIGNIFICANCE,
@@ -62,9 +63,13 @@ def write_tuning(tuned: Tuned, folder: Path) -> list[Path]:
 
     ``recommended.yaml`` (with several scenarios ``recommended-NAME.yaml``) and ``overlay.yaml``,
     ``tuning.json``, ``tuning.md``, ``trials.parquet``, and the figures ``search`` and ``matters-NAME`` as
-    PNG and SVG with their CSV.
+    PNG and SVG with their CSV. Raises UserError where ``folder`` cannot be written to.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    with whole_files(folder) as unfinished:
+        return [folder / path.name for path in _write(tuned, unfinished)]
+
+
+def _write(tuned: Tuned, folder: Path) -> list[Path]:
     recommended = _write_scenarios(tuned, folder)
     (folder / "tuning.json").write_text(json.dumps(_as_json(tuned), indent=1) + "\n", encoding="utf-8")
     (folder / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")

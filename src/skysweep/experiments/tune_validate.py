@@ -18,6 +18,7 @@ from skysweep.experiments.tune import PAPER_N_C, Problem
 from skysweep.experiments.tune_race import F64, Flown, Outcome, Rules, best_first, outcome_of
 from skysweep.experiments.tune_space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune_study import Trial
+from skysweep.outputs import make_folder
 from skysweep.results.statistics import (
     SIGNIFICANCE,
     Estimate,
@@ -168,7 +169,7 @@ def fly_candidates(
 
     ``on_mission`` hears how many missions of how many are there.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     flights = [
         [
             [_Flight(_key(text, seed), changed, seed) for changed, text in configs]

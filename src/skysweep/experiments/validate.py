@@ -19,6 +19,7 @@ from scipy.stats import t as student
 
 from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.experiments.ledger import fly_missing
+from skysweep.outputs import make_folder, whole_files
 from skysweep.results.table_files import markdown
 
 SCENARIOS = ("clusters", "abundance", "sparse")
@@ -96,7 +97,7 @@ def compare_tiers(
         for value in n_c
     }
     key_of = {job: job.key for some in jobs.values() for job in some}
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     by_key = {key: job for job, key in sorted(key_of.items(), key=lambda item: item[0].seed)}
     flown = fly_missing(fly_paper_job, by_key, out / MISSIONS_FILE, workers, on_done)
     summaries = {job: flown[key] for job, key in key_of.items()}
@@ -146,5 +147,6 @@ def _write(cells: Sequence[Cell], out: Path) -> None:
         for field in ("n_c", "difference_percent"):
             if math.isinf(row[field]):
                 row[field] = "inf" if row[field] > 0 else "-inf"
-    (out / "validate.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    (out / "validate.md").write_text(validation_text(cells), encoding="utf-8")
+    with whole_files(out) as unfinished:
+        (unfinished / "validate.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        (unfinished / "validate.md").write_text(validation_text(cells), encoding="utf-8")

@@ -15,6 +15,7 @@ from skysweep.errors import UserError
 from skysweep.gazebo.look import TILE_M, WATER_TILE_M, Look, ground_tile, water_tile
 from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
 from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
+from skysweep.outputs import whole_files
 from skysweep.scenarios.model import Home, Scenario, Wind
 from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.meshes import Mesh, merge, yaw_rotation
@@ -60,9 +61,10 @@ def export_world(scenario: Scenario, seed: int, folder: Path, fmt: Format) -> Pa
         raise UserError(f"--format {fmt}: there is no such format; write one of {', '.join(FORMATS)}")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserError(f"{folder}: is not an empty folder; write another --out")
-    return write_world(
-        build_world(scenario, seed), scenario.name, scenario.home, scenario.wind, folder, fmt, Clock()
-    )
+    world = build_world(scenario, seed)
+    with whole_files(folder) as unfinished:
+        path = write_world(world, scenario.name, scenario.home, scenario.wind, unfinished, fmt, Clock())
+    return folder / path.name
 
 
 def write_world(

@@ -64,5 +64,6 @@ def material(name: str, colour: NDArray[np.float64], picture: str | None) -> str
 
 
 def write_picture(path: Path, image: U8) -> None:
-    """Writes an RGB picture (H, W, 3)."""
-    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    """Writes an RGB picture (H, W, 3) as PNG. Raises OSError, which OpenCV does not."""
+    _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    path.write_bytes(png.tobytes())

@@ -7,8 +7,9 @@ expanded or unpacked beyond a fixed size.
 from __future__ import annotations
 
 import re
+import unicodedata
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -18,18 +19,21 @@ import numpy as np
 import shapely
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
+from pydantic import ValidationError
 
 from skysweep.errors import UserError
 from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.json_files import parse_json
 from skysweep.planning.qgc import read_plan, survey_polygons
+from skysweep.scenarios.files import explain
 from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Area, Home, Scenario
 
 MAX_AREA_FILE_BYTES = 10_000_000
 SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
 
 LatLon = tuple[float, float]
+Ring = list[tuple[float, float]]
 
 _ONE_POLYGON = "save a file with one polygon around the search area"
 _WGS84_NAMES = re.compile(r"(CRS:?84|EPSG:*(:\d*)?:?4326|WGS ?84)$", re.IGNORECASE)
@@ -70,13 +74,25 @@ def scenario_from_area(path: str | Path) -> Scenario:
         latitude, longitude, altitude = (float(v) for v in frame.geodetic_from_enu([[*south, 0.0]])[0])
     home = Home(latitude_deg=latitude, longitude_deg=longitude, altitude_amsl_m=altitude)
     area, _ = read_area(path, LocalFrame(latitude, longitude, altitude))
-    name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", Path(path).stem).strip(" ._-")[:80] or "area"
 
-    def ring(line: shapely.LinearRing) -> list[tuple[float, float]]:
+    def ring(line: shapely.LinearRing) -> Ring:
         return [(float(x), float(y)) for x, y in shapely.get_coordinates(line)[:-1]]
 
-    holes = [ring(hole) for hole in area.interiors]
-    return Scenario(name=name, area=Area(polygon_enu_m=ring(area.exterior), holes_enu_m=holes), home=home)
+    return scenario_over(path, home, ring(area.exterior), [ring(hole) for hole in area.interiors])
+
+
+def scenario_over(path: str | Path, home: Home, corners: Ring, holes: Sequence[Ring] = ()) -> Scenario:
+    """A scenario of the area in a file (corners in ENU metres of home's frame), named after the file.
+
+    Raises UserError where the area cannot be searched from home.
+    """
+    stem = unicodedata.normalize("NFKD", Path(path).stem)
+    plain = "".join(c for c in stem if not unicodedata.combining(c))
+    name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", plain).lstrip(" ._-")[:80].rstrip(" ._-") or "area"
+    try:
+        return Scenario(name=name, area=Area(polygon_enu_m=corners, holes_enu_m=list(holes)), home=home)
+    except ValidationError as error:
+        raise explain(error, str(path)) from None
 
 
 def _only_polygon(path: Path) -> shapely.Polygon:
@@ -193,15 +209,17 @@ def _polygon(rings: Any, path: Path) -> shapely.Polygon:
 
 def _unzip(path: Path) -> bytes:
     """The KML inside a KMZ: ``doc.kml``, or the first ``.kml``, unpacked no further than the size limit."""
+    packed, data = BytesIO(read_limited(path, MAX_AREA_FILE_BYTES)), None
     try:
-        with zipfile.ZipFile(BytesIO(read_limited(path, MAX_AREA_FILE_BYTES))) as archive:
+        with zipfile.ZipFile(packed) as archive:
             names = [n for n in archive.namelist() if n.lower().endswith(".kml")]
-            if not names:
-                raise UserError(f"{path}: holds no .kml file; export the area again as KMZ")
-            with archive.open("doc.kml" if "doc.kml" in names else names[0]) as file:
-                data = file.read(MAX_AREA_FILE_BYTES + 1)
-    except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError, ValueError):
+            if names:
+                with archive.open("doc.kml" if "doc.kml" in names else names[0]) as file:
+                    data = file.read(MAX_AREA_FILE_BYTES + 1)
+    except Exception:  # zipfile lets through whatever its decompressors raise
         raise UserError(f"{path}: is no readable KMZ (zip) file; export the area again as KMZ") from None
+    if data is None:
+        raise UserError(f"{path}: holds no .kml file; export the area again as KMZ")
     if len(data) > MAX_AREA_FILE_BYTES:
         raise UserError(
             f"{path}: unpacks to more than {MAX_AREA_FILE_BYTES / 1e6:g} MB; "

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.area_files import scenario_from_area
+from skysweep.planning.area_files import Ring, scenario_from_area, scenario_over
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.qgc import FencePolygon, GeoFence, QgcPlan, plan_for_qgc, read_plan, survey_polygons
 from skysweep.scenarios.files import change_scenario
-from skysweep.scenarios.model import Area, Home, Scenario
+from skysweep.scenarios.model import Home, Scenario
 
 F64 = NDArray[np.float64]
-Ring = list[tuple[float, float]]
 
 _SLACK_M = 1.0  # between the heights of a plan's waypoints
 _BESIDE_PATH_M = 5.0  # of a plan that draws no area: the surroundings of its path are it
@@ -36,7 +35,7 @@ def scenario_from_plan(path: str | Path) -> Scenario:
         drawn = scenario_from_area(path)
     else:
         home = Home(latitude_deg=latitude, longitude_deg=longitude, altitude_amsl_m=altitude_amsl_m)
-        drawn = Scenario(name=Path(path).stem, area=Area(polygon_enu_m=_around(path, plan, frame)), home=home)
+        drawn = scenario_over(path, home, _around(path, plan, frame))
     polygons = plan.geoFence.polygons
     fences = [_enu(p.polygon, frame) for p in polygons if p.inclusion]
     if len(fences) > 1:

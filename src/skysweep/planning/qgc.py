@@ -10,8 +10,6 @@ MAV_FRAME or the survey's DistanceMode.
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +25,7 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     ValidationError,
     model_serializer,
+    model_validator,
 )
 
 from skysweep.errors import UserError
@@ -34,6 +33,7 @@ from skysweep.files.reading import read_limited
 from skysweep.geometry.areas import headings_of
 from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
+from skysweep.outputs import whole_files
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.json_files import parse_json
 from skysweep.scenarios.model import Scenario
@@ -87,6 +87,13 @@ class SimpleItem(_Object):
     params: Annotated[list[float | None], Field(min_length=7, max_length=7)]
     autoContinue: bool = True
     doJumpId: int | None = None
+
+    @model_validator(mode="after")
+    def _is_on_earth(self) -> SimpleItem:
+        latitude, longitude = self.params[4:6]
+        if self.command in _FLY_THROUGH and (abs(latitude or 0.0) > 90 or abs(longitude or 0.0) > 180):
+            raise ValueError(f"latitude {latitude}, longitude {longitude} is no place on earth")
+        return self
 
 
 class CameraSettings(_Object):
@@ -145,7 +152,7 @@ class MissionItems(_Object):
     cruiseSpeed: float = 15.0
     hoverSpeed: float = 5.0
     globalPlanAltitudeMode: int = 0
-    plannedHomePosition: LatLonAlt
+    plannedHomePosition: tuple[Latitude, Longitude, Annotated[float, Field(ge=-430, le=8850)]]
     items: list[Annotated[SimpleItem | Survey, Field(discriminator="type")]]
 
 
@@ -233,9 +240,10 @@ def read_plan(path: str | Path) -> QgcPlan:
         detail = error.errors()[0]
         tags = ("SimpleItem", "ComplexItem")
         field = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in detail["loc"] if p not in tags)
+        what = detail["msg"].removeprefix("Value error, ")
         raise UserError(
-            f"{path}: {field.removeprefix('.')}: {detail['msg'][0].lower()}{detail['msg'][1:]}; "
-            "save the plan again with QGroundControl 4.2 or newer"
+            f"{path}: {field.removeprefix('.')}: {what[0].lower()}{what[1:]}; "
+            "correct it, or save the plan again with QGroundControl 4.2 or newer"
         ) from None
     if len(plan.waypoints) > MAX_WAYPOINTS:
         raise UserError(
@@ -247,15 +255,9 @@ def read_plan(path: str | Path) -> QgcPlan:
 def write_plan(path: str | Path, plan: QgcPlan) -> Path:
     """Write a ``.plan`` file whole or not at all. Raises UserError when the place cannot be written."""
     path = Path(path)
-    text = json.dumps(plan.model_dump(mode="json"), indent=4)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
-            file.write(text + "\n")
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    with whole_files(path.parent) as unfinished:
+        text = json.dumps(plan.model_dump(mode="json"), indent=4) + "\n"
+        (unfinished / path.name).write_text(text, encoding="utf-8")
     return path
 
 

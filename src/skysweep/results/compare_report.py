@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skysweep.outputs import whole_files
 from skysweep.results.claims import claims
 from skysweep.results.figures import n_c_label, panels, pos_curves
 from skysweep.results.html import Grid, Picture, Section, picture, write_page
@@ -44,14 +45,21 @@ def write_compare_report(folder: str | Path, summaries: Sequence[Summary]) -> li
 
     Returns:
         The rows of the tables.
+
+    Raises:
+        UserError: ``folder`` cannot be written to.
     """
-    folder = Path(folder)
+    with whole_files(Path(folder)) as unfinished:
+        return _write(unfinished, summaries, Path(folder) / "runs")
+
+
+def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> list[CompareRow]:
     rows, differences = compare_rows(summaries), paired_differences(summaries)
     for name, records in (("compare", compare_json(rows)), ("baselines", baselines_json(rows))):
         text = json.dumps(records, indent=1) + "\n"
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
     (folder / "compare.md").write_text(markdown_tables(rows, summaries), encoding="utf-8")
-    runs = _drawn_runs(folder / "runs", rows)
+    runs = _drawn_runs(runs_folder, rows)
     sections = [
         Section("Does it show what the paper shows?", grids=[claims(summaries)]),
         Section(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -319,5 +320,8 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure, the same bytes every time, as PNG, SVG or PDF (by suffix)."""
     path = Path(path)
     stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
-    figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
+    content = BytesIO()  # what a full disk raises would be lost in Matplotlib
+    form = path.suffix.removeprefix(".")
+    figure.savefig(content, format=form, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
+    path.write_bytes(content.getvalue())
     return path

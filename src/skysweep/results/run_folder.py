@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.mission.journal import journal_remedy
 from skysweep.mission.line_file import read_sound_lines
+from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
+from skysweep.text import printable
 
 F64 = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -219,10 +221,10 @@ class Run:
         known = records if verdict is None else records[: records.index(verdict) + 1]
         scanned = next((r for r in known if r["kind"] == "scanned"), None)
         sightings = [r for r in known if r["kind"] == "sighting"]
-        classes = self.scenario.target_classes
+        named, classes = _newest(known, "class_name"), self.scenario.target_classes
         return CandidateStory(
             id=identity,
-            class_name=_newest(known, "class_name") or (classes[0] if len(classes) == 1 else None),
+            class_name=printable(str(named)) if named else (classes[0] if len(classes) == 1 else None),
             position_enu_m=np.asarray(_newest(known, "p"), dtype=float),
             n_sightings=len(sightings),
             first_seen_s=self.since_start(known[0]),
@@ -259,7 +261,7 @@ def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
             raise UserError(f"{folder}: has no {needed.name}; give a folder that 'skysweep run' wrote")
     refuse_links(folder)
     lines = read_sound_lines(path)
-    foreign = next((k for k, r in enumerate(lines.records) if "kind" not in r or "t" not in r), None)
+    foreign = next((k for k, r in enumerate(lines.records) if not can_be_told(r)), None)
     if foreign is not None:
         lines = replace(lines.first(foreign), damaged=foreign + 1)
     if all(record["kind"] != "start" for record in lines.records):

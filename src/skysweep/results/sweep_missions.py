@@ -152,7 +152,8 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
                 refuse_changed(sums, name, kept[name], f"{folder}/{name}")
         spec = kept.get(SPEC, b"").decode("utf-8")
         tables = [_parquet(kept[FINAL_TABLE], f"{folder}/{FINAL_TABLE}")] if FINAL_TABLE in kept else []
-        parts = sorted(files.glob(f"{root}/{PARTS}/*.parquet"))
+        parts = sorted(files.ls(f"{root}/{PARTS}", detail=False)) if files.exists(f"{root}/{PARTS}") else []
+        parts = [name for name in parts if name.endswith(".parquet")]
         if parts and matrix is not None:
             table = _so_far(matrix(spec), tables + [_part(files, path) for path in parts], folder)
         elif tables:
@@ -161,8 +162,11 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
             table = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder)
         else:
             raise UserError(f"{folder}: holds no missions ({FINAL_TABLE}); {_WRITERS}")
-    except (OSError, ValueError, ImportError) as error:
-        raise UserError(f"{folder}: cannot be read ({error}); {_WRITERS}") from None
+    except UserError:
+        raise
+    except Exception as error:  # a store raises what it likes
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise UserError(f"{folder}: cannot be read ({reason}); {_WRITERS}") from None
     return Missions(folder, _checked(table, folder), not parts, spec)
 
 

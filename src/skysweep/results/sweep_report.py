@@ -10,7 +10,7 @@ from pathlib import Path
 
 import polars as pl
 
-from skysweep.errors import UserError
+from skysweep.outputs import whole_files
 from skysweep.results.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.statistics import pairs_needed, pairs_to_tell
 from skysweep.results.sweep_analysis import (
@@ -69,12 +69,13 @@ def write_sweep_report(
     groups = by_scenario(missions)
     steps = 1 + 2 * len(groups)
     on_step(0, steps)
-    try:
-        for folder in (out, out / TABLES, out / FIGURES):
-            folder.mkdir(parents=True, exist_ok=True)
+    with whole_files(out) as unfinished:
+        tables, figures = unfinished / TABLES, unfinished / FIGURES
+        tables.mkdir()
+        figures.mkdir()
         analyses = analyse(groups, min_recall)
         sentences = [verdict(analysis, min_recall) for analysis in analyses]
-        _write_tables(analyses, missions, out / TABLES)
+        _write_tables(analyses, missions, tables)
         on_step(1, steps)
         sections = [
             Section("In a sentence", paragraphs=[*sentences, best_rule(min_recall)]),
@@ -82,9 +83,9 @@ def write_sweep_report(
         ]
         names = _file_names([a.scenario for a in analyses])
         for k, analysis in enumerate(analyses):
-            drawn = _pictures(analysis, names[k], out / FIGURES)
+            drawn = _pictures(analysis, names[k], figures)
             on_step(2 + 2 * k, steps)
-            drawn += _parameter_pictures(groups[analysis.scenario], missions, names[k], out / FIGURES)
+            drawn += _parameter_pictures(groups[analysis.scenario], missions, names[k], figures)
             grids = [_statistics(analysis), *_differences(analysis, [MISSION_TIME])]
             if len(analysis.members) <= MOST_ROWS_BEFORE_FIGURES:
                 sections.append(Section(analysis.scenario, grids=grids, pictures=drawn))
@@ -93,10 +94,12 @@ def write_sweep_report(
                 sections.append(Section(f"{analysis.scenario}: every configuration", grids=grids))
             on_step(3 + 2 * k, steps)
         write_page(
-            out / REPORT_FILE, _title(missions), _lead(missions), [], sections + _appendix(missions, analyses)
+            unfinished / REPORT_FILE,
+            _title(missions),
+            _lead(missions),
+            [],
+            sections + _appendix(missions, analyses),
         )
-    except OSError as error:
-        raise UserError(f"{out}: cannot be written to ({error.strerror}); choose another --out") from None
     return sentences if missions.finished else [_NOT_FINISHED, *sentences]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from skysweep.errors import UserError
+from skysweep.outputs import whole_files
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.exports import write_exports
 from skysweep.results.figures import run_map
@@ -16,20 +17,25 @@ from skysweep.results.summary_file import write_summary
 
 
 def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summary:
-    """Write summary, map, positions, recording and report of a mission into ``out``, a folder that is there.
+    """Write summary, map, positions, recording and report of a mission into ``out``, whole or not at all.
 
     The mission may have been broken off, or still fly: then ``ended`` is false in the summary.
 
     Returns:
         What ``summary.json`` holds, without its checksums. It is written last.
+
+    Raises:
+        CannotWriteError: ``out`` cannot be written to.
     """
     summary = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
     summary |= {"ended": run.ended, "n_unchecked": len(run.unchecked)}
-    run_map(run, out / "map.png")
-    write_exports(run, out)
-    write_recording(run, out / "mission.mcap")
-    write_run_report(run, summary, out)
-    write_summary(out / SUMMARY_FILE, summary, run.seal)
+    with whole_files(out) as unfinished:
+        run_map(run, unfinished / "map.png")
+        write_exports(run, unfinished)
+        write_recording(run, unfinished / "mission.mcap")
+        write_run_report(run, summary, unfinished)
+    with whole_files(out) as unfinished:
+        write_summary(unfinished / SUMMARY_FILE, summary, run.seal)
     return summary
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.ros.messages import CYLINDER, TEXT, Mark
+from skysweep.text import printable
 
 F64 = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ class TargetBoard:
         if known is None:
             if place is None:
                 return False
-            name = str(record.get("class_name", "target"))
+            name = printable(str(record.get("class_name", "target")))
             known = Target(identity, name, "", np.array(place, dtype=float), _SEEN_RADIUS_M)
         elif standing == "seen":
             return False

@@ -59,7 +59,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     name = str(name_or_path)
     if name in list_scenarios():
         return parse_scenario(_shipped().joinpath(f"{name}.yaml").read_text("utf-8"), f"{name}.yaml")
-    path = Path(name).expanduser()
+    path = Path(os.path.expanduser(name))
     scenario = parse_scenario(_read_text(path), str(path), path.parent)
     return with_paths_beside(scenario, path.parent)
 
@@ -68,13 +68,13 @@ def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
     """The scenario with its relative paths counted from ``folder``."""
     updates: dict[str, Any] = {}
     if scenario.search.plan is not None:
-        plan = str(folder / Path(scenario.search.plan).expanduser())
+        plan = str(folder / Path(os.path.expanduser(scenario.search.plan)))
         updates["search"] = scenario.search.model_copy(update={"plan": plan})
     detector, beside = scenario.detector, {}
     if detector.model.lower().endswith(".onnx"):
-        beside["model"] = str(folder / Path(detector.model).expanduser())
+        beside["model"] = str(folder / Path(os.path.expanduser(detector.model)))
     if detector.statistical_model is not None:
-        beside["statistical_model"] = str(folder / Path(detector.statistical_model).expanduser())
+        beside["statistical_model"] = str(folder / Path(os.path.expanduser(detector.statistical_model)))
     if beside:
         updates["detector"] = detector.model_copy(update=beside)
     return scenario.model_copy(update=updates)
@@ -135,7 +135,7 @@ def write_scenario(scenario: Scenario, path: str | Path) -> Path:
     Raises:
         UserError: the folder is missing or cannot be written to.
     """
-    path = Path(path).expanduser()
+    path = Path(os.path.expanduser(path))
     text = dump_scenario(scenario)
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
@@ -206,7 +206,7 @@ def _with_area_read(data: dict[str, Any], source: str, folder: Path) -> dict[str
             from skysweep.planning.area_files import read_corners
 
             try:
-                polygon, holes = read_corners(folder / Path(name).expanduser())
+                polygon, holes = read_corners(folder / Path(os.path.expanduser(name)))
             except UserError as error:
                 raise UserError(f"{source}: area.file: {error}") from None
             return data | {"area": {"polygon_lat_lon_deg": polygon, "holes_lat_lon_deg": holes}}
@@ -260,6 +260,8 @@ def _sentence(location: tuple[str | int, ...], details: list[ErrorDetails]) -> s
     if kind in ("model_type", "dict_type"):
         what = "is empty" if value is None else f"is {shown}"
         return f"{path}: {what}; write its fields indented below it, or delete the line"
+    if kind == "too_short":
+        return f"{path}: is empty; write at least {detail['ctx']['min_length']}, or delete the line"
     if kind == "too_long":
         ctx = detail["ctx"]
         at_most = "" if ctx["field_type"] == "Tuple" else "at most "

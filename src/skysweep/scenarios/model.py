@@ -213,7 +213,9 @@ class Generator(Model):
     clusters: int = Field(
         2, ge=1, le=100, description="How many centres to draw, where centres_enu_m is not given"
     )
-    centres_enu_m: list[PointXY] | None = Field(None, max_length=100, description="Centres of the clusters")
+    centres_enu_m: list[PointXY] | None = Field(
+        None, min_length=1, max_length=100, description="Centres of the clusters"
+    )
     spread_m: float = Field(8.0, gt=0, le=1000, description="Standard deviation around a centre")
     min_separation_m: float = Field(
         2.0, ge=0, le=1000, description="Between two of these objects, where there is room for it"

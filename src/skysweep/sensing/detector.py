@@ -124,10 +124,11 @@ class Network:
 
     def __init__(self, session: ort.InferenceSession, path: Path) -> None:
         self._session, self._path = session, path
-        first, *others = session.get_inputs()
-        if len(first.shape) != 4 or first.type not in _NUMPY_TYPE:
+        first, *others = session.get_inputs() or [None]
+        if first is None or len(first.shape) != 4 or first.type not in _NUMPY_TYPE:
+            found = "missing" if first is None else f"{first.type} {first.shape}"
             raise UserError(
-                f"{path}: the first input is {first.type} {first.shape}, not one picture; "
+                f"{path}: the first input is {found}, not one picture; "
                 "export the model with an input of shape (1, 3, height, width)"
             )
         self._input, self._dtype = first, _NUMPY_TYPE[first.type]
@@ -194,19 +195,24 @@ class Network:
     def _named_in_file(self) -> tuple[str, ...] | None:
         """Class names of the metadata (a Python or JSON dict or list, as Ultralytics writes) or sidecar."""
         sidecar = self._path.with_suffix(".names")
-        text = self._session.get_modelmeta().custom_metadata_map.get("names")
         if sidecar.is_file():
             lines = read_text_limited(sidecar, _MAX_NAMES_BYTES).splitlines()
             return tuple(line.strip() for line in lines if line.strip())
+        text = self._session.get_modelmeta().custom_metadata_map.get("names")
         if text is None:
             return None
         try:
             names = ast.literal_eval(text)
-        except (ValueError, SyntaxError):
-            return None
-        if isinstance(names, dict):
-            names = [names[key] for key in sorted(names, key=int)]
-        return tuple(str(name) for name in names)
+            if isinstance(names, dict):
+                names = [names[key] for key in sorted(names, key=int)]
+        except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+            names = None
+        if not isinstance(names, list | tuple):
+            raise UserError(
+                f"{self._path}: its metadata 'names' is no list of class names; write them one a line into "
+                f"{sidecar.name} beside it"
+            )
+        return tuple(map(str, names))
 
     def _names(self, n_classes: int) -> tuple[str, ...]:
         names = self._named_in_file() or default_names(n_classes)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.outputs import whole_files
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light, TargetClass
 from skysweep.scenarios.world import (
     HELD_OUT_VARIANTS,
@@ -105,7 +106,7 @@ def render_dataset(
         progress: called with pictures done and total.
 
     Raises:
-        UserError: ``out`` is not empty, or a class is unknown.
+        UserError: ``out`` is not empty or cannot be written to, or a class is unknown.
     """
     unknown = set(classes) - set(get_args(TargetClass))
     if unknown:
@@ -113,9 +114,24 @@ def render_dataset(
         raise UserError(f"classes: {', '.join(sorted(unknown))} cannot be rendered; choose from {known}")
     if n_images < 1:
         raise UserError(f"n_images: {n_images} is too few; write at least 1")
-    if out.exists() and any(out.iterdir()):
+    if out.is_dir() and any(out.iterdir()):
         raise UserError(f"{out}: not empty; write the path of a new folder")
-    (out / "images").mkdir(parents=True, exist_ok=True)
+    with whole_files(out) as unfinished:
+        _render_worlds(unfinished, n_images, seed, split, classes, workers, backend, progress)
+    return out
+
+
+def _render_worlds(
+    out: Path,
+    n_images: int,
+    seed: int,
+    split: Split,
+    classes: Sequence[str],
+    workers: int | None,
+    backend: Backend,
+    progress: Callable[[int, int], None],
+) -> None:
+    (out / "images").mkdir()
     starts = range(0, n_images, PICTURES_PER_WORLD)
     chunks = [
         _Chunk(out, i, min(PICTURES_PER_WORLD, n_images - start), seed, split, backend)
@@ -131,7 +147,6 @@ def render_dataset(
     in_order = [image for index in sorted(images) for image in images[index]]
     info = {"description": "rendered by skysweep dataset", "split": split, "seed": seed}
     write_labels(out, classes, in_order, (SIDE_PX, SIDE_PX), info)
-    return out
 
 
 def _render_world(chunk: _Chunk, classes: tuple[str, ...]) -> list[LabelledImage]:
@@ -149,7 +164,8 @@ def _render_world(chunk: _Chunk, classes: tuple[str, ...]) -> list[LabelledImage
         picture = develop(renderer.render(lens, pose, float(rng.uniform(0, 60))), rng)
         path = chunk.out / "images" / f"{number:06d}.jpg"
         quality = int(rng.integers(60, 98))
-        cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        path.write_bytes(jpeg.tobytes())
         wide = Lens(
             lens.width_px + 2 * ID_MARGIN_PX,
             lens.height_px + 2 * ID_MARGIN_PX,

@@ -80,7 +80,7 @@ def _boxes(rows: Sequence[Sequence[float]]) -> F64:
 def _read_coco(path: Path) -> LabelledDataset:
     try:
         data = json.loads(read_limited(path, MAX_ANNOTATION_BYTES))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: not JSON ({error}); write COCO annotations") from error
     try:
         names = {c["id"]: str(c["name"]) for c in data["categories"]}
@@ -101,7 +101,7 @@ def _read_coco(path: Path) -> LabelledDataset:
             _coco_image(path, image, boxes[image["id"]], decoys[image["id"]], names)
             for image in data["images"]
         )
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise UserError(
             f"{path}: not COCO detection annotations (missing or malformed {error}); write images "
             "(id, file_name, width, height), annotations (image_id, category_id, bbox), categories (id, name)"

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import MissingExtraError, UserError
+from skysweep.outputs import make_folder, whole_files
 from skysweep.sensing.detector import PAD_GREY
 from skysweep.sensing.model_files import model_file
 from skysweep.training.evaluate import read_picture
@@ -84,13 +85,15 @@ def train_detector(
         ``out``.
 
     Raises:
-        UserError: the data set is malformed or has no labels, or ``init`` is no model of ours.
+        UserError: the data set is malformed or has no labels, ``init`` is no model of ours, or ``out`` cannot
+            be written.
         MissingExtraError: PyTorch or YOLOX is not installed.
     """
     torch = _torch()
     data = read_dataset(dataset)
     if not any(len(image.boxes_xyxy) for image in data.images):
         raise UserError(f"{dataset}: no picture has a label; a detector needs something to learn")
+    make_folder(out.parent)
     torch.manual_seed(seed)
     rng = np.random.default_rng([seed, 23])
     network = _network(len(data.class_names))
@@ -100,7 +103,6 @@ def train_detector(
     peak = learning_rate or PEAK_LEARNING_RATE * (FINE_TUNING_SHARE if init is not None else 1.0)
     average, steps = _optimise(network, data, rng, peak, minutes * 60, threads, progress)
     network.load_state_dict(average)
-    out.parent.mkdir(parents=True, exist_ok=True)
     command = f"skysweep train DATASET --minutes {minutes:g} --seed {seed} --learning-rate {peak:g}"
     if init is not None:
         command += f" --init {Path(init).name}"
@@ -112,7 +114,8 @@ def train_detector(
         "steps": str(steps),
         "license": "Apache-2.0",
     }
-    _export(network, out, metadata)
+    with whole_files(out.parent) as unfinished:
+        _export(network, unfinished / out.name, metadata)
     return out
 
 

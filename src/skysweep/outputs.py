@@ -1,0 +1,65 @@
+"""What commands write: whole or not at all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+
+from skysweep.errors import CannotWriteError, UserError
+
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # two letters at least: C:/ is a drive
+
+
+@contextmanager
+def whole_files(folder: Path) -> Iterator[Path]:
+    """A folder to write into; at the end of the block its files become those of ``folder``.
+
+    Where the block fails, ``folder`` is as it was before, and is not made.
+
+    Raises:
+        UserError: ``folder`` cannot be made or written to.
+    """
+    made = make_folder(folder)
+    try:
+        with TemporaryDirectory(prefix=".unfinished-", dir=folder) as name:
+            yield Path(name)
+            for path in sorted(Path(name).rglob("*")):
+                place = folder / path.relative_to(name)
+                if path.is_dir():
+                    place.mkdir(exist_ok=True)
+                else:
+                    path.replace(place)
+    except (OSError, CannotWriteError) as error:
+        _remove(made)
+        raise CannotWriteError(folder, error) from None
+    except BaseException:
+        _remove(made)
+        raise
+
+
+def make_folder(folder: Path) -> Sequence[Path]:
+    """Make a folder that files can be written to; the folders that were missing, innermost first.
+
+    Raises UserError, with nothing made, where that cannot be done.
+    """
+    if _URL.match(str(folder)):
+        raise UserError(f"--out {folder}: is a URL; write a folder of this computer")
+    missing: list[Path] = []
+    try:
+        missing = [path for path in (folder, *folder.parents) if not path.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            return missing
+    except OSError as error:
+        _remove(missing)
+        raise CannotWriteError(folder, error) from None
+
+
+def _remove(folders: Sequence[Path]) -> None:
+    """Those that are empty."""
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
