@@ -27,7 +27,8 @@ class Believable:
     def state(self) -> VehicleState:
         """What the vehicle says."""
         state = self._vehicle.state()
-        if state.time_s > self._newest.time_s and has_place(state) and self.went_back_s == 0.0:
+        finite = math.isfinite(sum(state.camera.position_enu_m.tolist()))
+        if finite and state.time_s > self._newest.time_s and self.went_back_s == 0.0:
             self._newest = self._sound = state
             self._asked_s = 0.0
             return state
