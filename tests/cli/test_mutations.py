@@ -149,9 +149,7 @@ def test_metadata_that_is_no_list_of_names(judge, names):
 
 def test_names_that_are_no_text(judge):
     files = {**labelled_picture(), "m.onnx": detector_model(), "m.names": b"\xff\xfe\x00"}
-    refused(
-        judge, ("detect", "evaluate", "data", "--model", "m.onnx"), files, "m.names: is not text in UTF-8"
-    )
+    refused(judge, ("detect", "evaluate", "data", "--model", "m.onnx"), files, "m.names: is not a text file")
 
 
 WRITERS = {
