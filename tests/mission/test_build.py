@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 
+from skysweep.errors import UserError
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
@@ -69,3 +70,13 @@ def test_a_registered_strategy_and_detector_fly():
     heights = [s["p"][2] for s in journal.lines if s["kind"] == "state" and s["mode"] == "SCAN"]
     assert np.median(heights) == pytest.approx(17.0, abs=0.5)
     assert any(line["kind"] == "confirmed" for line in journal.lines)
+
+
+def test_pictures_that_take_gigabytes_to_render_are_refused():
+    area = {"polygon_enu_m": [[0, 0], [40, 0], [40, 30], [0, 30]]}
+    camera = {"width_px": 8192, "height_px": 8192}
+    scenario = Scenario.model_validate({"name": "sharp", "area": area, "camera": camera})
+    with pytest.raises(
+        UserError, match=r"camera\.width_px: 8192 x 8192 pixels are more than can be rendered"
+    ):
+        build_mission(scenario, 0, "imaging")

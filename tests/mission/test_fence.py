@@ -4,10 +4,12 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skysweep.errors import UserError
 from skysweep.mission.fence import Fence, Router
 from skysweep.scenarios.model import Scenario
 
@@ -25,6 +27,13 @@ def fence(geofence=None, no_fly=(), margin_m=None, path=()):
         "safety": {"no_fly_enu_m": list(no_fly), "fence_margin_m": margin_m},
     }
     return Fence(Scenario.model_validate(data), path_xy_enu_m=np.array(path).reshape(-1, 2))
+
+
+def test_more_corners_than_a_way_is_found_round_are_refused():
+    trees = shapely.buffer(shapely.points(*np.mgrid[0:500:10, 0:500:10].reshape(2, -1)), 2.0)
+    scenario = {"name": "low", "area": {"polygon_enu_m": [[5, 5], [15, 5], [15, 15], [5, 15]]}}
+    with pytest.raises(UserError, match=r"safety\.altitude_max_agl_m: what is too high .* raise it"):
+        Fence(Scenario.model_validate(scenario), list(trees))
 
 
 def test_without_fence_everything_is_inside_and_straight():

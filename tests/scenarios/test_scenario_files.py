@@ -265,10 +265,6 @@ BAD_FIELDS = {
         MINIMAL + "camera: {rate_hz: 1.0e-300}",
         "camera.rate_hz: is 1e-300; write a number greater than or equal to 0.1",
     ),
-    "huge pictures": (
-        MINIMAL + "camera: {width_px: 8192, height_px: 8192}",
-        "camera.width_px: 8192 x 8192 pixels are more than 12.5 million",
-    ),
     "many pictures under way": (
         MINIMAL + "camera: {width_px: 4000, height_px: 3000, latency_s: 5}\ndetector: {rate_hz: 10}",
         "camera.latency_s: 50 pictures wait for their answers, more than fit in memory",

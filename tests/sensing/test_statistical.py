@@ -470,7 +470,7 @@ def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
     ("text", "field"),
     [
         ("pixels: [5, 10]", "version"),
-        ("{", "flow node"),
+        ("{", "not YAML"),
         ("- 1", "dictionary"),
         (f"{{version: {VERSION}, detector: 3}}", "detector"),
         ("version: 1", f"is of version 1, this package reads {VERSION}"),

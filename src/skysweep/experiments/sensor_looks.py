@@ -26,7 +26,7 @@ from skysweep.scenarios.world import HELD_OUT_VARIANTS, TerrainSurface, World, W
 from skysweep.sensing.camera_effects import CameraEffects
 from skysweep.sensing.detector import YoloDetector
 from skysweep.sensing.occlusion import Occluders, middle_enu_m, pixels_on_target
-from skysweep.sensing.render import Renderer, make_renderer
+from skysweep.sensing.render import Renderer, make_renderer, refuse_unrenderable
 from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
 
@@ -176,6 +176,7 @@ def observe(
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
     YoloDetector(model_path)  # an error here is told once and before anything is rendered
+    refuse_unrenderable(camera)
     jobs = plan_jobs(model_path, camera, pictures, seed)
     results: dict[int, tuple[Looks, Background]] = {}
     done = 0

@@ -138,7 +138,10 @@ def _eye(vehicle: Vehicle) -> _Eye:
 
 def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, renderer: Backend) -> Camera:
     """The renderer is imported here, so that missions without pictures stay small."""
+    from skysweep.sensing.render import refuse_unrenderable
     from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+
+    refuse_unrenderable(scenario.camera)
 
     def truth() -> TruePose:
         pose, motion = eye.pose(), eye.motion()

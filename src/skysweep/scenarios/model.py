@@ -23,7 +23,6 @@ MAX_CORNERS = 10_000  # of an area
 MAX_FENCE_CORNERS = 1000
 MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
-MAX_PICTURE_PX = 12_500_000
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
@@ -290,15 +289,6 @@ class CameraModel(Model):
         0.1, ge=0, le=2, description="How much older the believed pose is than the picture"
     )
     gimbal: Gimbal = Gimbal()
-
-    @model_validator(mode="after")
-    def _fits_in_memory(self) -> CameraModel:
-        if self.width_px * self.height_px > MAX_PICTURE_PX:
-            raise ValueError(
-                f"width_px: {self.width_px} x {self.height_px} pixels are more than "
-                f"{MAX_PICTURE_PX / 1e6:g} million; write a smaller width_px or height_px"
-            )
-        return self
 
     @property
     def lens(self) -> Lens:

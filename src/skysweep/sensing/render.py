@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.model import CameraModel
 from skysweep.scenarios.world import World
 from skysweep.sensing.scene import build_scene
 
 Backend = Literal["auto", "gl", "embree", "gazebo", "gz"]
+MAX_RENDERED_PX = 10_000_000
 
 log = logging.getLogger(__name__)
 
@@ -43,6 +45,15 @@ class Renderer(Painter, Protocol):
         with occluders over that without.
         """
         ...
+
+
+def refuse_unrenderable(camera: CameraModel) -> None:
+    """Raises UserError where a camera's pictures take more than 2 GB to render."""
+    if camera.width_px * camera.height_px > MAX_RENDERED_PX:
+        raise UserError(
+            f"camera.width_px: {camera.width_px} x {camera.height_px} pixels are more than can be rendered "
+            f"({MAX_RENDERED_PX / 1e6:g} million); write fewer, or fly with --sensor statistical"
+        )
 
 
 def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
