@@ -24,7 +24,7 @@ from skysweep.cli.common import (
     warn,
 )
 from skysweep.errors import UserError
-from skysweep.outputs import make_folder
+from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
     from skysweep.sensing.statistical_model import HeldOut

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from skysweep.cli.common import console, friendly, warn
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 
 
 @friendly

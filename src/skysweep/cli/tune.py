@@ -21,7 +21,7 @@ from skysweep.cli.common import (
     show,
 )
 from skysweep.errors import UserError
-from skysweep.outputs import make_folder
+from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
     from skysweep.experiments.tune import Problem

@@ -20,7 +20,7 @@ from skysweep.experiments.sensor_fit import (
     kind_models,
 )
 from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.model_files import OWN_MODEL, model_file, sha256_of
 from skysweep.sensing.statistical_model import VERSION, Camera, Detecting, Experiment, StatisticalModel

@@ -11,9 +11,9 @@ from typing import Any
 
 from skysweep.errors import UserError
 from skysweep.experiments.single import Watch, begin, finish, fly_in
+from skysweep.files.writing import make_folder
 from skysweep.mission.build import build_mission, make_detector
 from skysweep.mission.journal import FileJournal
-from skysweep.outputs import make_folder
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link

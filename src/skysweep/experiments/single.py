@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from skysweep import __version__
 from skysweep.errors import CannotWriteError, UserError
+from skysweep.files.writing import make_folder
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
 from skysweep.mission.loop import Mission, Operator, fly
 from skysweep.mission.resume import RecordedSensor, ReplayJournal
-from skysweep.outputs import make_folder
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary

@@ -19,7 +19,7 @@ from skysweep.experiments.tune_race import RECALL_SLACK, Rules
 from skysweep.experiments.tune_space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
 from skysweep.experiments.tune_study import Trial
 from skysweep.experiments.tune_validate import Cell, Effect, Standing, effects
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 from skysweep.results.html import Grid
 from skysweep.results.statistics import (
     SIGNIFICANCE,

@@ -18,7 +18,7 @@ from skysweep.experiments.tune import PAPER_N_C, Problem
 from skysweep.experiments.tune_race import F64, Flown, Outcome, Rules, best_first, outcome_of
 from skysweep.experiments.tune_space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune_study import Trial
-from skysweep.outputs import make_folder
+from skysweep.files.writing import make_folder
 from skysweep.results.statistics import (
     SIGNIFICANCE,
     Estimate,

@@ -19,7 +19,7 @@ from scipy.stats import t as student
 
 from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.experiments.ledger import fly_missing
-from skysweep.outputs import make_folder, whole_files
+from skysweep.files.writing import make_folder, whole_files
 from skysweep.results.table_files import markdown
 
 SCENARIOS = ("clusters", "abundance", "sparse")

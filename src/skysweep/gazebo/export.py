@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.files.writing import whole_files
 from skysweep.gazebo.look import TILE_M, WATER_TILE_M, Look, ground_tile, water_tile
 from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
 from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
-from skysweep.outputs import whole_files
 from skysweep.scenarios.model import Home, Scenario, Wind
 from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.meshes import Mesh, merge, yaw_rotation

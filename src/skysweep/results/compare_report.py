@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 from skysweep.results.claims import claims
 from skysweep.results.figures import n_c_label, panels, pos_curves
 from skysweep.results.html import Grid, Picture, Section, picture, write_page

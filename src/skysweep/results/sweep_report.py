@@ -10,7 +10,7 @@ from pathlib import Path
 
 import polars as pl
 
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 from skysweep.results.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.statistics import pairs_needed, pairs_to_tell
 from skysweep.results.sweep_analysis import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from skysweep.errors import UserError
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.exports import write_exports
 from skysweep.results.figures import run_map

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.files.writing import whole_files
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.outputs import whole_files
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light, TargetClass
 from skysweep.scenarios.world import (
     HELD_OUT_VARIANTS,

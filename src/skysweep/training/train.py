@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.outputs import make_folder, whole_files
+from skysweep.files.writing import make_folder, whole_files
 from skysweep.sensing.detector import PAD_GREY
 from skysweep.sensing.model_files import model_file
 from skysweep.training.evaluate import read_picture

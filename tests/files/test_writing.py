@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from skysweep.errors import CannotWriteError, UserError
-from skysweep.outputs import make_folder, whole_files
+from skysweep.files.writing import make_folder, whole_files
 
 
 def names(folder):
@@ -54,7 +54,7 @@ FULL = """
 import resource, signal, sys
 from pathlib import Path
 from skysweep.errors import CannotWriteError
-from skysweep.outputs import whole_files
+from skysweep.files.writing import whole_files
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
