@@ -30,8 +30,7 @@ _STEPS = 25  # from look to look
 _DARK, _BRIGHT = 8, 247  # grey levels
 _BLIND_SHARE = 0.6  # of the picture
 _SPARSE = 4  # pixels are enough for that
-_SHARP_MIN = 0.1  # of any scene
-_BLURRED, _SHARP_AGAIN = 0.15, 0.3  # of the sharpness of the looks before
+_BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of the looks before
 _STALL_S = 1.5  # with the same picture: what comes then may be late
 _COMMON, _TEXTURED = 0.4, 0.3  # shares that two pictures need to tell anything
 _ALIKE = 0.5  # share of the texture: from there on two pictures fit
@@ -103,7 +102,7 @@ class CameraWatch:
 
     def _blurs(self, sharpness: float) -> bool:
         share = _SHARP_AGAIN if self._is_blurred else _BLURRED
-        self._is_blurred = sharpness < max(_SHARP_MIN, share * min(self._sharpness, default=0.0))
+        self._is_blurred = sharpness < share * min(self._sharpness, default=0.0)
         return self._is_blurred
 
     def _compare(self, view: View) -> None:

@@ -32,7 +32,7 @@ _FITS = 0.5  # share that is alike
 _MANOEUVRES = (((-6.0, -3.0, 3.0, 6.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
 # degrees and scales, one after the other, by which gimbal and height may be behind in a hard one
 _FINE_PX, _MIDDLE_PX = 1.0, 2.5
-_SHOWS = 1.0  # grey levels, squared: with less it is noise
+_SHOWS = 0.3  # grey levels: with less it is noise
 _MOVED_PX = 2.0
 _SLANT = -0.3  # of a line of sight that meets the ground near enough
 _CENTRES = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])  # of OpenCV's pixels
@@ -47,7 +47,7 @@ class View:
     contrast: F32  # (h, w) its standard deviation around each pixel
     camera: CameraPose
     lens: Lens  # of the small picture
-    sharpness: float  # variance of its finest detail over that of coarser; inf: it shows nothing
+    sharpness: float  # its finest detail over coarser, squared; inf: it shows nothing
 
 
 class GroundMotion(NamedTuple):
@@ -74,10 +74,10 @@ def view_of(frame: Frame, grey: U8) -> View:
 
 
 def _sharpness(texture: F32) -> float:
-    coarser = float(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX).var())
+    coarser = float(np.median(np.abs(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX))))
     if coarser < _SHOWS:
         return math.inf
-    return float((texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX)).var()) / coarser
+    return float(np.median(np.abs(texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX))) / coarser) ** 2
 
 
 def looks_down(lens: Lens, camera: CameraPose) -> bool:
