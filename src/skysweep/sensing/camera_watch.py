@@ -42,7 +42,7 @@ _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # and what adds up, with time and 
 _FORGIVEN = 2
 _JUMP = 4.0  # times that a gimbal explains in one look
 _CHANGE_MPS, _PROOF_S = 1.5, 2.0  # late pictures do not follow a change of the velocity
-_DIRT_STEPS, _MOVING = 6, 0.5  # looks in which so much of the picture moved
+_DIRT_STEPS, _MOVING = 5, 0.5  # looks in which so much of the picture moved
 _NEARLY_ALWAYS = 0.8
 _DIRT_SHARE, _CLEAN_SHARE = 0.03, 0.01  # of the picture
 _TALLEST = 0.6  # of the height: above what is taller nothing is told
@@ -113,13 +113,14 @@ class CameraWatch:
         if step is not None and step.moved.alike < (_STRANGE_ROUGH if step.is_rough else _STRANGE):
             self._doubt("shows something else than what lies there", view.time_s)
             return
-        steps = [s for s in self._steps if s is not None and s.moved.alike >= _ALIKE]
+        told = [s for s in self._steps if s is not None]
+        steps = [s for s in told if s.moved.alike >= _ALIKE]
         false = _disagreement(steps)
         if false is not None:
             self._doubt(*false)
         elif self._strange is not None and (_proves(steps) or self._is_where_it_was(view)):
             self._strange = None
-        self._dirt = _dirt(steps, self._dirt)
+        self._dirt = _dirt(told, self._dirt)
 
     def _doubt(self, why: str, since_s: float) -> None:
         """Begin anew: what is compared from now on has to prove the camera."""
