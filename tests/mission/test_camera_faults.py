@@ -114,7 +114,7 @@ FAULTS = {
     defocused: "is out of focus",
     dirty: "has something on its lens",
     upside_down: "something else|sees the ground pass",
-    half_rate: "shows the same picture again .2 of the last [34] pictures",
+    half_rate: "shows the same picture again .[23] of the last [345] pictures",
     late: "something else|sees the ground pass",
     swapped: "something else|sees the ground pass",
 }

@@ -216,9 +216,10 @@ def _velocity(of_camera_mps: F64) -> str:
 
 
 def _proves(steps: Sequence[_Step]) -> bool:
-    """Whether the believed velocity changed, and the ground followed: that of late pictures would not."""
+    """Whether the believed velocity changed and the ground followed, without forgiving: late ones do not."""
     before = [s.moved.believed_mps for s in steps if s.exposed_s <= steps[-1].exposed_s - _PROOF_S]
-    if not before:
+    off_m = np.sum([s.moved.excess_mps * s.moved.elapsed_s for s in steps], axis=0)
+    if not before or math.hypot(*off_m) > steps[-1].off_m:
         return False
     return bool(np.hypot(*(np.array(before) - before[-1]).T).max() >= _CHANGE_MPS)
 
