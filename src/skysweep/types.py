@@ -62,6 +62,13 @@ class Frame:
     lens: Lens
 
 
+class Doubt(NamedTuple):
+    """Why a picture is not trusted to show what lies before the camera."""
+
+    why: str  # what the camera does, in words
+    since_s: float  # exposure of the first look that is not trusted
+
+
 @dataclass(frozen=True, slots=True)
 class Detections:
     """Boxes found in one frame, in pixels, with the camera pose that the mission believes.
@@ -75,6 +82,7 @@ class Detections:
     class_names: tuple[str, ...]  # (N,)
     camera: CameraPose  # believed, at exposure
     lens: Lens
+    doubt: Doubt | None = None  # of the picture: then this is no look at what is there
 
     def __len__(self) -> int:
         return len(self.confidences)

@@ -309,9 +309,11 @@ def runs_out_of_memory():
         (runs_out_of_memory, "MemoryError: out of memory"),
         (lambda: np.full((1, 4), np.nan), "not finite"),
         (lambda: np.zeros((2, 3)), "do not match"),
+        (lambda: np.zeros((1, 4)), "a box has no extent"),
+        (lambda: np.tile([0.0, 0.0, 9.0, 9.0], (2000, 1)), "2000 boxes in one picture, more than 300"),
         (RELEASED.wait, "no answer"),
     ],
-    ids=["raises", "NaN boxes", "no boxes", "hangs"],
+    ids=["raises", "NaN boxes", "no boxes", "empty boxes", "thousands of boxes", "hangs"],
 )
 def test_a_detector_that_goes_wrong_in_its_own_thread(wrong, says):
     RELEASED.clear()

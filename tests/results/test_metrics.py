@@ -71,6 +71,15 @@ def test_picture_turned_by_90_degrees_covers_the_other_way(tmp_path):
     assert seen_area(run).bounds == pytest.approx((15, 0, 25, 20))
 
 
+def test_ground_that_was_flown_over_blind_is_not_seen(tmp_path):
+    """From the first picture that is doubted, or that nobody looked at, to the next answer that counts."""
+    eyes = [state(float(t), [5.0 * t, 10, 10]) for t in range(9)]
+    answers = {1: {}, 3: {"doubt": ["shows black", 2.0]}, 4: {"failure": "no answer"}, 6: {}}
+    looks = [event(t + 0.2, "look") | fields for t, fields in answers.items()]
+    run = load_run(write_run(tmp_path, [tiny_records()[0], *sorted(eyes + looks, key=lambda r: r["t"])]))
+    assert seen_area(run).area == pytest.approx(10 * 15 + 10 * 20)  # east to 15, and from 20 on
+
+
 def test_level_camera_has_seen_nothing(tmp_path):
     level = [0, 0, 1, -1, 0, 0, 0, -1, 0]
     run = load_run(write_run(tmp_path, [tiny_records()[0], state(0, [20, 10, 10], R=level)]))

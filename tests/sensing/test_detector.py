@@ -1,5 +1,7 @@
 """The detector around its layouts: geometry of letterbox and tiles, pixels, filters, suppression, errors."""
 
+import math
+
 import numpy as np
 import onnx
 import pytest
@@ -170,17 +172,32 @@ def test_the_weaker_of_two_overlapping_boxes_of_a_class_goes(tmp_path):
     assert found.confidences == pytest.approx([0.8, 0.7, 0.5])
 
 
-def test_threshold_class_filter_and_nonsense_classes(tmp_path):
+def test_threshold_and_class_filter(tmp_path):
     rows = [
         [10, 10, 50, 50, 0.2, 0],
         [100, 10, 150, 50, 0.8, 8],
         [200, 10, 250, 50, 0.8, 2],
-        [9, 9, 60, 60, 0.9, 99],
     ]
     path = final_rows(tmp_path / "m.onnx", rows, (320, 320))
     detector = YoloDetector(path, ["boat", "person"], confidence_min=0.25)
     assert detector.class_names == ("boat", "person")
     assert detector.detect(frame(grey(320, 320))).class_names == ("boat",)
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        ([9, 9, 60, 60, 0.9, 99], "class number 99, and it has 80 classes"),
+        ([9, 9, 60, 60, math.nan, 0], "boxes or confidences are not finite"),
+        ([9, math.nan, 60, 60, 0.9, 0], "boxes or confidences are not finite"),
+        ([9, 9, 60, 60, 1.5, 0], "the confidence 1.5 is not between 0 and 1"),
+        ([9, 9, 9, 60, 0.9, 0], "a box has no extent"),
+    ],
+)
+def test_what_cannot_be_is_no_answer(row, why, tmp_path):
+    detector = YoloDetector(final_rows(tmp_path / "m.onnx", [[10, 10, 50, 50, 0.8, 0], row], (320, 320)))
+    with pytest.raises(UserError, match=rf"m\.onnx: the model answers nonsense \({why}\)"):
+        detector.detect(frame(grey(320, 320)))
 
 
 def test_nothing_found_is_empty(tmp_path):

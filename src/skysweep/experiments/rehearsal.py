@@ -1,7 +1,8 @@
-"""How often this computer takes a picture and looks at it, before a flight depends on that."""
+"""Whether pictures come and are looked at, and how often, before a flight depends on that."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,8 @@ from skysweep.mission.looks import Looks
 from skysweep.mission.loop import Mission
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import build_terrain
-from skysweep.types import Camera, Vehicle, VehicleState
+from skysweep.sensing.camera_watch import OF_ITSELF, REPEATED
+from skysweep.types import Camera, Detections, Vehicle, VehicleState
 from skysweep.vehicles.px4_preflight import Check
 
 if TYPE_CHECKING:
@@ -35,13 +37,19 @@ def rehearse(
     looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
     with closing(mission.sensor):
         try:
-            rate_hz = _answers_hz(mission)
+            answers = _answers(mission)
         except Exception as error:
             return Check("detector", False, f"camera or detector fails: {error}")
-    if rate_hz == 0.0:
+    if not answers:
         return Check("detector", False, "does not answer; look after the camera, or take a smaller model")
+    rate_hz = (len(answers) - 1) / _MEASURED_S
+    doubted = [a.doubt.why for a in answers if a.doubt is not None and a.doubt.why in OF_ITSELF]
+    if doubted:
+        blind = len(doubted) > len(answers) // 2 and doubted[-1] != REPEATED
+        said = f"the camera {doubted[-1]} ({len(doubted)} of {len(answers)} pictures)"
+        return Check("detector", False if blind else None, said)
     if rate_hz >= _ENOUGH * looks.usual_rate_hz:
-        return Check("detector", True, f"{looks.usual_rate_hz:.2g} looks a second")
+        return Check("detector", True, f"{looks.usual_rate_hz:.2g} looks a second; {_sees(answers)}")
     mission.exposures.period_s = max(mission.exposures.period_s, 1.0 / rate_hz)
     said = f"this computer manages {looks.rate_hz:.2g} looks a second of {looks.usual_rate_hz:.2g}"
     if looks.scan_is_slowed:
@@ -49,18 +57,25 @@ def rehearse(
     return Check("detector", None, f"{said}; enough to cover the area, but targets are seen less often")
 
 
-def _answers_hz(mission: Mission) -> float:
-    """Answers a second, after the first, which takes longer."""
+def _answers(mission: Mission) -> list[Detections]:
+    """The first answer, which takes longer, and those of the ``_MEASURED_S`` after it."""
     tick_s = 1.0 / mission.scenario.camera.rate_hz
 
-    def answers() -> bool:
-        found = mission.sensor.sense(mission.vehicle.state())
-        mission.vehicle.advance(tick_s)
-        return found is not None
+    def answers(longest_s: float) -> Iterator[Detections]:
+        for _ in range(round(longest_s / tick_s)):
+            found = mission.sensor.sense(mission.vehicle.state())
+            mission.vehicle.advance(tick_s)
+            if found is not None:
+                yield found
 
-    if not any(answers() for _ in range(round(_WARM_UP_S / tick_s))):
-        return 0.0
-    return sum(answers() for _ in range(round(_MEASURED_S / tick_s))) / _MEASURED_S
+    first = next(answers(_WARM_UP_S), None)
+    return [] if first is None else [first, *answers(_MEASURED_S)]
+
+
+def _sees(answers: Sequence[Detections]) -> str:
+    """Whether a target that is laid out is found."""
+    names = sorted({name for found in answers for name in found.class_names})
+    return f"it sees {', '.join(names)}" if names else "it sees nothing that is searched for"
 
 
 class _Above:

@@ -88,12 +88,14 @@ def build_mission(
             model_for(scenario),
         )
     else:
+        from skysweep.sensing.camera_watch import CameraWatch
         from skysweep.sensing.imaging import PATIENCE_S, ImagingSensor
 
         looks_with = detector or make_detector(scenario, threads)
         pictures = camera or _rendered_camera(scenario, world, eye, seed, renderer)
         patience_s = PATIENCE_S if waits else 0.0
-        sensor = ImagingSensor(pictures, looks_with, exposures, camera_model.latency_s, patience_s)
+        watch = CameraWatch(obstacles)
+        sensor = ImagingSensor(pictures, looks_with, exposures, camera_model.latency_s, patience_s, watch)
     look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
     return Mission(

@@ -20,6 +20,9 @@ _STRAIGHT_M = 2.0  # a flown path is told in legs that are this near to it
 _CLOCK_SLACK_S = 0.5  # a picture from a later future is a wrong clock
 _LOOKS_EACH = 2  # at each place, at least, when looks are rare
 _REMEMBERED = 64  # looks, to know one that comes twice
+_TRACK_S = 15.0  # before the newest look: so far back may doubt of the camera reach
+_JUDGED = 10  # looks, of which so many may be doubted without a word
+_HICCUPS = 1
 
 
 class Looks:
@@ -45,6 +48,7 @@ class Looks:
         self._recent: deque[float] = deque(maxlen=_REMEMBERED)
         self._track: deque[tuple[float, F64, bool]] = deque()
         self._blind: list[tuple[XY, XY]] = []
+        self._doubts: deque[str] = deque(maxlen=_JUDGED)  # of the newest looks; empty: trusted
         self.failure = ""  # of the newest look that was no answer
 
     @property
@@ -63,6 +67,15 @@ class Looks:
     def dead_age_s(self) -> float:
         """From this age on the search is over."""
         return self.usual_age_s + self._dead_s
+
+    @property
+    def doubt(self) -> str:
+        """What the camera does that its pictures are not trusted; empty: they are."""
+        doubted = [k for k, why in enumerate(self._doubts) if why]
+        if len(doubted) <= _HICCUPS:
+            return ""
+        n_since = len(self._doubts) - doubted[0]
+        return f"{self._doubts[doubted[-1]]} ({len(doubted)} of the last {n_since} pictures)"
 
     @property
     def rate_hz(self) -> float:
@@ -96,7 +109,8 @@ class Looks:
         self.newest_s = self._excused_s = time_s
 
     def take(self, now_s: float, detections: Detections) -> bool:
-        """Whether an answer counts: not one that came before, nor one with a wrong clock or a wrong place."""
+        """Whether an answer counts: not one that came before, with a wrong clock or place, or to a picture
+        that is not trusted."""
         exposed_s = detections.time_s
         if exposed_s > now_s + _CLOCK_SLACK_S or exposed_s < now_s - self.dead_age_s:
             self.failure = f"its picture is dated {exposed_s - now_s:+.0f} s from now"
@@ -106,12 +120,21 @@ class Looks:
         if exposed_s <= self.newest_s and exposed_s in self._recent:
             return False
         self._recent.append(exposed_s)
+        self._doubts.append("" if detections.doubt is None else detections.doubt.why)
+        if detections.doubt is not None:
+            self.newest_s = min(self.newest_s, detections.doubt.since_s)
+            return False
         if exposed_s > self.newest_s:
             if exposed_s - self.newest_s > self._longest_gap_s():
                 self._note_blind(self.newest_s, exposed_s)
             self.newest_s = exposed_s
             self._forget_track()
         return True
+
+    def give_up(self, now_s: float) -> None:
+        """The search is over: what was flown since the newest look that counts was not looked at."""
+        if now_s - self.newest_s > self._longest_gap_s() + self.usual_age_s:
+            self._note_blind(self.newest_s, now_s)
 
     def keep_track(self, state: VehicleState, scanning: bool) -> None:
         """Where the vehicle is now, and whether it scans."""
@@ -158,7 +181,7 @@ class Looks:
                 path = []
 
     def _forget_track(self) -> None:
-        while len(self._track) > 1 and self._track[1][0] <= self.newest_s:
+        while len(self._track) > 1 and self._track[1][0] <= self.newest_s - _TRACK_S:
             self._track.popleft()
 
 

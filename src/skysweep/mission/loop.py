@@ -180,6 +180,7 @@ class _Flight:
         state = self._m.vehicle.state()
         candidates = self._m.tracker.candidates()
         if end is not _ALL_WELL:
+            self._looks.give_up(state.time_s)
             self._notes.left_behind(state.time_s, candidates, self._looks.blind_legs())
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end.action < Action.LAND:

@@ -21,7 +21,7 @@ from skysweep.errors import UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.loop import Mission
 from skysweep.sensing.imaging import Answer, DetectorError, ImagingSensor
-from skysweep.types import Detections, Vehicle, VehicleState
+from skysweep.types import Detections, Doubt, Vehicle, VehicleState
 
 Record = Mapping[str, Any]
 
@@ -80,6 +80,7 @@ class RecordedSensor:
                 boxes_xyxy_px=found.boxes_xyxy_px,
                 confidences=found.confidences,
                 class_names=found.class_names,
+                **({} if found.doubt is None else {"doubt": found.doubt}),
             )
         return found
 
@@ -96,6 +97,7 @@ def recorded_answers(records: Iterable[Record]) -> list[Answer]:
             np.array(r.get("confidences", []), dtype=float),
             tuple(r.get("class_names", ())),
             r.get("failure"),
+            Doubt(*r["doubt"]) if "doubt" in r else None,
         )
         for r in records
         if r["kind"] == LOOK

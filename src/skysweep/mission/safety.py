@@ -42,6 +42,7 @@ OVER = {
     "telemetry silent": "Telemetry is back.",
     "position lost": "The position is known again.",
     "position jump": "The position has jumped back.",
+    "camera": "The camera is trusted again.",
     "detector silent": "The detector answers again.",
     "detector slow": "The detector keeps its rate again.",
     "scan slowed": "The scan is as fast as planned again.",
@@ -217,6 +218,7 @@ class Guard:
             or state.ground_below_m is not None
             or not limits.altitude_min_agl_m < altitude_agl_m < limits.altitude_max_agl_m
             or self._looks.are_rare
+            or self._looks.doubt
             or self._looks.age_s(state.time_s) > self._looks.silent_age_s
             or math.hypot(*wind_xy(state)) > limits.wind_max_mps
         )
@@ -301,8 +303,11 @@ class Guard:
 
     def _detector(self, time_s: float) -> Iterator[Alarm]:
         age_s = self._looks.age_s(time_s)
-        if age_s > self._looks.silent_age_s:
-            dead = age_s > self._looks.dead_age_s
+        dead = age_s > self._looks.dead_age_s
+        if self._looks.doubt:
+            action = Action.RETURN if dead else Action.CONTINUE
+            yield Alarm(action, "camera", f"The camera {self._looks.doubt}.")
+        elif age_s > self._looks.silent_age_s:
             sentence = f"The detector's newest answer is {age_s:.0f} s old"
             if self._looks.failure:
                 sentence += f" ({self._looks.failure})"

@@ -15,6 +15,7 @@ from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.scenarios.obstacles import Obstacles, came_near
 from skysweep.scenarios.world import WorldObject
 from skysweep.sensing.occlusion import Occluders, count_seen
+from skysweep.types import Doubt
 
 F64 = NDArray[np.float64]
 Summary = dict[str, Any]  # what summary.json holds
@@ -177,12 +178,12 @@ def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
 
 
 def seen_area(run: Run) -> shapely.Geometry:
-    """The part of the search area that lay in the camera's picture in mode SCAN.
+    """The part of the search area that lay in the camera's picture in mode SCAN while looks were answered.
 
     Each believed camera pose gives one footprint on the level of the ground below it.
     """
     states, lens = run.states, run.scenario.camera.lens
-    scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
+    scanning = _scanning(run)
     eye = states.camera_position_enu_m[scanning]
     if not len(eye):
         return shapely.Polygon()
@@ -208,7 +209,7 @@ def seen_m2_of(run: Run) -> float:
     if area.is_empty or not len(solids):
         return float(area.area)
     states, lens = run.states, run.scenario.camera.lens
-    scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
+    scanning = _scanning(run)
     west, south, east, north = area.bounds
     tries = (east - west) * (north - south) / _GROUND_TRIES
     step_m = math.sqrt(max(area.area / _GROUND_POINTS, tries))
@@ -225,6 +226,31 @@ def seen_m2_of(run: Run) -> float:
         solids,
     )
     return float(area.area) * seen / max(pictured, 1)
+
+
+def _scanning(run: Run) -> NDArray[np.bool_]:
+    """Which states are of a SCAN that was not flown blind."""
+    states = run.states
+    scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
+    for since_s, until_s in _blind_spans_s(run):
+        scanning &= (states.time_s < since_s) | (states.time_s >= until_s)
+    return scanning
+
+
+def _blind_spans_s(run: Run) -> list[tuple[float, float]]:
+    """Since when, and until when, looks failed or their pictures were not trusted."""
+    spans: list[tuple[float, float]] = []
+    since_s = math.inf
+    for look in run.events("look"):
+        exposed_s = look["t"] - run.scenario.camera.latency_s
+        if "failure" in look:
+            since_s = min(since_s, exposed_s)
+        elif "doubt" in look:
+            since_s = min(since_s, Doubt(*look["doubt"]).since_s)
+        elif since_s < exposed_s:
+            spans.append((since_s, exposed_s))
+            since_s = math.inf
+    return [*spans, (since_s, math.inf)]
 
 
 def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> float:

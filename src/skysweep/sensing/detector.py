@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
+from skysweep.sensing.answers import refuse_nonsense
 from skysweep.sensing.classes import default_names
 from skysweep.sensing.layouts import Boxes, Layout, PixelFormat, Probe, recognise
 from skysweep.sensing.model_files import OWN_MODEL, existing_model_file
@@ -85,7 +86,10 @@ class YoloDetector:
         return self._network.layout
 
     def detect(self, frame: Frame) -> Detections:
-        """Boxes in the frame's pixels, most confident first, with the frame's pose and lens."""
+        """Boxes in the frame's pixels, most confident first, with the frame's pose and lens.
+
+        Raises UserError where the model answers with what cannot be.
+        """
         input_hw = self._network.input_hw_for(frame.image.shape[:2])
         found = [self._look(*tile, input_hw) for tile in _split(frame.image, self._tiles)]
         boxes = np.concatenate([b.xyxy_px for b in found]).astype(np.float64)
@@ -109,14 +113,24 @@ class YoloDetector:
         """Boxes of wanted classes above the threshold in one tile, in pixels of the whole picture."""
         canvas, scale, pad_x, pad_y = letterbox(picture, input_hw, centred=not self.layout.pixels.bgr)
         boxes = self._network(canvas)
-        in_range = (boxes.classes >= 0) & (boxes.classes < len(self._wanted))
-        keep = (boxes.scores >= self._confidence_min) & in_range
-        keep[keep] = self._wanted[boxes.classes[keep]]
+        keep = ~(boxes.scores < self._confidence_min)  # no number is not below
+        try:
+            refuse_nonsense(boxes.xyxy_px[keep], boxes.scores[keep])
+            keep[keep] = self._wanted[_known(boxes.classes[keep], len(self._wanted))]
+        except ValueError as error:
+            raise UserError(f"{self._path}: the model answers nonsense ({error}); export it again") from None
         height, width = picture.shape[:2]
         corners = (boxes.xyxy_px[keep] - np.array([pad_x, pad_y] * 2)) / scale
         corners = np.clip(corners, 0, [width, height, width, height]) + [left_px, top_px] * 2
         real = np.all(corners[:, 2:] - corners[:, :2] > 0.5, axis=1)
         return Boxes(corners[real], boxes.scores[keep][real], boxes.classes[keep][real])
+
+
+def _known(classes: NDArray[np.int64], n_classes: int) -> NDArray[np.int64]:
+    unknown = classes[(classes < 0) | (classes >= n_classes)]
+    if len(unknown):
+        raise ValueError(f"class number {unknown[0]}, and it has {n_classes} classes")
+    return classes
 
 
 class Network:

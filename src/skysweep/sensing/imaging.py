@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as TookTooLong
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from queue import SimpleQueue
 from threading import Thread
 from typing import Protocol, runtime_checkable
@@ -16,8 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.errors import UserError
+from skysweep.sensing.answers import sound
+from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
 from skysweep.sensing.schedule import Exposures, Pace
-from skysweep.types import Camera, Detections, Detector, Frame, VehicleState
+from skysweep.types import Camera, Detections, Detector, Doubt, Frame, VehicleState
 
 _EPS_S = 1e-6
 PATIENCE_S = 60.0  # of wall time, for an answer
@@ -37,13 +40,20 @@ class Answer:
     confidences: NDArray[np.float64]  # (N,)
     class_names: tuple[str, ...]  # (N,)
     failure: str | None = None  # instead of an answer
+    doubt: Doubt | None = None  # of the picture
 
     def to(self, frame: Frame) -> Detections:
         """The detections of ``frame``. Raises DetectorError where there was no answer."""
         if self.failure is not None:
             raise DetectorError(self.failure)
         return Detections(
-            frame.time_s, self.boxes_xyxy_px, self.confidences, self.class_names, frame.camera, frame.lens
+            frame.time_s,
+            self.boxes_xyxy_px,
+            self.confidences,
+            self.class_names,
+            frame.camera,
+            frame.lens,
+            self.doubt,
         )
 
 
@@ -65,12 +75,20 @@ class InterruptibleDetector(Detector, Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class _Look:
+    frame: Frame
+    doubt: Doubt | None
+    answer: Future[Detections]
+
+
 class ImagingSensor:
     """Captures at the detector's rate and hands results on ``latency_s`` after exposure.
 
     The detector works in a thread of its own while the next picture is rendered. Results are released by
     the vehicle's time alone, so that nothing depends on how fast the machine is. Implements ``types.Sensor``.
     ``camera`` is what it looks through; ``last_look`` the newest frame that was answered, with the answer.
+    A ``watch`` judges every picture; without one all are trusted.
 
     ``patience_s`` is how long, in wall time, a due answer is waited for. With 0, for vehicles whose time does
     not wait, it is handed on when it is there, no picture is taken while one is late, and ``exposures``
@@ -84,8 +102,10 @@ class ImagingSensor:
         exposures: Exposures,
         latency_s: float,
         patience_s: float = PATIENCE_S,
+        watch: CameraWatch | None = None,
     ) -> None:
         self.camera = camera
+        self._watch = watch
         self._detector = detector
         self._exposures = exposures
         self._latency_s = latency_s
@@ -95,8 +115,9 @@ class ImagingSensor:
         self._timed_s = -math.inf  # exposure of the newest look whose time was taken
         self._answered_s = -math.inf  # when it was answered
         self._seen_s = -math.inf  # the newest state
-        self._pending: deque[tuple[Frame, Future[Detections]]] = deque()
+        self._pending: deque[_Look] = deque()
         self._recalled: deque[Answer] = deque()
+        self._retaken = 0  # of the last of those, the pictures
         self.last_look: tuple[Frame, Detections] | None = None
         self._asked: SimpleQueue[tuple[Frame, Future[Detections]] | None] = SimpleQueue()
         cv2.setNumThreads(1)  # its threads spin while they wait, on cores that renderer and detector need
@@ -106,10 +127,11 @@ class ImagingSensor:
     def recall(self, answers: Iterable[Answer]) -> None:
         """Give these answers to the first pictures instead of asking the detector, as in an earlier flight.
 
-        Of these pictures only the last is taken; the frames of the others are empty. The camera must be a
-        ``SkippingCamera``.
+        Of these pictures only the last is taken, or what the watch has to remember; the frames of the others
+        are empty. The camera must be a ``SkippingCamera``.
         """
         self._recalled = deque(answers)
+        self._retaken = _remembered(self._recalled) if self._watch is not None else 1
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Take a picture if one is due; return the oldest result whose time has come.
@@ -122,36 +144,44 @@ class ImagingSensor:
         if believed is not None and not self._is_late(state):
             exposed = state._replace(camera=believed)
             self._pending.append(self._remember(exposed) if self._recalled else self._look(exposed))
-        if not self._is_due(state) or (self._patience_s == 0.0 and not self._pending[0][1].done()):
+        if not self._is_due(state) or (self._patience_s == 0.0 and not self._pending[0].answer.done()):
             return None
-        frame, answer = self._pending.popleft()
-        self.last_look = frame, self._result(answer)
+        look = self._pending.popleft()
+        self.last_look = look.frame, replace(self._result(look.answer), doubt=look.doubt)
         return self.last_look[1]
 
     def close(self) -> None:
         """Let go of detector and camera; a detector that does not answer is left alone after a while."""
-        for _, answer in self._pending:
-            answer.cancel()
+        for look in self._pending:
+            look.answer.cancel()
         self._interrupt()
         self._asked.put(None)
         self._worker.join(_FAREWELL_S)
         self.camera.close()
 
-    def _look(self, exposed: VehicleState) -> tuple[Frame, Future[Detections]]:
-        look = self.camera.capture(exposed), Future[Detections]()
-        self._asked.put(look)
+    def _look(self, exposed: VehicleState) -> _Look:
+        frame = self.camera.capture(exposed)
+        look = _Look(frame, self._judge(frame), Future())
+        self._asked.put((frame, look.answer))
         return look
 
-    def _remember(self, exposed: VehicleState) -> tuple[Frame, Future[Detections]]:
+    def _judge(self, frame: Frame) -> Doubt | None:
+        return self._watch.judge(frame) if self._watch is not None else None
+
+    def _remember(self, exposed: VehicleState) -> _Look:
         assert isinstance(self.camera, SkippingCamera)
+        if len(self._recalled) <= self._retaken:
+            frame = self.camera.capture(exposed)
+            self._judge(frame)
+        else:
+            frame = self.camera.skip(exposed)
         known = self._recalled.popleft()
-        frame = self.camera.skip(exposed) if self._recalled else self.camera.capture(exposed)
         answer: Future[Detections] = Future()
         try:
             answer.set_result(known.to(frame))
         except DetectorError as error:
             answer.set_exception(error)
-        return frame, answer
+        return _Look(frame, known.doubt, answer)
 
     def _answer_all(self) -> None:
         """The detector's thread. It is a daemon, so that one that hangs does not keep the program alive."""
@@ -159,7 +189,7 @@ class ImagingSensor:
             frame, answer = look
             if answer.set_running_or_notify_cancel():
                 try:
-                    answer.set_result(_sound(self._detector.detect(frame)))
+                    answer.set_result(sound(self._detector.detect(frame), self._detector.class_names))
                 except Exception as error:
                     answer.set_exception(error)
 
@@ -169,26 +199,31 @@ class ImagingSensor:
 
     def _time_looks(self, now_s: float) -> None:
         """Tell the pace how long the looks took that were answered since the last time."""
-        for frame, answer in self._pending:
-            if frame.time_s > self._timed_s and answer.done():
-                begun_s = max(frame.time_s, self._answered_s)
+        for look in self._pending:
+            exposed_s = look.frame.time_s
+            if exposed_s > self._timed_s and look.answer.done():
+                begun_s = max(exposed_s, self._answered_s)
                 self._answered_s = 0.5 * (max(self._seen_s, begun_s) + now_s)
-                if answer.exception() is None:
+                if look.answer.exception() is None:
                     self._pace.took(self._answered_s - begun_s)
-                self._timed_s = frame.time_s
+                self._timed_s = exposed_s
         self._seen_s = now_s
 
     def _is_due(self, state: VehicleState) -> bool:
-        return bool(self._pending) and state.time_s >= self._pending[0][0].time_s + self._latency_s - _EPS_S
+        if not self._pending:
+            return False
+        return state.time_s >= self._pending[0].frame.time_s + self._latency_s - _EPS_S
 
     def _is_late(self, state: VehicleState) -> bool:
-        return self._patience_s == 0.0 and self._is_due(state) and not self._pending[0][1].done()
+        return self._patience_s == 0.0 and self._is_due(state) and not self._pending[0].answer.done()
 
     def _result(self, answer: Future[Detections]) -> Detections:
         try:
             found = answer.result(self._patience_s)
         except DetectorError:
             raise
+        except UserError as error:
+            raise DetectorError(str(error)) from error
         except TookTooLong:
             answer.cancel()
             self._interrupt()
@@ -200,9 +235,11 @@ class ImagingSensor:
         return found
 
 
-def _sound(found: Detections) -> Detections:
-    """What a detector found. Raises ValueError where it is no list of boxes."""
-    numbers = np.column_stack([found.boxes_xyxy_px, found.confidences])
-    if numbers.shape != (len(found.class_names), 5) or not np.isfinite(numbers).all():
-        raise ValueError("boxes, confidences and names do not match, or are not finite")
-    return found
+def _remembered(answers: Sequence[Answer]) -> int:
+    """How many of the last pictures a watch has to see to know what it knew: back to where it trusted all."""
+    trusted = 0
+    for back, answer in enumerate(reversed(answers), start=1):
+        trusted = trusted + 1 if answer.doubt is None and answer.failure is None else 0
+        if trusted == MEMORY_LOOKS:
+            return back
+    return len(answers)

@@ -1,0 +1,245 @@
+"""Whether a camera shows what lies below where it is believed to be.
+
+Every picture is judged by itself (the same again, black, white, out of focus) and by how the ground moved
+since the ones before (docs/safety.md says what can be seen so, and what cannot). Where there is no texture,
+or nothing that both pictures show, nothing is proved and nothing is doubted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.scenarios.obstacles import Obstacles
+from skysweep.sensing.ground_motion import GroundMotion, View, looks_down, motion, view_of
+from skysweep.types import U8, Doubt, Frame
+
+F64 = NDArray[np.float64]
+
+MEMORY_LOOKS = 30  # that are trusted: what came before them makes no difference to the next judgement
+REPEATED = "shows the same picture again"
+BLACK, WHITE, BLURRED = "shows black", "shows white", "is out of focus"
+OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED)  # what is wrong with a picture wherever it was taken
+_STEPS = 25  # from look to look
+_DARK, _BRIGHT = 8, 247  # grey levels
+_BLIND_SHARE = 0.6  # of the picture
+_SPARSE = 4  # pixels are enough for that
+_BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of the looks before
+_STALL_S = 1.5  # with the same picture: what comes then may be late
+_COMMON, _TEXTURED = 0.4, 0.3  # shares that two pictures need to tell anything
+_ALIKE = 0.5  # share of the texture: from there on two pictures fit
+_STRANGE, _STRANGE_ROUGH = 0.15, 0.005  # with less nothing fits; less of rough ground does
+_ROUGH = 0.2  # relief
+_WAVES_MPS = 1.5
+_OFF_M, _OFF_SHARE = 0.5, 0.03  # of the height: what GNSS and attitude explain
+_OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # and what adds up, with time and with the way
+_FORGIVEN = 2
+_JUMP = 4.0  # times that a gimbal explains in one look
+_CHANGE_MPS, _PROOF_S = 1.5, 2.0  # late pictures do not follow a change of the velocity
+_DIRT_STEPS, _MOVING = 5, 0.5  # looks in which so much of the picture moved
+_NEARLY_ALWAYS = 0.8
+_DIRT_SHARE, _CLEAN_SHARE = 0.03, 0.01  # of the picture
+_TALLEST = 0.6  # of the height: above what is taller nothing is told
+
+
+class _Step(NamedTuple):
+    exposed_s: float
+    moved: GroundMotion
+    off_m: float  # what is explained however long it lasts
+    relief: float  # by this share what stands on the ground may seem faster
+    drift_mps: float  # of the surface itself
+
+    @property
+    def is_rough(self) -> bool:
+        return self.relief > _ROUGH or self.drift_mps > 0.0
+
+
+class CameraWatch:
+    """Judges the pictures of one camera, in their order. Deterministic; keeps a few small pictures."""
+
+    def __init__(self, obstacles: Obstacles) -> None:
+        self._obstacles = obstacles
+        self._drift_mps = _WAVES_MPS if obstacles.terrain.surface == "water" else 0.0
+        self._image: U8 | None = None
+        self._fresh_s = self._repeated_s = -math.inf
+        self._before: View | None = None
+        self._trusted: View | None = None  # the newest that was
+        self._steps: deque[_Step | None] = deque(maxlen=_STEPS)  # None: told nothing
+        self._sharpness: deque[float] = deque(maxlen=_STEPS)  # of trusted pictures
+        self._is_blurred = False
+        self._strange: Doubt | None = None  # until a motion proves the camera
+        self._dirt: Doubt | None = None
+
+    def judge(self, frame: Frame) -> Doubt | None:
+        """Why not to trust a picture; None: nothing speaks against it."""
+        grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
+        unlit = _unlit(grey)
+        if unlit:
+            return Doubt(unlit, frame.time_s)
+        if self._image is not None and np.array_equal(frame.image, self._image):
+            self._repeated_s = frame.time_s
+            return Doubt(REPEATED, frame.time_s)
+        stood_s = self._repeated_s - self._fresh_s
+        self._image, self._fresh_s = frame.image, frame.time_s
+        view = view_of(frame, grey)
+        if self._blurs(view.sharpness):
+            return Doubt(BLURRED, frame.time_s)
+        if looks_down(view.lens, view.camera):
+            if stood_s >= _STALL_S:
+                self._doubt("stood still and may be late now", frame.time_s)
+            self._compare(view)
+        doubt = self._strange or self._dirt
+        if doubt is None:
+            self._trusted = view
+            self._sharpness.append(view.sharpness)
+        return doubt
+
+    def _blurs(self, sharpness: float) -> bool:
+        share = _SHARP_AGAIN if self._is_blurred else _BLURRED
+        self._is_blurred = sharpness < share * min(self._sharpness, default=0.0)
+        return self._is_blurred
+
+    def _compare(self, view: View) -> None:
+        """Judge by what moved since the view before."""
+        step = self._step(self._before, view)
+        self._before = view
+        self._steps.append(step)
+        if step is not None and step.moved.alike < (_STRANGE_ROUGH if step.is_rough else _STRANGE):
+            self._doubt("shows something else than what lies there", view.time_s)
+            return
+        told = [s for s in self._steps if s is not None]
+        steps = [s for s in told if s.moved.alike >= _ALIKE]
+        false = _disagreement(steps)
+        if false is not None:
+            self._doubt(*false)
+        elif self._strange is not None and (_proves(steps) or self._is_where_it_was(view)):
+            self._strange = None
+        self._dirt = _dirt(told, self._dirt)
+
+    def _doubt(self, why: str, since_s: float) -> None:
+        """Begin anew: what is compared from now on has to prove the camera."""
+        self._strange = self._strange or Doubt(why, since_s)
+        self._steps.clear()
+
+    def _step(self, before: View | None, now: View) -> _Step | None:
+        """From one view to another; None where that tells nothing."""
+        x, y, z = now.camera.position_enu_m.tolist()
+        ground_m = self._obstacles.terrain.height_at_m(x, y)
+        height_m = z - ground_m
+        if before is None or height_m <= 0.0 or not looks_down(before.lens, before.camera):
+            return None
+        relief = self._relief(np.array([x, y]), ground_m, height_m, now.lens.footprint_m(height_m))
+        if relief is None:
+            return None
+        moved = motion(before, now, ground_m)
+        if moved.overlap < _COMMON or moved.textured < _TEXTURED:
+            return None
+        return _Step(now.time_s, moved, _OFF_M + _OFF_SHARE * height_m, relief, self._drift_mps)
+
+    def _relief(
+        self, xy: F64, ground_m: float, height_m: float, footprint_m: tuple[float, float]
+    ) -> float | None:
+        """By which share what is in sight may seem to move faster or slower than the ground right below."""
+        corners = xy + 0.5 * np.array(footprint_m) * [[-1, -1], [-1, 1], [1, -1], [1, 1]]
+        around_m = self._obstacles.terrain.height_m(corners) - ground_m
+        tops_m = self._obstacles.top_within_m(xy[None], 0.5 * math.hypot(*footprint_m)) - ground_m
+        top_m = max(0.0, float(around_m.max()), float(tops_m[0]))
+        if top_m > _TALLEST * height_m:
+            return None
+        low_m = max(0.0, -float(around_m.min()))
+        return max(top_m / (height_m - top_m), low_m / (height_m + low_m))
+
+    def _is_where_it_was(self, view: View) -> bool:
+        """Whether the newest trusted picture shows the same ground, where it should be."""
+        step = self._step(self._trusted, view)
+        if step is None or step.moved.alike < _ALIKE:
+            return False
+        return math.hypot(*(step.moved.excess_mps * step.moved.elapsed_s)) <= step.off_m
+
+
+def _unlit(grey: U8) -> str:
+    """What is wrong with the exposure of a picture (H, W); empty: nothing."""
+    some = grey[::_SPARSE, ::_SPARSE]
+    if (some <= _DARK).mean() > _BLIND_SHARE:
+        return BLACK
+    if (some >= _BRIGHT).mean() > _BLIND_SHARE:
+        return WHITE
+    return ""
+
+
+def _disagreement(steps: Sequence[_Step]) -> tuple[str, float] | None:
+    """How what the pictures show differs from the believed way, in words, and since when; None: it does not.
+
+    Looks back over the last steps, over more and more of them, and forgives the worst of each lot: a gimbal
+    that lags behind in a hard manoeuvre, and comes back.
+    """
+    if not steps:
+        return None
+    back = steps[::-1]
+    elapsed_s = np.array([s.moved.elapsed_s for s in back])
+    off_m = np.array([s.moved.excess_mps for s in back]) * elapsed_s[:, None]
+    way_m = np.array([s.moved.believed_mps for s in back]) * elapsed_s[:, None]
+    off_each_m, way_each_m = np.hypot(*off_m.T), np.hypot(*way_m.T)
+    forgiven_m = [off_m[np.argsort(off_each_m[: k + 1])[-_FORGIVEN:]].sum(axis=0) for k in range(len(back))]
+    adds_up_m = np.cumsum(off_m, axis=0) - forgiven_m
+    covered_m = np.cumsum(way_m, axis=0)
+    ahead = covered_m / np.maximum(np.hypot(*covered_m.T), 1e-6)[:, None]
+    along_m = np.abs((adds_up_m * ahead).sum(axis=1))
+    across_m = np.abs(adds_up_m[:, 0] * ahead[:, 1] - adds_up_m[:, 1] * ahead[:, 0])
+    flown_m, lasted_s = np.cumsum(way_each_m), np.cumsum(elapsed_s)
+    explained_m = max(s.off_m for s in back) + (_OFF_MPS + back[0].drift_mps) * lasted_s
+    relief_m = np.cumsum(way_each_m * [s.relief for s in back])
+    false = across_m > explained_m + _ACROSS * flown_m
+    false |= along_m > explained_m + _ALONG * flown_m + relief_m
+    false |= off_each_m.max() > _JUMP * back[0].off_m + relief_m
+    if not false.any():
+        return None
+    k = int(np.argmax(false))
+    seen_mps = (covered_m[k] + off_m[: k + 1].sum(axis=0)) / lasted_s[k]
+    believed_mps = covered_m[k] / lasted_s[k]
+    return (
+        f"sees the ground pass at {_velocity(seen_mps)}, not at {_velocity(believed_mps)}: "
+        "height, position, heading or the pictures' dates are wrong",
+        back[k].exposed_s,
+    )
+
+
+def _velocity(of_camera_mps: F64) -> str:
+    heading_deg = round(math.degrees(math.atan2(*of_camera_mps))) % 360
+    return f"{math.hypot(*of_camera_mps):.1f} m/s to {heading_deg} degrees"
+
+
+def _proves(steps: Sequence[_Step]) -> bool:
+    """Whether the believed velocity changed and the ground followed, without forgiving: late ones do not."""
+    before = [s.moved.believed_mps for s in steps if s.exposed_s <= steps[-1].exposed_s - _PROOF_S]
+    off_m = np.sum([s.moved.excess_mps * s.moved.elapsed_s for s in steps], axis=0)
+    if not before or math.hypot(*off_m) > steps[-1].off_m:
+        return False
+    return bool(np.hypot(*(np.array(before) - before[-1]).T).max() >= _CHANGE_MPS)
+
+
+def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
+    """Doubt of a lens: a large part showed the same while the rest moved; without motion: as known."""
+    moving = [s for s in steps if s.moved.moved.mean() >= _MOVING][-_DIRT_STEPS:]
+    if len(moving) < _DIRT_STEPS:
+        return known
+    share = _stuck_share([s.moved for s in moving])
+    if share < (_DIRT_SHARE if known is None else _CLEAN_SHARE):
+        return None
+    why = f"has something on its lens: {share:.0%} of its picture stands still"
+    return known or Doubt(why, moving[0].exposed_s)
+
+
+def _stuck_share(motions: Sequence[GroundMotion]) -> float:
+    """The largest part of the picture that nearly always stood still when it should have moved."""
+    moved = np.sum([m.moved for m in motions], axis=0)
+    still = np.sum([m.moved & m.still & ~m.followed for m in motions], axis=0)
+    stuck = (moved >= len(motions) // 2) & (still >= _NEARLY_ALWAYS * moved)
+    _, _, parts, _ = cv2.connectedComponentsWithStats(stuck.astype(np.uint8), connectivity=4)
+    return float(parts[1:, cv2.CC_STAT_AREA].max(initial=0) / stuck.size)

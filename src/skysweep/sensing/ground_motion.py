@@ -1,0 +1,201 @@
+"""How the ground moved from one picture to another, against how it should have by the believed poses.
+
+The earlier picture is warped into the later one over the ground's plane. What shift is left is found by phase
+correlation (Kuglin and Hines, 1975), and whether the two then show the same by local correlation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose, Lens, rays_enu
+from skysweep.types import U8, Frame
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+CELLS = (9, 16)  # rows and columns of the small picture
+_WIDTH_PX = 160  # of it
+_TEXTURED = 2.0  # grey levels, standard deviation: less may be noise
+_ALIKE = 0.6  # local correlation from which on two pictures show the same
+_PATCH_PX = 15  # over which they are correlated
+_COARSE_PX = 6.0  # brightness that changes more slowly is light, not texture
+_FITS = 0.5  # share that is alike
+_MANOEUVRES = (((-6.0, -3.0, 3.0, 6.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
+# degrees and scales, one after the other, by which gimbal and height may be behind in a hard one
+_FINE_PX, _MIDDLE_PX = 1.0, 2.5
+_SHOWS = 0.3  # grey levels: with less it is noise
+_MOVED_PX = 2.0
+_SLANT = -0.3  # of a line of sight that meets the ground near enough
+_CENTRES = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])  # of OpenCV's pixels
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A small picture's texture, and from where it is believed to be taken."""
+
+    time_s: float
+    texture: F32  # (h, w) grey levels without slow changes of brightness
+    contrast: F32  # (h, w) its standard deviation around each pixel
+    camera: CameraPose
+    lens: Lens  # of the small picture
+    sharpness: float  # its finest detail over coarser, squared; inf: it shows nothing
+
+
+class GroundMotion(NamedTuple):
+    """What two pictures tell. Velocities are of the camera, horizontal, ENU."""
+
+    elapsed_s: float
+    believed_mps: F64  # (2,)
+    excess_mps: F64  # (2,) by which the pictures say that it was faster
+    overlap: float  # share of the later picture that the earlier one shows as well
+    textured: float  # share of the overlap where both have texture
+    alike: float  # share of that where both show the same
+    moved: Mask  # CELLS that both show, and that should have moved
+    followed: Mask  # CELLS with texture that moved as the rest did
+    still: Mask  # CELLS that show what they showed before, or nothing
+
+
+def view_of(frame: Frame, grey: U8) -> View:
+    """What is kept of a frame; ``grey`` (H, W) is its picture."""
+    width, height = frame.lens.width_px, frame.lens.height_px
+    lens = Lens(_WIDTH_PX, max(1, round(_WIDTH_PX * height / width)), frame.lens.hfov_rad)
+    small = cv2.resize(grey, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
+    texture = small - cv2.GaussianBlur(small, (0, 0), _COARSE_PX)
+    return View(frame.time_s, texture, _contrast(texture), frame.camera, lens, _sharpness(texture))
+
+
+def _sharpness(texture: F32) -> float:
+    coarser = float(np.median(np.abs(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX))))
+    if coarser < _SHOWS:
+        return math.inf
+    return float(np.median(np.abs(texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX))) / coarser) ** 2
+
+
+def looks_down(lens: Lens, camera: CameraPose) -> bool:
+    """Whether all of a picture shows ground that is near."""
+    return bool(rays_enu(lens, camera, lens.corners_px)[:, 2].max() < _SLANT)
+
+
+def motion(before: View, now: View, ground_m: float) -> GroundMotion:
+    """What two views of one camera that ``looks_down`` tell, over ground at a height ENU below both."""
+    lens, (rows, columns) = now.lens, CELLS
+    width, height = lens.width_px, lens.height_px
+    onto_now = _ground_to_pixel(lens, now.camera, ground_m)
+    warp = onto_now @ np.linalg.inv(_ground_to_pixel(lens, before.camera, ground_m))
+    overlap = _warped(before.texture, warp)[1]
+    fit = max(_shifted(before, now, warp), _fit(before, now, warp), key=_alike)
+    for turns_deg, scales in _MANOEUVRES if fit.alike < _FITS else ():
+        tried = [_turned(lens, turn, scale) @ fit.warp for turn in turns_deg for scale in scales]
+        fit = max(fit, *(_shifted(before, now, turned) for turned in tried), key=_alike)
+    same = _correlation(before.texture, now.texture, before.contrast, now.contrast) >= _ALIKE
+    blank = np.maximum(before.contrast, now.contrast) < _TEXTURED
+
+    def cells(mask: Mask) -> Mask:
+        return cv2.resize(mask.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA) >= 0.5
+
+    elapsed_s = now.time_s - before.time_s
+    middle = np.array([width / 2, height / 2, 1.0])
+    off = _on_ground(onto_now, fit.warp @ np.linalg.solve(warp, middle)) - _on_ground(onto_now, middle)
+    ys, xs = (np.mgrid[:rows, :columns] + 0.5) * np.array([height / rows, width / columns])[:, None, None]
+    was = np.linalg.inv(fit.warp) @ np.stack([xs, ys, np.ones_like(xs)]).reshape(3, -1)
+    moved_px = np.hypot(was[0] / was[2] - xs.ravel(), was[1] / was[2] - ys.ravel()).reshape(rows, columns)
+    return GroundMotion(
+        elapsed_s,
+        (now.camera.position_enu_m - before.camera.position_enu_m)[:2] / elapsed_s,
+        -off / elapsed_s,
+        float(overlap.mean()),
+        fit.textured,
+        fit.alike,
+        cells(fit.inside) & (moved_px >= _MOVED_PX),
+        cells(fit.followed),
+        cells(same | blank),
+    )
+
+
+class _Fit(NamedTuple):
+    warp: F64  # of the earlier picture
+    textured: float
+    alike: float
+    inside: Mask
+    followed: Mask
+
+
+def _fit(before: View, now: View, warp: F64) -> _Fit:
+    """How well the earlier picture fits the later one when it is warped so."""
+    seen, inside = _warped(before.texture, warp)
+    contrast = _contrast(seen)
+    textured = (np.minimum(contrast, now.contrast) >= _TEXTURED) & inside
+    followed = textured & (_correlation(seen, now.texture, contrast, now.contrast) >= _ALIKE)
+    n_textured = int(np.count_nonzero(textured))
+    return _Fit(
+        warp,
+        n_textured / max(int(np.count_nonzero(inside)), 1),
+        int(np.count_nonzero(followed)) / max(n_textured, 1),
+        inside,
+        followed,
+    )
+
+
+def _alike(fit: _Fit) -> float:
+    return fit.alike
+
+
+def _shifted(before: View, now: View, warp: F64) -> _Fit:
+    """The fit when the earlier picture is warped so, and then shifted as far as it takes."""
+    expected, overlap = _warped(before.texture, warp)
+    (dx, dy), _ = cv2.phaseCorrelate(expected, now.texture * overlap, _window(now.lens))
+    return _fit(before, now, np.array([[1.0, 0.0, dx], [0.0, 1.0, dy], [0.0, 0.0, 1.0]]) @ warp)
+
+
+def _turned(lens: Lens, turn_deg: float, scale: float) -> F64:
+    """(3, 3): a turn around the middle of the picture, and a growth."""
+    middle = lens.width_px / 2, lens.height_px / 2
+    return np.vstack([cv2.getRotationMatrix2D(middle, turn_deg, scale), [0.0, 0.0, 1.0]])
+
+
+def _ground_to_pixel(lens: Lens, camera: CameraPose, ground_m: float) -> F64:
+    """(3, 3): east, north, 1 on a plane at ``ground_m`` to homogeneous pixels."""
+    R, (x, y, z) = camera.R_camera_to_enu.T, camera.position_enu_m.tolist()
+    return np.asarray(lens.K @ np.column_stack([R[:, 0], R[:, 1], R @ np.array([-x, -y, ground_m - z])]))
+
+
+def _on_ground(ground_to_pixel: F64, pixel: F64) -> F64:
+    """East and north of a homogeneous pixel."""
+    x, y, w = np.linalg.solve(ground_to_pixel, pixel)
+    return np.array([x / w, y / w])
+
+
+def _warped(texture: F32, warp: F64) -> tuple[F32, Mask]:
+    """The texture, 0 where nothing comes from, and where something does."""
+    height, width = texture.shape
+    by = _CENTRES @ warp @ np.linalg.inv(_CENTRES)
+    there = cv2.warpPerspective(np.ones_like(texture), by, (width, height)) > 0.999
+    return np.asarray(cv2.warpPerspective(texture, by, (width, height)) * there, np.float32), there
+
+
+def _contrast(texture: F32) -> F32:
+    mean = _mean(texture)
+    return np.asarray(np.sqrt(np.maximum(_mean(texture * texture) - mean * mean, 0.0)), np.float32)
+
+
+def _correlation(a: F32, b: F32, contrast_a: F32, contrast_b: F32) -> F32:
+    covariance = _mean(a * b) - _mean(a) * _mean(b)
+    return np.asarray(covariance / np.maximum(contrast_a * contrast_b, 1e-3), np.float32)
+
+
+def _mean(a: F32) -> F32:
+    return np.asarray(cv2.boxFilter(a, -1, (_PATCH_PX, _PATCH_PX)), np.float32)
+
+
+@lru_cache
+def _window(lens: Lens) -> F32:
+    return np.asarray(cv2.createHanningWindow((lens.width_px, lens.height_px), cv2.CV_32F), np.float32)

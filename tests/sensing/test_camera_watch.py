@@ -1,0 +1,244 @@
+"""What the camera watch doubts and what it does not, in flights over a plain with a pattern."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import known_obstacles
+from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
+from skysweep.types import Frame
+
+LENS = Lens(320, 180, 1.2)
+PERIOD_S = 0.4
+FLAT = known_obstacles(
+    Scenario.model_validate({"name": "flat", "area": {"polygon_enu_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}})
+)
+M_PER_PX, HALF_M = 0.125, 128.0
+
+
+def pattern(seed=0):
+    """A ground from 128 m west and south to 128 m east and north, with detail of all sizes."""
+    rng = np.random.default_rng(seed)
+    side = int(2 * HALF_M / M_PER_PX)
+    ground = np.full((side, side), 110.0, np.float32)
+    for octave in range(7):
+        rough = rng.normal(size=(side >> octave, side >> octave)).astype(np.float32)
+        ground += 9.0 * cv2.resize(rough, (side, side), interpolation=cv2.INTER_CUBIC)
+    return ground
+
+
+GROUND = pattern()
+
+
+def pose_at(x_m, y_m, z_m=30.0, heading_rad=0.0):
+    """A camera that looks straight down, the top of its picture to the heading."""
+    s, c = math.sin(heading_rad), math.cos(heading_rad)
+    return CameraPose(np.array([x_m, y_m, z_m]), np.array([[c, -s, 0.0], [-s, -c, 0.0], [0.0, 0.0, -1.0]]))
+
+
+def picture(pose, rng, ground=GROUND):
+    R, (x, y, z) = pose.R_camera_to_enu.T, pose.position_enu_m
+    to_pixel = LENS.K @ np.column_stack([R[:, 0], R[:, 1], R @ np.array([-x, -y, -z])])
+    to_metres = np.array([[M_PER_PX, 0.0, -HALF_M], [0.0, M_PER_PX, -HALF_M], [0.0, 0.0, 1.0]])
+    seen = cv2.warpPerspective(ground, to_pixel @ to_metres, (LENS.width_px, LENS.height_px))
+    noisy = seen + rng.normal(0.0, 2.0, seen.shape)
+    return np.repeat(np.clip(noisy, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def there_and_back(n=100, speed_mps=5.0):
+    """Poses of a leg north, a stop, and a leg back."""
+    v = np.concatenate([np.full(n // 2 - 5, 1.0), np.linspace(1, -1, 10), np.full(n - n // 2 - 5, -1.0)])
+    y = -60.0 + np.cumsum(v) * speed_mps * PERIOD_S
+    return [pose_at(3.0, y_m) for y_m in y.tolist()]
+
+
+def doubts(believed, images, watch=None):
+    """What the watch says of each picture."""
+    watch = watch or CameraWatch(FLAT)
+    frames = [
+        Frame(k * PERIOD_S, image, pose, LENS)
+        for k, (pose, image) in enumerate(zip(believed, images, strict=True))
+    ]
+    return [watch.judge(frame) for frame in frames]
+
+
+def pictures(poses, seed=1):
+    rng = np.random.default_rng(seed)
+    return [picture(pose, rng) for pose in poses]
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """Poses and pictures of a flight in which all is well."""
+    poses = there_and_back()
+    return poses, pictures(poses)
+
+
+def first(found):
+    """Index of the first doubt."""
+    return next(k for k, doubt in enumerate(found) if doubt is not None)
+
+
+def whys(found):
+    return {doubt.why for doubt in found if doubt is not None}
+
+
+def test_nothing_is_doubted_of_a_sound_camera(whole):
+    assert doubts(*whole) == [None] * len(whole[0])
+
+
+def test_what_gnss_and_gimbal_get_wrong_is_no_reason():
+    """A slow error of 0.3 m, attitudes that are a degree off for a look or two."""
+    poses = there_and_back()
+    rng = np.random.default_rng(5)
+    slow_m = np.cumsum(rng.normal(0.0, 0.03, (len(poses), 2)), axis=0)
+    off_m = slow_m + 0.4 * rng.normal(size=slow_m.shape) * (np.arange(len(poses)) % 10 == 0)[:, None]
+    believed = [pose_at(*(p.position_enu_m[:2] + e).tolist()) for p, e in zip(poses, off_m, strict=True)]
+    assert whys(doubts(believed, pictures(poses))) == set()
+
+
+@pytest.mark.parametrize("ground", [0.0, 0.02])
+def test_without_texture_nothing_is_told(ground):
+    """As on open water in fog."""
+    rng = np.random.default_rng(3)
+    smooth = 110.0 + ground * (GROUND - 110.0)
+    stuck = [picture(pose_at(0.0, 0.0), rng, smooth) for _ in range(40)]
+    assert whys(doubts(there_and_back(40), stuck)) == set()
+
+
+@pytest.mark.parametrize(
+    ("image", "why"),
+    [
+        (np.zeros((180, 320, 3), np.uint8), "shows black"),
+        (np.full((180, 320, 3), 255, np.uint8), "shows white"),
+    ],
+)
+def test_black_and_white_are_doubted_at_once_and_only_while_they_last(whole, image, why):
+    poses, sound = whole
+    found = doubts(poses, [*sound[:20], *[image] * 10, *sound[30:]])
+    assert [d.why if d else None for d in found] == [None] * 20 + [why] * 10 + [None] * 70
+
+
+def test_a_picture_that_comes_twice_is_no_look(whole):
+    poses, sound = whole
+    halved = [sound[k - k % 2] for k in range(len(sound))]
+    found = doubts(poses, halved)
+    assert all((d is not None) == (k % 2 == 1) for k, d in enumerate(found))
+    assert whys(found) == {"shows the same picture again"}
+
+
+def test_after_a_long_standstill_pictures_may_be_late(whole):
+    """Until they are seen to follow a change of the velocity."""
+    poses, sound = whole
+    found = doubts(poses, [*sound[:10], *[sound[9]] * 10, *sound[20:]])
+    assert found[20].why == "stood still and may be late now"
+    assert found[40] is not None
+    assert found[60:] == [None] * 40
+    late = doubts(poses, [*sound[:10], *[sound[9]] * 10, *sound[15:-5]])
+    assert None not in late[10:]
+
+
+def test_a_short_standstill_is_over_when_the_ground_is_where_it_should_be(whole):
+    poses, sound = whole
+    found = doubts(poses, [*sound[:10], *[sound[9]] * 4, *sound[14:]])
+    assert None not in found[10:14]
+    assert found[14:] == [None] * 86
+
+
+@pytest.mark.parametrize("looks", [5, 8])
+def test_pictures_two_seconds_late_are_doubted_at_once_and_for_good(whole, looks):
+    poses, sound = whole
+    found = doubts(poses, [*sound[:20], *sound[20 - looks : -looks]])
+    assert first(found) == 20
+    assert None not in found[20:]
+
+
+def test_upside_down(whole):
+    poses, sound = whole
+    found = doubts(poses, [*sound[:20], *(image[::-1, ::-1] for image in sound[20:])])
+    assert first(found) == 20
+    assert None not in found[20:]
+
+
+def test_another_cameras_pictures(whole):
+    poses, sound = whole
+    other = pictures([pose_at(-40.0 + 1.2 * k, 50.0) for k in range(80)])
+    found = doubts(poses, [*sound[:20], *other])
+    assert first(found) == 20
+    assert None not in found[20:]
+
+
+def sees(found, since, looks=12):
+    """The first doubt, which names two velocities and came soon."""
+    k = first(found)
+    assert since < k <= since + looks
+    assert found[k].since_s <= k * PERIOD_S
+    assert "sees the ground pass at" in found[k].why
+    return found[k].why
+
+
+def test_twenty_metres_too_low():
+    believed = there_and_back()
+    true = [pose_at(*p.position_enu_m[:2], 10.0) for p in believed]
+    assert "at 14.8 m/s to 0 degrees, not at 5.0 m/s to 0 degrees" in sees(
+        doubts(believed, pictures(true)), 0
+    )
+
+
+def test_a_drifting_position():
+    believed = there_and_back()
+    true = [
+        pose_at(p.position_enu_m[0] + 0.5 * PERIOD_S * max(0, k - 20), p.position_enu_m[1])
+        for k, p in enumerate(believed)
+    ]
+    sees(doubts(believed, pictures(true)), 20, looks=20)
+
+
+def test_a_compass_that_is_15_degrees_off():
+    believed = there_and_back()
+    true = [pose_at(*p.position_enu_m[:2], heading_rad=math.radians(15.0)) for p in believed]
+    sees(doubts(believed, pictures(true)), 0)
+
+
+def test_dirt_on_the_lens(whole):
+    poses, sound = whole
+    ys, xs = np.mgrid[:180, :320]
+    clear = np.clip((np.hypot(xs - 110, ys - 70) - 45) / 15, 0, 1)[..., None]
+    rng = np.random.default_rng(4)
+    dirty = [
+        np.clip(clear * image + (1 - clear) * (60 + rng.normal(0, 2, image.shape)), 0, 255).astype(np.uint8)
+        for image in sound[20:]
+    ]
+    found = doubts(poses, [*sound[:20], *dirty])
+    assert 20 < first(found) <= 32
+    assert found[first(found)].since_s <= 21 * PERIOD_S
+    assert found[first(found)].why.startswith("has something on its lens")
+    assert None not in found[first(found) :]
+
+
+def test_out_of_focus(whole):
+    poses, sound = whole
+    rng = np.random.default_rng(4)
+    blurred = [
+        np.clip(cv2.GaussianBlur(image, (0, 0), 4.0) + rng.normal(0, 2, image.shape), 0, 255).astype(np.uint8)
+        for image in sound[20:40]
+    ]
+    found = doubts(poses, [*sound[:20], *blurred, *sound[40:]])
+    assert [d.why if d else None for d in found] == [None] * 20 + ["is out of focus"] * 20 + [None] * 60
+
+
+def test_what_was_long_ago_makes_no_difference(whole):
+    """So that a mission that goes on has to see the last pictures only."""
+    poses, sound = whole
+    images = [*sound[:60], *(image[::-1, ::-1] for image in sound[60:75]), *sound[75:]]
+    found = doubts(poses, images)
+    begun = first(found) - MEMORY_LOOKS
+    again = [CameraWatch(FLAT)]
+    later = [
+        again[0].judge(Frame(k * PERIOD_S, images[k], poses[k], LENS)) for k in range(begun, len(images))
+    ]
+    assert later == found[begun:]
