@@ -57,7 +57,7 @@ class _Step(NamedTuple):
 
     @property
     def is_rough(self) -> bool:
-        return self.relief > _ROUGH or self.drift_mps > 0.0
+        return self.relief > _ROUGH
 
 
 class CameraWatch:
@@ -110,7 +110,11 @@ class CameraWatch:
         step = self._step(self._before, view)
         self._before = view
         self._steps.append(step)
-        if step is not None and step.moved.alike < (_STRANGE_ROUGH if step.is_rough else _STRANGE):
+        if (
+            step is not None
+            and not step.drift_mps
+            and step.moved.alike < (_STRANGE_ROUGH if step.is_rough else _STRANGE)
+        ):
             self._doubt("shows something else than what lies there", view.time_s)
             return
         told = [s for s in self._steps if s is not None]
@@ -226,7 +230,7 @@ def _proves(steps: Sequence[_Step]) -> bool:
 
 def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
     """Doubt of a lens: a large part showed the same while the rest moved; without motion: as known."""
-    moving = [s for s in steps if s.moved.moved.mean() >= _MOVING][-_DIRT_STEPS:]
+    moving = [s for s in steps if s.moved.moved.mean() >= _MOVING and not s.drift_mps][-_DIRT_STEPS:]
     if len(moving) < _DIRT_STEPS:
         return known
     share = _stuck_share([s.moved for s in moving])
