@@ -403,7 +403,7 @@ def test_a_plan_without_a_path_is_told(tmp_path):
 
 def test_writing_to_no_place_is_told_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="cannot be written"):
+    with pytest.raises(UserError, match="cannot be made or written to"):
         write_plan(tmp_path / "file" / "a.plan", read(tmp_path, drawn([])))
 
 
