@@ -441,3 +441,14 @@ def test_ctrl_c_before_anything_was_flown_advises_nothing(tmp_path, capfd):
     with pytest.raises(typer.Exit), flying("short", tmp_path / "run"):
         raise KeyboardInterrupt
     assert "stopped; nothing was flown" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("line", ['{"t": 1.0}', "{}"])
+def test_a_journal_without_checksums_that_says_nothing_is_refused(line, whole, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "config.yaml").write_bytes((whole / "config.yaml").read_bytes())
+    (folder / "journal.jsonl").write_text(f"{line}\n")
+    with pytest.raises(UserError, match="an older skysweep"):
+        resume_folder(folder)
+    assert (folder / "journal.jsonl").read_text() == f"{line}\n"

@@ -66,7 +66,7 @@ def resume_folder(
     path = _begun_journal(folder)
     with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
         begun = _begun(folder, journal.records)
-        if journal.records[-1]["kind"] == _END:
+        if journal.records[-1].get("kind") == _END:
             flown_scenario(folder, journal.records)
             journal.mend()
             return finish(folder, None)
@@ -115,7 +115,7 @@ def _begun(folder: Path, records: Sequence[Record]) -> Record:
 
 def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario:
     begun = records[0]
-    if begun["kind"] != SETUP or begun["version"] != __version__ or is_older(records):
+    if begun.get("kind") != SETUP or begun.get("version") != __version__ or is_older(records):
         version = begun.get("version", "0.1.0")
         other = f"skysweep {version}" if version != __version__ else f"an older skysweep {version}"
         raise UserError(
