@@ -32,6 +32,7 @@ def test_what_a_vehicle_does_not_know_can_be_told():
         ("plan", {"waypoints_enu_m": [[0, 1]]}),
         ("state", {"p": []}),
         ("state", {"cam": {"p": [0, 0, 0], "R": [1]}}),
+        ("state", {"cam": {"p": [0, 0, 0], "R": [-1, 0, 0, 0, 1, 0, 0, 0, 1]}}),
         ("sighting", {"candidate": []}),
         ("sighting", {"confidence": "sure"}),
         ("confirmed", {"covariance_m2": [[math.nan, 0], [0, 1]]}),

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+import numpy as np
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
 
 from skysweep.mission.safety import Action
 
 _Place = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Pair = Annotated[list[_Finite], Field(min_length=2, max_length=2)]
+_ROUNDED = 0.01  # by that much the determinant of a rotation may be off
 _Matrix = Annotated[list[_Pair], Field(min_length=2, max_length=2)]
+
+
+def _turns(rows: list[float]) -> list[float]:
+    if not abs(np.linalg.det(np.reshape(rows, (3, 3))) - 1.0) < _ROUNDED:
+        raise ValueError("is no rotation")
+    return rows
 
 
 class _Line(BaseModel):
@@ -30,7 +38,7 @@ class _Plan(_Line):
 
 class _Camera(BaseModel):
     p: _Place
-    R: Annotated[list[float], Field(min_length=9, max_length=9)]
+    R: Annotated[list[_Finite], Field(min_length=9, max_length=9), AfterValidator(_turns)]
 
 
 class _State(_Line):
