@@ -26,6 +26,11 @@ def test_map_of_a_mission_killed_at_the_start(tmp_path):
     assert run_map(run, tmp_path / "map.png").stat().st_size > 0
 
 
+def test_map_of_a_vehicle_that_once_did_not_know_where_it_was(tmp_path):
+    lost = [r | {"p": ["nan"] * 3} if r["kind"] == "state" and r["t"] > 0 else r for r in tiny_records()]
+    assert run_map(load_run(write_run(tmp_path, lost)), tmp_path / "map.png").stat().st_size > 0
+
+
 def test_panels_come_in_three_formats_and_leave_missing_cells_empty(tmp_path):
     runs = []
     for name, n_c in (("a", 1), ("a", float("inf")), ("b", float("inf"))):

@@ -30,6 +30,7 @@ def test_what_a_vehicle_does_not_know_can_be_told():
         ("start", {"seed": "x"}),
         ("start", {"t": math.inf}),
         ("plan", {"waypoints_enu_m": [[0, 1]]}),
+        ("plan", {"waypoints_enu_m": [[0, 1, math.nan]]}),
         ("state", {"p": []}),
         ("state", {"cam": {"p": [0, 0, 0], "R": [1]}}),
         ("state", {"cam": {"p": [0, 0, 0], "R": [-1, 0, 0, 0, 1, 0, 0, 0, 1]}}),

@@ -129,6 +129,15 @@ def test_a_model_that_passed_is_not_tried_again(tmp_path, monkeypatch):
         YoloDetector(other)
 
 
+def test_what_lies_beside_a_model_is_not_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = empty_model(tmp_path / "good.onnx")
+    (tmp_path / "onnxruntime.py").write_text(f"open({str(tmp_path / 'was-run')!r}, 'w')")
+    monkeypatch.chdir(tmp_path)
+    YoloDetector(path.name)
+    assert not (tmp_path / "was-run").exists()
+
+
 def test_the_shipped_model_needs_no_trial(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
     YoloDetector("skysweep")

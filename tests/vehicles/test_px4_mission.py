@@ -84,6 +84,19 @@ def test_a_dry_run_shows_the_list_and_leaves_the_vehicle_alone(file):
     assert "Traceback" not in done.stderr
 
 
+def test_a_folder_that_holds_a_mission_is_left_as_it_is(file, tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "journal.jsonl").write_text('{"t": 0.0, "kind": "start"}\n')
+    with served(small()) as (server, (url,)):
+        done = subprocess.run(
+            fly_command(file, url, "--yes", "--out", str(folder)), capture_output=True, text=True, timeout=120
+        )
+        assert not server.face.pilot.armed
+    assert done.returncode == 2, done.stderr
+    assert [path.name for path in folder.iterdir()] == ["journal.jsonl"]
+
+
 def test_nobody_answers_is_one_sentence_and_exit_code_2(file):
     done = subprocess.run(
         fly_command(file, "udpin://127.0.0.1:1", "--timeout", "1"),

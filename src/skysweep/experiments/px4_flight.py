@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from contextlib import ExitStack, closing
 from dataclasses import asdict
@@ -13,10 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.errors import UserError
+from skysweep.errors import CannotWriteError, UserError
 from skysweep.experiments.rehearsal import rehearse
 from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import Say, Watch, fly_to_folder
+from skysweep.experiments.single import Say, Watch, fly_to_folder, refuse_other_mission
+from skysweep.files.writing import make_folder
 from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
@@ -136,7 +138,9 @@ class Px4Flight:
         say: Say = lambda _words: None,
     ) -> dict[str, Any]:
         """Arm, fly the mission and land; the summary of its run folder."""
+        refuse_other_mission(out)
         self._keep_record(out)
+        self.vehicle.advance(0.0)
         camera = self.open_camera(camera_source) if sensor_name == "imaging" else None
         summary = fly_to_folder(
             self.scenario,
@@ -164,6 +168,7 @@ class Px4Flight:
     ) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
         self._keep_record(folder)
+        self.vehicle.advance(0.0)
         camera = self.open_camera(camera_source)
         summary = resume_folder(
             folder,
@@ -196,13 +201,13 @@ class Px4Flight:
             "checks": [asdict(check) for check in self._checks],
             "parameters": self._parameters,
         }
+        make_folder(folder)
+        names = (folder / f"preflight{k}.json" for k in ("", *(f"-{n}" for n in range(2, 10_000))))
+        path = next(path for path in names if not os.path.lexists(path))
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            names = (folder / f"preflight{k}.json" for k in ("", *(f"-{n}" for n in range(2, 10_000))))
-            path = next(path for path in names if not path.exists())
             path.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         except OSError as error:
-            raise UserError(f"{folder}: cannot be written ({error.strerror}); write another --out") from None
+            raise CannotWriteError(folder, error) from None
 
     def open_camera(self, source: str) -> Camera | None:
         """The camera of that name, None for the rendered one. Raises UserError where it shows nothing."""

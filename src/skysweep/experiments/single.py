@@ -71,9 +71,7 @@ def fly_to_folder(
     """
     started = time.perf_counter()
     journal_path = out / JOURNAL_FILE
-    refuse_links(out)
-    if journal_path.exists():
-        _refuse_flown(out, read_journal(journal_path))
+    refuse_other_mission(out)
     scenario = with_paths_beside(scenario, Path.cwd())
     mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera, detector)
     with closing(mission.sensor):
@@ -196,6 +194,13 @@ def finish(folder: Path, started: float | None) -> dict[str, Any]:
             f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "
             f"room, then  {resume_command(folder)}  writes them"
         ) from None
+
+
+def refuse_other_mission(folder: Path) -> None:
+    """Raises UserError where a folder holds a mission, or links that lead elsewhere."""
+    refuse_links(folder)
+    if (folder / JOURNAL_FILE).exists():
+        _refuse_flown(folder, read_journal(folder / JOURNAL_FILE))
 
 
 def _refuse_flown(folder: Path, records: list[dict[str, Any]]) -> None:

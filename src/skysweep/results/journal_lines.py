@@ -33,7 +33,7 @@ class _Start(_Line):
 
 
 class _Plan(_Line):
-    waypoints_enu_m: list[_Place]
+    waypoints_enu_m: list[Annotated[list[_Finite], Field(min_length=3, max_length=3)]]
 
 
 class _Camera(BaseModel):

@@ -112,8 +112,10 @@ class Run:
 
     @cached_property
     def states(self) -> States:
-        """Believed states of the vehicle."""
-        rows = [r for r in self.records if r["kind"] == "state"]
+        """Believed states of the vehicle; those without a position are left out."""
+        told = [r for r in self.records if r["kind"] == "state"]
+        known = np.isfinite(np.array([r["p"] for r in told], dtype=float).reshape(-1, 3)).all(axis=1)
+        rows = [r for r, is_known in zip(told, known.tolist(), strict=True) if is_known]
         n = len(rows)
         cameras = [r.get("cam") or {"p": r["p"], "R": [0, 1, 0, 1, 0, 0, 0, 0, -1]} for r in rows]
         return States(

@@ -14,6 +14,7 @@ from contextlib import suppress
 from functools import lru_cache
 from math import ceil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from skysweep.caching import cache_folder
 from skysweep.errors import UserError
@@ -58,15 +59,17 @@ def _try_once(path: Path, digest: str) -> None:
     if _passed(digest).exists():
         return
     try:
-        done = subprocess.run(
-            [sys.executable, "-m", __name__, str(path)],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=_WALL_S,
-            env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
-            check=False,
-        )
+        with TemporaryDirectory() as empty:  # Python looks for modules where it starts
+            done = subprocess.run(
+                [sys.executable, "-m", __name__, str(path.absolute())],
+                cwd=empty,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                timeout=_WALL_S,
+                env=os.environ | {"CUDA_VISIBLE_DEVICES": "-1"},
+                check=False,
+            )
     except subprocess.TimeoutExpired:
         raise _too_slow(path) from None
     if done.returncode == -getattr(signal, "SIGXCPU", 0):

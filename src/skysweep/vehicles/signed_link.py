@@ -57,11 +57,15 @@ class SignedLink:
     def __init__(self, vehicle_url: str, key: bytes, timeout_s: float) -> None:
         self.accepted = self.refused = 0
         self._vehicle_url, self._timeout_s = vehicle_url, timeout_s
-        self._signing = Signing(key, SigningMemory.of(key))
         try:
             self._vehicle = _open(vehicle_url, timeout_s)
         except (OSError, ValueError) as error:
             raise UserError(f"--connection {vehicle_url}: cannot be opened ({error})") from None
+        try:
+            self._signing = Signing(key, SigningMemory.of(key))
+        except UserError:
+            self._vehicle.close()
+            raise
         self._program = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._program.bind((_LOOPBACK, 0))
         self._program_address = (_LOOPBACK, _free_port())

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Scenario
@@ -60,15 +61,16 @@ class VehicleServer:
         local_port: int = 0,
         signing_key: bytes | None = None,
     ) -> None:
-        signing = None if signing_key is None else Signing(signing_key, SigningMemory.of(signing_key))
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, local_port))
-        except OSError as error:
-            self._socket.close()
-            raise UserError(
-                f"--local-port: {host}:{local_port} cannot be had ({error.strerror}); choose another port"
-            ) from None
+        with ExitStack() as undo:
+            self._socket = undo.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            try:
+                self._socket.bind((host, local_port))
+            except OSError as error:
+                raise UserError(
+                    f"--local-port: {host}:{local_port} cannot be had ({error.strerror}); choose another port"
+                ) from None
+            signing = None if signing_key is None else Signing(signing_key, SigningMemory.of(signing_key))
+            undo.pop_all()
         self._socket.setblocking(False)
         self._speed = speed
         self._stopping = threading.Event()

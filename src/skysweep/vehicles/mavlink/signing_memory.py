@@ -14,6 +14,11 @@ from pathlib import Path
 
 from skysweep.errors import UserError
 
+try:
+    import fcntl
+except ImportError:  # only POSIX has it; elsewhere two programs at once may forget what the other heard
+    fcntl = None  # type: ignore[assignment]
+
 Stream = tuple[int, int, int]  # link id, system, component
 
 
@@ -42,6 +47,13 @@ class SigningMemory:
 
     def write(self, streams: dict[Stream, int], oldest: int) -> None:
         """Keeps these and what others kept since, from ``oldest`` on. Raises OSError."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with self._path.with_suffix(".lock").open("w") as lock:
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            self._write(streams, oldest)
+
+    def _write(self, streams: dict[Stream, int], oldest: int) -> None:
         try:
             kept = self.read()
         except ValueError:
@@ -49,7 +61,6 @@ class SigningMemory:
         for stream, newest in streams.items():
             kept[stream] = max(newest, kept.get(stream, 0))
         text = json.dumps({"/".join(map(str, s)): newest for s, newest in kept.items() if newest >= oldest})
-        self._path.parent.mkdir(parents=True, exist_ok=True)
         handle, temporary = tempfile.mkstemp(prefix=f".{self._path.name}.", dir=self._path.parent)
         try:
             with os.fdopen(handle, "w", encoding="ascii") as file:
