@@ -212,6 +212,34 @@ def test_a_hold_while_landing_counts_until_the_battery_is_critical():
     assert watched(state(t=102.0), phase="LAND") == {}
 
 
+@pytest.mark.parametrize(
+    ("x", "left", "ends"), [(0.0, 0.16, None), (0.0, 0.14, "low battery"), (2000.0, 0.3, "return energy")]
+)
+def test_the_battery_ends_a_hold_on_the_way_home(x, left, ends):
+    watched = Watched()
+    watched.guard.heed("hold")
+    seen = state(x=x, battery_remaining=left)
+    assert watched(seen, phase="RETURN") == ({ends: Action.RETURN} if ends else {"operator": Action.HOLD})
+    assert watched(seen, phase="RETURN") == ({} if ends else {"operator": Action.HOLD})
+
+
+def test_without_a_position_no_battery_sends_a_held_vehicle_anywhere():
+    watched = Watched()
+    watched.guard.heed("hold")
+    seen = state(battery_remaining=0.14, position_std_m=9.0)
+    assert max(watched(seen, phase="RETURN").values()) is Action.HOLD
+
+
+@pytest.mark.parametrize("phase", ["RETURN", "LAND"])
+def test_the_estimate_ends_a_hold_on_the_way_home_and_while_landing(phase):
+    watched = Watched(safety={"battery_estimated": True}, vehicle={"battery_wh": 19.0})
+    watched.guard.heed("hold")
+    early, late = over_time(watched, (0.0, 310.0), phase=phase, battery_remaining=UNKNOWN)
+    assert early == {"battery unknown": Action.CONTINUE, "operator": Action.HOLD}
+    assert late.get("low battery") is Action.RETURN
+    assert "operator" not in late
+
+
 def test_nothing_heard_for_longer_than_a_battery_lasts_is_given_up():
     watched = Watched(vehicle={"battery_wh": 19.0})
     assert watched(state(silent_s=359.0), phase="LAND") == {}

@@ -516,6 +516,26 @@ def test_an_operator_who_holds_and_never_comes_back():
     flown.assert_landed_at_home()
 
 
+@pytest.mark.parametrize("mute", [False, True])
+def test_an_operator_who_holds_the_way_home_and_never_comes_back(mute):
+    flies, told = [], [(SINCE_S + 2.0, "hold"), (SINCE_S, "return")]
+
+    def vehicle(inner):
+        flies.append(Mute(inner, 0.0 if mute else math.inf, math.inf))
+        return flies[0]
+
+    def operator():
+        due = flies and told and flies[0].inner.state().time_s > told[-1][0]
+        return told.pop()[1] if due else None
+
+    flown = Flown(vehicle=vehicle, operator=operator, battery_wh=15.0, safety={"battery_estimated": mute})
+    assert flown.reason == "operator"
+    assert ("operator", "HOLD") in flown.safety
+    assert flown.seconds_in("RETURN") > 60.0
+    assert "LAND" not in [action for _, action in flown.safety]
+    flown.assert_landed_at_home()
+
+
 class Watcher:
     """Says hold when a landing vehicle is lower than 8 m, and another word 20 s later."""
 

@@ -121,9 +121,11 @@ class Guard:
             self._led_away = True
             return (_keeps_out(state.taken_over),)
         if self._word == "hold":
-            found.append(_HELD)
+            judged = phase == "RETURN" and not (lost or silent)
+            asks = [*self._low(state), *self._energy_left(state, altitude_agl_m)] if judged else []
+            found += self._held(asks)
         if phase == "RETURN":
-            waits = silent or any(a.action is Action.HOLD for a in found)
+            waits = silent or max((a.action for a in found), default=None) is Action.HOLD
             found += self._progress_home(state, now_s, waits)
         found += self._rate()
         if phase != "SEARCH":
@@ -275,7 +277,12 @@ class Guard:
             yield Alarm(action, "battery unknown", f"{sentence}: at most {left:.0%}, by what flying takes.")
         if not unknown and left < limits.battery_critical:
             yield Alarm(Action.LAND, "battery critical", f"The battery is at {left:.0%}: landing at once.")
-        elif phase == "SEARCH" and left < limits.battery_low:
+        elif phase == "SEARCH":
+            yield from self._low(state)
+
+    def _low(self, state: VehicleState) -> Iterator[Alarm]:
+        left = self._charge.left(state)
+        if left < self._limits.battery_low:
             yield Alarm(Action.RETURN, "low battery", f"The battery is at {left:.0%}.")
 
     def _energy_left(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
@@ -385,7 +392,14 @@ class Guard:
             yield from self._battery(state, "LAND", now_s)
             yield from self._rate()
             if self._word == "hold" and not self._is_unsure(state):
-                yield _HELD
+                unknown = math.isnan(state.battery_remaining)  # a known one lands when it is critical
+                yield from self._held([*self._low(state)] if unknown else [])
+
+    def _held(self, asks: list[Alarm]) -> list[Alarm]:
+        """The operator's hold, or what the battery asks for, which ends it."""
+        if asks:
+            self._word = None
+        return asks or [_HELD]
 
     # ---- what it remembers ---------------------------------------------------------------------------
 
