@@ -5,11 +5,13 @@ from collections import deque
 
 import numpy as np
 import pytest
-from test_faults import HOME, Around, Drained, Flown, Misplaced, words
+from test_faults import HOME, SCENARIO, Around, Drained, Flown, Misplaced, words
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
+from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
+from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint
 from skysweep.vehicles import dynamics as d
 
@@ -474,6 +476,12 @@ def test_a_vehicle_beyond_the_margin_around_the_area_is_called_home():
     assert flown.reason == "geofence"
     assert min(line["p"][0] for line in flown.of_kind("state")) > HOME[0] - 30.0 - 5.0 - 15.0
     flown.assert_landed_at_home()
+
+
+def test_a_vehicle_may_take_off_beyond_the_margin_around_the_area():
+    away = Scenario.model_validate(SCENARIO | {"home": {"position_enu_m": [-65, -5]}})
+    flown = Flown(vehicle=lambda _: build_mission(away, 0, "statistical").vehicle)
+    assert (flown.reason, flown.safety) == ("completed", [])
 
 
 # ---- landing, operator, disk -------------------------------------------------------------------------

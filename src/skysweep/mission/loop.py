@@ -122,15 +122,18 @@ class _Flight:
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
         self._looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
+        state = self._heard.state()
         high = too_high(scenario, mission.obstacles)
-        self._fence = Fence(scenario, high, mission.waypoints_xy_enu_m)
+        stands = has_place(state) and not state.airborne
+        own = state.position_enu_m[None, :2] if stands else np.zeros((0, 2))
+        self._fence = Fence(scenario, high, np.vstack([mission.waypoints_xy_enu_m, own]))
         self._router = Router(self._fence)
         self._clearance = Clearance(scenario, mission.obstacles, self._fence, mission.yaw_rad)
         self._searched = SearchedArea(scenario)
         energy = ReturnEnergy(
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
-        self._guard = Guard(scenario, self._fence, energy, self._looks)
+        self._guard = Guard(scenario, self._fence, energy, self._looks, state.airborne)
         self._worst = _ALL_WELL
         self._next_check_s = 0.0
         self._mode = "TAKEOFF"
@@ -140,7 +143,7 @@ class _Flight:
         self._refusal: Alarm | None = None
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
-        self._left_enu_m = self._heard.state().position_enu_m  # where the search was at its last step
+        self._left_enu_m = state.position_enu_m  # where the search was at its last step
         self._interrupted = self._going_back = False
 
     def refuse_before_take_off(self) -> None:

@@ -77,9 +77,19 @@ class Alarm:
 
 
 class Guard:
-    """Watches over one mission. What it remembers: since when causes last, and the last position."""
+    """Watches over one mission. What it remembers: since when causes last, and the last position.
 
-    def __init__(self, scenario: Scenario, fence: Fence, energy: ReturnEnergy, looks: Looks) -> None:
+    ``begins_in_air`` is a vehicle that was flown before: nobody knows how far, or by whom.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        fence: Fence,
+        energy: ReturnEnergy,
+        looks: Looks,
+        begins_in_air: bool = False,
+    ) -> None:
         self._limits, self._battery_wh = scenario.safety, scenario.vehicle.battery_wh
         self._home = scenario.home.position_enu_m
         self._fence, self._energy, self._looks = fence, energy, looks
@@ -91,7 +101,8 @@ class Guard:
         self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
         self._homeward, self._progress = Progress(), Progress()
         self._disobeys = False
-        self._led_away = False  # by somebody else, perhaps beyond the fence
+        self._led_away = begins_in_air  # by somebody else, perhaps beyond the fence
+        self._may_estimate = scenario.safety.battery_estimated and not begins_in_air
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
         self._allowed: Waypoint | None = None  # the newest that was let through
         self._searched = SearchedArea(scenario)
@@ -271,7 +282,7 @@ class Guard:
         limits, left, unknown = self._limits, self._charge.left(state), math.isnan(state.battery_remaining)
         unknown_s = self._lasting_s("battery unknown", unknown, now_s)
         if unknown_s is not None:
-            agreed = limits.battery_estimated and not self._charge.was_said
+            agreed = self._may_estimate and not self._charge.was_said
             action = Action.CONTINUE if agreed or unknown_s < limits.battery_unknown_s else Action.RETURN
             sentence = "The vehicle does not say how full its battery is"
             yield Alarm(action, "battery unknown", f"{sentence}: at most {left:.0%}, by what flying takes.")
