@@ -581,6 +581,28 @@ def test_the_operator_is_heard_while_it_lands(word):
     flown.assert_landed_at_home()
 
 
+class Refuses(HardToLand):
+    """A vehicle that refuses to be commanded once it lands."""
+
+    def command(self, setpoint):
+        if self.orders:
+            raise UserError("the vehicle does not go into Offboard")
+        self.inner.command(setpoint)
+
+
+def test_a_vehicle_that_refuses_to_be_held_goes_on_landing():
+    watcher = Watcher(None)
+
+    def vehicle(inner):
+        watcher.vehicle = Refuses(inner, 0)
+        return watcher.vehicle
+
+    flown = Flown(vehicle=vehicle, operator=watcher)
+    assert flown.reason == "completed"
+    assert "does not go into Offboard" in flown.of_kind("safety")[1]["sentence"]
+    flown.assert_landed_at_home()
+
+
 def test_an_operator_who_holds_a_landing_and_never_comes_back():
     watcher = Watcher(None)
     flown = Flown(vehicle=watcher.see, operator=watcher, battery_wh=25.0)

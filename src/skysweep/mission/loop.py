@@ -303,7 +303,7 @@ class _Flight:
             if alarm.action is Action.KEEP_OUT:
                 state, waits = self._keep_out(state, "LAND"), True
             elif alarm.action is Action.HOLD and not waits:
-                vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
+                self._hover(state)
                 waits = True
             late = state.time_s > ordered_s + longest_s and not waits
             if late:
@@ -316,6 +316,15 @@ class _Flight:
                 ordered_s, orders, waits = state.time_s, orders + 1 if late else 1, False
             state = self._pass_time(state, "LAND")
         return _ALL_WELL
+
+    def _hover(self, state: VehicleState) -> None:
+        """Interrupt a landing, where the vehicle does not refuse; then it goes on."""
+        try:
+            self._m.vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
+        except UserError as error:
+            self._guard.heed("continue")
+            sentence = f"The landing is not held: {error}."
+            self._notes.safety(state.time_s, Alarm(Action.CONTINUE, "operator", sentence))
 
     # ---- the steps ---------------------------------------------------------------------------------------
 
