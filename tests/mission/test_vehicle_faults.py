@@ -226,6 +226,22 @@ def test_a_barometer_that_drifts_is_seen_by_the_rangefinder():
     assert flown.embedded.state().airborne is False
 
 
+class Unheard(Sinking):
+    """Its telemetry is silent for 4 s while the rangefinder disagrees, and then it is called home."""
+
+    def state(self):
+        state = super().state()
+        return state._replace(silent_s=2.0) if 47.0 <= state.time_s < 51.0 else state
+
+
+def test_what_is_not_looked_at_is_not_told_as_over():
+    flown = Flown(vehicle=Unheard, search={"n_c": math.inf}, area={"polygon_enu_m": WIDE})
+    assert flown.reason == "height"
+    told = [line["sentence"] for line in flown.of_kind("safety")]
+    assert "Telemetry is back." in told
+    assert "The rangefinder agrees with the height again." not in told
+
+
 WIDE = [[0, 0], [150, 0], [150, 100], [0, 100]]
 
 

@@ -345,9 +345,8 @@ class _Flight:
             alarms += (Alarm(Action.CONTINUE, "clock", sentence),)
         if self._notes.failed is not None:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
-        if alarms or self._worst is not _ALL_WELL:
-            self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
-            self._notes.alarms(now_s, alarms)
+        self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
+        self._notes.alarms(now_s, alarms, self._guard.not_judged(state, phase, goal))
         self._looks.keep_track(state, self._mode == "SCAN" and not state.taken_over)
         return self._worst
 

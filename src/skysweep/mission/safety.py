@@ -37,6 +37,7 @@ _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
 
 OUTSIDE = "outside the area"  # cause
+_PLACELESS = {"position lost", "position jump"}  # causes
 LOST = "vehicle lost"  # cause: nothing is heard for longer than a battery lasts
 OVER = {
     "telemetry silent": "Telemetry is back.",
@@ -152,6 +153,22 @@ class Guard:
             found += self._energy_left(state, altitude_agl_m)
             found += self._detector(state.time_s)
         return (*found, *self._wind(state, now_s))
+
+    def not_judged(self, state: VehicleState, phase: Phase, goal: Setpoint | None) -> set[str]:
+        """Causes of ``OVER`` that nobody looked at in ``alarms`` just now: they may still be there."""
+        causes: set[str] = set()
+        if phase == "LAND":
+            causes |= {"telemetry silent", "position lost", "position jump"}
+        if phase != "SEARCH":
+            causes.add("wind")
+        if phase != "SEARCH" or goal is None:
+            causes |= {"setpoints ignored", "turned away"}
+        unsure = state.silent_s > self._limits.link_hold_s or self._since.keys() & _PLACELESS
+        if phase != "SEARCH" or unsure:
+            causes |= {"camera", "detector silent", "height"}
+        if state.ground_below_m is None:
+            causes.add("height")
+        return causes
 
     def is_urgent(self, state: VehicleState) -> bool:
         """Whether link or position ask for a look at all rules now. To be asked at every step."""
