@@ -36,12 +36,12 @@ def state(t=100.0, x=0.0, y=0.0, z=30.0, v=(0.0, 0.0, 0.0), **changes):
 class Watched:
     """A guard whose detector has answered until ``looked_s``."""
 
-    def __init__(self, looked_s=100.0, **changes):
+    def __init__(self, looked_s=100.0, begins_in_air=False, **changes):
         s = scenario(**changes | {"safety": {"fence_margin_m": None} | changes.get("safety", {})})
         self.looks, self.fence = Looks(s, Exposures(s.detector.rate_hz, 0.0), 30.0), Fence(s)
         self.looks.begin(looked_s)
         self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
-        self.guard = Guard(s, self.fence, self.energy, self.looks)
+        self.guard = Guard(s, self.fence, self.energy, self.looks, begins_in_air)
 
     def refusal(self, seen, waypoint):
         return self.guard.refusal(seen, 30.0, waypoint, waypoint)
@@ -113,6 +113,13 @@ def test_what_is_measured_counts_where_it_is_more_than_the_estimate():
     over_time(watched, (100.0,), energy_used_wh=10.0)
     (alarms,) = over_time(watched, (101.0,), battery_remaining=UNKNOWN, energy_used_wh=90.0)
     assert "low battery" in alarms
+
+
+def test_nobody_knows_what_an_estimated_battery_holds_that_is_in_the_air_already():
+    watched = Watched(begins_in_air=True, safety={"battery_estimated": True})
+    assert over_time(watched, (100.0, 131.0), battery_remaining=UNKNOWN)[-1] == {
+        "battery unknown": Action.RETURN
+    }
 
 
 def test_a_battery_that_was_known_once_is_not_flown_by_an_estimate():
@@ -210,6 +217,41 @@ def test_a_hold_while_landing_counts_until_the_battery_is_critical():
     assert max(watched(state(t=101.0, battery_remaining=0.04), phase="LAND").values()) is Action.LAND
     watched.guard.heed("return")
     assert watched(state(t=102.0), phase="LAND") == {}
+
+
+def test_a_mission_that_goes_on_beyond_the_fence_flies_back_inside():
+    watched = Watched(begins_in_air=True, safety={"fence_margin_m": 30.0})
+    assert watched(state(t=100.0, x=300.0)) == {}
+    assert "geofence" not in watched(state(t=160.0, x=100.0))
+    assert watched(state(t=222.0, x=300.0)).get("geofence") is Action.RETURN
+
+
+@pytest.mark.parametrize(
+    ("x", "left", "ends"), [(0.0, 0.16, None), (0.0, 0.14, "low battery"), (2000.0, 0.3, "return energy")]
+)
+def test_the_battery_ends_a_hold_on_the_way_home(x, left, ends):
+    watched = Watched()
+    watched.guard.heed("hold")
+    seen = state(x=x, battery_remaining=left)
+    assert watched(seen, phase="RETURN") == ({ends: Action.RETURN} if ends else {"operator": Action.HOLD})
+    assert watched(seen, phase="RETURN") == ({} if ends else {"operator": Action.HOLD})
+
+
+def test_without_a_position_no_battery_sends_a_held_vehicle_anywhere():
+    watched = Watched()
+    watched.guard.heed("hold")
+    seen = state(battery_remaining=0.14, position_std_m=9.0)
+    assert max(watched(seen, phase="RETURN").values()) is Action.HOLD
+
+
+@pytest.mark.parametrize("phase", ["RETURN", "LAND"])
+def test_the_estimate_ends_a_hold_on_the_way_home_and_while_landing(phase):
+    watched = Watched(safety={"battery_estimated": True}, vehicle={"battery_wh": 19.0})
+    watched.guard.heed("hold")
+    early, late = over_time(watched, (0.0, 310.0), phase=phase, battery_remaining=UNKNOWN)
+    assert early == {"battery unknown": Action.CONTINUE, "operator": Action.HOLD}
+    assert late.get("low battery") is Action.RETURN
+    assert "operator" not in late
 
 
 def test_nothing_heard_for_longer_than_a_battery_lasts_is_given_up():

@@ -5,11 +5,13 @@ from collections import deque
 
 import numpy as np
 import pytest
-from test_faults import HOME, Around, Drained, Flown, Misplaced, words
+from test_faults import HOME, SCENARIO, Around, Drained, Flown, Misplaced, words
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
+from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
+from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint
 from skysweep.vehicles import dynamics as d
 
@@ -222,6 +224,22 @@ def test_a_barometer_that_drifts_is_seen_by_the_rangefinder():
     assert flown.reason == "height"
     assert flown.safety[:2] == [("height", "CONTINUE"), ("height", "RETURN")]
     assert flown.embedded.state().airborne is False
+
+
+class Unheard(Sinking):
+    """Its telemetry is silent for 4 s while the rangefinder disagrees, and then it is called home."""
+
+    def state(self):
+        state = super().state()
+        return state._replace(silent_s=2.0) if 47.0 <= state.time_s < 51.0 else state
+
+
+def test_what_is_not_looked_at_is_not_told_as_over():
+    flown = Flown(vehicle=Unheard, search={"n_c": math.inf}, area={"polygon_enu_m": WIDE})
+    assert flown.reason == "height"
+    told = [line["sentence"] for line in flown.of_kind("safety")]
+    assert "Telemetry is back." in told
+    assert "The rangefinder agrees with the height again." not in told
 
 
 WIDE = [[0, 0], [150, 0], [150, 100], [0, 100]]
@@ -476,6 +494,12 @@ def test_a_vehicle_beyond_the_margin_around_the_area_is_called_home():
     flown.assert_landed_at_home()
 
 
+def test_a_vehicle_may_take_off_beyond_the_margin_around_the_area():
+    away = Scenario.model_validate(SCENARIO | {"home": {"position_enu_m": [-65, -5]}})
+    flown = Flown(vehicle=lambda _: build_mission(away, 0, "statistical").vehicle)
+    assert (flown.reason, flown.safety) == ("completed", [])
+
+
 # ---- landing, operator, disk -------------------------------------------------------------------------
 
 
@@ -516,6 +540,26 @@ def test_an_operator_who_holds_and_never_comes_back():
     flown.assert_landed_at_home()
 
 
+@pytest.mark.parametrize("mute", [False, True])
+def test_an_operator_who_holds_the_way_home_and_never_comes_back(mute):
+    flies, told = [], [(SINCE_S + 2.0, "hold"), (SINCE_S, "return")]
+
+    def vehicle(inner):
+        flies.append(Mute(inner, 0.0 if mute else math.inf, math.inf))
+        return flies[0]
+
+    def operator():
+        due = flies and told and flies[0].inner.state().time_s > told[-1][0]
+        return told.pop()[1] if due else None
+
+    flown = Flown(vehicle=vehicle, operator=operator, battery_wh=15.0, safety={"battery_estimated": mute})
+    assert flown.reason == "operator"
+    assert ("operator", "HOLD") in flown.safety
+    assert flown.seconds_in("RETURN") > 60.0
+    assert "LAND" not in [action for _, action in flown.safety]
+    flown.assert_landed_at_home()
+
+
 class Watcher:
     """Says hold when a landing vehicle is lower than 8 m, and another word 20 s later."""
 
@@ -550,6 +594,28 @@ def test_the_operator_is_heard_while_it_lands(word):
     assert flown.safety == [("operator", "HOLD"), ("operator", "CONTINUE")]
     assert min(watcher.heights) > 5.0
     assert len(watcher.heights) > 150
+    flown.assert_landed_at_home()
+
+
+class Refuses(HardToLand):
+    """A vehicle that refuses to be commanded once it lands."""
+
+    def command(self, setpoint):
+        if self.orders:
+            raise UserError("the vehicle does not go into Offboard")
+        self.inner.command(setpoint)
+
+
+def test_a_vehicle_that_refuses_to_be_held_goes_on_landing():
+    watcher = Watcher(None)
+
+    def vehicle(inner):
+        watcher.vehicle = Refuses(inner, 0)
+        return watcher.vehicle
+
+    flown = Flown(vehicle=vehicle, operator=watcher)
+    assert flown.reason == "completed"
+    assert "does not go into Offboard" in flown.of_kind("safety")[1]["sentence"]
     flown.assert_landed_at_home()
 
 

@@ -35,7 +35,7 @@ def test_of_what_is_flown_round_only_what_reaches_in_is_taken_in():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({}, "30 m around area, path and home (safety.fence_margin_m)"),
+        ({}, "30 m around area, path, home and take-off (safety.fence_margin_m)"),
         ({"safety": {"fence_margin_m": None}}, "none"),
         ({"geofence_enu_m": [[-900, -900], [900, -900], [900, 900], [-900, 900]]}, "as drawn"),
     ],

@@ -122,15 +122,18 @@ class _Flight:
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
         self._looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
+        state = self._heard.state()
         high = too_high(scenario, mission.obstacles)
-        self._fence = Fence(scenario, high, mission.waypoints_xy_enu_m)
+        stands = has_place(state) and not state.airborne
+        own = state.position_enu_m[None, :2] if stands else np.zeros((0, 2))
+        self._fence = Fence(scenario, high, np.vstack([mission.waypoints_xy_enu_m, own]))
         self._router = Router(self._fence)
         self._clearance = Clearance(scenario, mission.obstacles, self._fence, mission.yaw_rad)
         self._searched = SearchedArea(scenario)
         energy = ReturnEnergy(
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
-        self._guard = Guard(scenario, self._fence, energy, self._looks)
+        self._guard = Guard(scenario, self._fence, energy, self._looks, state.airborne)
         self._worst = _ALL_WELL
         self._next_check_s = 0.0
         self._mode = "TAKEOFF"
@@ -140,7 +143,7 @@ class _Flight:
         self._refusal: Alarm | None = None
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and what of
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
-        self._left_enu_m = self._heard.state().position_enu_m  # where the search was at its last step
+        self._left_enu_m = state.position_enu_m  # where the search was at its last step
         self._interrupted = self._going_back = False
 
     def refuse_before_take_off(self) -> None:
@@ -300,7 +303,7 @@ class _Flight:
             if alarm.action is Action.KEEP_OUT:
                 state, waits = self._keep_out(state, "LAND"), True
             elif alarm.action is Action.HOLD and not waits:
-                vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
+                self._hover(state)
                 waits = True
             late = state.time_s > ordered_s + longest_s and not waits
             if late:
@@ -313,6 +316,15 @@ class _Flight:
                 ordered_s, orders, waits = state.time_s, orders + 1 if late else 1, False
             state = self._pass_time(state, "LAND")
         return _ALL_WELL
+
+    def _hover(self, state: VehicleState) -> None:
+        """Interrupt a landing, where the vehicle does not refuse; then it goes on."""
+        try:
+            self._m.vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
+        except UserError as error:
+            self._guard.heed("continue")
+            sentence = f"The landing is not held: {error}."
+            self._notes.safety(state.time_s, Alarm(Action.CONTINUE, "operator", sentence))
 
     # ---- the steps ---------------------------------------------------------------------------------------
 
@@ -333,9 +345,8 @@ class _Flight:
             alarms += (Alarm(Action.CONTINUE, "clock", sentence),)
         if self._notes.failed is not None:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
-        if alarms or self._worst is not _ALL_WELL:
-            self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
-            self._notes.alarms(now_s, alarms)
+        self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
+        self._notes.alarms(now_s, alarms, self._guard.not_judged(state, phase, goal))
         self._looks.keep_track(state, self._mode == "SCAN" and not state.taken_over)
         return self._worst
 

@@ -110,7 +110,7 @@ class Notes:
             cam={"p": state.camera.position_enu_m, "R": state.camera.R_camera_to_enu.ravel()},
         )
 
-    def alarms(self, time_s: float, alarms: tuple[Alarm, ...]) -> None:
+    def alarms(self, time_s: float, alarms: tuple[Alarm, ...], not_judged: set[str]) -> None:
         """What is newly wrong, or asks for another action than before; and what has passed."""
         current = {a.cause: a.action for a in alarms}
         for alarm in alarms:
@@ -118,6 +118,7 @@ class Notes:
                 self.safety(time_s, alarm)
         if Action.KEEP_OUT in current.values():  # nobody looks at the others now
             current = self._alarms | current
+        current = {c: a for c, a in self._alarms.items() if c in not_judged} | current
         for cause, action in self._alarms.items():
             if cause not in current and action in _PASSING:
                 self.safety(time_s, Alarm(Action.CONTINUE, cause, OVER[cause]))

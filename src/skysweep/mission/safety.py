@@ -37,6 +37,7 @@ _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
 
 OUTSIDE = "outside the area"  # cause
+_PLACELESS = {"position lost", "position jump"}  # causes
 LOST = "vehicle lost"  # cause: nothing is heard for longer than a battery lasts
 OVER = {
     "telemetry silent": "Telemetry is back.",
@@ -77,9 +78,19 @@ class Alarm:
 
 
 class Guard:
-    """Watches over one mission. What it remembers: since when causes last, and the last position."""
+    """Watches over one mission. What it remembers: since when causes last, and the last position.
 
-    def __init__(self, scenario: Scenario, fence: Fence, energy: ReturnEnergy, looks: Looks) -> None:
+    ``begins_in_air`` is a vehicle that was flown before: nobody knows how far, or by whom.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        fence: Fence,
+        energy: ReturnEnergy,
+        looks: Looks,
+        begins_in_air: bool = False,
+    ) -> None:
         self._limits, self._battery_wh = scenario.safety, scenario.vehicle.battery_wh
         self._home = scenario.home.position_enu_m
         self._fence, self._energy, self._looks = fence, energy, looks
@@ -91,7 +102,8 @@ class Guard:
         self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
         self._homeward, self._progress = Progress(), Progress()
         self._disobeys = False
-        self._led_away = False  # by somebody else, perhaps beyond the fence
+        self._led_away = begins_in_air  # by somebody else, perhaps beyond the fence
+        self._may_estimate = scenario.safety.battery_estimated and not begins_in_air
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
         self._allowed: Waypoint | None = None  # the newest that was let through
         self._searched = SearchedArea(scenario)
@@ -121,9 +133,11 @@ class Guard:
             self._led_away = True
             return (_keeps_out(state.taken_over),)
         if self._word == "hold":
-            found.append(_HELD)
+            judged = phase == "RETURN" and not (lost or silent)
+            asks = [*self._low(state), *self._energy_left(state, altitude_agl_m)] if judged else []
+            found += self._held(asks)
         if phase == "RETURN":
-            waits = silent or any(a.action is Action.HOLD for a in found)
+            waits = silent or max((a.action for a in found), default=None) is Action.HOLD
             found += self._progress_home(state, now_s, waits)
         found += self._rate()
         if phase != "SEARCH":
@@ -139,6 +153,22 @@ class Guard:
             found += self._energy_left(state, altitude_agl_m)
             found += self._detector(state.time_s)
         return (*found, *self._wind(state, now_s))
+
+    def not_judged(self, state: VehicleState, phase: Phase, goal: Setpoint | None) -> set[str]:
+        """Causes of ``OVER`` that nobody looked at in ``alarms`` just now: they may still be there."""
+        causes: set[str] = set()
+        if phase == "LAND":
+            causes |= {"telemetry silent", "position lost", "position jump"}
+        if phase != "SEARCH":
+            causes.add("wind")
+        if phase != "SEARCH" or goal is None:
+            causes |= {"setpoints ignored", "turned away"}
+        unsure = state.silent_s > self._limits.link_hold_s or self._since.keys() & _PLACELESS
+        if phase != "SEARCH" or unsure:
+            causes |= {"camera", "detector silent", "height"}
+        if state.ground_below_m is None:
+            causes.add("height")
+        return causes
 
     def is_urgent(self, state: VehicleState) -> bool:
         """Whether link or position ask for a look at all rules now. To be asked at every step."""
@@ -269,13 +299,18 @@ class Guard:
         limits, left, unknown = self._limits, self._charge.left(state), math.isnan(state.battery_remaining)
         unknown_s = self._lasting_s("battery unknown", unknown, now_s)
         if unknown_s is not None:
-            agreed = limits.battery_estimated and not self._charge.was_said
+            agreed = self._may_estimate and not self._charge.was_said
             action = Action.CONTINUE if agreed or unknown_s < limits.battery_unknown_s else Action.RETURN
             sentence = "The vehicle does not say how full its battery is"
             yield Alarm(action, "battery unknown", f"{sentence}: at most {left:.0%}, by what flying takes.")
         if not unknown and left < limits.battery_critical:
             yield Alarm(Action.LAND, "battery critical", f"The battery is at {left:.0%}: landing at once.")
-        elif phase == "SEARCH" and left < limits.battery_low:
+        elif phase == "SEARCH":
+            yield from self._low(state)
+
+    def _low(self, state: VehicleState) -> Iterator[Alarm]:
+        left = self._charge.left(state)
+        if left < self._limits.battery_low:
             yield Alarm(Action.RETURN, "low battery", f"The battery is at {left:.0%}.")
 
     def _energy_left(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
@@ -385,7 +420,14 @@ class Guard:
             yield from self._battery(state, "LAND", now_s)
             yield from self._rate()
             if self._word == "hold" and not self._is_unsure(state):
-                yield _HELD
+                unknown = math.isnan(state.battery_remaining)  # a known one lands when it is critical
+                yield from self._held([*self._low(state)] if unknown else [])
+
+    def _held(self, asks: list[Alarm]) -> list[Alarm]:
+        """The operator's hold, or what the battery asks for, which ends it."""
+        if asks:
+            self._word = None
+        return asks or [_HELD]
 
     # ---- what it remembers ---------------------------------------------------------------------------
 

@@ -41,4 +41,4 @@ def fence_words(scenario: Scenario) -> str:
     margin_m = scenario.safety.fence_margin_m
     if margin_m is None:
         return "none"
-    return f"{margin_m:g} m around area, path and home (safety.fence_margin_m)"
+    return f"{margin_m:g} m around area, path, home and take-off (safety.fence_margin_m)"
