@@ -178,6 +178,7 @@ def sees(found, since, looks=12):
     assert since < k <= since + looks
     assert found[k].since_s <= k * PERIOD_S
     assert "sees the ground pass at" in found[k].why
+    assert None not in found[k:]
     return found[k].why
 
 

@@ -121,6 +121,7 @@ class CameraWatch:
         steps = [s for s in told if s.moved.alike >= _ALIKE]
         false = _disagreement(steps)
         if false is not None:
+            self._trusted = None  # it was taken while this went on, or back there it looks right again
             self._doubt(*false)
         elif self._strange is not None and (_proves(steps) or self._is_where_it_was(view)):
             self._strange = None
@@ -222,8 +223,8 @@ def _velocity(of_camera_mps: F64) -> str:
 def _proves(steps: Sequence[_Step]) -> bool:
     """Whether the believed velocity changed and the ground followed, without forgiving: late ones do not."""
     before = [s.moved.believed_mps for s in steps if s.exposed_s <= steps[-1].exposed_s - _PROOF_S]
-    off_m = np.sum([s.moved.excess_mps * s.moved.elapsed_s for s in steps], axis=0)
-    if not before or math.hypot(*off_m) > steps[-1].off_m:
+    off_m = np.cumsum([s.moved.excess_mps * s.moved.elapsed_s for s in reversed(steps)], axis=0)
+    if not before or np.hypot(*off_m.T).max() > steps[-1].off_m:  # there and back it would add up to nothing
         return False
     return bool(np.hypot(*(np.array(before) - before[-1]).T).max() >= _CHANGE_MPS)
 
