@@ -80,6 +80,15 @@ def test_ground_that_was_flown_over_blind_is_not_seen(tmp_path):
     assert seen_area(run).area == pytest.approx(10 * 15 + 10 * 20)  # east to 15, and from 20 on
 
 
+def test_ground_of_which_no_picture_came_is_not_seen(tmp_path):
+    """Of seconds in which neither an answer nor a failure was taken down only the ends count."""
+    setup, start = event(0.0, "setup") | {"sensor": "imaging"}, tiny_records()[0]
+    eyes = [state(float(t), [2.0 * t, 10, 10]) for t in range(21)]
+    looks = [event(t + 0.2, "look") for t in (*range(4), *range(17, 21))]
+    run = load_run(write_run(tmp_path, [setup, start, *sorted(eyes + looks, key=lambda r: r["t"])]))
+    assert seen_area(run).area == pytest.approx(10 * 18 + 10 * 18)  # east to 18, and from 22 on
+
+
 def test_level_camera_has_seen_nothing(tmp_path):
     level = [0, 0, 1, -1, 0, 0, 0, -1, 0]
     run = load_run(write_run(tmp_path, [tiny_records()[0], state(0, [20, 10, 10], R=level)]))

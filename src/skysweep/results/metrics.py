@@ -234,7 +234,20 @@ def _scanning(run: Run) -> NDArray[np.bool_]:
     scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
     for since_s, until_s in _blind_spans_s(run):
         scanning &= (states.time_s < since_s) | (states.time_s >= until_s)
+    if run.keeps_looks:
+        scanning &= _looked(run, states.time_s)
     return scanning
+
+
+def _looked(run: Run, time_s: F64) -> NDArray[np.bool_]:
+    """At which times (N,) a look that counts was near: gaps up to what the mission takes for blind are none."""
+    scenario = run.scenario
+    reach_s = 0.5 * (scenario.safety.detector_silent_s + 1.0 / scenario.detector.rate_hz)
+    counts = [look for look in run.events("look") if "failure" not in look and "doubt" not in look]
+    exposed_s = np.array([-np.inf, *map(run.since_start, counts), np.inf]) - scenario.camera.latency_s
+    after = np.searchsorted(exposed_s, time_s)
+    near: NDArray[np.bool_] = np.minimum(time_s - exposed_s[after - 1], exposed_s[after] - time_s) <= reach_s
+    return near
 
 
 def _blind_spans_s(run: Run) -> list[tuple[float, float]]:

@@ -111,6 +111,11 @@ class Run:
         return bool(setup.get("truth", True)) and bool(self.world.targets)
 
     @cached_property
+    def keeps_looks(self) -> bool:
+        """Whether every look of the detector is in the journal."""
+        return (self._first("setup") or {}).get("sensor") == "imaging"
+
+    @cached_property
     def states(self) -> States:
         """Believed states of the vehicle; those without a position are left out."""
         told = [r for r in self.records if r["kind"] == "state"]
