@@ -20,7 +20,7 @@ _STRAIGHT_M = 2.0  # a flown path is told in legs that are this near to it
 _CLOCK_SLACK_S = 0.5  # a picture from a later future is a wrong clock
 _LOOKS_EACH = 2  # at each place, at least, when looks are rare
 _REMEMBERED = 64  # looks, to know one that comes twice
-_TRACK_S = 15.0  # before the newest look: so far back may doubt of the camera reach
+_TRACK_LOOKS = 40  # before the newest: so far back may doubt of the camera reach
 _JUDGED = 10  # looks, of which so many may be doubted without a word
 _HICCUPS = 1
 
@@ -181,7 +181,10 @@ class Looks:
                 path = []
 
     def _forget_track(self) -> None:
-        while len(self._track) > 1 and self._track[1][0] <= self.newest_s - _TRACK_S:
+        while (
+            len(self._track) > 1
+            and self._track[1][0] <= self.newest_s - _TRACK_LOOKS * self._exposures.period_s
+        ):
             self._track.popleft()
 
 

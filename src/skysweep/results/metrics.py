@@ -240,7 +240,7 @@ def _scanning(run: Run) -> NDArray[np.bool_]:
 
 
 def _looked(run: Run, time_s: F64) -> NDArray[np.bool_]:
-    """At which times (N,) a look that counts was near: gaps up to what the mission takes for blind are none."""
+    """At which times (N,) a look that counts was near; gaps that a mission does not call blind are none."""
     scenario = run.scenario
     reach_s = 0.5 * (scenario.safety.detector_silent_s + 1.0 / scenario.detector.rate_hz)
     counts = [look for look in run.events("look") if "failure" not in look and "doubt" not in look]

@@ -379,7 +379,7 @@ class Safety(Model):
         30.0,
         ge=5,
         le=10_000,
-        description="Without geofence_enu_m it stays this near to area, path, home and take-off; null: anywhere",
+        description="Without geofence_enu_m: kept this near to area, path, home and take-off; null: anywhere",
     )
     clearance_m: float = Field(
         2.0, ge=0, le=100, description="Kept from trees, buildings and hillsides in every direction"
