@@ -60,6 +60,7 @@ def sweep(
         raise UserError(f"--out {out}: is lost when this command ends; write a folder or another URL")
     folder = out or f"sweeps/{wanted.name}"
     runner = make_engine(engine, address, workers)
+    _say(f"{spec}: checking what is to be flown")
     flight = Sweep(wanted, folder, retry_failed)
     done = flight.missions - flight.left
     _say(
