@@ -385,7 +385,7 @@ generator = st.fixed_dictionaries(
     {
         "class": st.sampled_from(["person", "red bucket", "buoy"]),
         "pattern": st.sampled_from(["uniform", "clustered", "sparse"]),
-        "count": st.integers(1, 2000),
+        "count": st.integers(1, 1600),
     },
     optional={
         "seed": st.none() | st.integers(0, 2**31),
@@ -405,7 +405,7 @@ scenario_data = st.fixed_dictionaries(
         "description": text,
         "targets": st.lists(target, max_size=4),
         "generators": st.lists(generator, max_size=3),
-        "forests": st.lists(st.fixed_dictionaries({"trees_per_hectare": st.floats(0.1, 50)}), max_size=2),
+        "forests": st.lists(st.fixed_dictionaries({"trees_per_hectare": st.floats(0.1, 20)}), max_size=2),
         "terrain": st.fixed_dictionaries({"heightmap_m": st.just([[0.5, 1e-17], [-3.25, 1e17]])}),
         "search": st.fixed_dictionaries(
             {}, optional={"n_c": st.integers(1, 1000) | st.just(math.inf), "d_c_m": positive_or_infinite}
