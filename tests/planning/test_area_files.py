@@ -176,6 +176,7 @@ BOW_TIE = [[22.0, 60.0], [22.01, 60.01], [22.01, 60.0], [22.0, 60.01], [22.0, 60
         ),
         ("a.geojson", "[" * 500_000, "deeply"),
         ("a.geojson", b"\xff\xfe", "UTF-8"),
+        ("a.geojson", '{"type": "Polygon", "coordinates": [[]]}', "has no corners"),
         ("a.kml", kml(count=3), "3 polygons"),
         ("a.kml", kml()[:300], "is not KML"),
         ("a.kml", kml(outer=OUTER[:2]), "at least 4"),

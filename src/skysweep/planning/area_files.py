@@ -132,11 +132,13 @@ def _on_ground(
         raise UserError(
             f"{path}: a corner is no longitude and latitude in degrees; export the area in WGS 84 (EPSG:4326)"
         )
+    if lon_lat.is_empty:
+        raise UserError(f"{path}: the polygon has no corners; {_ONE_POLYGON}")
     if not lon_lat.is_valid:
         reason = shapely.is_valid_reason(lon_lat)
         raise UserError(f"{path}: the polygon is not simple ({reason}); draw it without crossing lines")
     if frame is None:
-        middle = lon_lat.centroid if lon_lat.area > 0 else lon_lat.representative_point()
+        middle = lon_lat.centroid if lon_lat.area > 0 else shapely.Point(corners.mean(axis=0))
         frame = LocalFrame(middle.y, middle.x)
     local = frame
 
