@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from skysweep.errors import CannotWriteError, UserError
-from skysweep.files.writing import make_folder, whole_files
+from skysweep.files.writing import make_folder, replace_file, whole_files
 
 
 def names(folder):
@@ -54,7 +54,7 @@ FULL = """
 import resource, signal, sys
 from pathlib import Path
 from skysweep.errors import CannotWriteError
-from skysweep.files.writing import whole_files
+from skysweep.files.writing import whole_files, replace_file
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
@@ -95,3 +95,13 @@ def test_the_error_survives_another_process():
         == str(error)
         == "--out out: cannot be made or written to (No space left on device); choose another"
     )
+
+
+def test_a_file_is_replaced_whole_or_stays_as_it_was(tmp_path):
+    path = tmp_path / "a.txt"
+    replace_file(path, b"old")
+    with pytest.raises(TypeError):
+        replace_file(path, "no bytes")
+    assert path.read_bytes() == b"old"
+    replace_file(path, b"new", sync=True)
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.txt", b"new")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -37,6 +38,22 @@ def whole_files(folder: Path) -> Iterator[Path]:
         raise CannotWriteError(folder, error) from None
     except BaseException:
         _remove(made)
+        raise
+
+
+def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
+    """Make ``content`` that of a file, whole or not at all; with ``sync`` on the disk. Raises OSError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink()
         raise
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import zlib
 from pathlib import Path
 
+from skysweep.files.writing import replace_file
+
 _START, _COMMENT = b"\xff\xd8", b"\xff\xfe"  # markers of ITU-T T.81, table B.1
 
 
 def write_picture(path: Path, jpeg: bytes) -> None:
     """Write a JPEG, whole or not at all. Raises OSError."""
-    part = path.with_suffix(".part")
-    part.write_bytes(_sealed(path.name, jpeg))
-    part.replace(path)
+    replace_file(path, _sealed(path.name, jpeg))
 
 
 def is_sound(path: Path) -> bool:

@@ -7,13 +7,13 @@ and ``crc``, the CRC-32 (that of zlib, in hexadecimal) of the file before the co
 from __future__ import annotations
 
 import json
-import os
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
+from skysweep.files.writing import replace_file
 
 _SEAL = ',\n "crc": "%08x"\n}\n'
 _SEAL_LENGTH = len(_SEAL % 0)
@@ -23,12 +23,7 @@ def write_summary(path: Path, summary: Mapping[str, Any], journal: int) -> None:
     """Write a summary, whole or not at all. Raises OSError."""
     text = json.dumps({**summary, "journal": f"{journal:08x}"}, indent=1, allow_nan=False)
     text = text.removesuffix("\n}")
-    part = path.with_name(f".{path.name}.part")
-    with part.open("w", encoding="utf-8") as file:
-        file.write(text + _SEAL % zlib.crc32(text.encode()))
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    replace_file(path, (text + _SEAL % zlib.crc32(text.encode())).encode(), sync=True)
 
 
 def read_summary(path: Path) -> tuple[dict[str, Any], int]:

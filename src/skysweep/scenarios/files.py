@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import tempfile
 import typing
 from collections.abc import Mapping
 from contextlib import suppress
@@ -24,6 +23,7 @@ from pydantic_core import ErrorDetails
 from skysweep.errors import UserError
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
 from skysweep.files.reading import read_text_limited
+from skysweep.files.writing import replace_file
 from skysweep.scenarios.model import Scenario
 
 
@@ -138,15 +138,7 @@ def write_scenario(scenario: Scenario, path: str | Path) -> Path:
     path = Path(os.path.expanduser(path))
     text = dump_scenario(scenario)
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        replace_file(path, text.encode("utf-8"))
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
     return path

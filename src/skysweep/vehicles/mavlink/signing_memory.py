@@ -9,10 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 from pathlib import Path
 
 from skysweep.errors import UserError
+from skysweep.files.writing import replace_file
 
 try:
     import fcntl
@@ -61,14 +61,7 @@ class SigningMemory:
         for stream, newest in streams.items():
             kept[stream] = max(newest, kept.get(stream, 0))
         text = json.dumps({"/".join(map(str, s)): newest for s, newest in kept.items() if newest >= oldest})
-        handle, temporary = tempfile.mkstemp(prefix=f".{self._path.name}.", dir=self._path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="ascii") as file:
-                file.write(text)
-            os.replace(temporary, self._path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        replace_file(self._path, text.encode("ascii"))
 
     def must_be_writable(self) -> None:
         """Raises UserError where nothing can be kept."""
