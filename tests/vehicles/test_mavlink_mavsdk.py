@@ -45,7 +45,7 @@ def test_it_is_found_healthy_as_px4_at_its_home():
     with served() as (server, (url,)), client(url) as system:
         telemetry = Telemetry(system)
         wait(telemetry.health_all_ok, what=str(telemetry.health()))
-        assert system.autopilot_type().name == "PX4"
+        wait(lambda: system.autopilot_type().name == "PX4")  # a heartbeat later than found
         home = wait(lambda: telemetry.home() if telemetry.home().latitude_deg else None)
         assert home.latitude_deg == pytest.approx(server.face.pilot.site.frame.latitude_deg, abs=1e-5)
         assert telemetry.flight_mode() == FlightMode.HOLD
