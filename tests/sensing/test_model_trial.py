@@ -96,10 +96,11 @@ def fresh_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
 
 
-def test_an_endless_loop_is_refused(tmp_path):
+def test_an_endless_loop_is_refused_and_the_wait_is_explained(tmp_path, capsys):
     path = looping_model(tmp_path / "endless.onnx", when="GreaterOrEqual")
     with pytest.raises(UserError, match=r"endless\.onnx: the model took more than 10 s for one picture"):
         YoloDetector(path)
+    assert f"{path}: the model is tried out first" in capsys.readouterr().err
 
 
 def tried_alone(path):

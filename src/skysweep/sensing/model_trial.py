@@ -10,11 +10,13 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Timer
 
 from skysweep.caching import cache_folder
 from skysweep.errors import UserError
@@ -28,6 +30,7 @@ except ImportError:  # only POSIX has it; elsewhere the wall clock alone is a li
 MEMORY_BYTES = 1_500_000_000
 CPU_S = 10
 _WALL_S = 60.0
+_SAID_AFTER_S = 3.0
 _REFUSED = 2
 
 
@@ -59,7 +62,8 @@ def _try_once(path: Path, digest: str) -> None:
     if _passed(digest).exists():
         return
     try:
-        with TemporaryDirectory() as empty:  # Python looks for modules where it starts
+        # in an empty folder: Python looks for modules where it starts
+        with TemporaryDirectory() as empty, _said_when_slow(path):
             done = subprocess.run(
                 [sys.executable, "-m", __name__, str(path.absolute())],
                 cwd=empty,
@@ -79,6 +83,18 @@ def _try_once(path: Path, digest: str) -> None:
     if done.returncode != 0:
         raise UserError(f"{path}: the model broke the process that tried it; export or download it again")
     vouch_for(path)
+
+
+@contextmanager
+def _said_when_slow(path: Path) -> Iterator[None]:
+    words = f"{path}: the model is tried out first; it may take {CPU_S} s for one picture."
+    timer = Timer(_SAID_AFTER_S, print, [words], {"file": sys.stderr})
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _too_slow(path: Path) -> UserError:
