@@ -8,9 +8,9 @@ import pytest
 from skysweep.experiments.single import setup_of
 from skysweep.mission.build import build_mission
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import build_terrain
 from skysweep.types import Detections
 from skysweep.vehicles.multirotor import Multirotor
+from skysweep.worlds.world import build_terrain
 
 SCENARIO = Scenario.model_validate(
     {

@@ -25,8 +25,8 @@ from skysweep.experiments.sweep_store import METRICS, TIMINGS
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
-from skysweep.scenarios.world import build_world
 from skysweep.vehicles import dynamics
+from skysweep.worlds.world import build_world
 
 SPEC = """
 name: small

@@ -53,7 +53,7 @@ from skysweep.experiments.tune_validate import (
     paired,
     standings,
 )
-from skysweep.scenarios.advice import warnings_for
+from skysweep.planning.advice import warnings_for
 from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario, parse_scenario
 
 TUNE = [sys.executable, "-m", "skysweep.cli", "tune"]

@@ -25,8 +25,8 @@ from skysweep.geometry.camera import CameraPose, Lens, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import World, build_world
-from skysweep.sensing.render import Renderer, make_renderer
+from skysweep.worlds.rendering.renderer import Renderer, make_renderer
+from skysweep.worlds.world import World, build_world
 
 START_S = 60.0
 DOWN = -np.pi / 2

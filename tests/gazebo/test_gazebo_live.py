@@ -19,8 +19,8 @@ from skysweep.gazebo.live import MASTER_VARIABLE, LiveCamera
 from skysweep.gazebo.server import GazeboServer, wait_for_port
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.files import load_scenario
-from skysweep.scenarios.world import build_world
 from skysweep.types import VehicleState
+from skysweep.worlds.world import build_world
 
 SOURCE = f"gazebo:{rig.IMAGE_TOPIC}"
 LENS = Lens(320, 240, 1.2)

@@ -17,10 +17,10 @@ from skysweep.gazebo.export import FORMATS, MODELS_FOLDER, TREES_MAX, Format, ex
 from skysweep.gazebo.look import Look, water_tile
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Forest, Light, Scenario
-from skysweep.scenarios.world import build_world
-from skysweep.sensing.render_gl import film
-from skysweep.sensing.scene import make_sun
-from skysweep.sensing.textures import ground_textures
+from skysweep.worlds.rendering.gl import film
+from skysweep.worlds.scene import make_sun
+from skysweep.worlds.textures import ground_textures
+from skysweep.worlds.world import build_world
 
 SEED = 3
 

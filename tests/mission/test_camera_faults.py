@@ -20,10 +20,10 @@ from skysweep.mission.resume import RecordedSensor
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import build_world
 from skysweep.sensing.detector_template import RedBlobDetector
-from skysweep.sensing.render import make_renderer
 from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+from skysweep.worlds.rendering.renderer import make_renderer
+from skysweep.worlds.world import build_world
 
 SCENARIO = Scenario.model_validate(
     {

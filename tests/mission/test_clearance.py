@@ -18,8 +18,8 @@ from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import known_obstacles
 from skysweep.types import Waypoint
+from skysweep.worlds.obstacles import known_obstacles
 
 BASE = {
     "name": "wood",

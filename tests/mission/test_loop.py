@@ -91,7 +91,7 @@ def test_baselines_fly_at_one_altitude(strategy):
 def test_hills_are_followed():
     _, lines = flown(terrain={"hills_height_m": 15, "hills_wavelength_m": 120}, search={"n_c": math.inf})
     scenario = Scenario.model_validate(SMALL | {"terrain": {"hills_height_m": 15, "hills_wavelength_m": 120}})
-    from skysweep.scenarios.world import build_terrain
+    from skysweep.worlds.world import build_terrain
 
     terrain = build_terrain(scenario)
     low = [

@@ -25,7 +25,7 @@ from skysweep.planning.qgc import (
     write_plan,
 )
 from skysweep.scenarios.model import Area, CameraModel, Home, Scenario, Terrain
-from skysweep.scenarios.world import build_terrain
+from skysweep.worlds.world import build_terrain
 
 AREA = [(0, 0), (200, 0), (200, 60), (60, 60), (60, 200), (0, 200)]
 FENCE = [(-50, -50), (250, -50), (250, 250), (-50, 250)]

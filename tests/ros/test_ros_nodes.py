@@ -88,9 +88,9 @@ def test_what_is_sent_is_what_rclpy_reads(link):
 def test_another_process_detects_what_the_same_detector_finds_here(link, start):
     from skysweep.ros.parts import RosDetector
     from skysweep.scenarios.files import load_scenario
-    from skysweep.scenarios.world import build_world
     from skysweep.sensing.detector import YoloDetector
-    from skysweep.sensing.render import make_renderer
+    from skysweep.worlds.rendering.renderer import make_renderer
+    from skysweep.worlds.world import build_world
 
     scenario = load_scenario("clusters")
     sign = build_world(scenario, 0).objects[0].position_enu_m

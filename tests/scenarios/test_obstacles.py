@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import came_near, known_obstacles
-from skysweep.scenarios.world import build_world
+from skysweep.worlds.obstacles import came_near, known_obstacles
+from skysweep.worlds.world import build_world
 
 BASE = {"name": "village", "area": {"polygon_enu_m": [[0, 0], [100, 0], [100, 100], [0, 100]]}}
 TREE = {"position_enu_m": [30, 30], "height_m": 10, "crown_radius_m": 3}

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from skysweep.scenarios.model import Generator
-from skysweep.scenarios.places import Ground, generate_positions, scattered
+from skysweep.worlds.places import Ground, generate_positions, scattered
 
 FIELD = shapely.Polygon([(0, 0), (200, 0), (200, 100), (120, 100), (120, 40), (0, 40)])
 STRIP = shapely.Polygon([(0, 0), (9000, 9000), (9000, 9004), (0, 4)], [[(10, 11), (50, 51), (50, 52)]])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skysweep.scenarios.advice import localisation_std_m, warnings_for
+from skysweep.planning.advice import localisation_std_m, warnings_for
 from skysweep.scenarios.files import list_scenarios, load_scenario, parse_scenario
 
 WELL = """

@@ -22,7 +22,7 @@ from skysweep.scenarios.files import (
     write_scenario,
 )
 from skysweep.scenarios.model import Distractor, Scenario
-from skysweep.scenarios.world import build_world
+from skysweep.worlds.world import build_world
 
 PAPER = ("clusters", "abundance", "sparse")
 MINIMAL = "name: mine\narea: {polygon_enu_m: [[0, 0], [50, 0], [50, 50], [0, 50]]}\n"

@@ -8,9 +8,9 @@ import pytest
 
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import known_obstacles
 from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
 from skysweep.types import Frame
+from skysweep.worlds.obstacles import known_obstacles
 
 LENS = Lens(320, 180, 1.2)
 PERIOD_S = 0.4

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import Light
-from skysweep.scenarios.world import TerrainSurface, World, WorldBuilding, WorldObject, WorldTree
-from skysweep.sensing.occlusion import Occluders, apparent_size_m, pixels_on_target
+from skysweep.worlds.occlusion import Occluders, apparent_size_m, pixels_on_target
+from skysweep.worlds.world import TerrainSurface, World, WorldBuilding, WorldObject, WorldTree
 
 LENS = Lens(640, 360, 1.2)
 FLAT = TerrainSurface(np.zeros((2, 2)), (-100, -100, 100, 100), "grass")

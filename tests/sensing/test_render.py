@@ -15,10 +15,10 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light
-from skysweep.scenarios.world import TerrainSurface, World, WorldBuilding, WorldObject, WorldTree
-from skysweep.sensing.render import make_renderer
-from skysweep.sensing.render_gl import GLRenderer
-from skysweep.sensing.scene import make_sun
+from skysweep.worlds.rendering.gl import GLRenderer
+from skysweep.worlds.rendering.renderer import make_renderer
+from skysweep.worlds.scene import make_sun
+from skysweep.worlds.world import TerrainSurface, World, WorldBuilding, WorldObject, WorldTree
 
 LENS = Lens(320, 180, 1.2)
 

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skysweep.scenarios.model import DEFAULT_SIZE_M
-from skysweep.scenarios.world import HELD_OUT_VARIANTS
-from skysweep.sensing.assets import KINDS, object_mesh
-from skysweep.sensing.assets.buildings import building_mesh
-from skysweep.sensing.assets.plants import DETAILS, SHAPES, tree_meshes
-from skysweep.sensing.meshes import Mesh, ellipsoid, lathe, tube
-from skysweep.sensing.textures import Decal, decal_layer, ground_textures, layer_image
+from skysweep.worlds.assets import KINDS, object_mesh
+from skysweep.worlds.assets.buildings import building_mesh
+from skysweep.worlds.assets.plants import DETAILS, SHAPES, tree_meshes
+from skysweep.worlds.meshes import Mesh, ellipsoid, lathe, tube
+from skysweep.worlds.textures import Decal, decal_layer, ground_textures, layer_image
+from skysweep.worlds.world import HELD_OUT_VARIANTS
 
 POSES = ["face-up", "standing", "lying", "floating", "sitting"]
 variants = st.one_of(st.integers(0, HELD_OUT_VARIANTS - 1), st.integers(HELD_OUT_VARIANTS, 1999))

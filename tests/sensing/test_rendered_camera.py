@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, Light
-from skysweep.scenarios.world import TerrainSurface, World, WorldObject
 from skysweep.sensing.believed import DelayedPose
 from skysweep.sensing.camera_effects import CameraEffects, blur_kernel
 from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
 from skysweep.types import VehicleState
+from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 LENS = Lens(320, 180, 1.2)
 DOWN = rotation_camera_to_enu(np.pi / 2, -np.pi / 2)  # picture's top is north, right is east

@@ -13,8 +13,6 @@ from skysweep.geometry.camera import CameraMotion, CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import CameraModel, Light
-from skysweep.scenarios.world import TerrainSurface, World, WorldObject, WorldTree
-from skysweep.sensing.occlusion import Occluders
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_draws import standard_normal
@@ -33,6 +31,8 @@ from skysweep.sensing.statistical_model import (
     score_of,
 )
 from skysweep.types import VehicleState
+from skysweep.worlds.occlusion import Occluders
+from skysweep.worlds.world import TerrainSurface, World, WorldObject, WorldTree
 
 CAMERA = CameraModel(hfov_rad=1.2, latency_s=0.0)
 LENS = CAMERA.lens

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.scenarios.world import HELD_OUT_VARIANTS
 from skysweep.training.dataset import (
     FOCAL_PX,
     ID_MARGIN_PX,
@@ -17,6 +16,7 @@ from skysweep.training.dataset import (
     render_dataset,
 )
 from skysweep.training.labelled import read_dataset
+from skysweep.worlds.world import HELD_OUT_VARIANTS
 
 
 @pytest.mark.parametrize("split", ["train", "held-out"])

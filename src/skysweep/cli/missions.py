@@ -33,7 +33,7 @@ from skysweep.errors import UserError
 from skysweep.text import printable
 
 if TYPE_CHECKING:
-    from skysweep.sensing.render import Backend
+    from skysweep.worlds.rendering.renderer import Backend
 
 
 @friendly
@@ -87,7 +87,7 @@ def run(
     """
     from skysweep.experiments.ros_mission import parts_on_topics
     from skysweep.experiments.single import fly_to_folder
-    from skysweep.scenarios.advice import warnings_for
+    from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
 
     named = {

@@ -33,12 +33,12 @@ def plan(
 
         skysweep plan my-area.kml --altitude 40 --sidelap 0.3 --out saturday
     """
+    from skysweep.planning.advice import warnings_for_plan
     from skysweep.planning.area_files import SUFFIXES, scenario_from_area
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
     from skysweep.planning.surroundings import fence_words
-    from skysweep.scenarios.advice import warnings_for_plan
     from skysweep.scenarios.files import change_scenario, load_scenario
 
     is_area = Path(source).suffix.lower() in SUFFIXES

@@ -52,7 +52,7 @@ def scenarios_show(
 @friendly
 def scenarios_validate(files: Annotated[list[str], typer.Argument(help="Scenario files.")]) -> None:
     """Check scenario files; exit code 2 at the first that is wrong."""
-    from skysweep.scenarios.advice import warnings_for
+    from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import load_scenario
 
     for file in files:

@@ -22,9 +22,9 @@ from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import World, build_world
 from skysweep.types import Frame, Setpoint
 from skysweep.vehicles.multirotor import Multirotor
+from skysweep.worlds.world import World, build_world
 
 SCENARIO = "clusters"
 THREADS = 2
@@ -141,7 +141,7 @@ def _fly_one_of_many(job: tuple[str, int]) -> float:
 
 def _pictures(scenario: Scenario) -> dict[str, Any]:
     from skysweep.sensing.detector import YoloDetector
-    from skysweep.sensing.render import make_renderer
+    from skysweep.worlds.rendering.renderer import make_renderer
 
     world = build_world(scenario, 0)
     renderer = make_renderer(world)

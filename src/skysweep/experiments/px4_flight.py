@@ -23,17 +23,17 @@ from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import known_obstacles
-from skysweep.scenarios.world import build_terrain
 from skysweep.sensing.video_camera import VideoCamera
 from skysweep.strategies import strategy_spec
 from skysweep.types import Camera
 from skysweep.vehicles.px4 import Px4Vehicle
 from skysweep.vehicles.px4_preflight import Check, Demands, preflight
 from skysweep.vehicles.signed_link import SignedLink
+from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.world import build_terrain
 
 if TYPE_CHECKING:
-    from skysweep.sensing.render import Backend
+    from skysweep.worlds.rendering.renderer import Backend
 
 RENDERED = "rendered"
 TAKE_BACK = "take back"  # an operator's word, once somebody else is seen to fly the vehicle

@@ -13,13 +13,13 @@ from skysweep.mission.build import build_mission
 from skysweep.mission.looks import Looks
 from skysweep.mission.loop import Mission
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import build_terrain
 from skysweep.sensing.camera_watch import OF_ITSELF, REPEATED
 from skysweep.types import Camera, Detections, Vehicle, VehicleState
 from skysweep.vehicles.px4_preflight import Check
+from skysweep.worlds.world import build_terrain
 
 if TYPE_CHECKING:
-    from skysweep.sensing.render import Backend
+    from skysweep.worlds.rendering.renderer import Backend
 
 _WARM_UP_S = 20.0  # for the first answer, at most
 _MEASURED_S = 5.0

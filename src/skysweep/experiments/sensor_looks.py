@@ -22,13 +22,13 @@ from skysweep.experiments.workers import run_jobs
 from skysweep.geometry.camera import CameraPose, Lens, project, rays_enu
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
-from skysweep.scenarios.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 from skysweep.sensing.camera_effects import CameraEffects
 from skysweep.sensing.detector import YoloDetector
-from skysweep.sensing.occlusion import Occluders, middle_enu_m, pixels_on_target
-from skysweep.sensing.render import Renderer, make_renderer, refuse_unrenderable
 from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
+from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target
+from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
+from skysweep.worlds.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

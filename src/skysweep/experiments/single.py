@@ -39,7 +39,7 @@ from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
 from skysweep.vehicles.multirotor import Multirotor
 
 if TYPE_CHECKING:
-    from skysweep.sensing.render import Backend
+    from skysweep.worlds.rendering.renderer import Backend
 
 SETUP = "setup"  # kind of a journal's first line
 GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from skysweep.errors import UserError
-from skysweep.scenarios.advice import UNSEEN_BELOW_PX, WISHED_AT_CHECK_PX, warnings_for
+from skysweep.planning.advice import UNSEEN_BELOW_PX, WISHED_AT_CHECK_PX, warnings_for
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
 

@@ -17,10 +17,10 @@ from skysweep.gazebo.look import TILE_M, WATER_TILE_M, Look, ground_tile, water_
 from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
 from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
 from skysweep.scenarios.model import Home, Scenario, Wind
-from skysweep.scenarios.world import World, build_world
-from skysweep.sensing.meshes import Mesh, merge, yaw_rotation
-from skysweep.sensing.scene import PLANT_TEXTURE_M, Planting, Scene, build_scene
-from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
+from skysweep.worlds.meshes import Mesh, merge, yaw_rotation
+from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene, build_scene
+from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
+from skysweep.worlds.world import World, build_world
 
 F64 = NDArray[np.float64]
 Format = Literal["gazebo-classic", "gz"]

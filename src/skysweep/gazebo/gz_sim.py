@@ -27,8 +27,8 @@ from skysweep.gazebo.sdf import tag
 from skysweep.gazebo.transport import TransportError
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import World
-from skysweep.sensing.render import Backend
+from skysweep.worlds.rendering.renderer import Backend
+from skysweep.worlds.world import World
 
 VERSIONS = ("gz.transport", "gz.transport14", "gz.transport13")  # newest first: Jetty, Ionic, Harmonic
 HOW_TO_GET = "install them with Gazebo: apt-get install python3-gz-transport13 (Harmonic)"

@@ -18,8 +18,8 @@ from skysweep.gazebo.server import GazeboServer, wait_for_port
 from skysweep.gazebo.transport import Transport, TransportError
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import World
-from skysweep.sensing.render import Backend
+from skysweep.worlds.rendering.renderer import Backend
+from skysweep.worlds.world import World
 
 _NUDGE_S = 0.5  # without a picture: one step more
 _RGB_INT8 = 3

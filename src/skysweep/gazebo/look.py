@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skysweep.sensing.render_gl import film
-from skysweep.sensing.scene import Sun
-from skysweep.sensing.textures import DETAIL_M, GroundTextures
+from skysweep.worlds.rendering.gl import film
+from skysweep.worlds.scene import Sun
+from skysweep.worlds.textures import DETAIL_M, GroundTextures
 
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]

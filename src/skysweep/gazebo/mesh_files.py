@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.gazebo.look import Look
-from skysweep.sensing.meshes import Mesh
+from skysweep.worlds.meshes import Mesh
 
 U8 = NDArray[np.uint8]
 

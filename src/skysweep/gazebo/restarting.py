@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from skysweep.errors import UserError
 from skysweep.gazebo.transport import TransportError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.render import Backend
+from skysweep.worlds.rendering.renderer import Backend
 
 ANSWER_S = 10.0  # a simulator that is silent for longer is replaced; the next one may take twice as long
 STARTS = 4  # in a row, without a picture in between

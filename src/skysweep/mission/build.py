@@ -16,8 +16,6 @@ from skysweep.mission.loop import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import Obstacles
-from skysweep.scenarios.world import World, build_world
 from skysweep.sensing.model_files import existing_model_file
 from skysweep.sensing.model_trial import try_out
 from skysweep.sensing.schedule import Exposures
@@ -27,9 +25,11 @@ from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Camera, Detector, Sensor, Vehicle
 from skysweep.vehicles.multirotor import Multirotor
+from skysweep.worlds.obstacles import Obstacles
+from skysweep.worlds.world import World, build_world
 
 if TYPE_CHECKING:
-    from skysweep.sensing.render import Backend, Painter
+    from skysweep.worlds.rendering.renderer import Backend, Painter
 
 SENSORS = ("imaging", "statistical")
 
@@ -140,8 +140,8 @@ def _eye(vehicle: Vehicle) -> _Eye:
 
 def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, renderer: Backend) -> Camera:
     """The renderer is imported here, so that missions without pictures stay small."""
-    from skysweep.sensing.render import refuse_unrenderable
     from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+    from skysweep.worlds.rendering.renderer import refuse_unrenderable
 
     refuse_unrenderable(scenario.camera)
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.fence import Fence
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import Obstacles
 from skysweep.types import XY, Waypoint
+from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
 

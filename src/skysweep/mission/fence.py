@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.planning.advice import localisation_std_m
 from skysweep.planning.surroundings import surroundings
-from skysweep.scenarios.advice import localisation_std_m
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
 

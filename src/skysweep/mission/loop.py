@@ -22,7 +22,6 @@ from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, 
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import landing_time_s
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import Obstacles
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import (
     Candidate,
@@ -39,6 +38,7 @@ from skysweep.types import (
     VehicleState,
     Waypoint,
 )
+from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
 Watch = Callable[[VehicleState, str, Detections | None], None]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.scenarios.obstacles import Obstacles, came_near
+from skysweep.worlds.obstacles import Obstacles, came_near
 
 F64 = NDArray[np.float64]
 

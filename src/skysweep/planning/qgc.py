@@ -37,7 +37,7 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.json_files import parse_json
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import TerrainSurface, build_terrain
+from skysweep.worlds.world import TerrainSurface, build_terrain
 
 F64 = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skysweep.results.run_folder import CandidateStory, Run
-from skysweep.scenarios.obstacles import Obstacles, came_near
-from skysweep.scenarios.world import WorldObject
-from skysweep.sensing.occlusion import Occluders, count_seen
 from skysweep.types import Doubt
+from skysweep.worlds.obstacles import Obstacles, came_near
+from skysweep.worlds.occlusion import Occluders, count_seen
+from skysweep.worlds.world import WorldObject
 
 F64 = NDArray[np.float64]
 Summary = dict[str, Any]  # what summary.json holds

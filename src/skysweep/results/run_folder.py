@@ -21,8 +21,8 @@ from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import World, build_world
 from skysweep.text import printable
+from skysweep.worlds.world import World, build_world
 
 F64 = NDArray[np.float64]
 Record = Mapping[str, Any]

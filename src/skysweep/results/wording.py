@@ -8,7 +8,7 @@ from typing import Any
 from skysweep.results.html import Grid
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.obstacles import BODY_RADIUS_M
+from skysweep.worlds.obstacles import BODY_RADIUS_M
 
 _ACTIONS = {
     "CONTINUE": "The mission goes on",

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.scenarios.obstacles import Obstacles
 from skysweep.sensing.ground_motion import GroundMotion, View, looks_down, motion, view_of
 from skysweep.types import U8, Doubt, Frame
+from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
-from skysweep.scenarios.world import World
 from skysweep.sensing.camera_effects import CameraEffects
-from skysweep.sensing.render import Backend, Painter, make_renderer
 from skysweep.types import Frame, VehicleState
+from skysweep.worlds.rendering.renderer import Backend, Painter, make_renderer
+from skysweep.worlds.world import World
 
 F64 = NDArray[np.float64]
 

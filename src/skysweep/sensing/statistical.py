@@ -17,8 +17,6 @@ from scipy.special import ndtri
 
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel
-from skysweep.scenarios.world import World, WorldObject
-from skysweep.sensing.occlusion import Occluders, middle_enu_m, shape_of
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical_draws import OCTAVES, PLACES, WIDTH, draw_look
 from skysweep.sensing.statistical_model import (
@@ -31,6 +29,8 @@ from skysweep.sensing.statistical_model import (
     score_of,
 )
 from skysweep.types import Detections, VehicleState
+from skysweep.worlds.occlusion import Occluders, middle_enu_m, shape_of
+from skysweep.worlds.world import World, WorldObject
 
 F64 = NDArray[np.float64]
 

@@ -24,7 +24,10 @@ from skysweep.files.writing import whole_files
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light, TargetClass
-from skysweep.scenarios.world import (
+from skysweep.training.labelled import LabelledImage, write_labels
+from skysweep.worlds.rendering.renderer import Backend, make_renderer
+from skysweep.worlds.scene import GROUND_LOOKS
+from skysweep.worlds.world import (
     HELD_OUT_VARIANTS,
     TerrainSurface,
     World,
@@ -32,9 +35,6 @@ from skysweep.scenarios.world import (
     WorldObject,
     WorldTree,
 )
-from skysweep.sensing.render import Backend, make_renderer
-from skysweep.sensing.scene import GROUND_LOOKS
-from skysweep.training.labelled import LabelledImage, write_labels
 
 F64 = NDArray[np.float64]
 Split = Literal["train", "held-out"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import build_terrain
 from skysweep.vehicles.multirotor import Multirotor
+from skysweep.worlds.world import build_terrain
 
 
 def embedded_vehicle(scenario: Scenario, seed: int) -> Multirotor:

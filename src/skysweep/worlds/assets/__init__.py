@@ -1,6 +1,6 @@
 """What the camera can see, one module a family. Every look is drawn from ``variant``.
 
-Variants from :data:`skysweep.scenarios.world.HELD_OUT_VARIANTS` on use other palettes and proportions than
+Variants from :data:`skysweep.worlds.world.HELD_OUT_VARIANTS` on use other palettes and proportions than
 those below, so that a detector trained on the ones is tested on the others.
 """
 
@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skysweep.sensing.assets import boats, people, signs, things
-from skysweep.sensing.assets.looks import Looks
-from skysweep.sensing.meshes import Mesh
+from skysweep.worlds.assets import boats, people, signs, things
+from skysweep.worlds.assets.looks import Looks
+from skysweep.worlds.meshes import Mesh
 
 _MAKERS: dict[str, Callable[[Looks, float, str], Mesh]] = {
     "stop sign": signs.stop_sign,

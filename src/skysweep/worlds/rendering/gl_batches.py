@@ -9,9 +9,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.sensing.meshes import Mesh, merge
-from skysweep.sensing.projection import View
-from skysweep.sensing.scene import Planting, Solid
+from skysweep.worlds.meshes import Mesh, merge
+from skysweep.worlds.rendering.projection import View
+from skysweep.worlds.scene import Planting, Solid
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Light
-from skysweep.scenarios.world import TerrainSurface, World, WorldObject
-from skysweep.sensing.assets import object_mesh
-from skysweep.sensing.assets.buildings import building_mesh
-from skysweep.sensing.assets.plants import SHAPES, tree_meshes
-from skysweep.sensing.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
-from skysweep.sensing.textures import GroundTextures, ground_textures, layer_image
+from skysweep.worlds.assets import object_mesh
+from skysweep.worlds.assets.buildings import building_mesh
+from skysweep.worlds.assets.plants import SHAPES, tree_meshes
+from skysweep.worlds.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
+from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
+from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import RGB, Looks
-from skysweep.sensing.meshes import (
+from skysweep.worlds.assets.looks import RGB, Looks
+from skysweep.worlds.meshes import (
     Mesh,
     circle,
     ellipsoid,
@@ -19,7 +19,7 @@ from skysweep.sensing.meshes import (
     tilt_rotation,
     tube,
 )
-from skysweep.sensing.textures import Decal, Layer, decal_layer
+from skysweep.worlds.textures import Decal, Layer, decal_layer
 
 _BUCKET: list[RGB] = [(196, 30, 32), (210, 44, 36), (176, 22, 30)]
 _BUCKET_HELD_OUT: list[RGB] = [(200, 56, 28), (160, 30, 44), (220, 40, 56)]

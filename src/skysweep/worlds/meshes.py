@@ -1,7 +1,7 @@
 """Triangle meshes and the few shapes from which every asset is made.
 
 Pure functions of numbers: metres, z up, colours sRGB 0..1. A vertex's ``texture`` is (u, v, layer); its
-colour is multiplied by that texture layer (see :mod:`skysweep.sensing.textures`).
+colour is multiplied by that texture layer (see :mod:`skysweep.worlds.textures`).
 """
 
 from __future__ import annotations

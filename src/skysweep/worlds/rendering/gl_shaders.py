@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from skysweep.sensing.scene import PLANT_TEXTURE_M
-from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
+from skysweep.worlds.scene import PLANT_TEXTURE_M
+from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
 
 _LIGHT = """
 uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, haze_rgb, eye;

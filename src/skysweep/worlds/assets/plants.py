@@ -1,7 +1,7 @@
 """Trees and small plants: a few unit meshes a kind, placed many times.
 
 A tree's unit mesh has height 1 and crown radius 1; its crown is inside the ellipsoid (or cone) between 0.35
-and 1.0 of the height that :class:`skysweep.scenarios.world.WorldTree` promises.
+and 1.0 of the height that :class:`skysweep.worlds.world.WorldTree` promises.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import F64, RGB, Looks
-from skysweep.sensing.meshes import Mesh, icosphere, lathe, loft, lumpy, make_mesh, merge
-from skysweep.sensing.textures import Layer
+from skysweep.worlds.assets.looks import F64, RGB, Looks
+from skysweep.worlds.meshes import Mesh, icosphere, lathe, loft, lumpy, make_mesh, merge
+from skysweep.worlds.textures import Layer
 
 SHAPES = 6  # unit meshes a kind
 DETAILS = 3

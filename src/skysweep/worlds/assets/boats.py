@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import F64, RGB, Looks
-from skysweep.sensing.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, tube
-from skysweep.sensing.textures import Layer
+from skysweep.worlds.assets.looks import F64, RGB, Looks
+from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, tube
+from skysweep.worlds.textures import Layer
 
 _HULL: list[RGB] = [
     (236, 236, 232),

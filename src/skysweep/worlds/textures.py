@@ -1,7 +1,7 @@
 """Procedural textures: ground at every scale, materials, and the faces of signs. sRGB bytes, tileable.
 
 Layers are numbered: materials first, then decals, of which each group has training looks and held-out
-looks (:data:`skysweep.scenarios.world.HELD_OUT_VARIANTS`).
+looks (:data:`skysweep.worlds.world.HELD_OUT_VARIANTS`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skysweep.scenarios.world import HELD_OUT_VARIANTS
+from skysweep.worlds.world import HELD_OUT_VARIANTS
 
 U8 = NDArray[np.uint8]
 F64 = NDArray[np.float64]

@@ -12,7 +12,7 @@ import shapely.affinity
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import DEFAULT_SIZE_M, Building, Scenario, TargetClass
-from skysweep.scenarios.obstacles import known_obstacles
+from skysweep.worlds.obstacles import known_obstacles
 
 UNSEEN_BELOW_PX = 8.0  # a small detector finds next to nothing on fewer pixels
 WISHED_AT_SCAN_PX = 12.0

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from skysweep.errors import MissingExtraError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.meshes import Mesh, merge
-from skysweep.sensing.projection import NEAR_M
-from skysweep.sensing.scene import PLANT_TEXTURE_M, Planting, Scene
-from skysweep.sensing.textures import DETAIL_M, MACRO_M, MIDDLE_M
+from skysweep.worlds.meshes import Mesh, merge
+from skysweep.worlds.rendering.projection import NEAR_M
+from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene
+from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -60,7 +60,7 @@ class EmbreeRenderer:
         """Nothing to free; the garbage collector does it."""
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
-        """The picture (H, W, 3) RGB; see :class:`skysweep.sensing.render.Renderer`."""
+        """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
         colours, faces = self._shoot(lens, pose, x, y, time_s)
@@ -77,7 +77,7 @@ class EmbreeRenderer:
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
-        """Which object each pixel shows (H, W); see :class:`skysweep.sensing.render.Renderer`."""
+        """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         shape = (lens.height_px, lens.width_px)
         if self._objects is None:
             return np.zeros(shape, np.int32)

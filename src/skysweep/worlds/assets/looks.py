@@ -8,7 +8,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.scenarios.world import HELD_OUT_VARIANTS
+from skysweep.worlds.world import HELD_OUT_VARIANTS
 
 F64 = NDArray[np.float64]
 RGB = tuple[int, int, int]

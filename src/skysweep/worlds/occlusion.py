@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.geometry.camera import Lens
-from skysweep.scenarios.world import STANDING_SIGN_EDGE_M, World, WorldObject
+from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

@@ -19,7 +19,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Scenario
-from skysweep.scenarios.world import (
+from skysweep.types import XY
+from skysweep.worlds.world import (
     TerrainSurface,
     WorldBuilding,
     WorldTree,
@@ -28,7 +29,6 @@ from skysweep.scenarios.world import (
     build_terrain,
     build_trees,
 )
-from skysweep.types import XY
 
 F64 = NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
-from skysweep.sensing import render_gl_shaders as shaders
-from skysweep.sensing.projection import View
-from skysweep.sensing.render_gl_batches import Plants, Tiles, ground_blocks, solid_blocks
-from skysweep.sensing.scene import Scene
-from skysweep.sensing.textures import LAYER_PX
+from skysweep.worlds.rendering import gl_shaders as shaders
+from skysweep.worlds.rendering.gl_batches import Plants, Tiles, ground_blocks, solid_blocks
+from skysweep.worlds.rendering.projection import View
+from skysweep.worlds.scene import Scene
+from skysweep.worlds.textures import LAYER_PX
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -67,7 +67,7 @@ class GLRenderer:
         self._free()
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
-        """The picture (H, W, 3) RGB; see :class:`skysweep.sensing.render.Renderer`."""
+        """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context as gl:
             self._aim_shadow(lens, pose)
             target = self._target(lens)
@@ -92,7 +92,7 @@ class GLRenderer:
             return target.read_rgb()
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
-        """Which object each pixel shows (H, W); see :class:`skysweep.sensing.render.Renderer`."""
+        """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context:
             target = self._target(lens)
             view = View.of(lens, pose)

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
-from skysweep.scenarios.places import Ground, generate_positions, scattered
+from skysweep.worlds.places import Ground, generate_positions, scattered
 
 F64 = NDArray[np.float64]
 

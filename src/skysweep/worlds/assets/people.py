@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import F64, RGB, Looks
-from skysweep.sensing.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
-from skysweep.sensing.textures import Layer
+from skysweep.worlds.assets.looks import F64, RGB, Looks
+from skysweep.worlds.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
+from skysweep.worlds.textures import Layer
 
 _SKIN: list[RGB] = [(236, 188, 158), (214, 160, 124), (176, 122, 86), (120, 78, 54), (84, 56, 42)]
 _SKIN_HELD_OUT: list[RGB] = [(226, 176, 146), (196, 142, 104), (146, 100, 70), (98, 66, 48)]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import CameraModel
-from skysweep.scenarios.world import World
-from skysweep.sensing.scene import build_scene
+from skysweep.worlds.scene import build_scene
+from skysweep.worlds.world import World
 
 Backend = Literal["auto", "gl", "embree", "gazebo", "gz"]
 MAX_RENDERED_PX = 10_000_000
@@ -62,7 +62,7 @@ def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
     ``auto`` takes OpenGL and falls back to Embree with one warning. Raises UserError when the backend
     cannot run here, MissingExtraError when Embree is not installed.
     """
-    from skysweep.sensing.render_gl import GLRenderer
+    from skysweep.worlds.rendering.gl import GLRenderer
 
     if backend not in ("auto", "gl", "embree"):
         raise UserError(f"backend: '{backend}' is unknown; write auto, gl or embree")
@@ -74,6 +74,6 @@ def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
             if backend == "gl":
                 raise
             log.warning("%s Falling back to Embree, which is several times slower.", error)
-    from skysweep.sensing.render_embree import EmbreeRenderer
+    from skysweep.worlds.rendering.embree import EmbreeRenderer
 
     return EmbreeRenderer(scene)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.scenarios.world import STANDING_SIGN_EDGE_M
-from skysweep.sensing.assets.looks import F64, Looks
-from skysweep.sensing.meshes import Mesh, circle, merge, plate, prism, tube
-from skysweep.sensing.textures import Decal, decal_layer
+from skysweep.worlds.assets.looks import F64, Looks
+from skysweep.worlds.meshes import Mesh, circle, merge, plate, prism, tube
+from skysweep.worlds.textures import Decal, decal_layer
+from skysweep.worlds.world import STANDING_SIGN_EDGE_M
 
 STEEL = (0.62, 0.63, 0.64)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.sensing.assets.looks import RGB, Looks
-from skysweep.sensing.meshes import Mesh, box, make_mesh, merge
-from skysweep.sensing.textures import Layer
+from skysweep.worlds.assets.looks import RGB, Looks
+from skysweep.worlds.meshes import Mesh, box, make_mesh, merge
+from skysweep.worlds.textures import Layer
 
 _WALL: list[RGB] = [
     (214, 204, 184),
