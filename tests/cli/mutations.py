@@ -664,6 +664,8 @@ def made_inputs() -> Inputs:
 def import_all() -> None:
     """What commands import, once for all forks."""
     import skysweep.cli
+    import skysweep.detection.training.evaluate  # noqa: F401
+    import skysweep.detection.yolo
     import skysweep.experiments.compare
     import skysweep.experiments.resume
     import skysweep.experiments.sweep
@@ -671,8 +673,6 @@ def import_all() -> None:
     import skysweep.results.compare_report
     import skysweep.results.sweep_report
     import skysweep.results.writing
-    import skysweep.sensing.detector
-    import skysweep.training.evaluate  # noqa: F401
 
 
 def main() -> int:

@@ -4,15 +4,15 @@ import os
 
 import pytest
 
+from skysweep.detection.training.labelled import read_dataset
+from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.experiments.sweep_spec import load_spec
 from skysweep.files.reading import read_limited, read_text_limited
 from skysweep.planning.area_files import read_area
 from skysweep.planning.qgc import read_plan
 from skysweep.scenarios.files import load_scenario
-from skysweep.sensing.detector import YoloDetector
 from skysweep.sensing.statistical_model import StatisticalModel
-from skysweep.training.labelled import read_dataset
 from skysweep.vehicles.mavlink.signing import read_signing_key
 
 READERS = {

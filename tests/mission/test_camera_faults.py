@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import shapely
 
+from skysweep.detection.template import RedBlobDetector
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
@@ -20,7 +21,6 @@ from skysweep.mission.resume import RecordedSensor
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.detector_template import RedBlobDetector
 from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
 from skysweep.worlds.rendering.renderer import make_renderer
 from skysweep.worlds.world import build_world

@@ -86,9 +86,9 @@ def test_what_is_sent_is_what_rclpy_reads(link):
 
 
 def test_another_process_detects_what_the_same_detector_finds_here(link, start):
+    from skysweep.detection.yolo import YoloDetector
     from skysweep.ros.parts import RosDetector
     from skysweep.scenarios.files import load_scenario
-    from skysweep.sensing.detector import YoloDetector
     from skysweep.worlds.rendering.renderer import make_renderer
     from skysweep.worlds.world import build_world
 

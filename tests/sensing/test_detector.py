@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
+from skysweep.detection.yolo import YoloDetector, letterbox
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.detector import YoloDetector, letterbox
 from skysweep.types import Frame
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
+from skysweep.detection.template import RedBlobDetector
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.detector_template import RedBlobDetector
 from skysweep.types import Frame
 
 

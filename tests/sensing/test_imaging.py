@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_camera_watch import FLAT, LENS, PERIOD_S, pictures, there_and_back
 
+from skysweep.detection.template import RedBlobDetector
 from skysweep.sensing.camera_watch import CameraWatch
-from skysweep.sensing.detector_template import RedBlobDetector
 from skysweep.sensing.imaging import Answer, ImagingSensor
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import Frame, VehicleState

@@ -5,18 +5,18 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from skysweep.errors import UserError
-from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.classes import COCO_80, COCO_91
-from skysweep.sensing.detector import YoloDetector
-from skysweep.sensing.layouts import (
+from skysweep.detection.coco import COCO_80, COCO_91
+from skysweep.detection.model_trial import vouch_for
+from skysweep.detection.yolo import YoloDetector
+from skysweep.detection.yolo_outputs import (
     _YOLO3,
     _YOLO3_TINY,
     _YOLO4,
     _YOLO4_SCALE_XY,
     cell_centres,
 )
-from skysweep.sensing.model_trial import vouch_for
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.types import Frame
 
 SIDE = 320

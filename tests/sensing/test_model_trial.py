@@ -10,9 +10,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
+from skysweep.detection.model_files import own_model_path
+from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
-from skysweep.sensing.detector import YoloDetector
-from skysweep.sensing.model_files import own_model_path
 
 ROWS = [1, 84, 2100]  # YOLOv8's answer to 320 x 320 pixels
 PICTURE = [1, 3, 320, 320]
@@ -21,7 +21,7 @@ FLIGHT = """
 import sys
 import numpy as np
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.detector import YoloDetector
+from skysweep.detection.yolo import YoloDetector
 from skysweep.sensing.imaging import DetectorError, ImagingSensor
 from skysweep.sensing.schedule import Exposures
 from skysweep.types import Frame, VehicleState
@@ -108,7 +108,7 @@ def tried_alone(path):
     program = (
         "import resource, sys\n"
         "from skysweep.errors import UserError\n"
-        "from skysweep.sensing.detector import YoloDetector\n"
+        "from skysweep.detection.yolo import YoloDetector\n"
         "try: YoloDetector(sys.argv[1])\n"
         "except UserError as error: print(error)\n"
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)\n"

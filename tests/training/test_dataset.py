@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from skysweep.errors import UserError
-from skysweep.training.dataset import (
+from skysweep.detection.training.dataset import (
     FOCAL_PX,
     ID_MARGIN_PX,
     SIDE_PX,
@@ -15,7 +14,8 @@ from skysweep.training.dataset import (
     random_world,
     render_dataset,
 )
-from skysweep.training.labelled import read_dataset
+from skysweep.detection.training.labelled import read_dataset
+from skysweep.errors import UserError
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 
 

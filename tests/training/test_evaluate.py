@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from skysweep.detection.training.evaluate import bin_of, evaluate, iou, match, tables
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.errors import UserError
-from skysweep.training.evaluate import bin_of, evaluate, iou, match, tables
-from skysweep.training.labelled import LabelledDataset, LabelledImage
 from skysweep.types import Detections
 
 SIDE = 100

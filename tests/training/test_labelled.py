@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import yaml
 
+from skysweep.detection.training.labelled import LabelledImage, read_dataset, write_labels
 from skysweep.errors import UserError
-from skysweep.training.labelled import LabelledImage, read_dataset, write_labels
 
 
 def picture(path, width=200, height=100):

@@ -2,8 +2,8 @@ import numpy as np
 import onnxruntime as ort
 import pytest
 
+from skysweep.detection.training.stock import convert_darknet, parse_configuration
 from skysweep.errors import UserError
-from skysweep.training.stock import convert_darknet, parse_configuration
 
 CONFIGURATION = """
 [net]

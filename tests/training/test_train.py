@@ -3,10 +3,10 @@ import numpy as np
 import onnx
 import pytest
 
+from skysweep.detection.training.labelled import LabelledImage, read_dataset, write_labels
+from skysweep.detection.training.train import SIDE_PX, _turn, mosaic, sample, train_detector
+from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
-from skysweep.sensing.detector import YoloDetector
-from skysweep.training.labelled import LabelledImage, read_dataset, write_labels
-from skysweep.training.train import SIDE_PX, _turn, mosaic, sample, train_detector
 
 NONE = np.zeros((0, 4))
 

@@ -27,7 +27,7 @@ def dataset(
 
         skysweep dataset held-out --split held-out --images 1000 --seed 1
     """
-    from skysweep.training.dataset import render_dataset
+    from skysweep.detection.training.dataset import render_dataset
 
     with bar() as progress:
         task = progress.add_task("rendering", total=images)
@@ -65,7 +65,7 @@ def train(
 
         skysweep train my-labelled-flights --init skysweep --minutes 5
     """
-    from skysweep.training.train import train_detector
+    from skysweep.detection.training.train import train_detector
 
     with bar() as progress:
         task = progress.add_task("training", total=1000)
@@ -104,14 +104,14 @@ def detect_evaluate(
 
         skysweep detect evaluate my-labelled-flights --model detector.onnx
     """
-    from skysweep.sensing.detector import YoloDetector
-    from skysweep.training.evaluate import evaluate, tables
-    from skysweep.training.labelled import read_dataset
+    from skysweep.detection.training.evaluate import evaluate, tables
+    from skysweep.detection.training.labelled import read_dataset
+    from skysweep.detection.yolo import YoloDetector
 
     data = read_dataset(dataset)
     models: dict[str, Path | str] = {model: model}
     if stock:
-        from skysweep.training.stock import stock_model_path
+        from skysweep.detection.training.stock import stock_model_path
 
         models["YOLOv3-tiny (COCO)"] = stock_model_path()
     evaluations = {}

@@ -103,9 +103,9 @@ def ros_detect(
 
         skysweep ros detect --images /camera/color/image_raw --model my-yolo.onnx --threads 4
     """
+    from skysweep.detection.yolo import YoloDetector
     from skysweep.ros.detector_node import serve_detector
     from skysweep.ros.link import Link
-    from skysweep.sensing.detector import YoloDetector
 
     finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
     columns = SpinnerColumn(), description

@@ -140,7 +140,7 @@ def _fly_one_of_many(job: tuple[str, int]) -> float:
 
 
 def _pictures(scenario: Scenario) -> dict[str, Any]:
-    from skysweep.sensing.detector import YoloDetector
+    from skysweep.detection.yolo import YoloDetector
     from skysweep.worlds.rendering.renderer import make_renderer
 
     world = build_world(scenario, 0)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import yaml
 
+from skysweep.detection.model_files import OWN_MODEL, model_file, sha256_of
 from skysweep.experiments.sensor_check import Told, goodness, tell
 from skysweep.experiments.sensor_figure import draw_fit
 from skysweep.experiments.sensor_fit import (
@@ -22,7 +23,6 @@ from skysweep.experiments.sensor_fit import (
 from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.model_files import OWN_MODEL, model_file, sha256_of
 from skysweep.sensing.statistical_model import VERSION, Camera, Detecting, Experiment, StatisticalModel
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from skysweep.detection.model_files import fingerprint
 from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_in_memory, fly_to_folder
 from skysweep.files.writing import make_folder
@@ -18,7 +19,6 @@ from skysweep.results.metrics import finite_or_inf
 from skysweep.results.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.model_files import fingerprint
 from skysweep.sensing.statistical_model import model_for
 
 MISSIONS_FILE = "missions.jsonl"

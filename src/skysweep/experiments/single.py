@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skysweep import __version__
+from skysweep.detection.model_files import fingerprint
 from skysweep.errors import CannotWriteError, UserError
 from skysweep.files.writing import make_folder
 from skysweep.mission.build import build_mission
@@ -33,7 +34,6 @@ from skysweep.results.run_folder import (
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
-from skysweep.sensing.model_files import fingerprint
 from skysweep.sensing.statistical_model import model_for
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
 from skysweep.vehicles.multirotor import Multirotor

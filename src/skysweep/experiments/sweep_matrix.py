@@ -13,9 +13,9 @@ from pathlib import Path
 import polars as pl
 
 import skysweep
+from skysweep.detection.model_files import sha256_of
 from skysweep.experiments.sweep_spec import SweepSpec, scenarios_of, seeds_of, swept_fields
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.model_files import sha256_of
 
 _PACKAGE = Path(skysweep.__file__).parent
 _SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical_default.yaml"}

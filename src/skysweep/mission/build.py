@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skysweep.detection.model_files import existing_model_file
+from skysweep.detection.model_trial import try_out
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import yaw_from_heading
@@ -16,8 +18,6 @@ from skysweep.mission.loop import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.model_files import existing_model_file
-from skysweep.sensing.model_trial import try_out
 from skysweep.sensing.schedule import Exposures
 from skysweep.sensing.statistical import StatisticalSensor
 from skysweep.sensing.statistical_model import model_for
@@ -183,7 +183,7 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
 
     A registered detector is a callable that takes the scenario and returns a ``types.Detector``.
     """
-    from skysweep.sensing.detector import YoloDetector
+    from skysweep.detection.yolo import YoloDetector
 
     d = scenario.detector
     for entry in entry_points(group="skysweep.detectors"):

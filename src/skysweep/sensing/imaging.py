@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.detection.answers import sound
 from skysweep.errors import UserError
-from skysweep.sensing.answers import sound
 from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
 from skysweep.sensing.schedule import Exposures, Pace
 from skysweep.types import Camera, Detections, Detector, Doubt, Frame, VehicleState

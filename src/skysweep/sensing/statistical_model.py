@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from skysweep.detection.model_files import existing_model_file, sha256_of
 from skysweep.errors import UserError
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
 from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
-from skysweep.sensing.model_files import existing_model_file, sha256_of
 
 VERSION = 7
 FACTORS = ("view", "front", "front_near", "hidden", "cut", "edge_y", "beside", "blur", "contrast")

@@ -19,12 +19,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.detection.training.labelled import LabelledImage, write_labels
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light, TargetClass
-from skysweep.training.labelled import LabelledImage, write_labels
 from skysweep.worlds.rendering.renderer import Backend, make_renderer
 from skysweep.worlds.scene import GROUND_LOOKS
 from skysweep.worlds.world import (

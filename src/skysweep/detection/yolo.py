@@ -12,13 +12,13 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
+from skysweep.detection.answers import refuse_nonsense
+from skysweep.detection.coco import default_names
+from skysweep.detection.model_files import OWN_MODEL, existing_model_file
+from skysweep.detection.model_trial import try_out
+from skysweep.detection.yolo_outputs import Boxes, Layout, PixelFormat, Probe, recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
-from skysweep.sensing.answers import refuse_nonsense
-from skysweep.sensing.classes import default_names
-from skysweep.sensing.layouts import Boxes, Layout, PixelFormat, Probe, recognise
-from skysweep.sensing.model_files import OWN_MODEL, existing_model_file
-from skysweep.sensing.model_trial import try_out
 from skysweep.types import Detections, Frame
 
 U8 = NDArray[np.uint8]
@@ -34,7 +34,7 @@ _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tens
 class YoloDetector:
     """Finds objects in pictures with an ONNX model of the YOLO family.
 
-    The output layout is recognised, not configured (see :mod:`skysweep.sensing.layouts`). Class names come
+    The output layout is recognised, not configured (see :mod:`skysweep.detection.yolo_outputs`). Class names come
     from a text file beside the model (``model.names``, one name a line), else from its metadata, else they
     are COCO's where the model has 80 or 91 classes.
 
@@ -49,7 +49,7 @@ class YoloDetector:
 
     Raises:
         UserError: the file is missing or broken, takes too long or too much memory (see
-            :mod:`skysweep.sensing.model_trial`), its layout or class names are unknown, or a class is asked
+            :mod:`skysweep.detection.model_trial`), its layout or class names are unknown, or a class is asked
             for that it does not have.
 
     Example:

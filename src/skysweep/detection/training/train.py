@@ -24,12 +24,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.detection.model_files import model_file
+from skysweep.detection.training.evaluate import read_picture
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage, read_dataset
+from skysweep.detection.yolo import PAD_GREY
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.writing import make_folder, whole_files
-from skysweep.sensing.detector import PAD_GREY
-from skysweep.sensing.model_files import model_file
-from skysweep.training.evaluate import read_picture
-from skysweep.training.labelled import LabelledDataset, LabelledImage, read_dataset
 
 F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
@@ -70,7 +70,7 @@ def train_detector(
     """Train on a labelled data set and write an ONNX model.
 
     Args:
-        dataset: COCO or YOLO folder (see :func:`skysweep.training.labelled.read_dataset`).
+        dataset: COCO or YOLO folder (see :func:`skysweep.detection.training.labelled.read_dataset`).
         out: the ONNX file to write.
         minutes: how long to train; the learning rate falls to nothing at the end of it.
         init: a model that this function wrote before, or "skysweep" for the shipped one, to fine-tune;

@@ -19,8 +19,8 @@ from tempfile import TemporaryDirectory
 from threading import Timer
 
 from skysweep.caching import cache_folder
+from skysweep.detection.model_files import own_model_path, sha256_of
 from skysweep.errors import UserError
-from skysweep.sensing.model_files import own_model_path, sha256_of
 
 try:
     import resource
@@ -116,7 +116,7 @@ def _limit() -> None:
 
 
 def _main(path: Path) -> int:
-    from skysweep.sensing.detector import load_network
+    from skysweep.detection.yolo import load_network
 
     _limit()
     try:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.training.labelled import LabelledDataset, LabelledImage
 from skysweep.types import Detector, Frame
 
 F64 = NDArray[np.float64]
