@@ -21,7 +21,7 @@ from skysweep.experiments.sensor_looks import (
     plan_jobs,
 )
 from skysweep.scenarios.model import CameraModel, DetectorModel
-from skysweep.sensing.statistical_model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX, StatisticalModel
+from skysweep.sensing.statistical.model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX, StatisticalModel
 from skysweep.worlds.assets import KINDS
 
 CAMERA = CameraModel(hfov_rad=1.2)

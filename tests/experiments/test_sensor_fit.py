@@ -31,8 +31,8 @@ from skysweep.experiments.sensor_looks import (
     Background,
     Looks,
 )
-from skysweep.sensing.statistical_model import FACTORS as NAMES
-from skysweep.sensing.statistical_model import confidence_of, score_of
+from skysweep.sensing.statistical.model import FACTORS as NAMES
+from skysweep.sensing.statistical.model import confidence_of, score_of
 
 SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "face-up"))
 OWN = CLASSES.index("stop sign")

@@ -12,7 +12,7 @@ from skysweep.files.reading import read_limited, read_text_limited
 from skysweep.planning.area_files import read_area
 from skysweep.planning.qgc import read_plan
 from skysweep.scenarios.files import load_scenario
-from skysweep.sensing.statistical_model import StatisticalModel
+from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.vehicles.mavlink.signing import read_signing_key
 
 READERS = {

@@ -21,7 +21,7 @@ from skysweep.mission.resume import RecordedSensor
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
 from skysweep.worlds.rendering.renderer import make_renderer
 from skysweep.worlds.world import build_world
 

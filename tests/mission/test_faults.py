@@ -18,8 +18,8 @@ from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.imaging import ImagingSensor
-from skysweep.sensing.schedule import Exposures
 from skysweep.types import Detections, Frame, Setpoint
 
 SCENARIO = {

@@ -6,7 +6,7 @@ import pytest
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.mission.looks import Looks
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.exposures import Exposures
 from skysweep.types import Detections, Doubt, VehicleState
 
 SCENARIO = {

@@ -16,7 +16,7 @@ from skysweep.mission.looks import Looks
 from skysweep.mission.loop import fly
 from skysweep.mission.safety import Action, Guard
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.exposures import Exposures
 from skysweep.types import Command, Setpoint, VehicleState, Waypoint
 
 BASE = {"name": "rules", "area": {"polygon_enu_m": [[0, 0], [200, 0], [200, 200], [0, 200]]}}

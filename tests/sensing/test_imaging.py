@@ -6,8 +6,8 @@ from test_camera_watch import FLAT, LENS, PERIOD_S, pictures, there_and_back
 
 from skysweep.detection.template import RedBlobDetector
 from skysweep.sensing.camera_watch import CameraWatch
+from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.imaging import Answer, ImagingSensor
-from skysweep.sensing.schedule import Exposures
 from skysweep.types import Frame, VehicleState
 
 POSES = there_and_back()

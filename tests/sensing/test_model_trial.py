@@ -23,7 +23,7 @@ import numpy as np
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.detection.yolo import YoloDetector
 from skysweep.sensing.imaging import DetectorError, ImagingSensor
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.exposures import Exposures
 from skysweep.types import Frame, VehicleState
 
 class Noise:

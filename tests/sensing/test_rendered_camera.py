@@ -13,8 +13,8 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, Light
 from skysweep.sensing.believed import DelayedPose
-from skysweep.sensing.camera_effects import CameraEffects, blur_kernel
-from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+from skysweep.sensing.cameras.effects import CameraEffects, blur_kernel
+from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
 from skysweep.types import VehicleState
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu, wrap_angle
-from skysweep.sensing.schedule import Exposures, Pace
+from skysweep.sensing.exposures import Exposures, Pace
 from skysweep.types import VehicleState
 
 YAW_RATE = 0.5

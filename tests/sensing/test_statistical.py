@@ -13,10 +13,9 @@ from skysweep.geometry.camera import CameraMotion, CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import CameraModel, Light
-from skysweep.sensing.schedule import Exposures
-from skysweep.sensing.statistical import StatisticalSensor
-from skysweep.sensing.statistical_draws import standard_normal
-from skysweep.sensing.statistical_model import (
+from skysweep.sensing.exposures import Exposures
+from skysweep.sensing.statistical.draws import standard_normal
+from skysweep.sensing.statistical.model import (
     VERSION,
     BackgroundModel,
     BoxModel,
@@ -30,6 +29,7 @@ from skysweep.sensing.statistical_model import (
     model_for,
     score_of,
 )
+from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.types import VehicleState
 from skysweep.worlds.occlusion import Occluders
 from skysweep.worlds.world import TerrainSurface, World, WorldObject, WorldTree

@@ -8,7 +8,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.sensing.video_camera import VideoCamera
+from skysweep.sensing.cameras.video import VideoCamera
 from skysweep.types import VehicleState
 
 LENS = Lens(160, 96, 1.0)
@@ -43,7 +43,7 @@ def test_a_picture_is_rgb_and_carries_the_pose_of_the_state(film):
 
 
 def test_a_source_that_stops_is_said_so(film, monkeypatch):
-    monkeypatch.setattr("skysweep.sensing.video_camera.FRESH_S", 0.2)
+    monkeypatch.setattr("skysweep.sensing.cameras.video.FRESH_S", 0.2)
     camera = VideoCamera(film, LENS)
     looks = (camera.capture(state()) for _ in range(1_000_000))
     with pytest.raises(ConnectionError, match="no picture"):

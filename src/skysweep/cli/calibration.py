@@ -27,7 +27,7 @@ from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
-    from skysweep.sensing.statistical_model import HeldOut
+    from skysweep.sensing.statistical.model import HeldOut
 
 app = typer.Typer()
 

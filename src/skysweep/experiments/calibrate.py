@@ -23,7 +23,7 @@ from skysweep.experiments.sensor_fit import (
 from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.statistical_model import VERSION, Camera, Detecting, Experiment, StatisticalModel
+from skysweep.sensing.statistical.model import VERSION, Camera, Detecting, Experiment, StatisticalModel
 
 
 def calibrate(

@@ -19,7 +19,7 @@ from skysweep.results.metrics import finite_or_inf
 from skysweep.results.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.statistical_model import model_for
+from skysweep.sensing.statistical.model import model_for
 
 MISSIONS_FILE = "missions.jsonl"
 UNFINISHED = ".part"

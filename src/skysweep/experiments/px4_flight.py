@@ -23,7 +23,7 @@ from skysweep.mission.loop import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.video_camera import VideoCamera
+from skysweep.sensing.cameras.video import VideoCamera
 from skysweep.strategies import strategy_spec
 from skysweep.types import Camera
 from skysweep.vehicles.px4 import Px4Vehicle

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skysweep.experiments.sensor_fit import MISSION_CONFIDENCE_MIN, Key, fit_curves
 from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, Looks
-from skysweep.sensing.statistical_model import CONTRAST_UNIT, CONTRAST_USUAL, FACTORS, Fit, HeldOut
+from skysweep.sensing.statistical.model import CONTRAST_UNIT, CONTRAST_USUAL, FACTORS, Fit, HeldOut
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

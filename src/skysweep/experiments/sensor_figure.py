@@ -19,7 +19,7 @@ from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN, shi
 from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, SURFACES, Background, Looks
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
-from skysweep.sensing.statistical_model import (
+from skysweep.sensing.statistical.model import (
     FACTORS,
     BackgroundModel,
     KindModel,

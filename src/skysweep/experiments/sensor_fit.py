@@ -31,7 +31,7 @@ from skysweep.experiments.sensor_looks import (
     Background,
     Looks,
 )
-from skysweep.sensing.statistical_model import (
+from skysweep.sensing.statistical.model import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
     CONTRAST_USUAL,

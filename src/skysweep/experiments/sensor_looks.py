@@ -23,8 +23,8 @@ from skysweep.experiments.workers import run_jobs
 from skysweep.geometry.camera import CameraPose, Lens, project, rays_enu
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
-from skysweep.sensing.camera_effects import CameraEffects
-from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.cameras.effects import CameraEffects
+from skysweep.sensing.statistical.model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable

@@ -34,7 +34,7 @@ from skysweep.results.run_folder import (
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
-from skysweep.sensing.statistical_model import model_for
+from skysweep.sensing.statistical.model import model_for
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
 from skysweep.vehicles.multirotor import Multirotor
 

@@ -18,7 +18,7 @@ from skysweep.experiments.sweep_spec import SweepSpec, scenarios_of, seeds_of, s
 from skysweep.scenarios.model import Scenario
 
 _PACKAGE = Path(skysweep.__file__).parent
-_SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical_default.yaml"}
+_SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical/default.yaml"}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from skysweep.gazebo.lockstep import GazeboRenderer
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.camera_effects import CameraEffects
+from skysweep.sensing.cameras.effects import CameraEffects
 from skysweep.types import Detections, Detector, Frame
 from skysweep.worlds.rendering.renderer import Painter, Renderer, make_renderer
 from skysweep.worlds.world import World, build_world

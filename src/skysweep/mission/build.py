@@ -18,9 +18,9 @@ from skysweep.mission.loop import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.schedule import Exposures
-from skysweep.sensing.statistical import StatisticalSensor
-from skysweep.sensing.statistical_model import model_for
+from skysweep.sensing.exposures import Exposures
+from skysweep.sensing.statistical.model import model_for
+from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Camera, Detector, Sensor, Vehicle
@@ -140,7 +140,7 @@ def _eye(vehicle: Vehicle) -> _Eye:
 
 def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, renderer: Backend) -> Camera:
     """The renderer is imported here, so that missions without pictures stay small."""
-    from skysweep.sensing.rendered_camera import RenderedCamera, TruePose
+    from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
     from skysweep.worlds.rendering.renderer import refuse_unrenderable
 
     refuse_unrenderable(scenario.camera)

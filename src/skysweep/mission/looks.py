@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.exposures import Exposures
 from skysweep.types import XY, Detections, VehicleState
 
 F64 = NDArray[np.float64]

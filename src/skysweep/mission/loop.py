@@ -22,7 +22,7 @@ from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, 
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import landing_time_s
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.schedule import Exposures
+from skysweep.sensing.exposures import Exposures
 from skysweep.types import (
     Candidate,
     Command,

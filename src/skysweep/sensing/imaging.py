@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from skysweep.detection.answers import sound
 from skysweep.errors import UserError
 from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
-from skysweep.sensing.schedule import Exposures, Pace
+from skysweep.sensing.exposures import Exposures, Pace
 from skysweep.types import Camera, Detections, Detector, Doubt, Frame, VehicleState
 
 _EPS_S = 1e-6

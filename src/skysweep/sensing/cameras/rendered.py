@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.camera_effects import CameraEffects
+from skysweep.sensing.cameras.effects import CameraEffects
 from skysweep.types import Frame, VehicleState
 from skysweep.worlds.rendering.renderer import Backend, Painter, make_renderer
 from skysweep.worlds.world import World
@@ -33,7 +33,7 @@ class RenderedCamera:
     """A :class:`skysweep.types.Camera` in a simulated world.
 
     ``truth`` gives the true pose at the time of the state passed to ``capture``; the frame carries the
-    camera pose of that state (see :class:`skysweep.sensing.schedule.Exposures` for its delay). One seed gives
+    camera pose of that state (see :class:`skysweep.sensing.exposures.Exposures` for its delay). One seed gives
     the same frame bytes. ``backend`` is the renderer, or its name.
     """
 

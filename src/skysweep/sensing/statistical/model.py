@@ -225,7 +225,7 @@ class StatisticalModel(_Part):
 
         Raises UserError on a file that is missing or is none.
         """
-        source = path or Path(str(resources.files("skysweep.sensing") / "statistical_default.yaml"))
+        source = path or Path(str(resources.files("skysweep.sensing.statistical") / "default.yaml"))
         try:
             status = source.stat()
             return _read(source, status.st_mtime_ns, status.st_size)

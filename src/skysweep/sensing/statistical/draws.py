@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skysweep.sensing.statistical_model import BLUR_MAX, CUT_MIN, EDGE_PX, HIDDEN_MAX, NEAR_PX, VIEW_MAX
+from skysweep.sensing.statistical.model import BLUR_MAX, CUT_MIN, EDGE_PX, HIDDEN_MAX, NEAR_PX, VIEW_MAX
 from skysweep.worlds.occlusion import apparent_size, visible_share
 
 F64 = NDArray[np.float64]

@@ -17,9 +17,9 @@ from scipy.special import ndtri
 
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.schedule import Exposures
-from skysweep.sensing.statistical_draws import OCTAVES, PLACES, WIDTH, draw_look
-from skysweep.sensing.statistical_model import (
+from skysweep.sensing.exposures import Exposures
+from skysweep.sensing.statistical.draws import OCTAVES, PLACES, WIDTH, draw_look
+from skysweep.sensing.statistical.model import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
     CONTRAST_USUAL,
