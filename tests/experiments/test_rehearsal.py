@@ -10,7 +10,7 @@ from skysweep.experiments.rehearsal import rehearse
 from skysweep.mission import build
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections, Frame
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
 FASTER = 50.0
 

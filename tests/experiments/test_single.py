@@ -9,7 +9,7 @@ from skysweep.experiments.single import setup_of
 from skysweep.mission.build import build_mission
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 from skysweep.worlds.world import build_terrain
 
 SCENARIO = Scenario.model_validate(

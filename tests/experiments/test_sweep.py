@@ -25,7 +25,7 @@ from skysweep.experiments.sweep_store import METRICS, TIMINGS
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
-from skysweep.vehicles import dynamics
+from skysweep.vehicles.embedded import dynamics
 from skysweep.worlds.world import build_world
 
 SPEC = """

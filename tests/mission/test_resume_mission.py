@@ -11,7 +11,7 @@ from skysweep.mission.build import build_mission
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
 SCENARIO = Scenario.model_validate(
     {

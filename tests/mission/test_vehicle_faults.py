@@ -13,7 +13,7 @@ from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint
-from skysweep.vehicles import dynamics as d
+from skysweep.vehicles.embedded import dynamics as d
 
 NAN = np.full(3, math.nan)
 SINCE_S = 25.0

@@ -15,7 +15,7 @@ from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.scenarios.model import Area, CameraModel, Home, Scenario, VehicleLimits, Wind
 from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
 from skysweep.types import Setpoint
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 
 AREA = [(0, 0), (160, 0), (160, 60), (60, 60), (60, 120), (0, 120)]
 

@@ -252,8 +252,8 @@ def test_pictures_of_a_topic_become_frames_with_the_pose_of_their_time(link, oth
 
 def test_a_px4_sees_through_a_topic(other, tiny):
     from skysweep.experiments.px4_flight import Px4Flight
-    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-    from skysweep.vehicles.mavlink.server import VehicleServer
+    from skysweep.vehicles.embedded.at_home import embedded_vehicle
+    from skysweep.vehicles.served.server import VehicleServer
 
     scenario = change_scenario(load_scenario(tiny), {"camera.width_px": 320, "camera.height_px": 180})
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as unused:

@@ -9,10 +9,10 @@ from collections import deque
 from mavlink_clients import Sky
 
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import TICK_S
+from skysweep.vehicles.mavlink.modes import TICK_S
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
-from skysweep.vehicles.px4_link import HEARD, Link, message_id
+from skysweep.vehicles.px4.link import HEARD, Link, message_id
 
 _ADDRESS = ("10.0.0.9", 9)
 _OURS = (245, 190)

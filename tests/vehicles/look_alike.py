@@ -11,7 +11,7 @@ from takeovers import ORDERS, PARAMETERS
 
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.px4 import Px4Vehicle
+from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
 _STICKS_EVERY_S = 0.05
 _HEARTBEAT_EVERY_S = 1.0

@@ -10,13 +10,13 @@ import numpy as np
 from pymavlink.dialects.v20 import development as m
 
 from skysweep.scenarios.model import Scenario
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-from skysweep.vehicles.mavlink.face import Face
-from skysweep.vehicles.mavlink.items import Item
-from skysweep.vehicles.mavlink.px4 import TICK_S
-from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
+from skysweep.vehicles.mavlink.modes import TICK_S
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
+from skysweep.vehicles.served.face import Face
+from skysweep.vehicles.served.items import Item
+from skysweep.vehicles.served.server import LOOPBACK, VehicleServer
 
 CALM = {
     "name": "calm",

@@ -7,7 +7,7 @@ import socket
 import threading
 
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.server import LOOPBACK
+from skysweep.vehicles.served.server import LOOPBACK
 
 
 class Relay:

@@ -13,8 +13,8 @@ import numpy as np
 from pymavlink.dialects.v20 import common as m
 
 from skysweep.types import Setpoint
-from skysweep.vehicles.px4 import Px4Vehicle
-from skysweep.vehicles.px4_telemetry import PxMode, mode_name
+from skysweep.vehicles.px4.telemetry import PxMode, mode_name
+from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
 OFFBOARD, TAKE_OFF, HOLD, RETURN, LAND = (6, 0), (4, 2), (4, 3), (4, 5), (4, 6)
 POSITION, ALTITUDE = (3, 0), (2, 0)

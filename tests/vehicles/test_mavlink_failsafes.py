@@ -20,9 +20,9 @@ from mavlink_clients import (
 )
 from pymavlink.dialects.v20 import development as m
 
-from skysweep.vehicles.mavlink.failsafes import Action, Failsafes, Health, why_not
-from skysweep.vehicles.mavlink.parameters import Parameters
-from skysweep.vehicles.mavlink.px4 import STICK_MODES, TICK_S, Mode
+from skysweep.vehicles.mavlink.modes import STICK_MODES, TICK_S, Mode
+from skysweep.vehicles.served.failsafes import Action, Failsafes, Health, why_not
+from skysweep.vehicles.served.parameters import Parameters
 
 HERE = local(0, 0, -10)
 CENTRED = (0, 0, 500, 0)

@@ -32,9 +32,9 @@ from mavlink_clients import (
 from pymavlink.dialects.v20 import development as m
 
 from skysweep.scenarios.files import write_scenario
-from skysweep.vehicles.mavlink.server import LOOPBACK
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
+from skysweep.vehicles.served.server import LOOPBACK
 
 KEY = bytes(range(32))
 ODD = [0.0, 1.0, -1.0, 2.0, 400.0, 1e9, -1e38, float("nan"), float("inf"), float("-inf")]

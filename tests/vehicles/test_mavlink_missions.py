@@ -5,7 +5,7 @@ import pytest
 from mavlink_clients import HOLD, MISSION, Program, Sky, item
 from pymavlink.dialects.v20 import common as m
 
-from skysweep.vehicles.mavlink.items import Item
+from skysweep.vehicles.served.items import Item
 
 NAN = float("nan")
 ACCEPTED, FENCE, RALLY, ALL = 0, 1, 2, 255

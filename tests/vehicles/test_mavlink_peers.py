@@ -4,8 +4,8 @@ import pytest
 from mavlink_clients import Program, Sky
 from pymavlink.dialects.v20 import common as m
 
-from skysweep.vehicles.mavlink.face import Face
-from skysweep.vehicles.mavlink.peers import MAX_GUESTS
+from skysweep.vehicles.served.face import Face
+from skysweep.vehicles.served.peers import MAX_GUESTS
 
 HEARTBEAT = m.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
-from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer, address_of
+from skysweep.vehicles.served.server import LOOPBACK, VehicleServer, address_of
 
 SERVE = [sys.executable, "-m", "skysweep.cli", "serve-vehicle"]
 
@@ -176,7 +176,7 @@ def test_bad_input_is_one_sentence(options, words):
 def test_a_taken_port_is_one_sentence():
     from mavlink_clients import scenario
 
-    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+    from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
     of = scenario()
     with VehicleServer(embedded_vehicle(of, 0), of, []) as server:
@@ -188,7 +188,7 @@ def test_a_taken_port_is_one_sentence():
 def test_a_client_may_call_the_server_instead():
     from mavlink_clients import scenario
 
-    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+    from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
     of = scenario()
     with VehicleServer(embedded_vehicle(of, 0), of, [], speed=5.0) as server:
@@ -205,7 +205,7 @@ def test_names_of_this_computer():
 def test_it_waits_longer_for_programs_where_time_runs_faster():
     from mavlink_clients import scenario
 
-    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+    from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
     of = scenario()
     with VehicleServer(embedded_vehicle(of, 0), of, [], speed=3.0) as server:

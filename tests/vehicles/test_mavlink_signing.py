@@ -7,11 +7,11 @@ from mavlink_clients import HOLD, Program, Sky, local, scenario, wait
 from pymavlink.dialects.v20 import common as m
 
 from skysweep.errors import UserError
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-from skysweep.vehicles.mavlink.server import VehicleServer
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.vehicles.mavlink.signing import Signing, read_signing_key
 from skysweep.vehicles.mavlink.signing_memory import SigningMemory
 from skysweep.vehicles.mavlink.wire import Voice, read_frames
+from skysweep.vehicles.served.server import VehicleServer
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from mavlink_clients import ALTITUDE, HOLD, OFFBOARD, POSITION, STABILIZED, Program, Sky, local
 from pymavlink.dialects.v20 import development as m
 
-from skysweep.vehicles.mavlink.px4 import TICK_S
-from skysweep.vehicles.mavlink.sticks import Sticks
+from skysweep.vehicles.mavlink.modes import TICK_S
+from skysweep.vehicles.served.sticks import Sticks
 
 CENTRED = (0, 0, 500, 0)
 HERE = ("10.0.0.1", 1)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from skysweep.geometry.frames import euler_from_rotation, rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, Gimbal, VehicleLimits, Wind
 from skysweep.types import Setpoint
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 
 CALM = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
 EXACT = VehicleLimits(position_noise_m=0.0, attitude_noise_deg=0.0)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
-from skysweep.vehicles.calibration import Flown, fly_again, read_log
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.calibration import Flown, fly_again, read_log
+from skysweep.vehicles.embedded.multirotor import Multirotor
 
 LOGS = Path(__file__).parents[1] / "data" / "px4_sih"
 TOLERANCE = 0.10

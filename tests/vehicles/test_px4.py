@@ -23,13 +23,13 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.types import Setpoint
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-from skysweep.vehicles.mavlink.px4 import Mode
-from skysweep.vehicles.mavlink.server import LOOPBACK, VehicleServer
-from skysweep.vehicles.px4 import Px4Vehicle, names_its_place, placed
-from skysweep.vehicles.px4_offboard import horizontal_velocity_enu_mps
-from skysweep.vehicles.px4_preflight import Demands, preflight
-from skysweep.vehicles.px4_telemetry import Anchor, Telemetry
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
+from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.px4.offboard import horizontal_velocity_enu_mps
+from skysweep.vehicles.px4.preflight import Demands, preflight
+from skysweep.vehicles.px4.telemetry import Anchor, Telemetry
+from skysweep.vehicles.px4.vehicle import Px4Vehicle, names_its_place, placed
+from skysweep.vehicles.served.server import LOOPBACK, VehicleServer
 
 SPEED = 5.0
 metres = st.floats(-500.0, 500.0)

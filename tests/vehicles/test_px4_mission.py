@@ -19,7 +19,7 @@ from skysweep.experiments.single import fly_in_memory
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.vehicles.mavlink.px4 import Mode
+from skysweep.vehicles.mavlink.modes import Mode
 
 SMALL = {
     "name": "small",

@@ -14,11 +14,11 @@ from mavlink_clients import free_port, scenario, wait
 
 from skysweep.errors import UserError
 from skysweep.experiments.px4_flight import Px4Flight
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-from skysweep.vehicles.mavlink.server import VehicleServer
 from skysweep.vehicles.mavlink.signing import Signing
-from skysweep.vehicles.signed_link import SignedLink
+from skysweep.vehicles.px4.signed_link import SignedLink
+from skysweep.vehicles.served.server import VehicleServer
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 

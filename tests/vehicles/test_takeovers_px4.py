@@ -23,7 +23,7 @@ from takeovers import ORDERS, Cell, cells_for_px4, play
 
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.px4 import Px4Vehicle
+from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
 pytestmark = [pytest.mark.slow, needs_px4]
 _PROGRAM, _STATION, _OURS = 14540, 18570, 24540  # ports of instance 0

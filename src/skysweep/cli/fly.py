@@ -36,7 +36,7 @@ from skysweep.text import printable
 
 if TYPE_CHECKING:
     from skysweep.types import VehicleState
-    from skysweep.vehicles.px4_preflight import Check
+    from skysweep.vehicles.px4.preflight import Check
 
 _READ_S = 1.0  # until somebody has read that the vehicle was taken
 _EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there

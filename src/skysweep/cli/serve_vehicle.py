@@ -11,7 +11,7 @@ from rich.progress import Progress, SpinnerColumn
 from skysweep.cli.common import SeedOption, SetOption, changes_of, description, errors, friendly, warn
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Autopilot
+    from skysweep.vehicles.served.autopilot import Autopilot
 
 
 @friendly
@@ -51,9 +51,9 @@ def serve_vehicle(
         skysweep serve-vehicle --port 14541 --local-port 0 --signing-key key.txt
     """
     from skysweep.scenarios.files import change_scenario, load_scenario
-    from skysweep.vehicles.mavlink.embedded import embedded_vehicle
-    from skysweep.vehicles.mavlink.server import EVERYWHERE, LOOPBACK, VehicleServer, address_of
+    from skysweep.vehicles.embedded.at_home import embedded_vehicle
     from skysweep.vehicles.mavlink.signing import read_signing_key
+    from skysweep.vehicles.served.server import EVERYWHERE, LOOPBACK, VehicleServer, address_of
 
     chosen = change_scenario(load_scenario(scenario), changes_of(change))
     key = None if signing_key is None else read_signing_key(signing_key)

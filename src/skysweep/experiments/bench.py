@@ -23,7 +23,7 @@ from skysweep.mission.loop import fly
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Frame, Setpoint
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 from skysweep.worlds.world import World, build_world
 
 SCENARIO = "clusters"

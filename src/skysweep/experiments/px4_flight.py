@@ -26,9 +26,9 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.cameras.video import VideoCamera
 from skysweep.strategies import strategy_spec
 from skysweep.types import Camera
-from skysweep.vehicles.px4 import Px4Vehicle
-from skysweep.vehicles.px4_preflight import Check, Demands, preflight
-from skysweep.vehicles.signed_link import SignedLink
+from skysweep.vehicles.px4.preflight import Check, Demands, preflight
+from skysweep.vehicles.px4.signed_link import SignedLink
+from skysweep.vehicles.px4.vehicle import Px4Vehicle
 from skysweep.worlds.obstacles import known_obstacles
 from skysweep.worlds.world import build_terrain
 

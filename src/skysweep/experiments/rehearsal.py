@@ -15,7 +15,7 @@ from skysweep.mission.loop import Mission
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.camera_watch import OF_ITSELF, REPEATED
 from skysweep.types import Camera, Detections, Vehicle, VehicleState
-from skysweep.vehicles.px4_preflight import Check
+from skysweep.vehicles.px4.preflight import Check
 from skysweep.worlds.world import build_terrain
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPos
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
-from skysweep.vehicles.mavlink.embedded import embedded_vehicle
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
 _DETECTOR_THREADS = 2
 

@@ -36,7 +36,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.sensing.statistical.model import model_for
 from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend

@@ -24,7 +24,7 @@ from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Camera, Detector, Sensor, Vehicle
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.world import World, build_world
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from skysweep.vehicles.mavlink.dialect import mavlink
-from skysweep.vehicles.mavlink.px4 import SYSTEM_ID
+from skysweep.vehicles.mavlink.modes import SYSTEM_ID
 from skysweep.vehicles.mavlink.signing import SIGNATURE_BYTES, SIGNED, Signing
 
 Message = Any  # a pymavlink message

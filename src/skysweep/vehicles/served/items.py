@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import F64, Refused, Site, finite, whole
+from skysweep.vehicles.mavlink.modes import F64, Refused, Site, finite, whole
 from skysweep.vehicles.mavlink.wire import Message
 
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE

@@ -9,12 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
-from skysweep.vehicles.mavlink.authority import Denied
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.items import ABOVE_HOME
-from skysweep.vehicles.mavlink.link import Sender
-from skysweep.vehicles.mavlink.manoeuvres import Hold, TakeOff
-from skysweep.vehicles.mavlink.px4 import (
+from skysweep.vehicles.mavlink.modes import (
     AUTOPILOT,
     CAMERA,
     F64,
@@ -26,10 +22,14 @@ from skysweep.vehicles.mavlink.px4 import (
     whole,
 )
 from skysweep.vehicles.mavlink.wire import Message
+from skysweep.vehicles.served.authority import Denied
+from skysweep.vehicles.served.items import ABOVE_HOME
+from skysweep.vehicles.served.link import Sender
+from skysweep.vehicles.served.manoeuvres import Hold, TakeOff
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Manoeuvre
-    from skysweep.vehicles.mavlink.face import Face
+    from skysweep.vehicles.served.autopilot import Manoeuvre
+    from skysweep.vehicles.served.face import Face
 
 _OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
 _UNSUPPORTED, _FAILED = m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_FAILED

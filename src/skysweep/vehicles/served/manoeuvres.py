@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.items import heading_towards
-from skysweep.vehicles.mavlink.px4 import F64, Mode
+from skysweep.vehicles.mavlink.modes import F64, Mode
+from skysweep.vehicles.served.items import heading_towards
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Autopilot
+    from skysweep.vehicles.served.autopilot import Autopilot
 
 _ABOVE_LANDING_PLACE_M = 1.0
 

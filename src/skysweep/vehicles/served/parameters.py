@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from skysweep.scenarios.model import VehicleLimits
 from skysweep.vehicles.mavlink.dialect import mavlink
-from skysweep.vehicles.mavlink.px4 import SYSTEM_ID, finite
+from skysweep.vehicles.mavlink.modes import SYSTEM_ID, finite
 from skysweep.vehicles.mavlink.wire import Message
 
 Number = int | float

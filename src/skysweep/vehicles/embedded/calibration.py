@@ -1,6 +1,6 @@
 """Flies logged PX4 manoeuvres again with the embedded vehicle and compares: is the model still true?
 
-``python -m skysweep.vehicles.calibration LOG.csv.gz ...`` prints the table of docs/vehicle.md. A log has
+``python -m skysweep.vehicles.embedded.calibration LOG.csv.gz ...`` prints the table of docs/vehicle.md. A log has
 columns ``t, phase, sp_x..sp_vz`` (setpoints sent), ``x..vz`` (estimates; all NED) and
 ``roll_deg, pitch_deg, yaw_deg``; phases: ``pre`` (hover), the legs, ``post``. The number before ``ms`` or
 after ``vmax`` in its name is the speed limit, ``kdv03`` means drag 0.3 N/(m/s).
@@ -28,8 +28,8 @@ from scipy.spatial.transform import Rotation
 from skysweep.geometry.frames import enu_from_ned
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
 from skysweep.types import Setpoint
-from skysweep.vehicles.dynamics import G
-from skysweep.vehicles.multirotor import Airframe, Multirotor
+from skysweep.vehicles.embedded.dynamics import G
+from skysweep.vehicles.embedded.multirotor import Airframe, Multirotor
 
 F64 = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
 from skysweep.types import Setpoint, VehicleState
-from skysweep.vehicles import dynamics as d
+from skysweep.vehicles.embedded import dynamics as d
 
 F64 = NDArray[np.float64]
 

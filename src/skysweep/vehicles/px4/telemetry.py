@@ -19,8 +19,8 @@ from skysweep.geometry.frames import (
 )
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import Mode, mode_of
-from skysweep.vehicles.px4_link import Fields, Link
+from skysweep.vehicles.mavlink.modes import Mode, mode_of
+from skysweep.vehicles.px4.link import Fields, Link
 
 F64 = NDArray[np.float64]
 PxMode = tuple[int, int]  # PX4's main and sub mode

@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import threading
 
-from skysweep.vehicles.mavlink.px4 import Mode
-from skysweep.vehicles.px4_link import Link
-from skysweep.vehicles.px4_telemetry import SILENCE_S, PxMode, Telemetry, mode_name
+from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.px4.link import Link
+from skysweep.vehicles.px4.telemetry import SILENCE_S, PxMode, Telemetry, mode_name
 
 RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints again
 _CATCH_UP_S = 1.0  # a link that was held up delivers the past first

@@ -13,11 +13,11 @@ from contextlib import ExitStack
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Vehicle
-from skysweep.vehicles.mavlink.autopilot import Autopilot
-from skysweep.vehicles.mavlink.face import Face
-from skysweep.vehicles.mavlink.link import Address
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.signing_memory import SigningMemory
+from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.face import Face
+from skysweep.vehicles.served.link import Address
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # where PX4's simulation sends to

@@ -6,21 +6,21 @@ from collections.abc import Callable, Iterable
 
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Vehicle
-from skysweep.vehicles.mavlink.authority import Authority
-from skysweep.vehicles.mavlink.autopilot import Autopilot
-from skysweep.vehicles.mavlink.commands import Commands
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.items import FENCE, MISSION, RALLY, Item, fence_of
-from skysweep.vehicles.mavlink.link import Address, Sender, status_texts
-from skysweep.vehicles.mavlink.offboard import Target, target_from_global, target_from_local
-from skysweep.vehicles.mavlink.parameters import Parameters
-from skysweep.vehicles.mavlink.payload import Payload
-from skysweep.vehicles.mavlink.peers import Peers
-from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, Mode, Refused, Site
+from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, Mode, Refused, Site
 from skysweep.vehicles.mavlink.signing import Signing
-from skysweep.vehicles.mavlink.telemetry import Picture, Streams, reports
-from skysweep.vehicles.mavlink.transfer import Transfers
 from skysweep.vehicles.mavlink.wire import Message, read_frames
+from skysweep.vehicles.served.authority import Authority
+from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.commands import Commands
+from skysweep.vehicles.served.items import FENCE, MISSION, RALLY, Item, fence_of
+from skysweep.vehicles.served.link import Address, Sender, status_texts
+from skysweep.vehicles.served.offboard import Target, target_from_global, target_from_local
+from skysweep.vehicles.served.parameters import Parameters
+from skysweep.vehicles.served.payload import Payload
+from skysweep.vehicles.served.peers import Peers
+from skysweep.vehicles.served.telemetry import Picture, Streams, reports
+from skysweep.vehicles.served.transfer import Transfers
 
 _SILENT_S = 5.0  # on the wall, of a program; heartbeats come every second
 _FOR_CAMERA = ("COMMAND_LONG", "COMMAND_INT")

@@ -14,7 +14,7 @@ import numpy as np
 from skysweep.scenarios.model import CameraModel
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import AUTOPILOT, SYSTEM_ID, quaternion
+from skysweep.vehicles.mavlink.modes import AUTOPILOT, SYSTEM_ID, quaternion
 from skysweep.vehicles.mavlink.wire import Message
 
 _DEVICE = 1  # a gimbal that is part of the autopilot's component

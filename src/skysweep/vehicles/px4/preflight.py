@@ -9,10 +9,10 @@ from skysweep.planning.flight_plan import RESERVE
 from skysweep.planning.qgc import QgcPlan
 from skysweep.planning.surroundings import fence_words
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.px4 import Px4Vehicle
-from skysweep.vehicles.px4_authority import is_free
-from skysweep.vehicles.px4_fence import upload_fence_and_rally
-from skysweep.vehicles.px4_telemetry import mode_name
+from skysweep.vehicles.px4.authority import is_free
+from skysweep.vehicles.px4.fence import upload_fence_and_rally
+from skysweep.vehicles.px4.telemetry import mode_name
+from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
 GIMBAL_S = 5.0  # on the wall, until it looks where it was told
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks

@@ -11,7 +11,7 @@ from mavsdk.plugins.mission_raw.mission_raw import MissionItem, MissionRaw
 
 from skysweep.errors import UserError
 from skysweep.planning.qgc import QgcPlan
-from skysweep.vehicles.px4_link import Link
+from skysweep.vehicles.px4.link import Link
 
 _TRIES = 3
 _NEAR_E7 = 2  # of degrees x 1e7: what a round trip may change

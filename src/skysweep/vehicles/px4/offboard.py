@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from skysweep.geometry.frames import heading_from_yaw, ned_from_enu
 from skysweep.types import Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.px4_link import Link
-from skysweep.vehicles.px4_telemetry import Anchor, Telemetry
+from skysweep.vehicles.px4.link import Link
+from skysweep.vehicles.px4.telemetry import Anchor, Telemetry
 
 F64 = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.link import Address
-from skysweep.vehicles.mavlink.px4 import F64, TICK_S
+from skysweep.vehicles.mavlink.modes import F64, TICK_S
 from skysweep.vehicles.mavlink.wire import Message
+from skysweep.vehicles.served.link import Address
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Autopilot
+    from skysweep.vehicles.served.autopilot import Autopilot
 
 RC_ONLY, MAVLINK_ONLY, FALL_BACK, KEEP_FIRST, NONE = range(5)  # COM_RC_IN_MODE; PX4's 5 to 8 sort by link
 _CENTRED = np.zeros(4)

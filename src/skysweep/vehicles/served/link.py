@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from skysweep.vehicles.mavlink.dialect import mavlink
-from skysweep.vehicles.mavlink.px4 import AUTOPILOT
+from skysweep.vehicles.mavlink.modes import AUTOPILOT
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Message, Voice
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.scenarios.model import Scenario
-from skysweep.vehicles.multirotor import Multirotor
+from skysweep.vehicles.embedded.multirotor import Multirotor
 from skysweep.worlds.world import build_terrain
 
 

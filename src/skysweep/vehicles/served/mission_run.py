@@ -8,13 +8,13 @@ import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.items import Item, heading_towards
-from skysweep.vehicles.mavlink.link import NOTICE
-from skysweep.vehicles.mavlink.manoeuvres import Hold
-from skysweep.vehicles.mavlink.px4 import F64, Mode, finite, whole
+from skysweep.vehicles.mavlink.modes import F64, Mode, finite, whole
+from skysweep.vehicles.served.items import Item, heading_towards
+from skysweep.vehicles.served.link import NOTICE
+from skysweep.vehicles.served.manoeuvres import Hold
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Autopilot
+    from skysweep.vehicles.served.autopilot import Autopilot
 
 _ANYWHERE = {m.MAV_CMD_NAV_TAKEOFF, m.MAV_CMD_NAV_LAND}  # at 0, 0: where the vehicle is
 

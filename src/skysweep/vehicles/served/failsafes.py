@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from skysweep.vehicles.mavlink.link import CRITICAL, NOTICE, WARNING
-from skysweep.vehicles.mavlink.parameters import Parameters
-from skysweep.vehicles.mavlink.px4 import Mode
+from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.served.link import CRITICAL, NOTICE, WARNING
+from skysweep.vehicles.served.parameters import Parameters
 
 _NO_STICKS = 4  # COM_RC_IN_MODE
 _NEED_POSITION = (Mode.POSITION, Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RETURN, Mode.LAND)

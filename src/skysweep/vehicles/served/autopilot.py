@@ -8,15 +8,15 @@ from typing import Protocol
 import numpy as np
 
 from skysweep.types import Setpoint, Vehicle
-from skysweep.vehicles.mavlink.failsafes import CRITICAL_BATTERY, Action, Failsafes, Health, why_not
-from skysweep.vehicles.mavlink.items import NO_FENCE, Fence
-from skysweep.vehicles.mavlink.link import NOTICE
-from skysweep.vehicles.mavlink.manoeuvres import Hold, Land, Return, TakeOff
-from skysweep.vehicles.mavlink.mission_run import MissionRun
-from skysweep.vehicles.mavlink.offboard import Offboard
-from skysweep.vehicles.mavlink.parameters import Parameters
-from skysweep.vehicles.mavlink.px4 import F64, STICK_MODES, Mode, Refused, Site
-from skysweep.vehicles.mavlink.sticks import ByStick, Sticks
+from skysweep.vehicles.mavlink.modes import F64, STICK_MODES, Mode, Refused, Site
+from skysweep.vehicles.served.failsafes import CRITICAL_BATTERY, Action, Failsafes, Health, why_not
+from skysweep.vehicles.served.items import NO_FENCE, Fence
+from skysweep.vehicles.served.link import NOTICE
+from skysweep.vehicles.served.manoeuvres import Hold, Land, Return, TakeOff
+from skysweep.vehicles.served.mission_run import MissionRun
+from skysweep.vehicles.served.offboard import Offboard
+from skysweep.vehicles.served.parameters import Parameters
+from skysweep.vehicles.served.sticks import ByStick, Sticks
 
 _TAKE_OFF_RAMP_S = 4.0  # COM_SPOOLUP_TIME and MPC_TKO_RAMP_T
 _NOT_FROM_THE_GROUND = (Mode.RETURN, Mode.LAND, Mode.TERMINATION)

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.items import MAX_ITEMS, Item, refusal
-from skysweep.vehicles.mavlink.link import Sender
-from skysweep.vehicles.mavlink.px4 import Refused
+from skysweep.vehicles.mavlink.modes import Refused
 from skysweep.vehicles.mavlink.wire import Message
+from skysweep.vehicles.served.items import MAX_ITEMS, Item, refusal
+from skysweep.vehicles.served.link import Sender
 
 _ASK_AGAIN_S = 0.5
 _GIVE_UP_S = 5.0

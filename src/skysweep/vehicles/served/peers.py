@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from skysweep.vehicles.mavlink.link import Address, Peer
 from skysweep.vehicles.mavlink.signing import Signing
-from skysweep.vehicles.mavlink.telemetry import Report, Streams
 from skysweep.vehicles.mavlink.wire import Message
+from skysweep.vehicles.served.link import Address, Peer
+from skysweep.vehicles.served.telemetry import Report, Streams
 
 MAX_GUESTS = 8
 

@@ -20,11 +20,11 @@ from skysweep.geometry.frames import LocalFrame, enu_from_ned
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.types import Setpoint, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.px4 import Mode
-from skysweep.vehicles.px4_authority import Authority, is_free
-from skysweep.vehicles.px4_link import CONNECT_S, ORDER_S, Link, message_id
-from skysweep.vehicles.px4_offboard import Offboard
-from skysweep.vehicles.px4_telemetry import SILENCE_S, Anchor, Telemetry, mode_name
+from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.px4.authority import Authority, is_free
+from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, Link, message_id
+from skysweep.vehicles.px4.offboard import Offboard
+from skysweep.vehicles.px4.telemetry import SILENCE_S, Anchor, Telemetry, mode_name
 
 F64 = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ from skysweep.geometry.frames import (
     ned_from_enu,
     rotation_frd_to_ned,
 )
-from skysweep.vehicles.mavlink.autopilot import Autopilot
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.link import Peer
-from skysweep.vehicles.mavlink.payload import Payload
-from skysweep.vehicles.mavlink.px4 import AUTOPILOT, CAMERA, TICK_S, Mode, e7, quaternion
+from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, TICK_S, Mode, e7, quaternion
 from skysweep.vehicles.mavlink.wire import Message
+from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.link import Peer
+from skysweep.vehicles.served.payload import Payload
 
 _SENSORS = (
     m.MAV_SYS_STATUS_SENSOR_3D_GYRO

@@ -15,13 +15,13 @@ import numpy as np
 
 from skysweep.geometry.frames import enu_from_ned, yaw_from_heading
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.items import ABOVE_HOME
-from skysweep.vehicles.mavlink.link import Key
-from skysweep.vehicles.mavlink.px4 import F64, TICK_S, Refused, Site, finite
+from skysweep.vehicles.mavlink.modes import F64, TICK_S, Refused, Site, finite
 from skysweep.vehicles.mavlink.wire import Message
+from skysweep.vehicles.served.items import ABOVE_HOME
+from skysweep.vehicles.served.link import Key
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Autopilot
+    from skysweep.vehicles.served.autopilot import Autopilot
 
 _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048  # POSITION_TARGET_TYPEMASK
 _LIFT_OFF_M, _LIFT_OFF_MPS = 0.3, 0.1  # a setpoint that means: leave the ground

@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from skysweep.vehicles.mavlink.link import Key
-from skysweep.vehicles.mavlink.px4 import Mode, Refused
+from skysweep.vehicles.mavlink.modes import Mode, Refused
+from skysweep.vehicles.served.link import Key
 
 if TYPE_CHECKING:
-    from skysweep.vehicles.mavlink.autopilot import Autopilot
+    from skysweep.vehicles.served.autopilot import Autopilot
 
 
 class Denied(Refused):
