@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
-from skysweep.mission.line_file import LineFile, read_lines, read_sound_lines, scan_lines
+from skysweep.files.line_file import LineFile, read_lines, read_sound_lines, scan_lines
 
 RECORDS = [{"t": k / 3, "kind": "state", "name": "Zoë", "p": [k, None]} for k in range(4)]
 

@@ -22,12 +22,12 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
-from skysweep.experiments.folder import Folder
 from skysweep.experiments.sweep import fly_job
 from skysweep.experiments.sweep_matrix import Matrix
 from skysweep.experiments.sweep_spec import dump_spec, parse_spec
 from skysweep.experiments.sweep_store import SweepStore
-from skysweep.mission.line_file import LineFile
+from skysweep.files.folder import Folder
+from skysweep.files.line_file import LineFile
 from skysweep.results import sweep_figures
 from skysweep.results.checksums import sha256
 from skysweep.results.statistics import holm, pairs_needed

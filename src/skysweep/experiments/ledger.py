@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from skysweep.experiments.workers import run_jobs
-from skysweep.mission.line_file import LineFile
+from skysweep.files.line_file import LineFile
 
 Job = TypeVar("Job")
 

@@ -14,7 +14,7 @@ from typing import Any
 import polars as pl
 
 from skysweep.errors import UserError
-from skysweep.experiments.folder import Folder
+from skysweep.files.folder import Folder
 from skysweep.results.checksums import (
     SUMS_FILE,
     Sums,

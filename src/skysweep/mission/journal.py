@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.mission.line_file import LineFile, read_lines
+from skysweep.files.line_file import LineFile, read_lines
 
 _UNHURRIED = {"state", "look"}  # of these a power failure may take the newest: they are made again
 _EXACT = {"look", "snapshot"}  # these a mission goes on from, so their numbers are not rounded

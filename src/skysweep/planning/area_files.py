@@ -22,9 +22,9 @@ from defusedxml.ElementTree import fromstring
 from pydantic import ValidationError
 
 from skysweep.errors import UserError
+from skysweep.files.json_files import parse_json
 from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.json_files import parse_json
 from skysweep.planning.qgc import read_plan, survey_polygons
 from skysweep.scenarios.files import explain
 from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Area, Home, Scenario

@@ -29,13 +29,13 @@ from pydantic import (
 )
 
 from skysweep.errors import UserError
+from skysweep.files.json_files import parse_json
 from skysweep.files.reading import read_limited
 from skysweep.files.writing import whole_files
 from skysweep.geometry.areas import headings_of
 from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan
-from skysweep.planning.json_files import parse_json
 from skysweep.scenarios.model import Scenario
 from skysweep.worlds.world import TerrainSurface, build_terrain
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.files.line_file import read_sound_lines
 from skysweep.mission.journal import journal_remedy
-from skysweep.mission.line_file import read_sound_lines
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary

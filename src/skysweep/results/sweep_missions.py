@@ -15,7 +15,7 @@ from fsspec import AbstractFileSystem
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.mission.line_file import scan_lines
+from skysweep.files.line_file import scan_lines
 from skysweep.results.checksums import SUMS_FILE, read_sums, refuse_changed, refuse_misnamed
 from skysweep.results.tables import choice_of
 
