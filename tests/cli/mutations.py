@@ -446,7 +446,7 @@ def labelled_picture() -> Files:
 
 def run_folder(n_lines: int | None = None) -> Files:
     """A mission's folder as ``run/``; with ``n_lines`` as a kill after so many lines leaves it."""
-    from skysweep.experiments.single import fly_to_folder
+    from skysweep.flights.fly import fly_to_folder
     from skysweep.scenarios.model import Scenario
 
     with tempfile.TemporaryDirectory() as parent:
@@ -667,8 +667,8 @@ def import_all() -> None:
     import skysweep.detection.training.evaluate  # noqa: F401
     import skysweep.detection.yolo
     import skysweep.experiments.compare
-    import skysweep.experiments.resume
     import skysweep.experiments.sweep
+    import skysweep.flights.resume
     import skysweep.planning.picture
     import skysweep.results.compare_report
     import skysweep.results.sweep_report

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from skysweep.cli.fly import _end_on_signals
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario

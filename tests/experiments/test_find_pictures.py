@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from skysweep.experiments.single import fly_to_folder
+from skysweep.flights.fly import fly_to_folder
 from skysweep.geometry.camera import project
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections, Frame

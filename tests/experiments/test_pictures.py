@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skysweep.experiments.pictures import PictureBook, label_place, labelled
+from skysweep.flights.pictures import PictureBook, label_place, labelled
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.mission.journal import MemoryJournal
 from skysweep.types import Detections, Frame

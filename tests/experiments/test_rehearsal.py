@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from skysweep.experiments.rehearsal import rehearse
-from skysweep.mission import build
+from skysweep.flights import build
+from skysweep.flights.rehearsal import rehearse
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections, Frame
 from skysweep.vehicles.embedded.at_home import embedded_vehicle

@@ -16,8 +16,8 @@ import yaml
 
 from skysweep.cli.missions import flying
 from skysweep.errors import UserError
-from skysweep.experiments.resume import begun_scenario, resume_folder
-from skysweep.experiments.single import fly_to_folder
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.resume import begun_scenario, resume_folder
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
@@ -89,7 +89,7 @@ def cut(whole, folder, n_lines):
 
 def test_killed_at_every_line_it_ends_the_same(whole, tmp_path, monkeypatch):
     """The journal decides everything else; the whole results are compared in the next test."""
-    monkeypatch.setattr("skysweep.experiments.resume.finish", lambda *_: {})
+    monkeypatch.setattr("skysweep.flights.resume.finish", lambda *_: {})
     expected = (whole / "journal.jsonl").read_bytes()
     n_lines = expected.count(b"\n")
     assert n_lines > 60

@@ -5,8 +5,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from skysweep.experiments.single import setup_of
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import setup_of
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections
 from skysweep.vehicles.embedded.multirotor import Multirotor

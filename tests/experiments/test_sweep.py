@@ -16,13 +16,13 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine, make_engine
-from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.sweep import Estimate, Sweep
 from skysweep.experiments.sweep_matrix import Matrix
 from skysweep.experiments.sweep_spec import parse_spec
 from skysweep.experiments.sweep_store import METRICS, TIMINGS
 from skysweep.files.folder import Folder
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_in_memory
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.vehicles.embedded import dynamics

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from skysweep.experiments.compare import MISSIONS_FILE
-from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.validate import METRICS, STATISTICAL_TIMES, Cell, compare_tiers, validation_text
+from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import load_scenario
 
 TINY = """

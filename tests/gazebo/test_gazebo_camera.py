@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.experiments.single import fly_to_folder
+from skysweep.flights.fly import fly_to_folder
 from skysweep.gazebo import restarting
 from skysweep.gazebo.install import Install
 from skysweep.gazebo.lockstep import GazeboRenderer

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario

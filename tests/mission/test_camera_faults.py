@@ -13,11 +13,11 @@ import pytest
 import shapely
 
 from skysweep.detection.template import RedBlobDetector
+from skysweep.flights.build import build_mission
+from skysweep.flights.replay import RecordedSensor
 from skysweep.geometry.camera import CameraPose
-from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
-from skysweep.mission.resume import RecordedSensor
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import shapely
 
+from skysweep.flights.build import build_mission
 from skysweep.geometry.camera import CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.mission.build import build_mission
 from skysweep.mission.clearance import Clearance, keep_m, too_high
 from skysweep.mission.fence import Fence
 from skysweep.mission.journal import MemoryJournal

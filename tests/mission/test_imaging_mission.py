@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from skysweep.experiments.single import fly_to_folder
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_to_folder
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario

@@ -5,9 +5,9 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import begin, fly_in, fly_to_folder
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import begin, fly_in, fly_to_folder
+from skysweep.flights.resume import resume_folder
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario

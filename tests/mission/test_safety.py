@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from skysweep.errors import UserError
+from skysweep.flights.build import build_mission
 from skysweep.geometry.camera import CameraPose
-from skysweep.mission.build import build_mission
 from skysweep.mission.energy import ReturnEnergy
 from skysweep.mission.fence import Fence
 from skysweep.mission.journal import MemoryJournal

@@ -8,8 +8,8 @@ import pytest
 from test_faults import HOME, SCENARIO, Around, Drained, Flown, Misplaced, words
 
 from skysweep.errors import UserError
+from skysweep.flights.build import build_mission
 from skysweep.geometry.camera import CameraPose
-from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint

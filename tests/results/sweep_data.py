@@ -10,7 +10,7 @@ from typing import Any
 
 import polars as pl
 
-from skysweep.experiments.single import fly_in_memory
+from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
 

@@ -8,8 +8,8 @@ from contextlib import closing
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import fly_to_folder
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.resume import resume_folder
 from skysweep.mission.journal import FileJournal
 from skysweep.results.announcements import Announcer
 from skysweep.scenarios.model import Scenario

@@ -5,7 +5,7 @@ import math
 import pytest
 from results_data import scenario_data, tiny_records
 
-from skysweep.experiments.single import fly_to_folder
+from skysweep.flights.fly import fly_to_folder
 from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.results.journal_lines import can_be_told
 from skysweep.scenarios.model import Scenario

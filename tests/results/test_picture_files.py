@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.single import fly_to_folder
+from skysweep.flights.fly import fly_to_folder
 from skysweep.results.picture_files import is_sound, write_picture
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario

@@ -1,6 +1,6 @@
 """What the report of a mission says about safety."""
 
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.results.metrics import compute_summary

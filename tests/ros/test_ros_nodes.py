@@ -251,7 +251,7 @@ def test_pictures_of_a_topic_become_frames_with_the_pose_of_their_time(link, oth
 
 
 def test_a_px4_sees_through_a_topic(other, tiny):
-    from skysweep.experiments.px4_flight import Px4Flight
+    from skysweep.flights.on_px4 import Px4Flight
     from skysweep.vehicles.embedded.at_home import embedded_vehicle
     from skysweep.vehicles.served.server import VehicleServer
 

@@ -17,7 +17,7 @@ import pytest
 from px4_sitl import needs_px4, start_px4, stop_px4
 from pymavlink import mavutil
 
-from skysweep.experiments.single import fly_in_memory
+from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import load_scenario
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 

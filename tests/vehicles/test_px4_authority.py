@@ -10,7 +10,7 @@ from takeovers import HOLD, LAND, OFFBOARD, POSITION, RETURN
 
 from skysweep.cli.fly import _Operator
 from skysweep.errors import UserError
-from skysweep.experiments.px4_flight import TAKE_BACK
+from skysweep.flights.on_px4 import TAKE_BACK
 from skysweep.types import Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 

@@ -5,9 +5,9 @@ import pytest
 from look_alike import LookAlike
 from takeovers import HOLD, LAND, OFFBOARD, POSITION
 
-from skysweep.experiments.resume import resume_folder
-from skysweep.experiments.single import fly_to_folder
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.resume import resume_folder
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.results.run_folder import load_run

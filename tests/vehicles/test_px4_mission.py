@@ -14,8 +14,8 @@ from mavlink_clients import served
 
 pytest.importorskip("mavsdk.mavsdk")
 
-from skysweep.experiments.px4_flight import Px4Flight
-from skysweep.experiments.single import fly_in_memory
+from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.on_px4 import Px4Flight
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario

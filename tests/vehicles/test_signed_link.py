@@ -13,7 +13,7 @@ pytest.importorskip("mavsdk", reason="needs the extra px4")
 from mavlink_clients import free_port, scenario, wait
 
 from skysweep.errors import UserError
-from skysweep.experiments.px4_flight import Px4Flight
+from skysweep.flights.on_px4 import Px4Flight
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.signing import Signing

@@ -97,8 +97,8 @@ def fly(
 
         skysweep fly field.plan --connection serial:///dev/ttyUSB0:57600 --camera rtsp://10.0.0.5/live
     """
-    from skysweep.experiments.px4_flight import Px4Flight
-    from skysweep.experiments.resume import begun_scenario
+    from skysweep.flights.on_px4 import Px4Flight
+    from skysweep.flights.resume import begun_scenario
     from skysweep.planning.plan_files import scenario_from_plan
     from skysweep.results.run_folder import CONFIG_FILE, summary_of_complete
     from skysweep.scenarios.files import change_scenario, load_scenario
@@ -182,7 +182,7 @@ class _Operator:
         return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
 
     def __call__(self) -> str | None:
-        from skysweep.experiments.px4_flight import TAKE_BACK
+        from skysweep.flights.on_px4 import TAKE_BACK
 
         if self._typed():
             if self._taken and time.monotonic() - self._taken_s > _READ_S:

@@ -85,8 +85,8 @@ def run(
 
         skysweep run clusters --detector ros:/my_model/detections
     """
-    from skysweep.experiments.ros_mission import parts_on_topics
-    from skysweep.experiments.single import fly_to_folder
+    from skysweep.flights.fly import fly_to_folder
+    from skysweep.flights.on_ros import parts_on_topics
     from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
 
@@ -146,7 +146,7 @@ def resume(
 
         skysweep resume my-run --from-sound-lines
     """
-    from skysweep.experiments.resume import resume_folder
+    from skysweep.flights.resume import resume_folder
     from skysweep.results.run_folder import summary_of_complete
 
     if summary_of_complete(run_dir, from_sound_lines) is not None:

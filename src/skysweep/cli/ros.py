@@ -76,7 +76,7 @@ def ros_fly(
 
         skysweep ros fly --ros-args -r __ns:=/uav1 -p scenario:=clusters -p seed:=3
     """
-    from skysweep.experiments.ros_mission import Settings, fly_on_ros
+    from skysweep.flights.on_ros import Settings, fly_on_ros
 
     folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
     settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)

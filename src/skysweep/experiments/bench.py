@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.workers import run_jobs
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_in_memory
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.files import load_scenario

@@ -14,12 +14,12 @@ import yaml
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import Engine
-from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.sweep_matrix import Matrix, SweepJob
 from skysweep.experiments.sweep_spec import SweepSpec, differences, dump_spec
 from skysweep.experiments.sweep_store import KEY, TABLE_FILE, SweepStore, outcome
 from skysweep.files.folder import Folder
-from skysweep.mission.build import refuse_unseeable
+from skysweep.flights.build import refuse_unseeable
+from skysweep.flights.fly import fly_in_memory
 
 _FIRST = 16  # missions at least that the estimate is made from, of as many configurations
 _FIRST_S = 20.0  # and after this long no more of them than needed

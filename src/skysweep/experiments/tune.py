@@ -16,7 +16,6 @@ from itertools import repeat
 from typing import Any
 
 from skysweep import __version__
-from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.tune_race import (
     Flown,
     Outcome,
@@ -29,6 +28,7 @@ from skysweep.experiments.tune_race import (
 from skysweep.experiments.tune_space import N_C, Parameter, value_at
 from skysweep.experiments.tune_study import OpenTrial, Trial, TuningStudy
 from skysweep.experiments.workers import run_jobs
+from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from skysweep import __version__
 from skysweep.experiments.ledger import fly_missing
-from skysweep.experiments.single import fly_in_memory
 from skysweep.experiments.tune import PAPER_N_C, Problem
 from skysweep.experiments.tune_race import F64, Flown, Outcome, Rules, best_first, outcome_of
 from skysweep.experiments.tune_space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune_study import Trial
 from skysweep.files.writing import make_folder
+from skysweep.flights.fly import fly_in_memory
 from skysweep.results.statistics import (
     SIGNIFICANCE,
     Estimate,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skysweep.flights.build import build_mission
 from skysweep.geometry.camera import CameraPose
-from skysweep.mission.build import build_mission
 from skysweep.mission.looks import Looks
 from skysweep.mission.loop import Mission
 from skysweep.scenarios.model import Scenario

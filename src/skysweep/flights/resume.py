@@ -11,11 +11,11 @@ from typing import Any
 
 from skysweep import __version__
 from skysweep.errors import UserError
-from skysweep.experiments.single import SETUP, Say, Watch, finish, fly_in, setup_of
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import SETUP, Say, Watch, finish, fly_in, setup_of
+from skysweep.flights.replay import recorded_answers, restored
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.mission.loop import Mission, Operator
-from skysweep.mission.resume import recorded_answers, restored
 from skysweep.results.run_folder import (
     CONFIG_FILE,
     JOURNAL_FILE,

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.experiments.single import Watch, begin, finish, fly_in
 from skysweep.files.writing import make_folder
-from skysweep.mission.build import build_mission, make_detector
+from skysweep.flights.build import build_mission, make_detector
+from skysweep.flights.fly import Watch, begin, finish, fly_in
 from skysweep.mission.journal import FileJournal
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime

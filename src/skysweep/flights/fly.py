@@ -14,10 +14,10 @@ from skysweep import __version__
 from skysweep.detection.model_files import fingerprint
 from skysweep.errors import CannotWriteError, UserError
 from skysweep.files.writing import make_folder
-from skysweep.mission.build import build_mission
+from skysweep.flights.build import build_mission
+from skysweep.flights.replay import RecordedSensor, ReplayJournal
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
 from skysweep.mission.loop import Mission, Operator, fly
-from skysweep.mission.resume import RecordedSensor, ReplayJournal
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary
@@ -131,7 +131,7 @@ def fly_in(
 
     Raises UserError when the disk was full; the vehicle has come home then.
     """
-    from skysweep.experiments.pictures import PictureBook
+    from skysweep.flights.pictures import PictureBook
 
     notes: Journal = ReplayJournal(journal, again) if again else journal
     announcer = Announcer(mission.scenario, journal.records, say)
