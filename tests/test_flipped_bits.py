@@ -24,19 +24,19 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
-from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.experiments.ledger import fly_missing
-from skysweep.experiments.sweep import Sweep, fly_job
-from skysweep.experiments.sweep_matrix import Matrix
-from skysweep.experiments.sweep_spec import dump_spec, parse_spec
-from skysweep.experiments.sweep_store import SweepStore
+from skysweep.experiments.paper.run import MISSIONS_FILE, PaperJob, fly_paper_job
+from skysweep.experiments.sweep.matrix import Matrix
+from skysweep.experiments.sweep.missions import load_missions
+from skysweep.experiments.sweep.run import Sweep, fly_job
+from skysweep.experiments.sweep.spec import dump_spec, parse_spec
+from skysweep.experiments.sweep.store import SweepStore
 from skysweep.files.folder import Folder
 from skysweep.files.line_file import LineFile
 from skysweep.flights.fly import fly_to_folder
 from skysweep.results.evidence import picture_name
 from skysweep.results.picture_files import write_picture
 from skysweep.results.run_folder import load_run
-from skysweep.results.sweep_missions import load_missions
 from skysweep.scenarios.files import dump_scenario
 from skysweep.scenarios.model import Scenario
 

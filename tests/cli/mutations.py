@@ -480,8 +480,8 @@ class _Here:
 
 def sweep_folder() -> Files:
     """A finished sweep's folder as ``sweep/``."""
-    from skysweep.experiments.sweep import Sweep
-    from skysweep.experiments.sweep_spec import parse_spec
+    from skysweep.experiments.sweep.run import Sweep
+    from skysweep.experiments.sweep.spec import parse_spec
 
     fields = {"scenarios": [{"scenario": scenario_fields() | {"forests": [], "buildings": []}}]}
     fields |= {"name": "small", "parameters": {"search.n_c": [1, 3]}, "seeds": 3}
@@ -666,12 +666,12 @@ def import_all() -> None:
     import skysweep.cli
     import skysweep.detection.training.evaluate  # noqa: F401
     import skysweep.detection.yolo
-    import skysweep.experiments.compare
-    import skysweep.experiments.sweep
+    import skysweep.experiments.paper.report
+    import skysweep.experiments.paper.run
+    import skysweep.experiments.sweep.report
+    import skysweep.experiments.sweep.run
     import skysweep.flights.resume
     import skysweep.planning.picture
-    import skysweep.results.compare_report
-    import skysweep.results.sweep_report
     import skysweep.results.writing
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.calibrate import calibrate
-from skysweep.experiments.sensor_looks import (
+from skysweep.experiments.calibration.looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
     LAYOUTS,
@@ -20,6 +19,7 @@ from skysweep.experiments.sensor_looks import (
     observe,
     plan_jobs,
 )
+from skysweep.experiments.calibration.run import calibrate
 from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.statistical.model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX, StatisticalModel
 from skysweep.worlds.assets import KINDS

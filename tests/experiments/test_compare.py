@@ -9,8 +9,8 @@ import time
 import psutil
 import pytest
 
-from skysweep.experiments.compare import paper_jobs
-from skysweep.results.tables import PAPER
+from skysweep.experiments.paper.run import paper_jobs
+from skysweep.experiments.paper.tables import PAPER
 
 COMMAND = [
     sys.executable,

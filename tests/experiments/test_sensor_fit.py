@@ -7,8 +7,8 @@ import pytest
 from scipy.special import gamma, ndtr
 from scipy.stats import multivariate_normal
 
-from skysweep.experiments.sensor_check import calibration_error, goodness, tell
-from skysweep.experiments.sensor_fit import (
+from skysweep.experiments.calibration.check import calibration_error, goodness, tell
+from skysweep.experiments.calibration.fit import (
     ALTITUDES_M,
     GRID_PX,
     MISSION_CONFIDENCE_MIN,
@@ -22,7 +22,7 @@ from skysweep.experiments.sensor_fit import (
     fit_shares,
     kind_models,
 )
-from skysweep.experiments.sensor_looks import (
+from skysweep.experiments.calibration.looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
     PASS_LOOKS,

@@ -16,10 +16,10 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine, make_engine
-from skysweep.experiments.sweep import Estimate, Sweep
-from skysweep.experiments.sweep_matrix import Matrix
-from skysweep.experiments.sweep_spec import parse_spec
-from skysweep.experiments.sweep_store import METRICS, TIMINGS
+from skysweep.experiments.sweep.matrix import Matrix
+from skysweep.experiments.sweep.run import Estimate, Sweep
+from skysweep.experiments.sweep.spec import parse_spec
+from skysweep.experiments.sweep.store import METRICS, TIMINGS
 from skysweep.files.folder import Folder
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
@@ -380,9 +380,9 @@ def test_when_every_mission_fails_so_does_the_command(tmp_path, monkeypatch):
         raise UserError("no")
 
     import skysweep.experiments.engines
-    import skysweep.experiments.sweep
+    import skysweep.experiments.sweep.run
 
-    monkeypatch.setattr(skysweep.experiments.sweep, "fly_in_memory", lambda *_: fail(None))
+    monkeypatch.setattr(skysweep.experiments.sweep.run, "fly_in_memory", lambda *_: fail(None))
     monkeypatch.setattr(skysweep.experiments.engines, "make_engine", lambda *_: Here())
     (tmp_path / "small.yaml").write_text(SPEC.replace("seeds: 10", "seeds: 1"))
     result = command("sweep", tmp_path / "small.yaml", "--out", tmp_path / "out")

@@ -6,8 +6,8 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine, RayEngine
-from skysweep.experiments.sweep import Sweep
-from skysweep.experiments.sweep_spec import parse_spec
+from skysweep.experiments.sweep.run import Sweep
+from skysweep.experiments.sweep.spec import parse_spec
 
 pytest.importorskip("ray")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.sweep_matrix import Matrix
-from skysweep.experiments.sweep_spec import dump_spec, load_spec, parse_spec
+from skysweep.experiments.sweep.matrix import Matrix
+from skysweep.experiments.sweep.spec import dump_spec, load_spec, parse_spec
 
 SPEC = """
 name: demo

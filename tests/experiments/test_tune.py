@@ -20,9 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
-from skysweep.experiments import tune_study
-from skysweep.experiments.tune import Problem, family_of, search
-from skysweep.experiments.tune_race import (
+from skysweep.experiments.tune.race import (
     Flown,
     Rules,
     best_first,
@@ -31,8 +29,10 @@ from skysweep.experiments.tune_race import (
     incumbents,
     why_dropped,
 )
-from skysweep.experiments.tune_report import matters_grid
-from skysweep.experiments.tune_space import (
+from skysweep.experiments.tune.report import matters_grid
+from skysweep.experiments.tune.run import Problem, family_of, search
+from skysweep.experiments.tune.run import study as tune_study
+from skysweep.experiments.tune.space import (
     CHECK_SPEED,
     D_C,
     H_C,
@@ -44,7 +44,7 @@ from skysweep.experiments.tune_space import (
     default_space,
     value_at,
 )
-from skysweep.experiments.tune_validate import (
+from skysweep.experiments.tune.validate import (
     candidates_of,
     effects,
     fly_candidates,

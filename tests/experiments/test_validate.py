@@ -5,8 +5,14 @@ import math
 
 import pytest
 
-from skysweep.experiments.compare import MISSIONS_FILE
-from skysweep.experiments.validate import METRICS, STATISTICAL_TIMES, Cell, compare_tiers, validation_text
+from skysweep.experiments.calibration.tiers import (
+    METRICS,
+    STATISTICAL_TIMES,
+    Cell,
+    compare_tiers,
+    validation_text,
+)
+from skysweep.experiments.paper.run import MISSIONS_FILE
 from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import load_scenario
 

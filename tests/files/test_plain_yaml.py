@@ -2,7 +2,7 @@ import pytest
 
 from skysweep.cli.common import changes_of
 from skysweep.errors import UserError
-from skysweep.experiments.sweep_spec import parse_spec
+from skysweep.experiments.sweep.spec import parse_spec
 from skysweep.files.plain_yaml import MAX_VALUES, parse_foreign_yaml, parse_yaml
 
 MANY_ALIASES = "a: &a [" + "1, " * 1000 + "1]\nb: [" + "*a, " * 60_000 + "*a]\n"

@@ -7,7 +7,7 @@ import pytest
 from skysweep.detection.training.labelled import read_dataset
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
-from skysweep.experiments.sweep_spec import load_spec
+from skysweep.experiments.sweep.spec import load_spec
 from skysweep.files.reading import read_limited, read_text_limited
 from skysweep.planning.area_files import read_area
 from skysweep.planning.qgc import read_plan

@@ -22,17 +22,9 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
-from skysweep.experiments.sweep import fly_job
-from skysweep.experiments.sweep_matrix import Matrix
-from skysweep.experiments.sweep_spec import dump_spec, parse_spec
-from skysweep.experiments.sweep_store import SweepStore
-from skysweep.files.folder import Folder
-from skysweep.files.line_file import LineFile
-from skysweep.results import sweep_figures
-from skysweep.results.checksums import sha256
-from skysweep.results.statistics import holm, pairs_needed
-from skysweep.results.sweep_analysis import analyse, best_rule, sensitivity, verdict
-from skysweep.results.sweep_missions import (
+from skysweep.experiments.sweep.analysis import analyse, best_rule, sensitivity, verdict
+from skysweep.experiments.sweep.matrix import Matrix
+from skysweep.experiments.sweep.missions import (
     MISSION_TIME,
     Configuration,
     Flown,
@@ -43,7 +35,15 @@ from skysweep.results.sweep_missions import (
     in_order,
     load_missions,
 )
-from skysweep.results.sweep_report import write_sweep_report
+from skysweep.experiments.sweep.report import write_sweep_report
+from skysweep.experiments.sweep.run import figures as sweep_figures
+from skysweep.experiments.sweep.run import fly_job
+from skysweep.experiments.sweep.spec import dump_spec, parse_spec
+from skysweep.experiments.sweep.store import SweepStore
+from skysweep.files.folder import Folder
+from skysweep.files.line_file import LineFile
+from skysweep.results.checksums import sha256
+from skysweep.results.statistics import holm, pairs_needed
 from skysweep.results.table_files import latex_text, markdown, math_text
 
 N_C = "param.search.n_c"

@@ -6,7 +6,7 @@ import json
 import pytest
 from rich.console import Console
 
-from skysweep.results.tables import (
+from skysweep.experiments.paper.tables import (
     baselines_json,
     check_effects,
     compare_json,

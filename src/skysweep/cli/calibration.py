@@ -63,7 +63,7 @@ def calibrate(
     """
     if context.invoked_subcommand is not None:
         return
-    from skysweep.experiments.calibrate import calibrate as fit
+    from skysweep.experiments.calibration.run import calibrate as fit
     from skysweep.scenarios.files import load_scenario
 
     _refuse_unwritable(out)
@@ -150,8 +150,7 @@ def validate(
 
         skysweep calibrate validate --seeds 5 --scenario clusters --n-c 5 --out quick
     """
-    from skysweep.experiments.compare import PaperJob
-    from skysweep.experiments.validate import (
+    from skysweep.experiments.calibration.tiers import (
         HEADER,
         N_C,
         SCENARIOS,
@@ -159,6 +158,7 @@ def validate(
         compare_tiers,
         validation_text,
     )
+    from skysweep.experiments.paper.run import PaperJob
 
     make_folder(out)
     scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)

@@ -262,9 +262,9 @@ def compare_paper_command(
 
         skysweep compare paper --sensor statistical --seeds 30 --set camera.gimbal.lag_s=0.06 --out lag-60
     """
-    from skysweep.experiments.compare import ROWS, PaperJob, compare_paper
-    from skysweep.results.compare_report import write_compare_report
-    from skysweep.results.tables import choice, print_tables
+    from skysweep.experiments.paper.report import write_compare_report
+    from skysweep.experiments.paper.run import ROWS, PaperJob, compare_paper
+    from skysweep.experiments.paper.tables import choice, print_tables
 
     with bar() as progress:
         task = progress.add_task("missions", total=seeds * len(ROWS))

@@ -59,11 +59,11 @@ def report(
 
         skysweep report s3://bucket/my-sweep --out my-report
     """
-    from skysweep.experiments.sweep_matrix import Matrix
-    from skysweep.experiments.sweep_spec import parse_spec
+    from skysweep.experiments.sweep.matrix import Matrix
+    from skysweep.experiments.sweep.missions import load_missions
+    from skysweep.experiments.sweep.report import REPORT_FILE, write_sweep_report
+    from skysweep.experiments.sweep.spec import parse_spec
     from skysweep.results.run_folder import JOURNAL_FILE
-    from skysweep.results.sweep_missions import load_missions
-    from skysweep.results.sweep_report import REPORT_FILE, write_sweep_report
 
     target, here = out, local_folder(folder)
     if here is not None and (here / JOURNAL_FILE).is_file():

@@ -13,7 +13,7 @@ from skysweep.cli.common import WorkersOption, bar, errors, friendly, local_fold
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
-    from skysweep.experiments.sweep import Estimate
+    from skysweep.experiments.sweep.run import Estimate
 
 ASK_ABOVE_S = 3600.0
 
@@ -52,8 +52,8 @@ def sweep(
         skysweep sweep my-sweep.yaml --retry-failed
     """
     from skysweep.experiments.engines import make_engine
-    from skysweep.experiments.sweep import Sweep
-    from skysweep.experiments.sweep_spec import load_spec
+    from skysweep.experiments.sweep.run import Sweep
+    from skysweep.experiments.sweep.spec import load_spec
 
     wanted = load_spec(spec)
     if out is not None and out.startswith("memory:"):

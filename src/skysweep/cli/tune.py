@@ -24,8 +24,8 @@ from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
-    from skysweep.experiments.tune import Problem
-    from skysweep.experiments.tune_study import Trial
+    from skysweep.experiments.tune.run import Problem
+    from skysweep.experiments.tune.study import Trial
     from skysweep.results.html import Grid
 
 
@@ -98,9 +98,9 @@ def tune(
 
         skysweep tune clusters --storage postgresql://user@host/tuning   # on as many machines as there are
     """
-    from skysweep.experiments.tune import Problem, family_of
-    from skysweep.experiments.tune_race import Rules
-    from skysweep.experiments.tune_space import changed_space, default_space
+    from skysweep.experiments.tune.race import Rules
+    from skysweep.experiments.tune.run import Problem, family_of
+    from skysweep.experiments.tune.space import changed_space, default_space
     from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario
 
     if not math.isfinite(false_positive_cost_s):
@@ -171,8 +171,7 @@ def _tune_one(
     matters: bool,
     workers: int | None,
 ) -> None:
-    from skysweep.experiments.tune import search
-    from skysweep.experiments.tune_report import (
+    from skysweep.experiments.tune.report import (
         Tuned,
         how_sure,
         matters_grid,
@@ -183,7 +182,8 @@ def _tune_one(
         standings_table,
         write_tuning,
     )
-    from skysweep.experiments.tune_validate import (
+    from skysweep.experiments.tune.run import search
+    from skysweep.experiments.tune.validate import (
         candidates_of,
         fly_candidates,
         matters_candidates,
@@ -243,7 +243,7 @@ def _tune_one(
 
 
 def _say_what_is_tuned(problem: Problem) -> None:
-    from skysweep.experiments.tune_report import number
+    from skysweep.experiments.tune.report import number
 
     for original, flown in zip(problem.originals, problem.scenarios, strict=True):
         if flown.scatter_m != original.scatter_m:
@@ -260,7 +260,7 @@ def _say_what_is_tuned(problem: Problem) -> None:
 
 
 def _best(problem: Problem, trials: list[Trial]) -> Trial | None:
-    from skysweep.experiments.tune_race import best_first
+    from skysweep.experiments.tune.race import best_first
 
     finished = [trial for trial in trials if trial.dropped is None]
     order = best_first([trial.flown(len(problem.scenarios)) for trial in finished], problem.rules)
@@ -268,7 +268,7 @@ def _best(problem: Problem, trials: list[Trial]) -> Trial | None:
 
 
 def _best_so_far(problem: Problem, trial: Trial) -> str:
-    from skysweep.experiments.tune_report import describe
+    from skysweep.experiments.tune.report import describe
 
     flown = trial.flown(len(problem.scenarios))
     return (

@@ -66,8 +66,8 @@ def world_transfer(
 
         skysweep world transfer clusters --pictures 200
     """
+    from skysweep.experiments.calibration.gazebo import transfer
     from skysweep.flights.build import make_detector
-    from skysweep.gazebo.transfer import transfer
     from skysweep.scenarios.files import change_scenario, load_scenario
 
     chosen = change_scenario(load_scenario(scenario), changes_of(change))

@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from skysweep.results.html import Grid
-from skysweep.results.metrics import Summary
-from skysweep.results.tables import (
+from skysweep.experiments.paper.tables import (
     CAPTIONS,
     MeanCI,
     by_seed,
@@ -21,6 +19,8 @@ from skysweep.results.tables import (
     paired,
     paired_differences,
 )
+from skysweep.results.html import Grid
+from skysweep.results.metrics import Summary
 
 TIME_TOLERANCE = 0.15
 RECALL_GOAL = 0.95

@@ -26,9 +26,9 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MplPath
 from numpy.typing import NDArray
 
+from skysweep.experiments.paper.tables import t_quantile
 from skysweep.results.metrics import finite_or_inf, match
 from skysweep.results.run_folder import Run
-from skysweep.results.tables import t_quantile
 
 F64 = NDArray[np.float64]
 

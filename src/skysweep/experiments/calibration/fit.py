@@ -22,7 +22,7 @@ from scipy.optimize import minimize, nnls
 from scipy.special import expit, gamma, log_ndtr, ndtr
 from scipy.stats import weibull_min
 
-from skysweep.experiments.sensor_looks import (
+from skysweep.experiments.calibration.looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
     PASS_LOOKS,

@@ -8,9 +8,9 @@ from pathlib import Path
 import yaml
 
 from skysweep.detection.model_files import OWN_MODEL, model_file, sha256_of
-from skysweep.experiments.sensor_check import Told, goodness, tell
-from skysweep.experiments.sensor_figure import draw_fit
-from skysweep.experiments.sensor_fit import (
+from skysweep.experiments.calibration.check import Told, goodness, tell
+from skysweep.experiments.calibration.figure import draw_fit
+from skysweep.experiments.calibration.fit import (
     GRID_PX,
     contrast_models,
     factors_of,
@@ -20,7 +20,7 @@ from skysweep.experiments.sensor_fit import (
     fit_shares,
     kind_models,
 )
-from skysweep.experiments.sensor_looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
+from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.statistical.model import VERSION, Camera, Detecting, Experiment, StatisticalModel

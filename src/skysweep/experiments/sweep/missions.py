@@ -15,9 +15,9 @@ from fsspec import AbstractFileSystem
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
+from skysweep.experiments.paper.tables import choice_of
 from skysweep.files.line_file import scan_lines
 from skysweep.results.checksums import SUMS_FILE, read_sums, refuse_changed, refuse_misnamed
-from skysweep.results.tables import choice_of
 
 F64 = NDArray[np.float64]
 Value = float | str | bool

@@ -8,13 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skysweep.files.writing import whole_files
-from skysweep.results.claims import claims
-from skysweep.results.figures import n_c_label, panels, pos_curves
-from skysweep.results.html import Grid, Picture, Section, picture, write_page
-from skysweep.results.metrics import Summary, finite_or_inf
-from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run
-from skysweep.results.tables import (
+from skysweep.experiments.paper.tables import (
     BASELINE,
     CHECK_HEADER,
     HEADER,
@@ -34,6 +28,12 @@ from skysweep.results.tables import (
     paired_cells,
     paired_differences,
 )
+from skysweep.files.writing import whole_files
+from skysweep.results.claims import claims
+from skysweep.results.figures import n_c_label, panels, pos_curves
+from skysweep.results.html import Grid, Picture, Section, picture, write_page
+from skysweep.results.metrics import Summary, finite_or_inf
+from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run
 from skysweep.results.wording import definitions, parameters
 from skysweep.scenarios.model import Scenario
 

@@ -10,8 +10,8 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skysweep.experiments.tune_race import F64
-from skysweep.experiments.tune_validate import Cell
+from skysweep.experiments.tune.race import F64
+from skysweep.experiments.tune.validate import Cell
 from skysweep.results.figures import GREEN, GREY, ORANGE, PAGE_IN, PURPLE, VERMILLION, save_figure, style
 from skysweep.results.table_files import math_text
 

@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.experiments.tune_race import Flown, Outcome, Rules
-from skysweep.experiments.tune_space import Parameter
+from skysweep.experiments.tune.race import Flown, Outcome, Rules
+from skysweep.experiments.tune.space import Parameter
 
 try:
     import fcntl

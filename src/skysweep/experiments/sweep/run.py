@@ -14,9 +14,9 @@ import yaml
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import Engine
-from skysweep.experiments.sweep_matrix import Matrix, SweepJob
-from skysweep.experiments.sweep_spec import SweepSpec, differences, dump_spec
-from skysweep.experiments.sweep_store import KEY, TABLE_FILE, SweepStore, outcome
+from skysweep.experiments.sweep.matrix import Matrix, SweepJob
+from skysweep.experiments.sweep.spec import SweepSpec, differences, dump_spec
+from skysweep.experiments.sweep.store import KEY, TABLE_FILE, SweepStore, outcome
 from skysweep.files.folder import Folder
 from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import fly_in_memory

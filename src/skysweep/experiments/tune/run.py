@@ -16,7 +16,7 @@ from itertools import repeat
 from typing import Any
 
 from skysweep import __version__
-from skysweep.experiments.tune_race import (
+from skysweep.experiments.tune.race import (
     Flown,
     Outcome,
     Rules,
@@ -25,8 +25,8 @@ from skysweep.experiments.tune_race import (
     outcome_of,
     why_dropped,
 )
-from skysweep.experiments.tune_space import N_C, Parameter, value_at
-from skysweep.experiments.tune_study import OpenTrial, Trial, TuningStudy
+from skysweep.experiments.tune.space import N_C, Parameter, value_at
+from skysweep.experiments.tune.study import OpenTrial, Trial, TuningStudy
 from skysweep.experiments.workers import run_jobs
 from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario

@@ -13,10 +13,10 @@ from typing import Any
 
 from skysweep.detection.model_files import fingerprint
 from skysweep.experiments.ledger import fly_missing
+from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.files.writing import make_folder
 from skysweep.flights.fly import fly_in_memory, fly_to_folder
 from skysweep.results.metrics import finite_or_inf
-from skysweep.results.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for

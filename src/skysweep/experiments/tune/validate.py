@@ -13,10 +13,10 @@ import numpy as np
 
 from skysweep import __version__
 from skysweep.experiments.ledger import fly_missing
-from skysweep.experiments.tune import PAPER_N_C, Problem
-from skysweep.experiments.tune_race import F64, Flown, Outcome, Rules, best_first, outcome_of
-from skysweep.experiments.tune_space import D_C, N_C, nearby_distances_m
-from skysweep.experiments.tune_study import Trial
+from skysweep.experiments.tune.race import F64, Flown, Outcome, Rules, best_first, outcome_of
+from skysweep.experiments.tune.run import PAPER_N_C, Problem
+from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
+from skysweep.experiments.tune.study import Trial
 from skysweep.files.writing import make_folder
 from skysweep.flights.fly import fly_in_memory
 from skysweep.results.statistics import (

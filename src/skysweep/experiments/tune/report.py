@@ -13,12 +13,13 @@ import numpy as np
 import polars as pl
 import yaml
 
-from skysweep.experiments.tune import Problem
-from skysweep.experiments.tune_figures import draw_matters, draw_search
-from skysweep.experiments.tune_race import RECALL_SLACK, Rules
-from skysweep.experiments.tune_space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
-from skysweep.experiments.tune_study import Trial
-from skysweep.experiments.tune_validate import Cell, Effect, Standing, effects
+from skysweep.experiments.paper.tables import one_line
+from skysweep.experiments.tune.figures import draw_matters, draw_search
+from skysweep.experiments.tune.race import RECALL_SLACK, Rules
+from skysweep.experiments.tune.run import Problem
+from skysweep.experiments.tune.space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
+from skysweep.experiments.tune.study import Trial
+from skysweep.experiments.tune.validate import Cell, Effect, Standing, effects
 from skysweep.files.writing import whole_files
 from skysweep.results.html import Grid
 from skysweep.results.statistics import (
@@ -29,7 +30,6 @@ from skysweep.results.statistics import (
     pairs_to_tell,
     pareto_front,
 )
-from skysweep.results.tables import one_line
 from skysweep.scenarios.files import change_scenario, write_scenario
 
 _SYMBOLS = {

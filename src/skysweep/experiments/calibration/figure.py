@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import beta
 
-from skysweep.experiments.sensor_check import EDGES, THRESHOLDS, Told
-from skysweep.experiments.sensor_fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
-from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, SURFACES, Background, Looks
+from skysweep.experiments.calibration.check import EDGES, THRESHOLDS, Told
+from skysweep.experiments.calibration.fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
+from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, SURFACES, Background, Looks
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
 from skysweep.sensing.statistical.model import (

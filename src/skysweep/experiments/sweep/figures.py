@@ -14,17 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from skysweep.results.figures import (
-    PAGE_IN,
-    SERIES_COLOURS,
-    SERIES_DASHES,
-    save_figure,
-    step_values,
-    style,
-)
-from skysweep.results.statistics import Estimate, pointwise_band
-from skysweep.results.sweep_analysis import Analysis, Curve, Member
-from skysweep.results.sweep_missions import (
+from skysweep.experiments.sweep.analysis import Analysis, Curve, Member
+from skysweep.experiments.sweep.missions import (
     FALSE_POSITIVES,
     FALSE_SCANS,
     MISSION_TIME,
@@ -35,6 +26,15 @@ from skysweep.results.sweep_missions import (
     field_unit,
     value_text,
 )
+from skysweep.results.figures import (
+    PAGE_IN,
+    SERIES_COLOURS,
+    SERIES_DASHES,
+    save_figure,
+    step_values,
+    style,
+)
+from skysweep.results.statistics import Estimate, pointwise_band
 from skysweep.results.table_files import math_text
 
 F64 = NDArray[np.float64]

@@ -10,10 +10,7 @@ from pathlib import Path
 
 import polars as pl
 
-from skysweep.files.writing import whole_files
-from skysweep.results.html import Grid, Picture, Section, picture, write_page
-from skysweep.results.statistics import pairs_needed, pairs_to_tell
-from skysweep.results.sweep_analysis import (
+from skysweep.experiments.sweep.analysis import (
     FEW_SEEDS,
     MIN_RECALL,
     MOST_LOST,
@@ -26,8 +23,8 @@ from skysweep.results.sweep_analysis import (
     sensitivity,
     verdict,
 )
-from skysweep.results.sweep_figures import draw_pareto, draw_pos, draw_sensitivity, write_csv
-from skysweep.results.sweep_missions import (
+from skysweep.experiments.sweep.figures import draw_pareto, draw_pos, draw_sensitivity, write_csv
+from skysweep.experiments.sweep.missions import (
     COMPARED,
     FALSE_POSITIVES,
     MISSION_TIME,
@@ -38,6 +35,9 @@ from skysweep.results.sweep_missions import (
     by_scenario,
     field_name,
 )
+from skysweep.files.writing import whole_files
+from skysweep.results.html import Grid, Picture, Section, picture, write_page
+from skysweep.results.statistics import pairs_needed, pairs_to_tell
 from skysweep.results.table_files import write_tables
 from skysweep.results.wording import definitions
 

@@ -14,7 +14,7 @@ import polars as pl
 
 import skysweep
 from skysweep.detection.model_files import sha256_of
-from skysweep.experiments.sweep_spec import SweepSpec, scenarios_of, seeds_of, swept_fields
+from skysweep.experiments.sweep.spec import SweepSpec, scenarios_of, seeds_of, swept_fields
 from skysweep.scenarios.model import Scenario
 
 _PACKAGE = Path(skysweep.__file__).parent

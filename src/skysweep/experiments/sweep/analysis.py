@@ -10,19 +10,7 @@ from itertools import chain, combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.results.statistics import (
-    SIGNIFICANCE,
-    Estimate,
-    PairedTest,
-    estimate,
-    front_shares,
-    holm,
-    paired_tests,
-    pairs_needed,
-    pairs_to_tell,
-    pareto_front,
-)
-from skysweep.results.sweep_missions import (
+from skysweep.experiments.sweep.missions import (
     COMPARED,
     FALSE_POSITIVES,
     METRICS,
@@ -34,6 +22,18 @@ from skysweep.results.sweep_missions import (
     Value,
     configuration_label,
     in_order,
+)
+from skysweep.results.statistics import (
+    SIGNIFICANCE,
+    Estimate,
+    PairedTest,
+    estimate,
+    front_shares,
+    holm,
+    paired_tests,
+    pairs_needed,
+    pairs_to_tell,
+    pareto_front,
 )
 
 F64 = NDArray[np.float64]

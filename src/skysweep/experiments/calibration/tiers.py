@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.experiments.ledger import fly_missing
+from skysweep.experiments.paper.run import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.files.writing import make_folder, whole_files
 from skysweep.results.table_files import markdown
 

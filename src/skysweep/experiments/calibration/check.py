@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.experiments.sensor_fit import MISSION_CONFIDENCE_MIN, Key, fit_curves
-from skysweep.experiments.sensor_looks import CLASSES, SUBJECTS, Looks
+from skysweep.experiments.calibration.fit import MISSION_CONFIDENCE_MIN, Key, fit_curves
+from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, Looks
 from skysweep.sensing.statistical.model import CONTRAST_UNIT, CONTRAST_USUAL, FACTORS, Fit, HeldOut
 
 F64 = NDArray[np.float64]
