@@ -4,9 +4,9 @@ from skysweep.flights.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.results.metrics import compute_summary
+from skysweep.results.reporting.wording import safety_words
 from skysweep.results.run_folder import Run
 from skysweep.results.run_report import write_run_report
-from skysweep.results.wording import safety_words
 from skysweep.scenarios.model import Scenario
 
 

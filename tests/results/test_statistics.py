@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from skysweep.results.statistics import (
+from skysweep.results.reporting.statistics import (
     bca_intervals,
     estimate,
     front_shares,

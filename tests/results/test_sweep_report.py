@@ -43,8 +43,8 @@ from skysweep.experiments.sweep.store import SweepStore
 from skysweep.files.folder import Folder
 from skysweep.files.line_file import LineFile
 from skysweep.results.checksums import sha256
-from skysweep.results.statistics import holm, pairs_needed
-from skysweep.results.table_files import latex_text, markdown, math_text
+from skysweep.results.reporting.statistics import holm, pairs_needed
+from skysweep.results.reporting.tables import latex_text, markdown, math_text
 
 N_C = "param.search.n_c"
 METRICS = ("mission_time_s", "recall", "false_scans", "false_positives", "energy_wh")

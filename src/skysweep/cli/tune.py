@@ -26,7 +26,7 @@ from skysweep.files.writing import make_folder
 if TYPE_CHECKING:
     from skysweep.experiments.tune.run import Problem
     from skysweep.experiments.tune.study import Trial
-    from skysweep.results.html import Grid
+    from skysweep.results.reporting.html import Grid
 
 
 @friendly

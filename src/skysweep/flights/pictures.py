@@ -15,7 +15,7 @@ from skysweep.geometry.camera import Lens
 from skysweep.mission.journal import Journal
 from skysweep.results.evidence import picture_name
 from skysweep.results.picture_files import write_picture
-from skysweep.results.wording import clock
+from skysweep.results.reporting.wording import clock
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.types import Detections, Frame
 

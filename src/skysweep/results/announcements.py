@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.results.exports import found_targets
+from skysweep.results.reporting.wording import clock, safety_words
 from skysweep.results.run_folder import Run
-from skysweep.results.wording import clock, safety_words
 from skysweep.scenarios.model import Scenario
 
 Record = Mapping[str, Any]

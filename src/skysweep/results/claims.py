@@ -19,8 +19,8 @@ from skysweep.experiments.paper.tables import (
     paired,
     paired_differences,
 )
-from skysweep.results.html import Grid
 from skysweep.results.metrics import Summary
+from skysweep.results.reporting.html import Grid
 
 TIME_TOLERANCE = 0.15
 RECALL_GOAL = 0.95

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from skysweep.results.exports import found_targets, unchecked_targets
-from skysweep.results.html import Picture
+from skysweep.results.reporting.html import Picture
+from skysweep.results.reporting.wording import clock
 from skysweep.results.run_folder import CandidateStory, Run
-from skysweep.results.wording import clock
 
 SHOWN_WIDTH_PX = 640  # in a report; the folder has them whole
 _NAME = re.compile(r"candidate-(\d+)-(\d+\.\d)s$")

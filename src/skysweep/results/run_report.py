@@ -11,10 +11,10 @@ import numpy as np
 from skysweep.mission.safety import OUTSIDE
 from skysweep.results.evidence import evidence
 from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
-from skysweep.results.html import Grid, Section, picture, write_page
 from skysweep.results.metrics import MATCH_DISTANCE_M, Summary, horizontal_distance_m, match
+from skysweep.results.reporting.html import Grid, Section, picture, write_page
+from skysweep.results.reporting.wording import clock, definitions, parameters, safety_words
 from skysweep.results.run_folder import Run
-from skysweep.results.wording import clock, definitions, parameters, safety_words
 from skysweep.scenarios.files import dump_scenario
 
 _EVIDENCE = {

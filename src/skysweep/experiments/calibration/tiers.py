@@ -20,7 +20,7 @@ from scipy.stats import t as student
 from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.paper.run import MISSIONS_FILE, PaperJob, fly_paper_job
 from skysweep.files.writing import make_folder, whole_files
-from skysweep.results.table_files import markdown
+from skysweep.results.reporting.tables import markdown
 
 SCENARIOS = ("clusters", "abundance", "sparse")
 N_C = (1.0, 5.0, math.inf)

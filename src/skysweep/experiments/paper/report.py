@@ -31,10 +31,10 @@ from skysweep.experiments.paper.tables import (
 from skysweep.files.writing import whole_files
 from skysweep.results.claims import claims
 from skysweep.results.figures import n_c_label, panels, pos_curves
-from skysweep.results.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.metrics import Summary, finite_or_inf
+from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
+from skysweep.results.reporting.wording import definitions, parameters
 from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run
-from skysweep.results.wording import definitions, parameters
 from skysweep.scenarios.model import Scenario
 
 

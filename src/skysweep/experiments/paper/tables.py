@@ -14,7 +14,7 @@ from rich.table import Table
 from scipy import stats
 
 from skysweep.results.metrics import Summary, finite_or_inf
-from skysweep.results.table_files import markdown
+from skysweep.results.reporting.tables import markdown
 
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
 Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only

@@ -23,7 +23,7 @@ from skysweep.experiments.sweep.missions import (
     configuration_label,
     in_order,
 )
-from skysweep.results.statistics import (
+from skysweep.results.reporting.statistics import (
     SIGNIFICANCE,
     Estimate,
     PairedTest,

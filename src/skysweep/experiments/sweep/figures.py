@@ -34,8 +34,8 @@ from skysweep.results.figures import (
     step_values,
     style,
 )
-from skysweep.results.statistics import Estimate, pointwise_band
-from skysweep.results.table_files import math_text
+from skysweep.results.reporting.statistics import Estimate, pointwise_band
+from skysweep.results.reporting.tables import math_text
 
 F64 = NDArray[np.float64]
 

@@ -36,10 +36,10 @@ from skysweep.experiments.sweep.missions import (
     field_name,
 )
 from skysweep.files.writing import whole_files
-from skysweep.results.html import Grid, Picture, Section, picture, write_page
-from skysweep.results.statistics import pairs_needed, pairs_to_tell
-from skysweep.results.table_files import write_tables
-from skysweep.results.wording import definitions
+from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
+from skysweep.results.reporting.statistics import pairs_needed, pairs_to_tell
+from skysweep.results.reporting.tables import write_tables
+from skysweep.results.reporting.wording import definitions
 
 MOST_ROWS_BEFORE_FIGURES = 12
 _NOT_FINISHED = "The sweep is not finished: this is what it has flown so far."

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from skysweep.errors import UserError
-from skysweep.results.statistics import pareto_front
+from skysweep.results.reporting.statistics import pareto_front
 
 F64 = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from skysweep.experiments.tune.space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCA
 from skysweep.experiments.tune.study import Trial
 from skysweep.experiments.tune.validate import Cell, Effect, Standing, effects
 from skysweep.files.writing import whole_files
-from skysweep.results.html import Grid
-from skysweep.results.statistics import (
+from skysweep.results.reporting.html import Grid
+from skysweep.results.reporting.statistics import (
     SIGNIFICANCE,
     Estimate,
     PairedTest,

@@ -19,7 +19,7 @@ from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
 from skysweep.files.writing import make_folder
 from skysweep.flights.fly import fly_in_memory
-from skysweep.results.statistics import (
+from skysweep.results.reporting.statistics import (
     SIGNIFICANCE,
     Estimate,
     PairedTest,

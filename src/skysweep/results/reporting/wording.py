@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from skysweep.results.html import Grid
 from skysweep.results.metrics import MATCH_DISTANCE_M
+from skysweep.results.reporting.html import Grid
 from skysweep.scenarios.model import Scenario
 from skysweep.worlds.obstacles import BODY_RADIUS_M
 

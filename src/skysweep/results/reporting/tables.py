@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from skysweep.results.html import Grid
+from skysweep.results.reporting.html import Grid
 
 _SYMBOL = re.compile(r"\b([ndchv])_([cCStz])\b")  # the paper's n_c, d_c, h_S, h_C, c_t; v_S, v_C, d_z
 _LATEX = {
