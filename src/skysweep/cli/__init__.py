@@ -5,9 +5,9 @@ from __future__ import annotations
 import typer
 
 from skysweep.cli import (
-    benchmark,
-    calibration,
-    detectors,
+    bench,
+    calibrate,
+    detection,
     fly,
     missions,
     planning,
@@ -48,11 +48,11 @@ app.command()(tune.tune)
 app.command()(serve_vehicle.serve_vehicle)
 app.add_typer(ros.app, name="ros")
 
-app.command()(detectors.dataset)
-app.command()(detectors.train)
-detect = typer.Typer(no_args_is_help=True, help="Evaluate detectors.")
-detect.command("evaluate")(detectors.detect_evaluate)
+app.command()(detection.dataset)
+app.command()(detection.train)
+detect = typer.Typer(no_args_is_help=True, help="Evaluate detection.")
+detect.command("evaluate")(detection.detect_evaluate)
 app.add_typer(detect, name="detect")
-app.add_typer(calibration.app, name="calibrate")
-app.command()(benchmark.bench)
+app.add_typer(calibrate.app, name="calibrate")
+app.command()(bench.bench)
 app.add_typer(world.app, name="world")

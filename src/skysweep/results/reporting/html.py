@@ -58,13 +58,13 @@ def write_page(
 ) -> Path:
     """Write one HTML page that needs no other file and no network."""
     environment = Environment(
-        loader=PackageLoader("skysweep.results", "."),
+        loader=PackageLoader("skysweep.results.reporting", "."),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    html = environment.get_template("report.html.j2").render(
+    html = environment.get_template("page.html.j2").render(
         title=title, lead=lead, tiles=tiles, sections=sections, version=__version__
     )
     path.write_text(html, encoding="utf-8")
