@@ -34,9 +34,9 @@ _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tens
 class YoloDetector:
     """Finds objects in pictures with an ONNX model of the YOLO family.
 
-    The output layout is recognised, not configured (see :mod:`skysweep.detection.yolo_outputs`). Class names come
-    from a text file beside the model (``model.names``, one name a line), else from its metadata, else they
-    are COCO's where the model has 80 or 91 classes.
+    The output layout is recognised, not configured (see :mod:`skysweep.detection.yolo_outputs`). Class names
+    come from a text file beside the model (``model.names``, one name a line), else from its metadata, else
+    they are COCO's where the model has 80 or 91 classes.
 
     Args:
         model_path: an ONNX file, or "skysweep" for the model that the package ships.

@@ -33,8 +33,8 @@ class RenderedCamera:
     """A :class:`skysweep.types.Camera` in a simulated world.
 
     ``truth`` gives the true pose at the time of the state passed to ``capture``; the frame carries the
-    camera pose of that state (see :class:`skysweep.sensing.exposures.Exposures` for its delay). One seed gives
-    the same frame bytes. ``backend`` is the renderer, or its name.
+    camera pose of that state (see :class:`skysweep.sensing.exposures.Exposures` for its delay). One seed
+    gives the same frame bytes. ``backend`` is the renderer, or its name.
     """
 
     def __init__(

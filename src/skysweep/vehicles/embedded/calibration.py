@@ -1,7 +1,7 @@
 """Flies logged PX4 manoeuvres again with the embedded vehicle and compares: is the model still true?
 
-``python -m skysweep.vehicles.embedded.calibration LOG.csv.gz ...`` prints the table of docs/vehicle.md. A log has
-columns ``t, phase, sp_x..sp_vz`` (setpoints sent), ``x..vz`` (estimates; all NED) and
+``python -m skysweep.vehicles.embedded.calibration LOG.csv.gz ...`` prints the table of docs/vehicle.md. A log
+has columns ``t, phase, sp_x..sp_vz`` (setpoints sent), ``x..vz`` (estimates; all NED) and
 ``roll_deg, pitch_deg, yaw_deg``; phases: ``pre`` (hover), the legs, ``post``. The number before ``ms`` or
 after ``vmax`` in its name is the speed limit, ``kdv03`` means drag 0.3 N/(m/s).
 

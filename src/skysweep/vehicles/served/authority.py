@@ -9,13 +9,10 @@ other program's Offboard, Mission, take-off or reposition replaces the Mission o
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from skysweep.vehicles.mavlink.modes import Mode, Refused
+from skysweep.vehicles.served.autopilot import Autopilot
 from skysweep.vehicles.served.link import Key
-
-if TYPE_CHECKING:
-    from skysweep.vehicles.served.autopilot import Autopilot
 
 
 class Denied(Refused):

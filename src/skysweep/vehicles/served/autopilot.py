@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from skysweep.vehicles.served.manoeuvres import Hold, Land, Return, TakeOff
 from skysweep.vehicles.served.mission_run import MissionRun
 from skysweep.vehicles.served.offboard import Offboard
 from skysweep.vehicles.served.parameters import Parameters
+from skysweep.vehicles.served.pilot import Manoeuvre
 from skysweep.vehicles.served.sticks import ByStick, Sticks
 
 _TAKE_OFF_RAMP_S = 4.0  # COM_SPOOLUP_TIME and MPC_TKO_RAMP_T
@@ -27,20 +27,11 @@ _OVERRIDE_AUTO, _OVERRIDE_OFFBOARD = 1, 2  # COM_RC_OVERRIDE
 _BATTERY_LIMITS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
 
 
-class Manoeuvre(Protocol):
-    """What a mode does, a step each tick."""
-
-    def step(self, pilot: Autopilot) -> None: ...
-
-
 _MANOEUVRES: dict[Mode, Callable[[], Manoeuvre]] = {
     Mode.HOLD: Hold,
     Mode.TAKEOFF: TakeOff,
     Mode.RETURN: Return,
     Mode.LAND: Land,
-    Mode.POSITION: ByStick,
-    Mode.ALTITUDE: ByStick,
-    Mode.STABILIZED: ByStick,
     Mode.TERMINATION: Land,
 }
 
@@ -222,6 +213,8 @@ class Autopilot:
         if mode is Mode.MISSION:
             self.mission.begin()
             return self.mission
+        if mode in STICK_MODES:
+            return ByStick(self.sticks)
         return _MANOEUVRES[mode]()
 
     def _take_over_by_stick(self) -> bool:

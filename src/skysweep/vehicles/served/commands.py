@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -22,14 +22,14 @@ from skysweep.vehicles.mavlink.modes import (
     whole,
 )
 from skysweep.vehicles.mavlink.wire import Message
-from skysweep.vehicles.served.authority import Denied
+from skysweep.vehicles.served.authority import Authority, Denied
+from skysweep.vehicles.served.autopilot import Autopilot
 from skysweep.vehicles.served.items import ABOVE_HOME
 from skysweep.vehicles.served.link import Sender
 from skysweep.vehicles.served.manoeuvres import Hold, TakeOff
-
-if TYPE_CHECKING:
-    from skysweep.vehicles.served.autopilot import Manoeuvre
-    from skysweep.vehicles.served.face import Face
+from skysweep.vehicles.served.payload import Payload
+from skysweep.vehicles.served.pilot import Manoeuvre
+from skysweep.vehicles.served.telemetry import Streams
 
 _OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
 _UNSUPPORTED, _FAILED = m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_FAILED
@@ -59,11 +59,24 @@ class Order:
         return cls(params, message.param5, message.param6, message.param7, m.MAV_FRAME_GLOBAL, sender)
 
 
-class Commands:
-    """Carries out commands on a face."""
+class Answering(Protocol):
+    """What commands ask of the side that answers programs."""
 
-    def __init__(self, face: Face) -> None:
-        self._face, self._pilot, self._authority = face, face.pilot, face.authority
+    def set_mission_item(self, index: int) -> bool:
+        """Goes on with another item; False where the mission has none of that number."""
+
+    def send_once(self, kind: int, sender: Sender) -> bool:
+        """Sends one message of a kind; False where it has none."""
+
+    def streams_of(self, sender: Sender) -> Streams | None:
+        """The sender's streams, None where it hears none."""
+
+
+class Commands:
+    """Carries out commands on a vehicle and its payload."""
+
+    def __init__(self, pilot: Autopilot, authority: Authority, payload: Payload, face: Answering) -> None:
+        self._pilot, self._authority, self._payload, self._face = pilot, authority, payload, face
         self._do: dict[int, Callable[[Order], int | None]] = {
             m.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             m.MAV_CMD_DO_SET_MODE: self._set_mode,
@@ -279,11 +292,11 @@ class Commands:
 
     def _configure_gimbal(self, order: Order) -> int | None:
         who = (order.sender.system, order.sender.component)
-        return None if self._face.payload.configure(order.params, who) else _DENIED
+        return None if self._payload.configure(order.params, who) else _DENIED
 
     def _point_gimbal(self, order: Order) -> int | None:
         who = (order.sender.system, order.sender.component)
-        return None if self._face.payload.point(order.params[0], who) else _DENIED
+        return None if self._payload.point(order.params[0], who) else _DENIED
 
 
 _NOT_GIVEN = 255  # progress

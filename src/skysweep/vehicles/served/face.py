@@ -55,7 +55,7 @@ class Face:
         self.transfers = Transfers(self._take_items, lambda sender: self.authority.may_plan(sender.key))
         self._unix_start_s = unix_start_s
         self._reports = reports(self.payload)
-        self._commands = Commands(self)
+        self._commands = Commands(self.pilot, self.authority, self.payload, self)
         self.peers = Peers(listeners, transmit, self.signing, self._reports, silent_s)
         self._refused: dict[tuple[Address, int, int], float] = {}
         self._camera_next_s = 0.0

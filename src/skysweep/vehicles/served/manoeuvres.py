@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from skysweep.vehicles.mavlink.modes import F64, Mode
 from skysweep.vehicles.served.items import heading_towards
-
-if TYPE_CHECKING:
-    from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.pilot import Pilot
 
 _ABOVE_LANDING_PLACE_M = 1.0
 
@@ -22,7 +18,7 @@ class Hold:
         self._position_enu_m, self._yaw_rad = position_enu_m, yaw_rad
         self._told = False
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         if self._told or not pilot.flying:
             return
         self._told = True
@@ -44,7 +40,7 @@ class TakeOff:
         self._altitude_enu_m = altitude_enu_m
         self._place: F64 | None = None
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         if self._place is None:
             here = pilot.state.position_enu_m
             up = self._altitude_enu_m
@@ -65,7 +61,7 @@ class Land:
     def __init__(self) -> None:
         self._told = False
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         if pilot.flying and not self._told:
             self._told = True
             pilot.touch_down()
@@ -77,7 +73,7 @@ class Return:
     def __init__(self) -> None:
         self._over: F64 | None = None
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         if not pilot.flying or (pilot.landing and self._over is not None):
             return
         here = pilot.state.position_enu_m

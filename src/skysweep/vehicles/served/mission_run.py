@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
@@ -12,9 +10,7 @@ from skysweep.vehicles.mavlink.modes import F64, Mode, finite, whole
 from skysweep.vehicles.served.items import Item, heading_towards
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold
-
-if TYPE_CHECKING:
-    from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.pilot import Pilot
 
 _ANYWHERE = {m.MAV_CMD_NAV_TAKEOFF, m.MAV_CMD_NAV_LAND}  # at 0, 0: where the vehicle is
 
@@ -44,7 +40,7 @@ class MissionRun:
         self.current, self.finished = index, False
         self._target = self._since_s = None
 
-    def why_not(self, pilot: Autopilot, items: tuple[Item, ...] | None = None) -> str | None:
+    def why_not(self, pilot: Pilot, items: tuple[Item, ...] | None = None) -> str | None:
         """What speaks against flying it, or ``items`` instead."""
         places = [i for i in (self.items if items is None else items) if i.is_place]
         for place in places:
@@ -57,7 +53,7 @@ class MissionRun:
         """When the mode is entered."""
         self.go_to(0 if self.finished else self.current)
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         """One item is looked at in a step, so a jump in a circle costs time as any other item."""
         if not self.items:  # cleared in flight
             pilot.enter(Mode.HOLD)
@@ -79,7 +75,7 @@ class MissionRun:
             jump = self._jump(item) if item.command == m.MAV_CMD_DO_JUMP else None
             self._done(pilot, jump)
 
-    def _fly(self, item: Item, pilot: Autopilot) -> None:
+    def _fly(self, item: Item, pilot: Pilot) -> None:
         here = pilot.state.position_enu_m
         if self._target is None:
             self._target = self._place(item, pilot)
@@ -115,7 +111,7 @@ class MissionRun:
             takes_time = item.command in (m.MAV_CMD_NAV_WAYPOINT, m.MAV_CMD_NAV_LOITER_TIME)
             self._wait(item.params[0] if takes_time else 0.0, pilot)
 
-    def _place(self, item: Item, pilot: Autopilot) -> F64:
+    def _place(self, item: Item, pilot: Pilot) -> F64:
         here = pilot.state.position_enu_m
         place = item.position_enu_m(pilot.site, pilot.home_enu_m)
         if item.x == item.y == 0 and item.command in _ANYWHERE:
@@ -124,7 +120,7 @@ class MissionRun:
             place[2] = max(here[2], pilot.home_enu_m[2] + pilot.parameters["MIS_TAKEOFF_ALT"])
         return place
 
-    def _wait(self, seconds: float, pilot: Autopilot) -> None:
+    def _wait(self, seconds: float, pilot: Pilot) -> None:
         if self._since_s is None:
             self._since_s = pilot.time_s
         if not pilot.time_s - self._since_s < seconds:
@@ -142,7 +138,7 @@ class MissionRun:
     def _reach(self) -> None:
         self.reached.append(self.current)
 
-    def _done(self, pilot: Autopilot, jump: int | None = None) -> None:
+    def _done(self, pilot: Pilot, jump: int | None = None) -> None:
         self._reach()
         place = self._target
         self._target = self._since_s = None

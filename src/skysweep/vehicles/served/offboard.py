@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,9 +18,7 @@ from skysweep.vehicles.mavlink.modes import F64, TICK_S, Refused, Site, finite
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.items import ABOVE_HOME
 from skysweep.vehicles.served.link import Key
-
-if TYPE_CHECKING:
-    from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.pilot import Pilot
 
 _YAW_IGNORED, _YAW_RATE_IGNORED = 1024, 2048  # POSITION_TARGET_TYPEMASK
 _LIFT_OFF_M, _LIFT_OFF_MPS = 0.3, 0.1  # a setpoint that means: leave the ground
@@ -50,7 +47,7 @@ class Offboard:
         self._heard_s = -np.inf
         self._yaw_rad = 0.0
 
-    def follow(self, key: Key, target: Target, pilot: Autopilot) -> None:
+    def follow(self, key: Key, target: Target, pilot: Pilot) -> None:
         """Takes a setpoint. Raises Refused where another program owns the control."""
         if not self.may_control(key, pilot):
             raise Refused("Offboard denied: another program is in control")
@@ -60,7 +57,7 @@ class Offboard:
         if target.yaw_rad is not None:
             self._yaw_rad = target.yaw_rad
 
-    def may_control(self, key: Key, pilot: Autopilot) -> bool:
+    def may_control(self, key: Key, pilot: Pilot) -> bool:
         """Whether nobody else is in control."""
         if self.owner in (None, key):
             return True
@@ -71,11 +68,11 @@ class Offboard:
         if self.owner == key:
             self.owner, self._target = None, None
 
-    def is_fresh(self, pilot: Autopilot) -> bool:
+    def is_fresh(self, pilot: Pilot) -> bool:
         """Whether setpoints are coming in."""
         return self._target is not None and pilot.time_s - self._heard_s <= pilot.parameters["COM_OF_LOSS_T"]
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         target = self._target
         if target is None or pilot.taking_off:
             return

@@ -6,16 +6,12 @@ multicopter's Position mode (speed by deflection).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from skysweep.vehicles.mavlink.modes import F64, TICK_S
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.link import Address
-
-if TYPE_CHECKING:
-    from skysweep.vehicles.served.autopilot import Autopilot
+from skysweep.vehicles.served.pilot import Pilot
 
 RC_ONLY, MAVLINK_ONLY, FALL_BACK, KEEP_FIRST, NONE = range(5)  # COM_RC_IN_MODE; PX4's 5 to 8 sort by link
 _CENTRED = np.zeros(4)
@@ -70,20 +66,21 @@ class ByStick:
     Without a pilot it comes down and lands, as PX4 does, which sinks at MPC_LAND_SPEED all the way.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sticks: Sticks) -> None:
+        self._sticks = sticks
         self._place: F64 | None = None
         self._sinking = False
         self._moving = np.ones(3, dtype=bool)
         self._yaw_rad = 0.0
 
-    def step(self, pilot: Autopilot) -> None:
+    def step(self, pilot: Pilot) -> None:
         if not pilot.flying:
             return
         state = pilot.state
         if not state.airborne:
             pilot.touch_down()
             return
-        if pilot.sticks.lost:
+        if self._sticks.lost:
             if not self._sinking:
                 self._sinking, self._place, self._moving = True, None, np.ones(3, dtype=bool)
                 pilot.touch_down()
@@ -91,7 +88,7 @@ class ByStick:
         self._sinking = False
         if self._place is None:
             self._place, self._yaw_rad = state.position_enu_m, pilot.yaw_rad
-        velocity, turn = _wanted(pilot)
+        velocity, turn = _wanted(self._sticks, pilot)
         moving = np.array([velocity[:2].any(), velocity[:2].any(), velocity[2] != 0.0])
         if not (moving.any() or turn or self._moving.any()):
             return
@@ -104,9 +101,9 @@ class ByStick:
         pilot.fly_to(self._place, self._yaw_rad, np.inf, velocity)
 
 
-def _wanted(pilot: Autopilot) -> tuple[F64, float]:
+def _wanted(sticks: Sticks, pilot: Pilot) -> tuple[F64, float]:
     """ENU velocity (3,) and clockwise yaw rate in rad/s."""
-    p, (forward, right, up, turn) = pilot.parameters, _shaped(pilot.sticks.position)
+    p, (forward, right, up, turn) = pilot.parameters, _shaped(sticks.position)
     size = max(float(np.hypot(forward, right)), 1.0)
     ahead, aside = p["MPC_VEL_MANUAL"] / size * np.array([forward, right])
     c, s = np.cos(pilot.yaw_rad), np.sin(pilot.yaw_rad)
