@@ -664,7 +664,7 @@ def made_inputs() -> Inputs:
 def import_all() -> None:
     """What commands import, once for all forks."""
     import skysweep.cli
-    import skysweep.detection.training.evaluate  # noqa: F401
+    import skysweep.detection.training.evaluate
     import skysweep.detection.yolo
     import skysweep.experiments.paper.report
     import skysweep.experiments.paper.run
@@ -672,7 +672,7 @@ def import_all() -> None:
     import skysweep.experiments.sweep.run
     import skysweep.flights.resume
     import skysweep.planning.picture
-    import skysweep.results.writing
+    import skysweep.results.writing  # noqa: F401
 
 
 def main() -> int:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skysweep.results.claims import claims
+from skysweep.experiments.paper.claims import claims
 
 INF = "inf"
 PAPER_S = {1: 379.66, 5: 348.78, INF: 384.23}

@@ -6,7 +6,8 @@ from PIL import Image
 from results_data import tiny_records, write_run
 
 from skysweep.results import figures
-from skysweep.results.figures import panels, pos_curves, run_map, step_values
+from skysweep.results.figures import panels, pos_curves, run_map
+from skysweep.results.reporting.style import step_values
 from skysweep.results.run_folder import load_run
 
 

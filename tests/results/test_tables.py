@@ -12,10 +12,10 @@ from skysweep.experiments.paper.tables import (
     compare_json,
     compare_rows,
     markdown_tables,
-    mean_ci95,
     paired_differences,
     print_tables,
 )
+from skysweep.results.reporting.statistics import mean_ci95
 
 
 def summary(scenario, n_c, seed, time_s, false_scans=0, recall=1.0, strategy="scan-check", false_positives=0):

@@ -7,15 +7,13 @@ from Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), and every mark 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from io import BytesIO
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
@@ -26,34 +24,30 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MplPath
 from numpy.typing import NDArray
 
-from skysweep.experiments.paper.tables import t_quantile
 from skysweep.results.metrics import finite_or_inf, match
+from skysweep.results.reporting.statistics import t_quantile
+from skysweep.results.reporting.style import (
+    COLUMN_IN,
+    GREEN,
+    GREY,
+    ORANGE,
+    PAGE_IN,
+    PURPLE,
+    SERIES_COLOURS,
+    SERIES_DASHES,
+    VERMILLION,
+    save_figure,
+    step_values,
+    style,
+)
 from skysweep.results.run_folder import Run
 
 F64 = NDArray[np.float64]
 
-COLUMN_IN, PAGE_IN = 3.5, 7.2  # widths of a column and a page of an IEEE paper
 ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(
     "altitude", colormaps["viridis"](np.linspace(0.0, 0.87, 256))
 )
-GREEN, ORANGE, VERMILLION, PURPLE, GREY = "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#808080"
-SERIES_COLOURS = ("#0072B2", VERMILLION, GREEN, PURPLE, ORANGE, "#56B4E9")
-SERIES_DASHES = ("-", "--", ":", "-.")
 
-_STYLE: Any = {
-    "font.size": 8,
-    "axes.titlesize": 8.5,
-    "axes.labelsize": 8,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7.5,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "font.family": "DejaVu Sans",
-    "pdf.fonttype": 42,
-    "svg.hashsalt": "skysweep",
-}
 
 # name -> marker, size, face, edge, edge width, what the legend says
 _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
@@ -146,12 +140,6 @@ def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
         axis.grid(lw=0.3, color="0.85")
         axis.legend(frameon=False)
         return save_figure(figure, path)
-
-
-def step_values(steps: F64, time_s: F64) -> F64:
-    """Values at times (M,) of a curve given by its steps (K, 2), zero before the first."""
-    index = np.searchsorted(steps[:, 0], time_s, side="right") - 1
-    return np.where(index < 0, 0.0, steps[np.maximum(index, 0), 1])
 
 
 def _top_view(
@@ -307,21 +295,3 @@ def n_c_label(value: float) -> str:
 def _mission_time(run: Run) -> str:
     """Mission time; of a search that was not finished a lower bound."""
     return f"{'' if run.finished_s is not None else '> '}{run.search_end_s:.0f} s"
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """The house's fonts and line widths, legible in print."""
-    with rc_context(_STYLE):
-        yield
-
-
-def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure, the same bytes every time, as PNG, SVG or PDF (by suffix)."""
-    path = Path(path)
-    stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
-    content = BytesIO()  # what a full disk raises would be lost in Matplotlib
-    form = path.suffix.removeprefix(".")
-    figure.savefig(content, format=form, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
-    path.write_bytes(content.getvalue())
-    return path

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skysweep.experiments.paper.claims import claims
 from skysweep.experiments.paper.tables import (
     BASELINE,
     CHECK_HEADER,
@@ -24,15 +25,14 @@ from skysweep.experiments.paper.tables import (
     compare_rows,
     grouped,
     markdown_tables,
-    one_line,
     paired_cells,
     paired_differences,
 )
 from skysweep.files.writing import whole_files
-from skysweep.results.claims import claims
 from skysweep.results.figures import n_c_label, panels, pos_curves
 from skysweep.results.metrics import Summary, finite_or_inf
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
+from skysweep.results.reporting.tables import one_line
 from skysweep.results.reporting.wording import definitions, parameters
 from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run
 from skysweep.scenarios.model import Scenario

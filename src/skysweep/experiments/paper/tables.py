@@ -11,14 +11,13 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
-from scipy import stats
 
 from skysweep.results.metrics import Summary, finite_or_inf
-from skysweep.results.reporting.tables import markdown
+from skysweep.results.reporting.statistics import MeanCI, mean_ci95
+from skysweep.results.reporting.tables import markdown, one_line
 
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
 Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only
-MeanCI = tuple[float, tuple[float, float]]  # mean and its 95 % confidence interval
 
 BASELINE = "scan-only"  # the same transects without a descent: what Algorithm 1 is measured against
 
@@ -111,21 +110,6 @@ class CheckEffect:
             if ci95[0] > 0 or ci95[1] < 0
         ]
         return " and ".join(shown) or ("nothing that shows" if self.n_pairs > 1 else "not shown")
-
-
-def t_quantile(n: int) -> float:
-    """Two-sided 95 % quantile of Student's t for a mean of n values."""
-    return float(stats.t.ppf(0.975, n - 1))
-
-
-def mean_ci95(values: Sequence[float]) -> MeanCI:
-    """Mean and its 95 % confidence interval by Student's t; fewer than 2 values leave it open."""
-    x = np.asarray(values, dtype=float)
-    mean = float(x.mean()) if len(x) else math.nan
-    if len(x) < 2:
-        return mean, (-math.inf, math.inf)
-    half = t_quantile(len(x)) * float(x.std(ddof=1)) / math.sqrt(len(x))
-    return mean, (mean - half, mean + half)
 
 
 def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
@@ -339,11 +323,6 @@ def infinity_sign(n_c: Limit) -> str:
 def choice(n_c: Choice) -> str:
     """Which strategy a row is, for a reader."""
     return BASELINE if n_c is None else f"n_c = {infinity_sign(n_c)}"
-
-
-def one_line(name: str) -> str:
-    """A column's name without the line break that narrow terminals need."""
-    return name.replace("-\n", "").replace("\n", " ")
 
 
 def _interval(bounds: tuple[float, float]) -> str:

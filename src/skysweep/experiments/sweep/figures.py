@@ -26,7 +26,8 @@ from skysweep.experiments.sweep.missions import (
     field_unit,
     value_text,
 )
-from skysweep.results.figures import (
+from skysweep.results.reporting.statistics import Estimate, pointwise_band
+from skysweep.results.reporting.style import (
     PAGE_IN,
     SERIES_COLOURS,
     SERIES_DASHES,
@@ -34,7 +35,6 @@ from skysweep.results.figures import (
     step_values,
     style,
 )
-from skysweep.results.reporting.statistics import Estimate, pointwise_band
 from skysweep.results.reporting.tables import math_text
 
 F64 = NDArray[np.float64]

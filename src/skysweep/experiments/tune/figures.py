@@ -12,7 +12,16 @@ from matplotlib.figure import Figure
 
 from skysweep.experiments.tune.race import F64
 from skysweep.experiments.tune.validate import Cell
-from skysweep.results.figures import GREEN, GREY, ORANGE, PAGE_IN, PURPLE, VERMILLION, save_figure, style
+from skysweep.results.reporting.style import (
+    GREEN,
+    GREY,
+    ORANGE,
+    PAGE_IN,
+    PURPLE,
+    VERMILLION,
+    save_figure,
+    style,
+)
 from skysweep.results.reporting.tables import math_text
 
 _COLUMNS = 4

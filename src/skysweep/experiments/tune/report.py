@@ -13,7 +13,6 @@ import numpy as np
 import polars as pl
 import yaml
 
-from skysweep.experiments.paper.tables import one_line
 from skysweep.experiments.tune.figures import draw_matters, draw_search
 from skysweep.experiments.tune.race import RECALL_SLACK, Rules
 from skysweep.experiments.tune.run import Problem
@@ -30,6 +29,7 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
+from skysweep.results.reporting.tables import one_line
 from skysweep.scenarios.files import change_scenario, write_scenario
 
 _SYMBOLS = {

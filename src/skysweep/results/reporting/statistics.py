@@ -14,15 +14,18 @@ J. Statist. 6 (1979) 65-70.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
-from scipy.stats import rankdata
+from scipy.stats import rankdata, t
 
 F64 = NDArray[np.float64]
+
+MeanCI = tuple[float, tuple[float, float]]  # mean and its 95 % confidence interval
 
 SEED = 1979
 RESAMPLES = 5000
@@ -296,3 +299,18 @@ def _dominated(costs: F64) -> NDArray[np.bool_]:
         no_worse &= a <= b
         better |= a < b
     return np.asarray((no_worse & better).any(axis=1))
+
+
+def t_quantile(n: int) -> float:
+    """Two-sided 95 % quantile of Student's t for a mean of n values."""
+    return float(t.ppf(0.975, n - 1))
+
+
+def mean_ci95(values: Sequence[float]) -> MeanCI:
+    """Mean and its 95 % confidence interval by Student's t; fewer than 2 values leave it open."""
+    x = np.asarray(values, dtype=float)
+    mean = float(x.mean()) if len(x) else math.nan
+    if len(x) < 2:
+        return mean, (-math.inf, math.inf)
+    half = t_quantile(len(x)) * float(x.std(ddof=1)) / math.sqrt(len(x))
+    return mean, (mean - half, mean + half)

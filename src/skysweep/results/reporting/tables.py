@@ -89,3 +89,8 @@ def write_tables(stem: Path, grids: Sequence[Grid]) -> None:
     parts = [latex(grid, f"tab:{stem.name}-{index}") for index, grid in enumerate(grids, 1)]
     preamble = "% needs \\usepackage{booktabs}\n\n"
     stem.with_suffix(".tex").write_text(preamble + "\n".join(parts), encoding="utf-8")
+
+
+def one_line(name: str) -> str:
+    """A column's name without the line break that narrow terminals need."""
+    return name.replace("-\n", "").replace("\n", " ")

@@ -11,16 +11,15 @@ from collections.abc import Iterator, Sequence
 
 from skysweep.experiments.paper.tables import (
     CAPTIONS,
-    MeanCI,
     by_seed,
     choice,
     compare_rows,
-    mean_ci95,
     paired,
     paired_differences,
 )
 from skysweep.results.metrics import Summary
 from skysweep.results.reporting.html import Grid
+from skysweep.results.reporting.statistics import MeanCI, mean_ci95
 
 TIME_TOLERANCE = 0.15
 RECALL_GOAL = 0.95
