@@ -31,7 +31,7 @@ from skysweep.experiments.tune.race import (
 )
 from skysweep.experiments.tune.report import matters_grid
 from skysweep.experiments.tune.run import Problem, family_of, search
-from skysweep.experiments.tune.run import study as tune_study
+from skysweep.experiments.tune import study as tune_study
 from skysweep.experiments.tune.space import (
     CHECK_SPEED,
     D_C,

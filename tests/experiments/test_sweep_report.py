@@ -36,7 +36,7 @@ from skysweep.experiments.sweep.missions import (
     load_missions,
 )
 from skysweep.experiments.sweep.report import write_sweep_report
-from skysweep.experiments.sweep.run import figures as sweep_figures
+from skysweep.experiments.sweep import figures as sweep_figures
 from skysweep.experiments.sweep.run import fly_job
 from skysweep.experiments.sweep.spec import dump_spec, parse_spec
 from skysweep.experiments.sweep.store import SweepStore
