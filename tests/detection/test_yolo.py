@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
-from skysweep.detection.yolo import YoloDetector, letterbox
+from skysweep.detection.network import letterbox
+from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.types import Frame

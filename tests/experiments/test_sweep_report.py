@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
+from skysweep.experiments.sweep import figures as sweep_figures
 from skysweep.experiments.sweep.analysis import analyse, best_rule, sensitivity, verdict
 from skysweep.experiments.sweep.matrix import Matrix
 from skysweep.experiments.sweep.missions import (
@@ -36,7 +37,6 @@ from skysweep.experiments.sweep.missions import (
     load_missions,
 )
 from skysweep.experiments.sweep.report import write_sweep_report
-from skysweep.experiments.sweep import figures as sweep_figures
 from skysweep.experiments.sweep.run import fly_job
 from skysweep.experiments.sweep.spec import dump_spec, parse_spec
 from skysweep.experiments.sweep.store import SweepStore

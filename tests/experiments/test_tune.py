@@ -20,6 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skysweep.errors import UserError
+from skysweep.experiments.tune import study as tune_study
 from skysweep.experiments.tune.race import (
     Flown,
     Rules,
@@ -31,7 +32,6 @@ from skysweep.experiments.tune.race import (
 )
 from skysweep.experiments.tune.report import matters_grid
 from skysweep.experiments.tune.run import Problem, family_of, search
-from skysweep.experiments.tune import study as tune_study
 from skysweep.experiments.tune.space import (
     CHECK_SPEED,
     D_C,

@@ -116,7 +116,7 @@ def _limit() -> None:
 
 
 def _main(path: Path) -> int:
-    from skysweep.detection.yolo import load_network
+    from skysweep.detection.network import load_network
 
     _limit()
     try:

@@ -14,7 +14,7 @@ from skysweep.detection.model_trial import try_out
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import yaw_from_heading
-from skysweep.mission.loop import Mission
+from skysweep.mission.mission import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.model import Scenario

@@ -17,7 +17,8 @@ from skysweep.files.writing import make_folder
 from skysweep.flights.build import build_mission
 from skysweep.flights.replay import RecordedSensor, ReplayJournal
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
-from skysweep.mission.loop import Mission, Operator, fly
+from skysweep.mission.loop import fly
+from skysweep.mission.mission import Mission, Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary

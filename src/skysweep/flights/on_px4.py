@@ -19,7 +19,7 @@ from skysweep.files.writing import make_folder
 from skysweep.flights.fly import Say, Watch, fly_to_folder, refuse_other_mission
 from skysweep.flights.rehearsal import rehearse
 from skysweep.flights.resume import resume_folder
-from skysweep.mission.loop import Operator
+from skysweep.mission.mission import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.scenarios.model import Scenario

@@ -11,7 +11,7 @@ import numpy as np
 from skysweep.flights.build import build_mission
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.looks import Looks
-from skysweep.mission.loop import Mission
+from skysweep.mission.mission import Mission
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.camera_watch import OF_ITSELF, REPEATED
 from skysweep.types import Camera, Detections, Vehicle, VehicleState

@@ -19,7 +19,7 @@ import numpy as np
 
 from skysweep.errors import UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
-from skysweep.mission.loop import Mission
+from skysweep.mission.mission import Mission
 from skysweep.sensing.imaging import Answer, DetectorError, ImagingSensor
 from skysweep.types import Detections, Doubt, Vehicle, VehicleState
 

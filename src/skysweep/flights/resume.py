@@ -15,7 +15,7 @@ from skysweep.flights.build import build_mission
 from skysweep.flights.fly import SETUP, Say, Watch, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
 from skysweep.mission.journal import FileJournal, read_journal
-from skysweep.mission.loop import Mission, Operator
+from skysweep.mission.mission import Mission, Operator
 from skysweep.results.run_folder import (
     CONFIG_FILE,
     JOURNAL_FILE,

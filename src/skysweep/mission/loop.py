@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,32 +17,23 @@ from skysweep.mission.energy import ReturnEnergy, wind_xy
 from skysweep.mission.fence import Fence, Router, SearchedArea
 from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
+from skysweep.mission.mission import Mission, Operator, Watch
 from skysweep.mission.notes import Notes
 from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase
-from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import landing_time_s
-from skysweep.scenarios.model import Scenario
-from skysweep.sensing.exposures import Exposures
 from skysweep.types import (
     Candidate,
     Command,
     Detections,
     Event,
     Observation,
-    Sensor,
     Setpoint,
     Sighting,
-    Strategy,
-    Tracker,
-    Vehicle,
     VehicleState,
     Waypoint,
 )
-from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
-Watch = Callable[[VehicleState, str, Detections | None], None]
-Operator = Callable[[], str | None]
 
 _LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
@@ -53,32 +44,6 @@ _CLIMBS_MPS = 1.0  # horizontally
 _DISPLACED_M = 10.0  # by somebody else, or by what the autopilot did while the link was lost
 _BACK_M = 2.0
 _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
-
-
-@dataclass(frozen=True, slots=True)
-class Mission:
-    """Everything that a mission is made of."""
-
-    scenario: Scenario
-    seed: int
-    sensor_name: str
-    vehicle: Vehicle
-    sensor: Sensor
-    tracker: Tracker
-    strategy: Strategy
-    waypoints_xy_enu_m: F64  # (N, 2), F
-    cover_altitude_agl_m: float
-    yaw_rad: float
-    ground_at_m: Callable[[float, float], float]  # height at east and north
-    exposures: Exposures  # of the sensor
-    obstacles: Obstacles  # that are known
-    witness: Witness | None = None  # of where a simulated vehicle really was
-    replays: bool = True  # flown again it does the same; else snapshots are taken of it
-
-    @property
-    def return_altitude_agl_m(self) -> float:
-        """Height above ground on the way home."""
-        return max(self.cover_altitude_agl_m, self.scenario.search.scan_altitude_agl_m)
 
 
 def fly(

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skysweep.mission.journal import Journal
+from skysweep.mission.mission import Mission
 from skysweep.mission.safety import OUTSIDE, OVER, Action, Alarm
 from skysweep.mission.witness import Witness
 from skysweep.types import XY, Candidate, Event, Observation, Strategy, Tracker, VehicleState
-
-if TYPE_CHECKING:
-    from skysweep.mission.loop import Mission
 
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # the mission goes on after

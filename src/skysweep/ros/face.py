@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.mission.loop import Mission
+from skysweep.mission.mission import Mission
 from skysweep.ros import messages as m
 from skysweep.ros import topics
 from skysweep.ros.link import Link

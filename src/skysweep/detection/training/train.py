@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.detection.model_files import model_file
+from skysweep.detection.network import PAD_GREY
 from skysweep.detection.training.evaluate import read_picture
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage, read_dataset
-from skysweep.detection.yolo import PAD_GREY
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.writing import make_folder, whole_files
 

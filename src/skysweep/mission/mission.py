@@ -1,0 +1,45 @@
+"""Everything that a mission is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.mission.witness import Witness
+from skysweep.scenarios.model import Scenario
+from skysweep.sensing.exposures import Exposures
+from skysweep.types import Detections, Sensor, Strategy, Tracker, Vehicle, VehicleState
+from skysweep.worlds.obstacles import Obstacles
+
+F64 = NDArray[np.float64]
+Watch = Callable[[VehicleState, str, Detections | None], None]
+Operator = Callable[[], str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """Everything that a mission is made of."""
+
+    scenario: Scenario
+    seed: int
+    sensor_name: str
+    vehicle: Vehicle
+    sensor: Sensor
+    tracker: Tracker
+    strategy: Strategy
+    waypoints_xy_enu_m: F64  # (N, 2), F
+    cover_altitude_agl_m: float
+    yaw_rad: float
+    ground_at_m: Callable[[float, float], float]  # height at east and north
+    exposures: Exposures  # of the sensor
+    obstacles: Obstacles  # that are known
+    witness: Witness | None = None  # of where a simulated vehicle really was
+    replays: bool = True  # flown again it does the same; else snapshots are taken of it
+
+    @property
+    def return_altitude_agl_m(self) -> float:
+        """Height above ground on the way home."""
+        return max(self.cover_altitude_agl_m, self.scenario.search.scan_altitude_agl_m)
