@@ -1,8 +1,8 @@
 """Tuning: find the search parameters of a scenario, or of a family of them, by flying many missions.
 
-A study proposes values, every proposal is raced against the best so far on the same seeds (``tune_race``),
+A study proposes values, every proposal is raced against the best so far on the same seeds (``race``),
 and the best are flown again on fresh seeds beside the scenario's own values and the paper's choices
-(``tune_validate``).
+(``validate``).
 """
 
 from __future__ import annotations
