@@ -95,7 +95,7 @@ def recognise(probe: Probe) -> Layout | None:
 
 def sigmoid(x: F32) -> F32:
     """Logistic function without overflow."""
-    return 0.5 * (1.0 + np.tanh(0.5 * x))
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x)))
 
 
 def xyxy_from_cxcywh(boxes: F32) -> F32:
@@ -320,7 +320,7 @@ class _Grid:
     axes: str  # "chw": (1, 3 * k, h, w); "hwc": (1, h, w, 3 * k); "ahwk": (1, 3, h, w, k); "hwak"
 
     def cells(self, outputs: Outputs) -> F32:
-        a = outputs[self.output][0]
+        a: F32 = np.asarray(outputs[self.output][0])
         match self.axes:
             case "chw":
                 return a.reshape(3, self.columns, *a.shape[1:]).transpose(0, 2, 3, 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from functools import wraps
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar, cast
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
@@ -18,7 +18,10 @@ R = TypeVar("R")
 _UNFINISHED = ".unfinished-"
 
 
-def _told(method: Callable[Concatenate[Folder, P], R]) -> Callable[Concatenate[Folder, P], R]:
+Method = Callable[Concatenate["Folder", P], R]
+
+
+def _told(method: Method[P, R]) -> Method[P, R]:
     """What a store refuses is one sentence. Stores raise what they like: fsspec asks for no common class."""
 
     @wraps(method)
@@ -31,7 +34,7 @@ def _told(method: Callable[Concatenate[Folder, P], R]) -> Callable[Concatenate[F
                 f"{self}: cannot be read or written ({reason}); check the address and its rights"
             ) from None
 
-    return wrapped
+    return cast("Method[P, R]", wrapped)
 
 
 class Folder:

@@ -30,7 +30,8 @@ class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
             if problem:
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
             seen.add(key.value)
-        return super().construct_mapping(node, deep=deep)
+        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep=deep)
+        return mapping
 
 
 def parse_yaml(text: str, source: str) -> Any:

@@ -117,7 +117,7 @@ def _is_whole(box_xyxy_px: NDArray[np.float64], lens: Lens) -> bool:
     """Whether a box ends inside the picture."""
     x0, y0, x1, y1 = box_xyxy_px.tolist()
     within_x = x0 > _EDGE_PX and x1 < lens.width_px - _EDGE_PX
-    return within_x and y0 > _EDGE_PX and y1 < lens.height_px - _EDGE_PX
+    return bool(within_x and y0 > _EDGE_PX and y1 < lens.height_px - _EDGE_PX)
 
 
 def labelled(picture: Image, found: Detections, own: int | None, words: str) -> Image:

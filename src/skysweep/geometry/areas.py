@@ -26,7 +26,7 @@ def headings_of(legs_xy: ArrayLike) -> F64:
     """Compass headings in degrees [0, 360) of legs (N, 2, 2), each from its first point to its second."""
     legs = np.asarray(legs_xy, dtype=float).reshape(-1, 2, 2)
     east, north = (legs[:, 1] - legs[:, 0]).T
-    return np.degrees(np.arctan2(east, north)) % 360.0
+    return np.asarray(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
 def edge_headings(area: shapely.Polygon) -> F64:
@@ -46,7 +46,8 @@ def swept_rectangles(legs_xy: ArrayLike, heading_deg: float, width_m: float, hei
     along, left = heading_axes(heading_deg)
     signs = np.array([(1, 1), (1, -1), (-1, -1), (-1, 1)])
     corners = signs[:, :1] * along * height_m / 2 + signs[:, 1:] * left * width_m / 2
-    return shapely.convex_hull(shapely.multipoints((legs[:, :, None] + corners).reshape(-1, 8, 2)))
+    corners_of_legs = (legs[:, :, None] + corners).reshape(-1, 8, 2)
+    return np.asarray(shapely.convex_hull(shapely.multipoints(corners_of_legs)))
 
 
 def intervals_in_bands(area: shapely.Polygon, bands: ArrayLike, min_gap: float) -> list[F64]:

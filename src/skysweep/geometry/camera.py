@@ -61,7 +61,7 @@ class Lens:
 
 @lru_cache
 def _focal_px(width_px: int, hfov_rad: float) -> float:
-    return width_px / (2.0 * np.tan(hfov_rad / 2.0))
+    return float(width_px / (2.0 * np.tan(hfov_rad / 2.0)))
 
 
 class CameraPose(NamedTuple):

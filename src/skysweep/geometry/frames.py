@@ -22,22 +22,22 @@ _FLU_FRD = np.diag([1.0, -1.0, -1.0])
 
 def ned_from_enu(vectors_enu: ArrayLike) -> F64:
     """Vectors (..., 3) from ENU to NED; the same map takes NED to ENU."""
-    return np.asarray(vectors_enu, dtype=float) @ _ENU_NED.T
+    return np.asarray(np.asarray(vectors_enu, dtype=float) @ _ENU_NED.T)
 
 
 def enu_from_ned(vectors_ned: ArrayLike) -> F64:
     """Vectors (..., 3) from NED to ENU."""
-    return np.asarray(vectors_ned, dtype=float) @ _ENU_NED.T
+    return np.asarray(np.asarray(vectors_ned, dtype=float) @ _ENU_NED.T)
 
 
 def rotation_flu_to_enu(R_frd_to_ned: ArrayLike) -> F64:
     """Attitude (3, 3) from PX4's convention (FRD -> NED) to ours (FLU -> ENU)."""
-    return _ENU_NED @ np.asarray(R_frd_to_ned, dtype=float) @ _FLU_FRD
+    return np.asarray(_ENU_NED @ np.asarray(R_frd_to_ned, dtype=float) @ _FLU_FRD)
 
 
 def rotation_frd_to_ned(R_flu_to_enu: ArrayLike) -> F64:
     """Attitude (3, 3) from our convention (FLU -> ENU) to PX4's (FRD -> NED)."""
-    return _ENU_NED @ np.asarray(R_flu_to_enu, dtype=float) @ _FLU_FRD
+    return np.asarray(_ENU_NED @ np.asarray(R_flu_to_enu, dtype=float) @ _FLU_FRD)
 
 
 def heading_from_yaw(yaw_rad: float) -> float:

@@ -64,7 +64,8 @@ class ReturnEnergy:
 
     def power_w(self, air_speed_mps: float) -> float:
         """What level flight draws from the battery."""
-        return self._vehicle.hover_power_w * math.hypot(1.0, DRAG_PER_S * air_speed_mps / _G) ** 1.5
+        thrust = math.hypot(1.0, DRAG_PER_S * air_speed_mps / _G)
+        return float(self._vehicle.hover_power_w * thrust**1.5)
 
 
 class Charge:

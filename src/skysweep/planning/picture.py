@@ -51,7 +51,7 @@ def draw_plan(
     axes.set_title(_figures(plan, estimate, altitude), loc="right", fontsize=8, color=_INK)
     figure.legend(loc="outside lower center", ncols=5, fontsize=8, frameon=False)
     path = Path(path_png)
-    FigureCanvasAgg(figure).print_png(str(path))
+    FigureCanvasAgg(figure).print_png(str(path))  # type: ignore[no-untyped-call]
     return path
 
 

@@ -401,7 +401,7 @@ def _ground_along_legs(terrain: TerrainSurface, xy: F64) -> F64:
     share = np.linspace(0.0, 1.0, 100)[None, :, None]
     along = xy[:-1, None] + share * (xy[1:] - xy[:-1])[:, None]
     highest = terrain.height_m(along.reshape(-1, 2)).reshape(len(xy) - 1, -1).max(axis=1)
-    return np.maximum(np.append(highest, highest[-1]), np.insert(highest, 0, highest[0]))
+    return np.asarray(np.maximum(np.append(highest, highest[-1]), np.insert(highest, 0, highest[0])))
 
 
 def _camera_calc(scenario: Scenario, plan: CoveragePlan, height_m: float, mode: int) -> CameraSettings:

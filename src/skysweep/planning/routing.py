@@ -68,7 +68,7 @@ def _exact(hop: F64, first: F64, m: int, k: int) -> list[int]:
 def _hop(ends: F64, node: int, to: int) -> float:
     """From where a node is left to where another one is, by its entry. Rows: entry, exit, length inside."""
     dx, dy = ends[node, 2] - ends[to, 0], ends[node, 3] - ends[to, 1]
-    return math.sqrt(dx * dx + dy * dy) + ends[to, 4]
+    return float(math.sqrt(dx * dx + dy * dy) + ends[to, 4])
 
 
 @njit(cache=True)

@@ -57,7 +57,7 @@ def write_recording(run: Run, path: str | Path) -> Path:
                 )
             nanoseconds = round(time_s * 1e9)
             writer.add_message(channels[topic.name], nanoseconds, to_cdr(message), nanoseconds)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 

@@ -63,4 +63,4 @@ def _march(origin: F64, direction: F64, ground_height_m: GroundHeight) -> F64:
             high = middle
         else:
             low = middle
-    return origin + high * direction
+    return np.asarray(origin + high * direction)

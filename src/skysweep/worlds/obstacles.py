@@ -152,7 +152,7 @@ def _beside(solid: F64, x: float, y: float) -> float:
     dx, dy = x - solid[0], y - solid[1]
     u = abs(solid[2] * dx + solid[3] * dy) - solid[4]
     v = abs(solid[2] * dy - solid[3] * dx) - solid[5]
-    return max(math.hypot(max(u, 0.0), max(v, 0.0)) - solid[6], 0.0)
+    return float(max(math.hypot(max(u, 0.0), max(v, 0.0)) - solid[6], 0.0))
 
 
 @njit(cache=True)
@@ -165,7 +165,7 @@ def _reach(solid: F64) -> float:
 def _is_far(solid: F64, x: float, y: float, to_x: float, to_y: float, margin: float) -> bool:
     """Whether a solid lies beyond the margin around the bounding box of a line."""
     reach = _reach(solid) + margin
-    return (
+    return bool(
         solid[0] < min(x, to_x) - reach
         or solid[0] > max(x, to_x) + reach
         or solid[1] < min(y, to_y) - reach

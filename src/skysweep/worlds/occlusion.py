@@ -203,4 +203,4 @@ def _hides(solid: F64, camera: F64, x: float, y: float, z: float) -> bool:
     if root <= 0.0:
         return False
     reach = math.sqrt(root)
-    return (-b + reach) / a > 0.0 and (-b - reach) / a < 1.0
+    return bool((-b + reach) / a > 0.0 and (-b - reach) / a < 1.0)

@@ -46,7 +46,7 @@ class Ground:
                 0, 1
             )
             u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
-            return a + u[:, None] * (b - a) + v[:, None] * (c - a)
+            return np.asarray(a + u[:, None] * (b - a) + v[:, None] * (c - a))
         found = np.empty((0, 2))
         while len(found) < count:
             tries = rng.uniform(self._low, self._high, (count - len(found), 2))

@@ -127,7 +127,7 @@ def _coco_image(
                     f"{path}: bbox {bbox} of {image['file_name']}: write x, y, width, height in pixels"
                 )
             rows.append([bbox[0], bbox[1], bbox[0] + bbox[2], bbox[1] + bbox[3]])
-        return np.clip(_boxes(rows) / size, 0, 1)
+        return np.asarray(np.clip(_boxes(rows) / size, 0, 1))
 
     single = [a for a in annotations if not a.get("iscrowd")]
     picture = next((f for f in _coco_picture_places(path, image["file_name"]) if f.is_file()), None)

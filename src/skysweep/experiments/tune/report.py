@@ -392,7 +392,7 @@ def _markdown_grid(grid: Grid) -> str:
     return "\n".join(lines + ["| " + " | ".join(map(one_line, row)) + " |" for row in grid.rows])
 
 
-def _as_json(tuned: Tuned) -> dict[str, Any]:
+def _as_json(tuned: Tuned) -> Any:
     problem = tuned.problem
     return _plain(
         {

@@ -141,7 +141,7 @@ def _column_quantiles(ordered: F64, shares: F64) -> F64:
     upper = np.minimum(lower + 1, len(ordered) - 1)
     columns = np.arange(ordered.shape[1])
     low, high = ordered[lower, columns], ordered[upper, columns]
-    return low + (place - lower) * (high - low)
+    return np.asarray(low + (place - lower) * (high - low))
 
 
 def estimate(values: F64) -> Estimate:
@@ -287,7 +287,7 @@ def front_shares(costs: F64) -> F64:
     means = resampled_means(costs.reshape(n, -1)).reshape(-1, members, objectives)
     means = np.round(means, 9)  # equal members stay equal whatever the order of a sum
     dominated = [_dominated(means[block]) for block in _row_blocks(len(means), members**2)]
-    return 1.0 - np.concatenate(dominated).mean(axis=0)
+    return np.asarray(1.0 - np.concatenate(dominated).mean(axis=0))
 
 
 def _dominated(costs: F64) -> NDArray[np.bool_]:

@@ -76,7 +76,7 @@ class CameraEffects:
         a, b = (np.random.default_rng([self._seed, n, 47]).normal() for n in (k, k + 1))
         w = t / EXPOSURE_PERIOD
         gain = np.exp(EXPOSURE_STD * ((1 - w) * a + w * b) + 0.2 * EXPOSURE_STD * rng.normal())
-        return np.clip(np.arange(256) * gain + 0.5, 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.arange(256) * gain + 0.5, 0, 255).astype(np.uint8))
 
     def _add_noise(self, image: U8, rng: np.random.Generator) -> U8:
         y, x = rng.integers(0, _NOISE_PX, 2)

@@ -83,4 +83,4 @@ class RenderedCamera:
         """About how far the ground is along the optical axis."""
         height = pose.position_enu_m[2] - float(self._terrain.height_m(pose.position_enu_m[:2])[0])
         down = max(-float(pose.R_camera_to_enu[2, 2]), 0.2)
-        return max(height / down, MIN_DISTANCE_M)
+        return float(max(height / down, MIN_DISTANCE_M))

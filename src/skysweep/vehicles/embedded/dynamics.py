@@ -16,6 +16,12 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+U64 = NDArray[np.uint64]
+Quaternion = tuple[float, float, float, float]
+Entries = tuple[float, ...]
 
 STEP_S = 0.004
 NOISE_STEPS = 5  # gusts and estimation errors move at 50 Hz
@@ -108,7 +114,7 @@ _inlined = njit(cache=True, error_model="numpy", inline="always")  # 5 % faster 
 
 
 @njit(cache=True, inline="always")
-def _uniform(rng):
+def _uniform(rng: U64) -> float:
     """SplitMix64 (Steele, Lea & Flood 2014) in (0, 1]."""
     rng[0] += np.uint64(0x9E3779B97F4A7C15)
     z = rng[0]
@@ -119,13 +125,13 @@ def _uniform(rng):
 
 
 @njit(cache=True, error_model="numpy")
-def _normal(rng):
+def _normal(rng: U64) -> float:
     """Standard normal (Box-Muller)."""
     return math.sqrt(-2.0 * math.log(_uniform(rng))) * math.cos(2.0 * math.pi * _uniform(rng))
 
 
 @_inlined
-def _multiply(a, b):
+def _multiply(a: Entries, b: Entries) -> Quaternion:
     """Hamilton product of two quaternions."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -136,7 +142,7 @@ def _multiply(a, b):
 
 
 @_inlined
-def _turn(vx, vy, vz):
+def _turn(vx: float, vy: float, vz: float) -> Quaternion:
     """Quaternion of a rotation vector; a short one by Taylor series, to the last bit of a double."""
     square = 0.25 * (vx * vx + vy * vy + vz * vz)
     if square < 1e-3:
@@ -149,20 +155,20 @@ def _turn(vx, vy, vz):
 
 
 @_inlined
-def _four(x, at):
+def _four(x: F64, at: int) -> Quaternion:
     """The quaternion that begins at ``at``."""
     return x[at], x[at + 1], x[at + 2], x[at + 3]
 
 
 @_inlined
-def _set_unit(x, at, quaternion):
+def _set_unit(x: F64, at: int, quaternion: Entries) -> None:
     a, b, c, d = quaternion
     n = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
     x[at], x[at + 1], x[at + 2], x[at + 3] = a * n, b * n, c * n, d * n
 
 
 @_inlined
-def _rotation(a):
+def _rotation(a: Entries) -> Entries:
     """The nine entries, row by row, of a quaternion's rotation matrix."""
     w, i, j, k = a[0], a[1], a[2], a[3]
     return (
@@ -179,17 +185,17 @@ def _rotation(a):
 
 
 @_inlined
-def _wrap(angle):
+def _wrap(angle: float) -> float:
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @_inlined
-def _clip(value, low, high):
+def _clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
 @_inlined
-def camera_quaternion(yaw_rad, pitch_rad):
+def camera_quaternion(yaw_rad: float, pitch_rad: float) -> Quaternion:
     """Camera optical -> ENU for a level picture (geometry.frames.rotation_camera_to_enu)."""
     body = _multiply(
         (math.cos(0.5 * yaw_rad), 0.0, 0.0, math.sin(0.5 * yaw_rad)),
@@ -199,7 +205,7 @@ def camera_quaternion(yaw_rad, pitch_rad):
 
 
 @njit(cache=True, error_model="numpy")
-def start(x, rng, q):
+def start(x: F64, rng: U64, q: F64) -> None:
     """Draws the slow errors from their stationary distributions and points the camera."""
     std = q[POSITION_STD]
     for i in range(3):
@@ -211,7 +217,7 @@ def start(x, rng, q):
 
 
 @njit(cache=True, error_model="numpy")
-def _move_air_and_errors(x, rng, q):
+def _move_air_and_errors(x: F64, rng: U64, q: F64) -> None:
     """Gauss-Markov steps of the gusts (first order), GNSS (second order) and attitude errors (first)."""
     dt = STEP_S * NOISE_STEPS
 
@@ -247,7 +253,7 @@ def _move_air_and_errors(x, rng, q):
 
 
 @_inlined
-def _vertical_limits(x, q):
+def _vertical_limits(x: F64, q: F64) -> tuple[float, float]:
     """Fastest climb and descent now, m/s, both positive; a negative climb keeps it on the ground."""
     agl = x[POSITION + 2] - x[GROUND_HEIGHT]
     up, down = q[CLIMB_SPEED], q[DESCENT_SPEED]
@@ -265,7 +271,7 @@ def _vertical_limits(x, q):
 
 
 @_inlined
-def _limited_xy(px, py, fx, fy, limit):
+def _limited_xy(px: float, py: float, fx: float, fy: float, limit: float) -> tuple[float, float]:
     """p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
     if math.hypot(px + fx, py + fy) <= limit:
         return px + fx, py + fy
@@ -279,7 +285,7 @@ def _limited_xy(px, py, fx, fy, limit):
 
 
 @_inlined
-def _velocity_setpoint(x, q):
+def _velocity_setpoint(x: F64, q: F64) -> tuple[float, float, float]:
     ex, ey, ez = (
         x[TARGET_POSITION] - x[POSITION] - x[POSITION_ERROR],
         x[TARGET_POSITION + 1] - x[POSITION + 1] - x[POSITION_ERROR + 1],
@@ -297,7 +303,7 @@ def _velocity_setpoint(x, q):
 
 
 @_inlined
-def _thrust_setpoint(x, q):
+def _thrust_setpoint(x: F64, q: F64) -> tuple[float, float, float]:
     """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2.
 
     It comes out turned by what the vehicle errs in its own lean, as the attitude loop then turns the body.
@@ -337,7 +343,7 @@ def _thrust_setpoint(x, q):
 
 
 @_inlined
-def _turn_towards(x, R, tx, ty, tz):
+def _turn_towards(x: F64, R: Entries, tx: float, ty: float, tz: float) -> float:
     """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves RATES and ATTITUDE."""
     T = math.sqrt(tx * tx + ty * ty + tz * tz)
     dx = (R[0] * tx + R[3] * ty + R[6] * tz) / T
@@ -369,7 +375,7 @@ def _turn_towards(x, R, tx, ty, tz):
 
 
 @_inlined
-def _move_body(x, q, R):
+def _move_body(x: F64, q: F64, R: Entries) -> None:
     """Thrust, linear drag against the air, gravity, and the ground."""
     along = (R[2], R[5], R[8])
     for i in range(3):
@@ -388,7 +394,7 @@ def _move_body(x, q, R):
 
 
 @njit(cache=True, error_model="numpy")
-def _stand(x, R):
+def _stand(x: F64, R: Entries) -> None:
     """Level and still, facing where it faced."""
     yaw = math.atan2(R[3], R[0])
     _set_unit(x, ATTITUDE, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
@@ -397,7 +403,7 @@ def _stand(x, R):
 
 
 @_inlined
-def _believe_yaw(x):
+def _believe_yaw(x: F64) -> None:
     R = _rotation(_four(x, ATTITUDE))
     east = R[0] + x[ATTITUDE_ERROR + 1] * R[6] - x[ATTITUDE_ERROR + 2] * R[3]
     north = R[3] + x[ATTITUDE_ERROR + 2] * R[0] - x[ATTITUDE_ERROR] * R[6]
@@ -405,7 +411,7 @@ def _believe_yaw(x):
 
 
 @_inlined
-def _move_gimbal(x, R, pitch, rate_max, gain):
+def _move_gimbal(x: F64, R: Entries, pitch: float, rate_max: float, gain: float) -> None:
     """The body carries the camera along; the joints turn it back with a first-order lag and a rate limit."""
     _believe_yaw(x)
     e = _turn(-x[ATTITUDE_ERROR], -x[ATTITUDE_ERROR + 1], -x[ATTITUDE_ERROR + 2])
@@ -424,7 +430,7 @@ def _move_gimbal(x, R, pitch, rate_max, gain):
 
 
 @njit(cache=True, error_model="numpy")
-def fly(x, rng, q, steps):
+def fly(x: F64, rng: U64, q: F64, steps: int) -> None:
     """Moves the simulation by ``steps`` of STEP_S."""
     pitch, rate_max = q[GIMBAL_PITCH], q[GIMBAL_RATE]
     gain = (1.0 - math.exp(-STEP_S / max(q[GIMBAL_LAG], 1e-6))) / STEP_S
@@ -451,7 +457,7 @@ def fly(x, rng, q, steps):
 
 
 @njit(cache=True, error_model="numpy")
-def poses(x, q, out):
+def poses(x: F64, q: F64, out: F64) -> None:
     """What the vehicle believes and what is so, as rows of 3 in ``out`` (18, 3).
 
     Believed: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.

@@ -67,7 +67,8 @@ class Multirotor:
         self._wind_enu_mps = np.array([*q[d.WIND : d.WIND + 2], 0.0])
         self._battery_wh = limits.battery_wh
         self._ground_height_m = ground_height_m
-        self._rng = np.random.SeedSequence([seed, _VEHICLE_STREAM]).generate_state(1, np.uint64)
+        seeds = np.random.SeedSequence([seed, _VEHICLE_STREAM])
+        self._rng: NDArray[np.uint64] = seeds.generate_state(1, np.uint64).astype(np.uint64)
         self._time_s = 0.0
         self._ground_at_step = 0
         self._x = np.zeros(d.N_STATE)

@@ -102,7 +102,7 @@ class Site:
         """The position (3,) of a place on Earth. Raises Refused for numbers that are none."""
         if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and abs(altitude_amsl_m) < 1e5):
             raise Refused("no such place on Earth")
-        return self.frame.enu_from_geodetic([latitude_deg, longitude_deg, altitude_amsl_m])[0]
+        return np.asarray(self.frame.enu_from_geodetic([latitude_deg, longitude_deg, altitude_amsl_m])[0])
 
 
 def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> list[float]:

@@ -49,4 +49,4 @@ def _upload(what: str, items: list[MissionItem], send: Callable[[Any], Any], rea
 
 
 def _same(a: MissionItem, b: MissionItem) -> bool:
-    return a.command == b.command and abs(a.x - b.x) <= _NEAR_E7 and abs(a.y - b.y) <= _NEAR_E7
+    return bool(a.command == b.command and abs(a.x - b.x) <= _NEAR_E7 and abs(a.y - b.y) <= _NEAR_E7)

@@ -31,8 +31,11 @@ from skysweep.vehicles.served.payload import Payload
 from skysweep.vehicles.served.pilot import Manoeuvre
 from skysweep.vehicles.served.telemetry import Streams
 
-_OK, _DENIED, _LATER = m.MAV_RESULT_ACCEPTED, m.MAV_RESULT_DENIED, m.MAV_RESULT_TEMPORARILY_REJECTED
-_UNSUPPORTED, _FAILED = m.MAV_RESULT_UNSUPPORTED, m.MAV_RESULT_FAILED
+_OK: int = m.MAV_RESULT_ACCEPTED
+_DENIED: int = m.MAV_RESULT_DENIED
+_LATER: int = m.MAV_RESULT_TEMPORARILY_REJECTED
+_UNSUPPORTED: int = m.MAV_RESULT_UNSUPPORTED
+_FAILED: int = m.MAV_RESULT_FAILED
 _TERMINATES = 0.5  # MAV_CMD_DO_FLIGHTTERMINATION, above it
 _FORCED = 21196  # MAV_CMD_COMPONENT_ARM_DISARM
 _FARTHEST_HOME_M = 1_000.0  # from the vehicle

@@ -155,7 +155,7 @@ def _texel_density(mesh: Mesh, layer_px: int) -> F32:
     world = np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1)
     a, b = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
     texels = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * layer_px**2
-    return np.sqrt(texels / np.maximum(world, 1e-12)).astype(np.float32)
+    return np.asarray(np.sqrt(texels / np.maximum(world, 1e-12)), dtype=np.float32)
 
 
 def _mips(images: NDArray[np.uint8]) -> tuple[F32, NDArray[np.int64]]:

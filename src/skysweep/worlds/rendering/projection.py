@@ -57,7 +57,7 @@ class View:
         if (clip[:, 3] < NEAR_M).any():
             return np.array([[-1.0, -1.0], [1.0, 1.0]])
         xy = clip[:, :2] / clip[:, 3:]
-        return np.clip([xy.min(axis=0), xy.max(axis=0)], -1.0, 1.0)
+        return np.asarray(np.clip([xy.min(axis=0), xy.max(axis=0)], -1.0, 1.0))
 
     def pixels(self, centres: F64, radii: F64) -> F64:
         """Radii (N,) in pixels of spheres (N, 3), (N,)."""
