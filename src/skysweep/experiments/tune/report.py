@@ -241,10 +241,8 @@ def how_sure(tuned: Tuned) -> list[str]:
         )
     if len(tuned.standings) > 1:
         sentences.append("Runner-up: " + _against(tuned.standings[1]))
-    for standing in tuned.standings[2:]:
-        if standing.label.startswith("own values") or "(own values" in standing.label:
-            sentences.append("Scenario's own: " + _against(standing))
-    return sentences
+    own = (s for s in tuned.standings[2:] if s.label.startswith("own values") or "(own values" in s.label)
+    return [*sentences, *("Scenario's own: " + _against(standing) for standing in own)]
 
 
 def number(value: float) -> str:

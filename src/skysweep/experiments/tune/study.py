@@ -157,7 +157,7 @@ class TuningStudy:
         if not self._locks:
             yield
             return
-        with open(f"{self._file}.lock", "a") as lock:
+        with Path(f"{self._file}.lock").open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             yield
 

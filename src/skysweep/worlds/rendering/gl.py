@@ -233,9 +233,11 @@ def _compile(gl: moderngl.Context, is_water: bool) -> dict[str, moderngl.Program
 
 def _upload(gl: moderngl.Context, scene: Scene) -> list[Any]:
     """Texture units 0-2: ground detail, middle, macro; 3: layers."""
-    textures: list[Any] = []
-    for image in (scene.ground_textures.detail, scene.ground_textures.middle, scene.ground_textures.macro):
-        textures.append(gl.texture(image.shape[1::-1], 4, _rgba(image).tobytes()))
+    ground = scene.ground_textures
+    textures: list[Any] = [
+        gl.texture(image.shape[1::-1], 4, _rgba(image).tobytes())
+        for image in (ground.detail, ground.middle, ground.macro)
+    ]
     size = (LAYER_PX, LAYER_PX, len(scene.layers))
     textures.append(gl.texture_array(size, 4, np.stack([_rgba(i) for i in scene.layers]).tobytes()))
     for texture in textures:
