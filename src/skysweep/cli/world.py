@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 import typer
 from rich.table import Table
 from rich.text import Text
-from scipy.stats import binomtest
 
 from skysweep.cli.common import ScenarioArg, SeedOption, SetOption, bar, changes_of, console, errors, friendly
 from skysweep.text import printable
@@ -66,6 +65,8 @@ def world_transfer(
 
         skysweep world transfer clusters --pictures 200
     """
+    from scipy.stats import binomtest
+
     from skysweep.experiments.calibration.gazebo import transfer
     from skysweep.flights.build import make_detector
     from skysweep.scenarios.files import change_scenario, load_scenario

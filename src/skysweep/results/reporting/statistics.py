@@ -20,8 +20,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
-from scipy.stats import rankdata, t
+from scipy.special import ndtr, ndtri, stdtrit
 
 F64 = NDArray[np.float64]
 
@@ -197,6 +196,8 @@ def signed_rank_test(differences: F64) -> tuple[float, float]:
     share of all 2^n equally likely signs that give a rank sum at least this far from the middle. Beyond, the
     normal approximation with the variance corrected for ties. No difference at all: p = 1, correlation 0.
     """
+    from scipy.stats import rankdata  # imported late: it takes half a second
+
     kept = differences[differences != 0]
     n = len(kept)
     if not n:
@@ -303,7 +304,7 @@ def _dominated(costs: F64) -> NDArray[np.bool_]:
 
 def t_quantile(n: int) -> float:
     """Two-sided 95 % quantile of Student's t for a mean of n values."""
-    return float(t.ppf(0.975, n - 1))
+    return float(stdtrit(n - 1, 0.975))
 
 
 def mean_ci95(values: Sequence[float]) -> MeanCI:
