@@ -131,8 +131,11 @@ class Observation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something the strategy decided, for the journal: kind is one of scanned, check_started,
-    confirmed, rejected, unchecked, scan_resumed, waypoint_reached, finished."""
+    """Something the strategy decided, for the journal.
+
+    ``kind`` is one of scanned, check_started, confirmed, rejected, unchecked, scan_resumed, waypoint_reached,
+    finished.
+    """
 
     kind: str
     candidate_id: int | None = None
@@ -159,61 +162,78 @@ class Command(NamedTuple):
 class Vehicle(Protocol):
     """Flies. Time is its own: nothing in a mission reads a wall clock."""
 
-    def state(self) -> VehicleState: ...
+    def state(self) -> VehicleState:
+        """What the vehicle believes of itself now."""
 
-    def command(self, setpoint: Setpoint) -> None: ...
+    def command(self, setpoint: Setpoint) -> None:
+        """Fly towards a setpoint from now on."""
 
-    def advance(self, duration_s: float) -> None: ...
+    def advance(self, duration_s: float) -> None:
+        """Let this much of its time pass."""
 
-    def takeoff(self, altitude_agl_m: float) -> None: ...
+    def takeoff(self, altitude_agl_m: float) -> None:
+        """Climb straight up to this height above the ground below, and wait there."""
 
-    def land(self) -> None: ...
+    def land(self) -> None:
+        """Descend here until it stands."""
 
     def hold(self) -> None:
         """Stop and stay here until the next command. Called whenever our side ends early."""
 
 
 class Sensor(Protocol):
-    """Looks. Returns the newest finished result, or None when there is nothing new."""
+    """Looks. To be shown every state of the mission, in their order."""
 
-    def sense(self, state: VehicleState) -> Detections | None: ...
+    def sense(self, state: VehicleState) -> Detections | None:
+        """The newest finished look, or None when there is nothing new."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Let go of what it holds; it is not asked again."""
 
 
 class Camera(Protocol):
-    """Takes the picture of this moment; the frame carries the pose that the mission believes."""
+    """Takes pictures."""
 
-    def capture(self, state: VehicleState) -> Frame: ...
+    def capture(self, state: VehicleState) -> Frame:
+        """The picture of this moment, with the pose that the mission believes."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Let go of what it holds; it is not asked again."""
 
 
 class Detector(Protocol):
-    """Finds boxes in one frame."""
+    """Finds boxes in pictures. ``class_names`` are all that it may report."""
 
     class_names: tuple[str, ...]
 
-    def detect(self, frame: Frame) -> Detections: ...
+    def detect(self, frame: Frame) -> Detections:
+        """Boxes in the frame's pixels, with its time, pose and lens. Raises UserError where it cannot."""
 
 
 class Tracker(Protocol):
     """Puts detections on the ground and keeps one candidate per thing seen. Its state is plain data."""
 
-    def update(self, detections: Detections) -> tuple[Sighting, ...]: ...
+    def update(self, detections: Detections) -> tuple[Sighting, ...]:
+        """The sightings of one look, each assigned to a candidate."""
 
-    def candidates(self) -> dict[int, Candidate]: ...
+    def candidates(self) -> dict[int, Candidate]:
+        """All that it keeps, by id."""
 
-    def snapshot(self) -> dict[str, Any]: ...
+    def snapshot(self) -> dict[str, Any]:
+        """Its state, as JSON holds it."""
 
-    def restore(self, snapshot: dict[str, Any]) -> None: ...
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a state that ``snapshot`` gave."""
 
 
 class Strategy(Protocol):
     """Decides. Pure: no I/O, no clock, no truth. Its state is plain data, so a mission can resume."""
 
-    def step(self, observation: Observation) -> Command: ...
+    def step(self, observation: Observation) -> Command:
+        """Where to fly now, and what was decided since the last step."""
 
-    def snapshot(self) -> dict[str, Any]: ...
+    def snapshot(self) -> dict[str, Any]:
+        """Its state, as JSON holds it."""
 
-    def restore(self, snapshot: dict[str, Any]) -> None: ...
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a state that ``snapshot`` gave."""
