@@ -17,6 +17,7 @@ from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.mission.progress import Progress
 from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.obstacles import Obstacles
 from skysweep.types import Setpoint, VehicleState, Waypoint
 
 Phase = Literal["TAKEOFF", "SEARCH", "RETURN", "LAND"]
@@ -32,6 +33,8 @@ _TURNED_AWAY_RAD, _TURNED_SAID_S = 0.35, 10.0
 _GROUND_SAID_S, _GROUND_RETURN_S = 3.0, 10.0
 _GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the height above ground that is believed
 _GROUND_M = 2.0
+_SIGMAS = 3.0  # of the position's error
+_BEAM = 0.05  # half the width of a rangefinder's beam, by its length
 _LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
@@ -89,10 +92,12 @@ class Guard:
         fence: Fence,
         energy: ReturnEnergy,
         looks: Looks,
+        obstacles: Obstacles,
         begins_in_air: bool = False,
     ) -> None:
         self._limits, self._battery_wh = scenario.safety, scenario.vehicle.battery_wh
-        self._home = scenario.home.position_enu_m
+        self._home, self._noise_m = scenario.home.position_enu_m, scenario.vehicle.position_noise_m
+        self._obstacles = obstacles
         self._fence, self._energy, self._looks = fence, energy, looks
         self._since: dict[str, float] = {}
         self._word: str | None = None
@@ -149,7 +154,7 @@ class Guard:
         found += disobeys
         if not lost and not silent:
             found += self._place(state, altitude_agl_m)
-            found += self._height(state, altitude_agl_m, now_s)
+            found += self._height(state, now_s)
             found += self._energy_left(state, altitude_agl_m)
             found += self._detector(state.time_s)
         return (*found, *self._wind(state, now_s))
@@ -399,16 +404,36 @@ class Guard:
     def _home_after(self, lasted_s: float) -> Action:
         return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE
 
-    def _height(self, state: VehicleState, altitude_agl_m: float, now_s: float) -> Iterator[Alarm]:
-        """The believed height against a rangefinder's; things on the ground may be as high as half of it."""
+    def _height(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        """The believed height against a rangefinder's, which meets the ground or what is known to stand there.
+
+        What nobody knows of may be as high as half the room below.
+        """
         below_m = state.ground_below_m
-        limit_m = max(_GROUND_M, _GROUND_SHARE * altitude_agl_m)
-        off = below_m is not None and abs(below_m - altitude_agl_m) > limit_m
+        if below_m is None:
+            self._since.pop("height", None)
+            return
+        near_m, far_m = self._to_be_measured_m(state)
+        off = not near_m - _ground_slack_m(near_m) <= below_m <= far_m + _ground_slack_m(far_m)
         off_s = self._lasting_s("height", off, now_s)
-        if below_m is not None and off_s is not None and off_s >= _GROUND_SAID_S:
-            near = below_m < _GROUND_NEAR_SHARE * altitude_agl_m and off_s >= _GROUND_RETURN_S
-            sentence = f"The rangefinder measures {below_m:.0f} m to the ground, not {altitude_agl_m:.0f} m."
+        if off_s is not None and off_s >= _GROUND_SAID_S:
+            near = below_m < _GROUND_NEAR_SHARE * near_m and off_s >= _GROUND_RETURN_S
+            least, most = f"{max(near_m, 0.0):.0f}", f"{far_m:.0f}"
+            expected = most if least == most else f"{least} to {most}"
+            sentence = f"The rangefinder measures {below_m:.0f} m down, not {expected} m."
             yield Alarm(Action.RETURN if near else Action.CONTINUE, "height", sentence)
+
+    def _to_be_measured_m(self, state: VehicleState) -> tuple[float, float]:
+        """The least and the most that a rangefinder measures at the believed height: its beam, which leans
+        with the vehicle, meets anything between the highest known top and the lowest ground around.
+        """
+        x, y, z = state.position_enu_m.tolist()
+        R = state.R_body_to_enu
+        lean = math.hypot(R.item(6), R.item(7)) / max(R.item(8), 0.5)
+        length_m = max(0.0, z - self._obstacles.terrain.height_at_m(x, y))
+        away_m = _SIGMAS * max(self._noise_m, state.position_std_m) + (lean + _BEAM) * length_m
+        lowest_m, highest_m = self._obstacles.heights_within_m((x, y), away_m)
+        return z - highest_m, z - lowest_m
 
     def _landing(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         """What keeps from landing, or does not."""
@@ -461,6 +486,10 @@ class Guard:
                 jumped = east_m + jump[0], north_m + jump[1], up_m + jump[2]
                 self._jumped_m = jumped if math.hypot(*jumped) > least_m else _NO_JUMP
         self._last = (state.time_s, (x, y, z), (vx, vy, vz))
+
+
+def _ground_slack_m(distance_m: float) -> float:
+    return max(_GROUND_M, _GROUND_SHARE * distance_m)
 
 
 def _keeps_out(why: str) -> Alarm:
