@@ -260,13 +260,22 @@ def test_whoever_led_it_out_of_the_fence_may_give_it_back_there():
     assert watched(state(t=222.0, x=300.0)).get("geofence") is Action.RETURN
 
 
-def test_a_hold_while_landing_counts_until_the_battery_is_critical():
-    watched = Watched()
+@pytest.mark.parametrize(("z", "left", "held"), [(30.0, 0.2, True), (30.0, 0.18, False), (3.0, 0.18, True)])
+def test_a_landing_is_held_while_the_battery_holds_what_it_takes_to_land(z, left, held):
+    """From 30 m that is 1.3 of 10 Wh, and the critical 5 %."""
+    watched = Watched(vehicle={"battery_wh": 10.0})
     watched.guard.heed("hold")
-    assert watched(state(), phase="LAND") == {"operator": Action.HOLD}
-    assert max(watched(state(t=101.0, battery_remaining=0.04), phase="LAND").values()) is Action.LAND
+    seen = state(z=z, battery_remaining=left)
+    ends = {"landing energy": Action.LAND}
+    assert watched(seen, agl=z, phase="LAND") == ({"operator": Action.HOLD} if held else ends)
+    assert watched(seen, agl=z, phase="LAND") == ({"operator": Action.HOLD} if held else {})
+
+
+def test_a_landing_that_is_not_held_asks_for_no_energy():
+    assert Watched()(state(battery_remaining=0.06), phase="LAND") == {}
+    watched = Watched()
     watched.guard.heed("return")
-    assert watched(state(t=102.0), phase="LAND") == {}
+    assert watched(state(battery_remaining=0.06), phase="LAND") == {}
 
 
 def test_a_mission_that_goes_on_beyond_the_fence_flies_back_inside():
@@ -449,6 +458,17 @@ def test_wind_holds_then_turns_home():
         actions.append(watched(state(t=t, wind_enu_mps=gale)).get("wind"))
     assert actions == [Action.HOLD] * 3 + [Action.RETURN]
     assert "wind" not in watched(state(t=62.0, wind_enu_mps=gale), phase="RETURN")
+
+
+@pytest.mark.parametrize("unknown", [None, np.full(3, math.nan)])
+def test_a_wind_that_was_too_strong_and_is_not_known_any_more_is_said(unknown):
+    watched = Watched()
+    watched(state(wind_enu_mps=np.array([0.0, 12.0, 0.0])))
+    (alarm,) = watched.guard.alarms(state(t=101.0, wind_enu_mps=unknown), 30.0, "SEARCH")
+    assert (alarm.action, alarm.cause) == (Action.CONTINUE, "wind")
+    assert alarm.sentence == "How the wind blows is not known any more."
+    assert watched(state(t=101.5, wind_enu_mps=np.array([0.0, 5.0, 0.0]))) == {}
+    assert watched(state(t=102.0, wind_enu_mps=unknown)) == {}
 
 
 def test_a_turn_at_speed_is_no_jump():

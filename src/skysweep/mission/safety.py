@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from skysweep.mission.energy import Charge, ReturnEnergy, wind_xy
+from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.mission.progress import Progress
@@ -128,7 +128,7 @@ class Guard:
         if phase == "SEARCH" and self._is_calm(state, altitude_agl_m):
             return ()
         if phase == "LAND":
-            return tuple(self._landing(state, now_s))
+            return tuple(self._landing(state, altitude_agl_m, now_s))
         found = [*self._link(state, now_s), *self._position(state, now_s)]
         found += self._battery(state, phase, now_s)
         lost = any(a.cause in ("position lost", "position jump") for a in found)
@@ -363,7 +363,11 @@ class Guard:
             yield Alarm(Action.CONTINUE, "scan slowed", sentence)
 
     def _wind(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
-        speed_mps = math.hypot(*wind_xy(state))
+        wind = known_wind_xy(state)
+        if wind is None and "wind" in self._since:
+            yield Alarm(Action.CONTINUE, "wind", "How the wind blows is not known any more.")
+            return
+        speed_mps = math.hypot(*wind) if wind is not None else 0.0
         blown_s = self._lasting_s("wind", speed_mps > self._limits.wind_max_mps, now_s)
         if blown_s is not None:
             action = Action.HOLD if blown_s < self._limits.wind_hold_s else Action.RETURN
@@ -405,7 +409,7 @@ class Guard:
         return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE
 
     def _height(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
-        """The believed height against a rangefinder's, which meets the ground or what is known to stand there.
+        """The believed height against a rangefinder's, which meets the ground or what is known to be there.
 
         What nobody knows of may be as high as half the room below.
         """
@@ -435,7 +439,7 @@ class Guard:
         lowest_m, highest_m = self._obstacles.heights_within_m((x, y), away_m)
         return z - highest_m, z - lowest_m
 
-    def _landing(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+    def _landing(self, state: VehicleState, altitude_agl_m: float, now_s: float) -> Iterator[Alarm]:
         """What keeps from landing, or does not."""
         if state.taken_over:
             yield _keeps_out(state.taken_over)
@@ -445,8 +449,15 @@ class Guard:
             yield from self._battery(state, "LAND", now_s)
             yield from self._rate()
             if self._word == "hold" and not self._is_unsure(state):
-                unknown = math.isnan(state.battery_remaining)  # a known one lands when it is critical
-                yield from self._held([*self._low(state)] if unknown else [])
+                unknown = math.isnan(state.battery_remaining)
+                asks = self._low(state) if unknown else self._landing_energy(state, altitude_agl_m)
+                yield from self._held([*asks])
+
+    def _landing_energy(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
+        left, needed_wh = self._charge.left(state), self._energy.landing_wh(altitude_agl_m, wind_xy(state))
+        if (left - self._limits.battery_critical) * self._battery_wh < needed_wh:
+            sentence = f"The landing takes {needed_wh:.1f} Wh and the battery is at {left:.0%}: landing now."
+            yield Alarm(Action.LAND, "landing energy", sentence)
 
     def _held(self, asks: list[Alarm]) -> list[Alarm]:
         """The operator's hold, or what the battery asks for, which ends it."""
