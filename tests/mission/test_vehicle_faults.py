@@ -3,6 +3,7 @@
 import math
 import re
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.build import build_mission
 from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import fly
+from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.obstacles import known_obstacles
 from skysweep.types import Setpoint
@@ -262,10 +265,10 @@ class Ranging(Raised):
 
     def measured_m(self):
         up = self.inner.true_R_body_to_enu[:, 2]
-        beam = self.inner.true_position_enu_m - np.arange(0.0, 50.0, 0.25)[:, None] * up
+        beam = self.inner.true_position_enu_m - np.arange(0.0, 50.0, 0.5)[:, None] * up
         ground_m = self.obstacles.terrain.height_m(beam[:, :2])
         met = beam[:, 2] <= np.maximum(self.obstacles.top_within_m(beam[:, :2], 0.0), ground_m)
-        return 0.25 * int(np.argmax(met)) * up[2] if met.any() else None
+        return 0.5 * int(np.argmax(met)) * up[2] if met.any() else None
 
 
 def forest(lowest_m, highest_m):
@@ -307,6 +310,21 @@ def test_a_barometer_20_m_off_is_seen_by_the_rangefinder_over_trees_and_roofs_to
         r"rangefinder measures \d+ m down, not [\dto ]*3\d m", flown.of_kind("safety")[-1]["sentence"]
     )
     flown.assert_landed_at_home()
+
+
+@pytest.mark.parametrize("by_m", [0.0, 20.0])
+@pytest.mark.parametrize("name", ["buildings", "person-wilderness"])
+def test_a_rangefinder_over_shipped_trees_and_roofs(name, by_m):
+    mission, journal = build_mission(load_scenario(name), 0, "statistical"), MemoryJournal()
+    vehicle = Ranging(mission.vehicle, mission.obstacles, by_m)
+    reason = fly(replace(mission, vehicle=vehicle), journal)
+    told = [line for line in journal.lines if line["kind"] == "safety" and line["cause"] == "height"]
+    if by_m == 0.0:
+        assert (reason, told) == ("completed", [])
+        return
+    assert (reason, [line["action"] for line in told]) == ("height", ["CONTINUE", "RETURN"])
+    begun_s = next(line["t"] for line in journal.lines if line.get("mode") == "SCAN")
+    assert [line["t"] - begun_s for line in told] == pytest.approx([3.0, 10.0], abs=1.5)
 
 
 WIDE = [[0, 0], [150, 0], [150, 100], [0, 100]]
