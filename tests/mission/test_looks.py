@@ -37,3 +37,14 @@ def test_doubt_of_25_looks_finds_the_track_that_was_flown_meanwhile(period_s):
     looks.give_up(now_s + 60.0)
     (start, _), *_ = looks.blind_legs()
     assert start[0] <= 4.0 * since_s
+
+
+def test_looks_that_a_doubt_reaches_back_to_were_none():
+    looks = Looks(Scenario.model_validate(SCENARIO), Exposures(2.5, 0.0), 30.0)
+    for k in range(20):
+        assert looks.take(0.4 * k, answer(0.4 * k))
+    assert not looks.take(8.0, answer(8.0, Doubt("is dirty", 6.7)))
+    assert looks.doubt == "is dirty (4 of the last 4 pictures)"
+    assert not looks.take(8.4, answer(8.4, Doubt("is dirty", 0.0)))
+    assert looks.doubt == "is dirty (10 of the last 10 pictures)"
+    assert looks.newest_s == 0.0

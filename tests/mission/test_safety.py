@@ -18,6 +18,7 @@ from skysweep.mission.safety import Action, Guard
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.types import Command, Setpoint, VehicleState, Waypoint
+from skysweep.worlds.obstacles import known_obstacles
 
 BASE = {"name": "rules", "area": {"polygon_enu_m": [[0, 0], [200, 0], [200, 200], [0, 200]]}}
 
@@ -33,6 +34,12 @@ def state(t=100.0, x=0.0, y=0.0, z=30.0, v=(0.0, 0.0, 0.0), **changes):
     return plain._replace(**changes)
 
 
+def leaning(by_deg):
+    """Body to ENU of a vehicle that leans east."""
+    c, s = math.cos(math.radians(by_deg)), math.sin(math.radians(by_deg))
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
 class Watched:
     """A guard whose detector has answered until ``looked_s``."""
 
@@ -41,7 +48,7 @@ class Watched:
         self.looks, self.fence = Looks(s, Exposures(s.detector.rate_hz, 0.0), 30.0), Fence(s)
         self.looks.begin(looked_s)
         self.energy = ReturnEnergy(s, self.fence, 30.0, 1.6)
-        self.guard = Guard(s, self.fence, self.energy, self.looks, begins_in_air)
+        self.guard = Guard(s, self.fence, self.energy, self.looks, known_obstacles(s), begins_in_air)
 
     def refusal(self, seen, waypoint):
         return self.guard.refusal(seen, 30.0, waypoint, waypoint)
@@ -192,6 +199,49 @@ def test_a_rangefinder_that_does_not_agree_with_the_height(below_m, actions):
     assert said == actions
 
 
+HALL = {"buildings": [{"position_enu_m": [0, 0], "size_m": [40, 20], "height_m": 5}]}  # 15 m high
+
+
+@pytest.mark.parametrize(
+    ("below_m", "actions"),
+    [
+        (30.0, [None] * 3),
+        (36.0, [None] * 3),
+        (39.0, [None, Action.CONTINUE, Action.CONTINUE]),
+        (15.0, [None] * 3),
+        (12.0, [None] * 3),
+        (10.0, [None, Action.CONTINUE, Action.CONTINUE]),
+        (7.0, [None, Action.CONTINUE, Action.RETURN]),
+    ],
+)
+def test_a_rangefinder_may_meet_anything_between_a_known_roof_and_the_ground(below_m, actions):
+    said = [a.get("height") for a in over_time(Watched(**HALL), (0.0, 4.0, 11.0), ground_below_m=below_m)]
+    assert said == actions
+
+
+@pytest.mark.parametrize(
+    ("x", "changes", "action"),
+    [
+        (22.0, {}, None),  # 1.6 m beside its eaves, and the beam is 3 m wide
+        (30.0, {}, Action.CONTINUE),
+        (30.0, {"position_std_m": 3.0}, None),
+        (30.0, {"R_body_to_enu": leaning(20.0)}, None),  # the beam leans with the vehicle
+    ],
+)
+def test_a_roof_counts_as_far_beside_it_as_position_and_beam_leave_open(x, changes, action):
+    said = over_time(Watched(**HALL), (0.0, 4.0), ground_below_m=15.0, x=x, **changes)
+    assert said[-1].get("height") is action
+
+
+@pytest.mark.parametrize(("below_m", "action"), [(18.0, Action.CONTINUE), (21.0, None), (40.0, None)])
+def test_over_a_steep_slope_a_rangefinder_may_meet_higher_and_lower_ground(below_m, action):
+    slope = scenario(terrain={"heightmap_m": [[0.0, 400.0], [0.0, 400.0]]})
+    z = 30.0 + known_obstacles(slope).terrain.height_at_m(100.0, 100.0)
+    watched = Watched(terrain=slope.terrain.model_dump())
+    said = over_time(watched, (0.0, 4.0), ground_below_m=below_m, x=100.0, y=100.0, z=z)
+    assert said[-1].get("height") is action
+
+
 def test_a_height_that_jumps_holds_until_it_jumps_back():
     watched, actions = Watched(), []
     for t, z in ((0.0, 30.0), (1.0, 50.0), (2.0, 50.0), (3.0, 30.0)):
@@ -210,13 +260,22 @@ def test_whoever_led_it_out_of_the_fence_may_give_it_back_there():
     assert watched(state(t=222.0, x=300.0)).get("geofence") is Action.RETURN
 
 
-def test_a_hold_while_landing_counts_until_the_battery_is_critical():
-    watched = Watched()
+@pytest.mark.parametrize(("z", "left", "held"), [(30.0, 0.2, True), (30.0, 0.18, False), (3.0, 0.18, True)])
+def test_a_landing_is_held_while_the_battery_holds_what_it_takes_to_land(z, left, held):
+    """From 30 m that is 1.3 of 10 Wh, and the critical 5 %."""
+    watched = Watched(vehicle={"battery_wh": 10.0})
     watched.guard.heed("hold")
-    assert watched(state(), phase="LAND") == {"operator": Action.HOLD}
-    assert max(watched(state(t=101.0, battery_remaining=0.04), phase="LAND").values()) is Action.LAND
+    seen = state(z=z, battery_remaining=left)
+    ends = {"landing energy": Action.LAND}
+    assert watched(seen, agl=z, phase="LAND") == ({"operator": Action.HOLD} if held else ends)
+    assert watched(seen, agl=z, phase="LAND") == ({"operator": Action.HOLD} if held else {})
+
+
+def test_a_landing_that_is_not_held_asks_for_no_energy():
+    assert Watched()(state(battery_remaining=0.06), phase="LAND") == {}
+    watched = Watched()
     watched.guard.heed("return")
-    assert watched(state(t=102.0), phase="LAND") == {}
+    assert watched(state(battery_remaining=0.06), phase="LAND") == {}
 
 
 def test_a_mission_that_goes_on_beyond_the_fence_flies_back_inside():
@@ -399,6 +458,17 @@ def test_wind_holds_then_turns_home():
         actions.append(watched(state(t=t, wind_enu_mps=gale)).get("wind"))
     assert actions == [Action.HOLD] * 3 + [Action.RETURN]
     assert "wind" not in watched(state(t=62.0, wind_enu_mps=gale), phase="RETURN")
+
+
+@pytest.mark.parametrize("unknown", [None, np.full(3, math.nan)])
+def test_a_wind_that_was_too_strong_and_is_not_known_any_more_is_said(unknown):
+    watched = Watched()
+    watched(state(wind_enu_mps=np.array([0.0, 12.0, 0.0])))
+    (alarm,) = watched.guard.alarms(state(t=101.0, wind_enu_mps=unknown), 30.0, "SEARCH")
+    assert (alarm.action, alarm.cause) == (Action.CONTINUE, "wind")
+    assert alarm.sentence == "How the wind blows is not known any more."
+    assert watched(state(t=101.5, wind_enu_mps=np.array([0.0, 5.0, 0.0]))) == {}
+    assert watched(state(t=102.0, wind_enu_mps=unknown)) == {}
 
 
 def test_a_turn_at_speed_is_no_jump():

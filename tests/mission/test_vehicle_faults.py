@@ -1,7 +1,9 @@
 """The fault table of docs/safety.md, second half: the vehicle's clock, numbers, battery and obedience."""
 
 import math
+import re
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +13,12 @@ from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import fly
+from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint
 from skysweep.vehicles.embedded import dynamics as d
+from skysweep.worlds.obstacles import known_obstacles
 
 NAN = np.full(3, math.nan)
 SINCE_S = 25.0
@@ -240,6 +245,86 @@ def test_what_is_not_looked_at_is_not_told_as_over():
     told = [line["sentence"] for line in flown.of_kind("safety")]
     assert "Telemetry is back." in told
     assert "The rangefinder agrees with the height again." not in told
+
+
+class Ranging(Raised):
+    """A vehicle with a rangefinder fixed to it, that meets crowns, roofs and ground; it may believe to be
+    higher than it is, from the beginning."""
+
+    def __init__(self, inner, obstacles, by_m):
+        super().__init__(inner, math.inf, by_m)
+        self.span, self.obstacles, self.told = (0.0, math.inf), obstacles, None
+
+    def advance(self, duration_s):
+        self.inner.advance(duration_s)
+        self.told = None
+
+    def state(self):
+        self.told = self.told or super().state()._replace(ground_below_m=self.measured_m())
+        return self.told
+
+    def measured_m(self):
+        up = self.inner.true_R_body_to_enu[:, 2]
+        beam = self.inner.true_position_enu_m - np.arange(0.0, 50.0, 0.5)[:, None] * up
+        ground_m = self.obstacles.terrain.height_m(beam[:, :2])
+        met = beam[:, 2] <= np.maximum(self.obstacles.top_within_m(beam[:, :2], 0.0), ground_m)
+        return 0.5 * int(np.argmax(met)) * up[2] if met.any() else None
+
+
+def forest(lowest_m, highest_m):
+    crowns = {"height_m": [lowest_m, highest_m], "crown_radius_m": [2.0, 3.0]}
+    where = {"trees_per_hectare": 1000, "polygon_enu_m": SCENARIO["area"]["polygon_enu_m"]}
+    return {"targets": [], "forests": [where | crowns]}
+
+
+def houses(eaves_m, width_m):
+    places = [[30.0, y] for y in (10.0, 35.0, 60.0)]
+    return {
+        "targets": [],
+        "buildings": [
+            {"position_enu_m": place, "size_m": [50.0, width_m], "height_m": eaves_m, "yaw_deg": yaw_deg}
+            for place, yaw_deg in zip(places, (0.0, 20.0, 0.0), strict=True)
+        ],
+    }
+
+
+def ranging(world, by_m):
+    known = known_obstacles(Scenario.model_validate(SCENARIO | world))
+    return Flown(vehicle=lambda inner: Ranging(inner, known, by_m), **world)
+
+
+@pytest.mark.parametrize("world", [{"targets": []}, forest(14.0, 18.0), houses(8.0, 20.0)])
+def test_a_rangefinder_over_known_trees_and_roofs_says_nothing(world):
+    flown = ranging(world, 0.0)
+    assert flown.reason == "completed"
+    assert "height" not in [cause for cause, _ in flown.safety]
+    flown.assert_landed_at_home()
+
+
+@pytest.mark.parametrize("world", [{"targets": []}, forest(3.0, 6.0), houses(3.0, 8.0)])
+def test_a_barometer_20_m_off_is_seen_by_the_rangefinder_over_trees_and_roofs_too(world):
+    flown = ranging(world, 20.0)
+    assert flown.reason == "height"
+    assert flown.safety == [("height", "CONTINUE"), ("height", "RETURN")]
+    assert re.search(
+        r"rangefinder measures \d+ m down, not [\dto ]*3\d m", flown.of_kind("safety")[-1]["sentence"]
+    )
+    flown.assert_landed_at_home()
+
+
+@pytest.mark.parametrize("by_m", [0.0, 20.0])
+@pytest.mark.parametrize("name", ["buildings", "person-wilderness"])
+def test_a_rangefinder_over_shipped_trees_and_roofs(name, by_m):
+    mission, journal = build_mission(load_scenario(name), 0, "statistical"), MemoryJournal()
+    vehicle = Ranging(mission.vehicle, mission.obstacles, by_m)
+    reason = fly(replace(mission, vehicle=vehicle), journal)
+    told = [line for line in journal.lines if line["kind"] == "safety" and line["cause"] == "height"]
+    if by_m == 0.0:
+        assert (reason, told) == ("completed", [])
+        return
+    assert (reason, [line["action"] for line in told]) == ("height", ["CONTINUE", "RETURN"])
+    begun_s = next(line["t"] for line in journal.lines if line.get("mode") == "SCAN")
+    assert [line["t"] - begun_s for line in told] == pytest.approx([3.0, 10.0], abs=1.5)
 
 
 WIDE = [[0, 0], [150, 0], [150, 100], [0, 100]]
@@ -622,7 +707,8 @@ def test_a_vehicle_that_refuses_to_be_held_goes_on_landing():
 def test_an_operator_who_holds_a_landing_and_never_comes_back():
     watcher = Watcher(None)
     flown = Flown(vehicle=watcher.see, operator=watcher, battery_wh=25.0)
-    assert ("battery critical", "LAND") in flown.safety
+    assert flown.safety[:3] == [("operator", "HOLD"), ("landing energy", "LAND"), ("operator", "CONTINUE")]
+    assert flown.embedded.state().battery_remaining > 0.04
     flown.assert_landed_at_home()
 
 

@@ -41,6 +41,20 @@ def test_tops_are_found_within_a_distance_of_their_outlines(xy, distance_m):
 
 
 @settings(deadline=None)
+@given(place, st.floats(0, 10))
+def test_what_a_beam_may_meet_reaches_from_the_lowest_ground_to_the_highest_top(xy, distance_m):
+    known = obstacles(terrain={"hills_height_m": 20.0, "hills_wavelength_m": 40.0})
+    lowest_m, highest_m = known.heights_within_m(xy, distance_m)
+    around = np.array(xy) + distance_m * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    ground_m = known.terrain.height_m(around)
+    top_m = known.top_within_m(np.array([xy]), distance_m)[0]
+    assert lowest_m <= ground_m.min()
+    assert highest_m >= max(ground_m.max(), top_m)
+    if distance_m == 0.0:
+        assert (lowest_m, highest_m) == (ground_m[0], max(ground_m[0], top_m))
+
+
+@settings(deadline=None)
 @given(place, place)
 def test_a_leg_is_kept_above_all_that_is_near_it(start, end):
     assume(math.dist(start, end) > 0.1)

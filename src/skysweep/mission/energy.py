@@ -33,6 +33,11 @@ class ReturnEnergy:
         upright_wh = self.power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
         return upright_wh + self._way_wh(xy, self._home, self._vehicle.cruise_speed_mps, wind_xy_mps)
 
+    def landing_wh(self, altitude_agl_m: float, wind_xy_mps: XY) -> float:
+        """Straight down from a height."""
+        landing_s = landing_time_s(max(0.0, altitude_agl_m), self._vehicle.descent_speed_mps)
+        return self.power_w(math.hypot(*wind_xy_mps)) * landing_s / 3600.0
+
     def waypoint_wh(self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint) -> float:
         """From here: go to the waypoint, up or down, look twice, and come home from there."""
         x, y, _ = state.position_enu_m.tolist()
@@ -95,7 +100,12 @@ class Charge:
 
 def wind_xy(state: VehicleState) -> XY:
     """The estimated mean wind over ground; none where it is unknown."""
+    return known_wind_xy(state) or (0.0, 0.0)
+
+
+def known_wind_xy(state: VehicleState) -> XY | None:
+    """The estimated mean wind over ground; None: unknown."""
     if state.wind_enu_mps is None:
-        return 0.0, 0.0
+        return None
     east, north, _ = state.wind_enu_mps.tolist()
-    return (east, north) if math.isfinite(east + north) else (0.0, 0.0)
+    return (east, north) if math.isfinite(east + north) else None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
-from skysweep.types import XY, Detections, VehicleState
+from skysweep.types import XY, Detections, Doubt, VehicleState
 
 F64 = NDArray[np.float64]
 
@@ -120,9 +120,9 @@ class Looks:
         if exposed_s <= self.newest_s and exposed_s in self._recent:
             return False
         self._recent.append(exposed_s)
-        self._doubts.append("" if detections.doubt is None else detections.doubt.why)
+        self._doubts.append("")
         if detections.doubt is not None:
-            self.newest_s = min(self.newest_s, detections.doubt.since_s)
+            self._distrust(detections.doubt)
             return False
         if exposed_s > self.newest_s:
             if exposed_s - self.newest_s > self._longest_gap_s():
@@ -130,6 +130,13 @@ class Looks:
             self.newest_s = exposed_s
             self._forget_track()
         return True
+
+    def _distrust(self, doubt: Doubt) -> None:
+        """The newest look, and those before it that the doubt reaches back to, are no looks."""
+        self.newest_s = min(self.newest_s, doubt.since_s)
+        for k, exposed_s in enumerate(list(self._recent)[-len(self._doubts) :]):
+            if exposed_s >= doubt.since_s:
+                self._doubts[k] = doubt.why
 
     def give_up(self, now_s: float) -> None:
         """The search is over: what was flown since the newest look that counts was not looked at."""

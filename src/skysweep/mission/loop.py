@@ -98,7 +98,7 @@ class _Flight:
         energy = ReturnEnergy(
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
-        self._guard = Guard(scenario, self._fence, energy, self._looks, state.airborne)
+        self._guard = Guard(scenario, self._fence, energy, self._looks, mission.obstacles, state.airborne)
         self._worst = _ALL_WELL
         self._next_check_s = 0.0
         self._mode = "TAKEOFF"

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
-from skysweep.mission.energy import Charge, ReturnEnergy, wind_xy
+from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.mission.progress import Progress
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint, VehicleState, Waypoint
+from skysweep.worlds.obstacles import Obstacles
 
 Phase = Literal["TAKEOFF", "SEARCH", "RETURN", "LAND"]
 _XYZ = tuple[float, float, float]
@@ -30,8 +31,10 @@ _ARRIVED_M = 3.0  # from there on it need not come nearer
 _SLOW_M = 3.0  # that a slow vehicle has time for
 _TURNED_AWAY_RAD, _TURNED_SAID_S = 0.35, 10.0
 _GROUND_SAID_S, _GROUND_RETURN_S = 3.0, 10.0
-_GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the height above ground that is believed
+_GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the distance that is to be measured
 _GROUND_M = 2.0
+_SIGMAS = 3.0  # of the position's error
+_BEAM = 0.05  # half the width of a rangefinder's beam, by its length
 _LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
@@ -89,10 +92,12 @@ class Guard:
         fence: Fence,
         energy: ReturnEnergy,
         looks: Looks,
+        obstacles: Obstacles,
         begins_in_air: bool = False,
     ) -> None:
         self._limits, self._battery_wh = scenario.safety, scenario.vehicle.battery_wh
-        self._home = scenario.home.position_enu_m
+        self._home, self._noise_m = scenario.home.position_enu_m, scenario.vehicle.position_noise_m
+        self._obstacles = obstacles
         self._fence, self._energy, self._looks = fence, energy, looks
         self._since: dict[str, float] = {}
         self._word: str | None = None
@@ -123,7 +128,7 @@ class Guard:
         if phase == "SEARCH" and self._is_calm(state, altitude_agl_m):
             return ()
         if phase == "LAND":
-            return tuple(self._landing(state, now_s))
+            return tuple(self._landing(state, altitude_agl_m, now_s))
         found = [*self._link(state, now_s), *self._position(state, now_s)]
         found += self._battery(state, phase, now_s)
         lost = any(a.cause in ("position lost", "position jump") for a in found)
@@ -149,7 +154,7 @@ class Guard:
         found += disobeys
         if not lost and not silent:
             found += self._place(state, altitude_agl_m)
-            found += self._height(state, altitude_agl_m, now_s)
+            found += self._height(state, now_s)
             found += self._energy_left(state, altitude_agl_m)
             found += self._detector(state.time_s)
         return (*found, *self._wind(state, now_s))
@@ -358,7 +363,11 @@ class Guard:
             yield Alarm(Action.CONTINUE, "scan slowed", sentence)
 
     def _wind(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
-        speed_mps = math.hypot(*wind_xy(state))
+        wind = known_wind_xy(state)
+        if wind is None and "wind" in self._since:
+            yield Alarm(Action.CONTINUE, "wind", "How the wind blows is not known any more.")
+            return
+        speed_mps = math.hypot(*wind) if wind is not None else 0.0
         blown_s = self._lasting_s("wind", speed_mps > self._limits.wind_max_mps, now_s)
         if blown_s is not None:
             action = Action.HOLD if blown_s < self._limits.wind_hold_s else Action.RETURN
@@ -399,18 +408,38 @@ class Guard:
     def _home_after(self, lasted_s: float) -> Action:
         return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE
 
-    def _height(self, state: VehicleState, altitude_agl_m: float, now_s: float) -> Iterator[Alarm]:
-        """The believed height against a rangefinder's; things on the ground may be as high as half of it."""
+    def _height(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        """The believed height against a rangefinder's, which meets the ground or what is known to be there.
+
+        What nobody knows of may be as high as half the room below.
+        """
         below_m = state.ground_below_m
-        limit_m = max(_GROUND_M, _GROUND_SHARE * altitude_agl_m)
-        off = below_m is not None and abs(below_m - altitude_agl_m) > limit_m
+        if below_m is None:
+            self._since.pop("height", None)
+            return
+        near_m, far_m = self._to_be_measured_m(state)
+        off = not near_m - _ground_slack_m(near_m) <= below_m <= far_m + _ground_slack_m(far_m)
         off_s = self._lasting_s("height", off, now_s)
-        if below_m is not None and off_s is not None and off_s >= _GROUND_SAID_S:
-            near = below_m < _GROUND_NEAR_SHARE * altitude_agl_m and off_s >= _GROUND_RETURN_S
-            sentence = f"The rangefinder measures {below_m:.0f} m to the ground, not {altitude_agl_m:.0f} m."
+        if off_s is not None and off_s >= _GROUND_SAID_S:
+            near = below_m < _GROUND_NEAR_SHARE * near_m and off_s >= _GROUND_RETURN_S
+            least, most = f"{max(near_m, 0.0):.0f}", f"{far_m:.0f}"
+            expected = most if least == most else f"{least} to {most}"
+            sentence = f"The rangefinder measures {below_m:.0f} m down, not {expected} m."
             yield Alarm(Action.RETURN if near else Action.CONTINUE, "height", sentence)
 
-    def _landing(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+    def _to_be_measured_m(self, state: VehicleState) -> tuple[float, float]:
+        """The least and the most that a rangefinder measures at the believed height: its beam, which leans
+        with the vehicle, meets anything between the highest known top and the lowest ground around.
+        """
+        x, y, z = state.position_enu_m.tolist()
+        R = state.R_body_to_enu
+        lean = math.hypot(R.item(6), R.item(7)) / max(R.item(8), 0.5)
+        length_m = max(0.0, z - self._obstacles.terrain.height_at_m(x, y))
+        away_m = _SIGMAS * max(self._noise_m, state.position_std_m) + (lean + _BEAM) * length_m
+        lowest_m, highest_m = self._obstacles.heights_within_m((x, y), away_m)
+        return z - highest_m, z - lowest_m
+
+    def _landing(self, state: VehicleState, altitude_agl_m: float, now_s: float) -> Iterator[Alarm]:
         """What keeps from landing, or does not."""
         if state.taken_over:
             yield _keeps_out(state.taken_over)
@@ -420,8 +449,15 @@ class Guard:
             yield from self._battery(state, "LAND", now_s)
             yield from self._rate()
             if self._word == "hold" and not self._is_unsure(state):
-                unknown = math.isnan(state.battery_remaining)  # a known one lands when it is critical
-                yield from self._held([*self._low(state)] if unknown else [])
+                unknown = math.isnan(state.battery_remaining)
+                asks = self._low(state) if unknown else self._landing_energy(state, altitude_agl_m)
+                yield from self._held([*asks])
+
+    def _landing_energy(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
+        left, needed_wh = self._charge.left(state), self._energy.landing_wh(altitude_agl_m, wind_xy(state))
+        if (left - self._limits.battery_critical) * self._battery_wh < needed_wh:
+            sentence = f"The landing takes {needed_wh:.1f} Wh and the battery is at {left:.0%}: landing now."
+            yield Alarm(Action.LAND, "landing energy", sentence)
 
     def _held(self, asks: list[Alarm]) -> list[Alarm]:
         """The operator's hold, or what the battery asks for, which ends it."""
@@ -461,6 +497,10 @@ class Guard:
                 jumped = east_m + jump[0], north_m + jump[1], up_m + jump[2]
                 self._jumped_m = jumped if math.hypot(*jumped) > least_m else _NO_JUMP
         self._last = (state.time_s, (x, y, z), (vx, vy, vz))
+
+
+def _ground_slack_m(distance_m: float) -> float:
+    return max(_GROUND_M, _GROUND_SHARE * distance_m)
 
 
 def _keeps_out(why: str) -> Alarm:

@@ -37,6 +37,7 @@ _EAVES_M = 0.4
 _CROWN_FROM = 0.35  # of a tree's height
 _STATION_M = 0.5  # between two places where a leg is looked at
 _GROUND_STATION_M = 1.0
+_GROUND_PLACES = 9  # in a row, where the ground around a place is looked at
 _TRACK_STEP_M = 0.1
 _NEAR_PLACE_M = 1.5  # of a line of sight that hides nothing: the place is not known better
 
@@ -83,6 +84,16 @@ class Obstacles:
     def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:
         """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf: none."""
         return _top_within(self.solids, xy_enu_m, distance_m)
+
+    def heights_within_m(self, xy_enu_m: XY, distance_m: float) -> tuple[float, float]:
+        """Heights ENU of the lowest ground and the highest top or ground within a horizontal distance."""
+        here = np.array([xy_enu_m])
+        steps_m = np.linspace(-distance_m, distance_m, _GROUND_PLACES)
+        ground_m = self.terrain.height_m(
+            here + np.stack(np.meshgrid(steps_m, steps_m), axis=-1).reshape(-1, 2)
+        )
+        top_m = self.top_within_m(here, distance_m).item()
+        return float(ground_m.min()), max(float(ground_m.max()), top_m)
 
     def heights_along(
         self, here: XY, to: XY, keep_m: float, keep_ground_m: float, near_m: float, slope: float
