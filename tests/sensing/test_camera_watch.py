@@ -205,6 +205,24 @@ def test_a_compass_that_is_15_degrees_off():
     sees(doubts(believed, pictures(true)), 0)
 
 
+@pytest.mark.parametrize("off_deg", [-6.0, 6.0])
+def test_a_compass_that_is_6_degrees_off_is_never_trusted_in_between(off_deg):
+    """Turning back slowly, the ground passes nearly as believed."""
+    believed = 2 * there_and_back()
+    true = [pose_at(*p.position_enu_m[:2], heading_rad=math.radians(off_deg)) for p in believed]
+    sees(doubts(believed, pictures(true)), 0, looks=25)
+
+
+def test_a_compass_that_is_right_again_is_trusted_again():
+    believed = 2 * there_and_back()
+    off_rad = math.radians(10.0)
+    true = [pose_at(*p.position_enu_m[:2], heading_rad=off_rad * (k < 30)) for k, p in enumerate(believed)]
+    found = doubts(believed, pictures(true))
+    assert 0 < first(found) <= 25
+    assert None not in found[first(found) : 40]
+    assert found[120:] == [None] * 80
+
+
 def test_dirt_on_the_lens(whole):
     poses, sound = whole
     ys, xs = np.mgrid[:180, :320]

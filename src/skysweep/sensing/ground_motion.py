@@ -63,6 +63,16 @@ class GroundMotion(NamedTuple):
     followed: Mask  # CELLS with texture that moved as the rest did
     still: Mask  # CELLS that show what they showed before, or nothing
 
+    @property
+    def believed_m(self) -> F64:
+        """(2,) the believed way."""
+        return self.believed_mps * self.elapsed_s
+
+    @property
+    def excess_m(self) -> F64:
+        """(2,) by which the pictures say that it was longer."""
+        return self.excess_mps * self.elapsed_s
+
 
 def view_of(frame: Frame, grey: U8) -> View:
     """What is kept of a frame; ``grey`` (H, W) is its picture."""
