@@ -25,11 +25,14 @@ F64 = NDArray[np.float64]
 MEMORY_LOOKS = 30  # that are trusted: what came before them makes no difference to the next judgement
 REPEATED = "shows the same picture again"
 BLACK, WHITE, BLURRED = "shows black", "shows white", "is out of focus"
-OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED)  # what is wrong with a picture wherever it was taken
+NOISY = "shows little but noise"
+OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED, NOISY)  # what is wrong with a picture wherever it was taken
 _STEPS, _LONG = 25, 75  # from look to look: to doubt a camera, to trust it again
 _DARK, _BRIGHT = 8, 247  # grey levels
 _BLIND_SHARE = 0.6  # of the picture
 _SPARSE = 4  # pixels are enough for that
+_SPECKS_PX = 5  # of these: noise does not make black brighter
+_NOISY = 0.05  # of the brightness
 _BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of the looks before
 _STALL_S = 1.5  # with the same picture: what comes then may be late
 _COMMON, _TEXTURED = 0.4, 0.3  # shares that two pictures need to tell anything
@@ -108,6 +111,8 @@ class CameraWatch:
         stood_s = self._repeated_s - self._fresh_s
         self._image, self._fresh_s = frame.image, frame.time_s
         view = view_of(frame, grey)
+        if view.noise > _NOISY * view.brightness:
+            return Doubt(NOISY, frame.time_s)
         if self._blurs(view.sharpness):
             return Doubt(BLURRED, frame.time_s)
         if looks_down(view.lens, view.camera):
@@ -122,7 +127,7 @@ class CameraWatch:
 
     def _blurs(self, sharpness: float) -> bool:
         share = _SHARP_AGAIN if self._is_blurred else _BLURRED
-        self._is_blurred = sharpness < share * min(self._sharpness, default=0.0)
+        self._is_blurred = sharpness < share * min(filter(math.isfinite, self._sharpness), default=0.0)
         return self._is_blurred
 
     def _compare(self, view: View) -> None:
@@ -200,7 +205,7 @@ class CameraWatch:
 
 def _unlit(grey: U8) -> str:
     """What is wrong with the exposure of a picture (H, W); empty: nothing."""
-    some = grey[::_SPARSE, ::_SPARSE]
+    some = cv2.medianBlur(np.ascontiguousarray(grey[::_SPARSE, ::_SPARSE]), _SPECKS_PX)
     if (some <= _DARK).mean() > _BLIND_SHARE:
         return BLACK
     if (some >= _BRIGHT).mean() > _BLIND_SHARE:
