@@ -299,10 +299,20 @@ def test_out_of_focus(whole):
     assert [d.why if d else None for d in found] == [None] * 20 + ["is out of focus"] * 20 + [None] * 60
 
 
-def test_what_was_long_ago_makes_no_difference(whole):
+def upside_down_for_a_while(poses, sound):
+    return [*sound[:60], *(image[::-1, ::-1] for image in sound[60:75]), *sound[75:]]
+
+
+def turned_for_a_while(poses, sound):
+    turned = pictures([pose_at(*p.position_enu_m[:2], heading_rad=0.2) for p in poses[60:80]])
+    return [*sound[:60], *turned, *sound[80:]]
+
+
+@pytest.mark.parametrize("goes_wrong", [upside_down_for_a_while, turned_for_a_while])
+def test_what_was_long_ago_makes_no_difference(whole, goes_wrong):
     """So that a mission that goes on has to see the last pictures only."""
     poses, sound = whole
-    images = [*sound[:60], *(image[::-1, ::-1] for image in sound[60:75]), *sound[75:]]
+    images = goes_wrong(poses, sound)
     found = doubts(poses, images)
     begun = first(found) - MEMORY_LOOKS
     again = [CameraWatch(FLAT)]
