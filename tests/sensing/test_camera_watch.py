@@ -140,6 +140,15 @@ def test_texture_is_seen_under_noise(whole):
     assert None not in found[20:]
 
 
+def test_a_road_under_noise_is_no_dirt():
+    """It stays in the same part of the picture all along."""
+    rng = np.random.default_rng(3)
+    poses = there_and_back(40)
+    road = GROUND.copy()
+    road[:, int((HALF_M - 2.0) / M_PER_PX) : int((HALF_M + 8.0) / M_PER_PX)] = 110.0
+    assert whys(doubts(poses, [picture(pose, rng, road, noise=9.0) for pose in poses])) == set()
+
+
 @pytest.mark.parametrize("ground", [np.full_like(GROUND, 110.0), GROUND])
 def test_a_picture_of_noise_is_no_look(whole, ground):
     poses, sound = whole

@@ -125,7 +125,7 @@ def motion(before: View, now: View, ground_m: float) -> GroundMotion:
         tried = [_turned(lens, turn, scale) @ fit.warp for turn in turns_deg for scale in scales]
         fit = max(fit, *(_shifted(before, now, turned) for turned in tried), key=_alike)
     same = _correlation(before.texture, now.texture, before.contrast, now.contrast) >= _ALIKE
-    blank = np.maximum(before.contrast, now.contrast) < _textured(before, now)
+    blank = np.maximum(before.contrast, now.contrast) < _TEXTURED
 
     def cells(mask: Mask) -> Mask:
         return cv2.resize(mask.astype(np.float32), (columns, rows), interpolation=cv2.INTER_AREA) >= 0.5
