@@ -40,12 +40,12 @@ def pose_at(x_m, y_m, z_m=30.0, heading_rad=0.0):
     return CameraPose(np.array([x_m, y_m, z_m]), np.array([[c, -s, 0.0], [-s, -c, 0.0], [0.0, 0.0, -1.0]]))
 
 
-def picture(pose, rng, ground=GROUND):
+def picture(pose, rng, ground=GROUND, noise=2.0):
     R, (x, y, z) = pose.R_camera_to_enu.T, pose.position_enu_m
     to_pixel = LENS.K @ np.column_stack([R[:, 0], R[:, 1], R @ np.array([-x, -y, -z])])
     to_metres = np.array([[M_PER_PX, 0.0, -HALF_M], [0.0, M_PER_PX, -HALF_M], [0.0, 0.0, 1.0]])
     seen = cv2.warpPerspective(ground, to_pixel @ to_metres, (LENS.width_px, LENS.height_px))
-    noisy = seen + rng.normal(0.0, 2.0, seen.shape)
+    noisy = seen + rng.normal(0.0, noise, seen.shape)
     return np.repeat(np.clip(noisy, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
 
 
@@ -108,6 +108,64 @@ def test_without_texture_nothing_is_told(ground):
     smooth = 110.0 + ground * (GROUND - 110.0)
     stuck = [picture(pose_at(0.0, 0.0), rng, smooth) for _ in range(40)]
     assert whys(doubts(there_and_back(40), stuck)) == set()
+
+
+@pytest.mark.parametrize("jpeg_quality", [100, 90])
+def test_noise_is_no_texture(jpeg_quality):
+    """As over snow at dusk, where the camera turns up its gain."""
+    rng = np.random.default_rng(3)
+    poses = there_and_back(40)
+    noisy = [picture(pose, rng, 0.02 * (GROUND - 110.0) + 110.0, noise=9.0) for pose in poses]
+    packed = [cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])[1] for image in noisy]
+    assert whys(doubts(poses, [cv2.imdecode(image, cv2.IMREAD_COLOR) for image in packed])) == set()
+
+
+@pytest.mark.parametrize("noise", [2.0, 9.0])
+def test_what_shows_nothing_does_not_count_as_sharp(whole, noise):
+    """As where open water or snow ends."""
+    poses, sound = whole
+    rng = np.random.default_rng(3)
+    smooth = [picture(pose, rng, np.full_like(GROUND, 110.0), noise) for pose in poses[:40]]
+    assert whys(doubts(poses, [*smooth, *sound[40:]])) == set()
+
+
+def test_texture_is_seen_under_noise(whole):
+    """What noise does not hide is compared, and found false."""
+    poses, _ = whole
+    rng = np.random.default_rng(3)
+    noisy = [picture(pose, rng, noise=9.0) for pose in poses]
+    assert whys(doubts(poses, [*noisy[:40], *whole[1][40:]])) == set()
+    found = doubts(poses, [*noisy[:20], *(image[::-1, ::-1] for image in noisy[20:])])
+    assert first(found) == 20
+    assert None not in found[20:]
+
+
+def test_a_road_under_noise_is_no_dirt():
+    """It stays in the same part of the picture all along."""
+    rng = np.random.default_rng(3)
+    poses = there_and_back(40)
+    road = GROUND.copy()
+    road[:, int((HALF_M - 2.0) / M_PER_PX) : int((HALF_M + 8.0) / M_PER_PX)] = 110.0
+    assert whys(doubts(poses, [picture(pose, rng, road, noise=9.0) for pose in poses])) == set()
+
+
+@pytest.mark.parametrize("ground", [np.full_like(GROUND, 110.0), GROUND])
+def test_a_picture_of_noise_is_no_look(whole, ground):
+    poses, sound = whole
+    rng = np.random.default_rng(3)
+    noisy = [picture(pose, rng, ground, noise=25.0) for pose in poses[20:30]]
+    found = doubts(poses, [*sound[:20], *noisy, *sound[30:]])
+    assert [d.why if d else None for d in found] == [None] * 20 + ["shows little but noise"] * 10 + [
+        None
+    ] * 70
+
+
+@pytest.mark.parametrize(("level", "why"), [(3.0, "shows black"), (252.0, "shows white")])
+@pytest.mark.parametrize("noise", [5.0, 15.0, 40.0])
+def test_black_and_white_are_told_through_noise(level, why, noise):
+    rng = np.random.default_rng(3)
+    blind = picture(pose_at(0.0, 0.0), rng, np.full_like(GROUND, level), noise)
+    assert whys(doubts([pose_at(0.0, 0.0)], [blind])) == {why}
 
 
 @pytest.mark.parametrize(
@@ -205,6 +263,24 @@ def test_a_compass_that_is_15_degrees_off():
     sees(doubts(believed, pictures(true)), 0)
 
 
+@pytest.mark.parametrize("off_deg", [-6.0, 6.0])
+def test_a_compass_that_is_6_degrees_off_is_never_trusted_in_between(off_deg):
+    """Turning back slowly, the ground passes nearly as believed."""
+    believed = 2 * there_and_back()
+    true = [pose_at(*p.position_enu_m[:2], heading_rad=math.radians(off_deg)) for p in believed]
+    sees(doubts(believed, pictures(true)), 0, looks=25)
+
+
+def test_a_compass_that_is_right_again_is_trusted_again():
+    believed = 2 * there_and_back()
+    off_rad = math.radians(10.0)
+    true = [pose_at(*p.position_enu_m[:2], heading_rad=off_rad * (k < 30)) for k, p in enumerate(believed)]
+    found = doubts(believed, pictures(true))
+    assert 0 < first(found) <= 25
+    assert None not in found[first(found) : 40]
+    assert found[120:] == [None] * 80
+
+
 def test_dirt_on_the_lens(whole):
     poses, sound = whole
     ys, xs = np.mgrid[:180, :320]
@@ -232,10 +308,20 @@ def test_out_of_focus(whole):
     assert [d.why if d else None for d in found] == [None] * 20 + ["is out of focus"] * 20 + [None] * 60
 
 
-def test_what_was_long_ago_makes_no_difference(whole):
+def upside_down_for_a_while(poses, sound):
+    return [*sound[:60], *(image[::-1, ::-1] for image in sound[60:75]), *sound[75:]]
+
+
+def turned_for_a_while(poses, sound):
+    turned = pictures([pose_at(*p.position_enu_m[:2], heading_rad=0.2) for p in poses[60:80]])
+    return [*sound[:60], *turned, *sound[80:]]
+
+
+@pytest.mark.parametrize("goes_wrong", [upside_down_for_a_while, turned_for_a_while])
+def test_what_was_long_ago_makes_no_difference(whole, goes_wrong):
     """So that a mission that goes on has to see the last pictures only."""
     poses, sound = whole
-    images = [*sound[:60], *(image[::-1, ::-1] for image in sound[60:75]), *sound[75:]]
+    images = goes_wrong(poses, sound)
     found = doubts(poses, images)
     begun = first(found) - MEMORY_LOOKS
     again = [CameraWatch(FLAT)]

@@ -25,11 +25,14 @@ F64 = NDArray[np.float64]
 MEMORY_LOOKS = 30  # that are trusted: what came before them makes no difference to the next judgement
 REPEATED = "shows the same picture again"
 BLACK, WHITE, BLURRED = "shows black", "shows white", "is out of focus"
-OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED)  # what is wrong with a picture wherever it was taken
-_STEPS = 25  # from look to look
+NOISY = "shows little but noise"
+OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED, NOISY)  # what is wrong with a picture wherever it was taken
+_STEPS, _LONG = 25, 75  # from look to look: to doubt a camera, to trust it again
 _DARK, _BRIGHT = 8, 247  # grey levels
 _BLIND_SHARE = 0.6  # of the picture
 _SPARSE = 4  # pixels are enough for that
+_SPECKS_PX = 5  # of these: noise does not make black brighter
+_NOISY = 0.05  # of the brightness
 _BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of the looks before
 _STALL_S = 1.5  # with the same picture: what comes then may be late
 _COMMON, _TEXTURED = 0.4, 0.3  # shares that two pictures need to tell anything
@@ -42,6 +45,7 @@ _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # and what adds up, with time and 
 _FORGIVEN = 2
 _JUMP = 4.0  # times that a gimbal explains in one look
 _CHANGE_MPS, _PROOF_S = 1.5, 2.0  # late pictures do not follow a change of the velocity
+_PLAIN = 3.0  # times what is explained: a fault that adds up to so much is seen
 _DIRT_STEPS, _MOVING = 5, 0.5  # looks in which so much of the picture moved
 _NEARLY_ALWAYS = 0.8
 _DIRT_SHARE, _CLEAN_SHARE = 0.03, 0.01  # of the picture
@@ -60,6 +64,23 @@ class _Step(NamedTuple):
         return self.relief > _ROUGH
 
 
+class _Fault(NamedTuple):
+    """How what the pictures show differed from the believed way."""
+
+    why: str
+    since_s: float
+    off_per_m: float  # of the way
+    off_mps: float
+
+    def least(self, other: _Fault | None) -> _Fault:
+        """As little of both as either has."""
+        if other is None:
+            return self
+        return self._replace(
+            off_per_m=min(self.off_per_m, other.off_per_m), off_mps=min(self.off_mps, other.off_mps)
+        )
+
+
 class CameraWatch:
     """Judges the pictures of one camera, in their order. Deterministic; keeps a few small pictures."""
 
@@ -70,10 +91,12 @@ class CameraWatch:
         self._fresh_s = self._repeated_s = -math.inf
         self._before: View | None = None
         self._trusted: View | None = None  # the newest that was
-        self._steps: deque[_Step | None] = deque(maxlen=_STEPS)  # None: told nothing
+        self._steps: deque[_Step | None] = deque(maxlen=_LONG)  # None: told nothing
         self._sharpness: deque[float] = deque(maxlen=_STEPS)  # of trusted pictures
         self._is_blurred = False
         self._strange: Doubt | None = None  # until a motion proves the camera
+        self._follows = False  # since the newest reason for that
+        self._least: _Fault | None = None  # of what was wrong meanwhile
         self._dirt: Doubt | None = None
 
     def judge(self, frame: Frame) -> Doubt | None:
@@ -88,6 +111,8 @@ class CameraWatch:
         stood_s = self._repeated_s - self._fresh_s
         self._image, self._fresh_s = frame.image, frame.time_s
         view = view_of(frame, grey)
+        if view.noise > _NOISY * view.brightness:
+            return Doubt(NOISY, frame.time_s)
         if self._blurs(view.sharpness):
             return Doubt(BLURRED, frame.time_s)
         if looks_down(view.lens, view.camera):
@@ -102,7 +127,7 @@ class CameraWatch:
 
     def _blurs(self, sharpness: float) -> bool:
         share = _SHARP_AGAIN if self._is_blurred else _BLURRED
-        self._is_blurred = sharpness < share * min(self._sharpness, default=0.0)
+        self._is_blurred = sharpness < share * min(filter(math.isfinite, self._sharpness), default=0.0)
         return self._is_blurred
 
     def _compare(self, view: View) -> None:
@@ -117,19 +142,29 @@ class CameraWatch:
         ):
             self._doubt("shows something else than what lies there", view.time_s)
             return
-        told = [s for s in self._steps if s is not None]
+        told = [s for s in [*self._steps][-_STEPS:] if s is not None]
         steps = [s for s in told if s.moved.alike >= _ALIKE]
-        false = _disagreement(steps)
-        if false is not None:
+        fault = _disagreement(steps)
+        if fault is not None:
             self._trusted = None  # it was taken while this went on, or back there it looks right again
-            self._doubt(*false)
-        elif self._strange is not None and (_proves(steps) or self._is_where_it_was(view)):
+            self._least = fault.least(self._least)
+            self._doubt(fault.why, fault.since_s)
+        elif self._strange is not None and (self._is_right_again(steps) or self._is_where_it_was(view)):
             self._strange = None
+            self._least = None
         self._dirt = _dirt(told, self._dirt)
+
+    def _is_right_again(self, steps: Sequence[_Step]) -> bool:
+        """Whether the ground followed a change of the velocity, and nothing is left of what was wrong."""
+        self._follows = self._follows or _proves(steps)
+        if not self._follows or self._least is None:
+            return self._follows
+        return _refutes([s for s in self._steps if s is not None and s.moved.alike >= _ALIKE], self._least)
 
     def _doubt(self, why: str, since_s: float) -> None:
         """Begin anew: what is compared from now on has to prove the camera."""
         self._strange = self._strange or Doubt(why, since_s)
+        self._follows = False
         self._steps.clear()
 
     def _step(self, before: View | None, now: View) -> _Step | None:
@@ -165,12 +200,12 @@ class CameraWatch:
         step = self._step(self._trusted, view)
         if step is None or step.moved.alike < _ALIKE:
             return False
-        return math.hypot(*(step.moved.excess_mps * step.moved.elapsed_s)) <= step.off_m
+        return math.hypot(*step.moved.excess_m) <= step.off_m
 
 
 def _unlit(grey: U8) -> str:
     """What is wrong with the exposure of a picture (H, W); empty: nothing."""
-    some = grey[::_SPARSE, ::_SPARSE]
+    some = cv2.medianBlur(np.ascontiguousarray(grey[::_SPARSE, ::_SPARSE]), _SPECKS_PX)
     if (some <= _DARK).mean() > _BLIND_SHARE:
         return BLACK
     if (some >= _BRIGHT).mean() > _BLIND_SHARE:
@@ -178,8 +213,8 @@ def _unlit(grey: U8) -> str:
     return ""
 
 
-def _disagreement(steps: Sequence[_Step]) -> tuple[str, float] | None:
-    """How what the pictures show differs from the believed way, in words, and since when; None: it does not.
+def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
+    """How what the pictures show differs from the believed way; None: it does not.
 
     Looks back over the last steps, over more and more of them, and forgives the worst of each lot: a gimbal
     that lags behind in a hard manoeuvre, and comes back.
@@ -188,8 +223,8 @@ def _disagreement(steps: Sequence[_Step]) -> tuple[str, float] | None:
         return None
     back = steps[::-1]
     elapsed_s = np.array([s.moved.elapsed_s for s in back])
-    off_m = np.array([s.moved.excess_mps for s in back]) * elapsed_s[:, None]
-    way_m = np.array([s.moved.believed_mps for s in back]) * elapsed_s[:, None]
+    off_m = np.array([s.moved.excess_m for s in back])
+    way_m = np.array([s.moved.believed_m for s in back])
     off_each_m, way_each_m = np.hypot(*off_m.T), np.hypot(*way_m.T)
     forgiven_m = [off_m[np.argsort(off_each_m[: k + 1])[-_FORGIVEN:]].sum(axis=0) for k in range(len(back))]
     adds_up_m = np.cumsum(off_m, axis=0) - forgiven_m
@@ -206,12 +241,14 @@ def _disagreement(steps: Sequence[_Step]) -> tuple[str, float] | None:
     if not false.any():
         return None
     k = int(np.argmax(false))
-    seen_mps = (covered_m[k] + off_m[: k + 1].sum(axis=0)) / lasted_s[k]
-    believed_mps = covered_m[k] / lasted_s[k]
-    return (
+    off_mps, believed_mps = off_m[: k + 1].sum(axis=0) / lasted_s[k], covered_m[k] / lasted_s[k]
+    seen_mps = believed_mps + off_mps
+    return _Fault(
         f"sees the ground pass at {_velocity(seen_mps)}, not at {_velocity(believed_mps)}: "
         "height, position, heading or the pictures' dates are wrong",
         back[k].exposed_s,
+        math.hypot(*off_mps) / max(math.hypot(*believed_mps), 1e-6),
+        math.hypot(*off_mps),
     )
 
 
@@ -223,10 +260,27 @@ def _velocity(of_camera_mps: F64) -> str:
 def _proves(steps: Sequence[_Step]) -> bool:
     """Whether the believed velocity changed and the ground followed, without forgiving: late ones do not."""
     before = [s.moved.believed_mps for s in steps if s.exposed_s <= steps[-1].exposed_s - _PROOF_S]
-    off_m = np.cumsum([s.moved.excess_mps * s.moved.elapsed_s for s in reversed(steps)], axis=0)
-    if not before or np.hypot(*off_m.T).max() > steps[-1].off_m:  # there and back it would add up to nothing
+    off_m = _adds_up_m([s.moved.excess_m for s in steps])
+    if not before or off_m.max() > steps[-1].off_m:  # there and back it would add up to nothing
         return False
     return bool(np.hypot(*(np.array(before) - before[-1]).T).max() >= _CHANGE_MPS)
+
+
+def _refutes(steps: Sequence[_Step], fault: _Fault) -> bool:
+    """Whether the ground passed as believed on a way on which the fault would have been plain."""
+    if not steps:
+        return False
+    explained_m = steps[-1].off_m
+    right = np.maximum.accumulate(_adds_up_m([s.moved.excess_m for s in steps])) <= explained_m
+    covered_m = _adds_up_m([s.moved.believed_m for s in steps])
+    lasted_s = np.cumsum([s.moved.elapsed_s for s in reversed(steps)])
+    expected_m = np.minimum(fault.off_per_m * covered_m, fault.off_mps * lasted_s)
+    return bool((right & (expected_m >= _PLAIN * explained_m)).any())
+
+
+def _adds_up_m(steps_m: Sequence[F64]) -> F64:
+    """(N,) how far the last of N steps led, the last two together, three ..."""
+    return np.hypot(*np.cumsum(steps_m[::-1], axis=0).reshape(-1, 2).T)
 
 
 def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:

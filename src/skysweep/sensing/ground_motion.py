@@ -24,7 +24,9 @@ Mask = NDArray[np.bool_]
 
 CELLS = (9, 16)  # rows and columns of the small picture
 _WIDTH_PX = 160  # of it
-_TEXTURED = 2.0  # grey levels, standard deviation: less may be noise
+_TEXTURED, _OVER_NOISE = 2.0, 2.0  # grey levels, standard deviation, and times the noise's: less may be noise
+_PEAKS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0  # unit noise stays unit noise
+_MAD = 1.4826  # to the standard deviation of a normal distribution
 _ALIKE = 0.6  # local correlation from which on two pictures show the same
 _PATCH_PX = 15  # over which they are correlated
 _COARSE_PX = 6.0  # brightness that changes more slowly is light, not texture
@@ -32,7 +34,7 @@ _FITS = 0.5  # share that is alike
 _MANOEUVRES = (((-6.0, -3.0, 3.0, 6.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
 # degrees and scales, one after the other, by which gimbal and height may be behind in a hard one
 _FINE_PX, _MIDDLE_PX = 1.0, 2.5
-_SHOWS = 0.3  # grey levels: with less it is noise
+_SHOWS, _SHOWS_OVER_NOISE = 0.3, 0.15  # grey levels, and times the noise, which alone leaves half of that
 _MOVED_PX = 2.0
 _SLANT = -0.3  # of a line of sight that meets the ground near enough
 _CENTRES = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])  # of OpenCV's pixels
@@ -48,6 +50,8 @@ class View:
     camera: CameraPose
     lens: Lens  # of the small picture
     sharpness: float  # its finest detail over coarser, squared; inf: it shows nothing
+    noise: float  # grey levels, standard deviation; fine texture counts as well
+    brightness: float  # its mean
 
 
 class GroundMotion(NamedTuple):
@@ -63,6 +67,16 @@ class GroundMotion(NamedTuple):
     followed: Mask  # CELLS with texture that moved as the rest did
     still: Mask  # CELLS that show what they showed before, or nothing
 
+    @property
+    def believed_m(self) -> F64:
+        """(2,) the believed way."""
+        return self.believed_mps * self.elapsed_s
+
+    @property
+    def excess_m(self) -> F64:
+        """(2,) by which the pictures say that it was longer."""
+        return self.excess_mps * self.elapsed_s
+
 
 def view_of(frame: Frame, grey: U8) -> View:
     """What is kept of a frame; ``grey`` (H, W) is its picture."""
@@ -70,12 +84,26 @@ def view_of(frame: Frame, grey: U8) -> View:
     lens = Lens(_WIDTH_PX, max(1, round(_WIDTH_PX * height / width)), frame.lens.hfov_rad)
     small = cv2.resize(grey, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
     texture = small - cv2.GaussianBlur(small, (0, 0), _COARSE_PX)
-    return View(frame.time_s, texture, _contrast(texture), frame.camera, lens, _sharpness(texture))
+    noise = _noise(grey, lens)
+    sharpness = _sharpness(texture, noise)
+    contrast, brightness = _contrast(texture), float(small.mean())
+    return View(frame.time_s, texture, contrast, frame.camera, lens, sharpness, noise, brightness)
 
 
-def _sharpness(texture: F32) -> float:
+def _noise(grey: U8, small: Lens) -> float:
+    """The standard deviation of the noise that is left in the small picture of ``grey``.
+
+    By the Laplacian of Immerkaer (1996) at twice the small picture's size, where texture is weaker than
+    noise, and JPEG has left the noise; its median does not see edges.
+    """
+    twice = cv2.resize(grey, (2 * small.width_px, 2 * small.height_px), interpolation=cv2.INTER_AREA)
+    peaks = cv2.filter2D(twice, cv2.CV_32F, _PEAKS)[::2, ::2]
+    return 0.5 * _MAD * float(np.median(np.abs(peaks)))
+
+
+def _sharpness(texture: F32, noise: float) -> float:
     coarser = float(np.median(np.abs(cv2.GaussianBlur(texture, (0, 0), _MIDDLE_PX))))
-    if coarser < _SHOWS:
+    if coarser < max(_SHOWS, _SHOWS_OVER_NOISE * noise):
         return math.inf
     return float(np.median(np.abs(texture - cv2.GaussianBlur(texture, (0, 0), _FINE_PX))) / coarser) ** 2
 
@@ -133,7 +161,7 @@ def _fit(before: View, now: View, warp: F64) -> _Fit:
     """How well the earlier picture fits the later one when it is warped so."""
     seen, inside = _warped(before.texture, warp)
     contrast = _contrast(seen)
-    textured = (np.minimum(contrast, now.contrast) >= _TEXTURED) & inside
+    textured = (np.minimum(contrast, now.contrast) >= _textured(before, now)) & inside
     followed = textured & (_correlation(seen, now.texture, contrast, now.contrast) >= _ALIKE)
     n_textured = int(np.count_nonzero(textured))
     return _Fit(
@@ -143,6 +171,11 @@ def _fit(before: View, now: View, warp: F64) -> _Fit:
         inside,
         followed,
     )
+
+
+def _textured(before: View, now: View) -> float:
+    """Contrast from which on both show texture: half of it noise, they still correlate by 0.75."""
+    return max(_TEXTURED, _OVER_NOISE * max(before.noise, now.noise))
 
 
 def _alike(fit: _Fit) -> float:
