@@ -280,7 +280,7 @@ def _refutes(steps: Sequence[_Step], fault: _Fault) -> bool:
 
 def _adds_up_m(steps_m: Sequence[F64]) -> F64:
     """(N,) how far the last of N steps led, the last two together, three ..."""
-    return np.hypot(*np.cumsum(steps_m[::-1], axis=0).reshape(-1, 2).T)
+    return np.asarray(np.hypot(*np.cumsum(steps_m[::-1], axis=0).reshape(-1, 2).T))
 
 
 def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
