@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 from skysweep.cli import app
 from skysweep.errors import UserError
 from skysweep.experiments.compare import MISSIONS_FILE, PaperJob, fly_paper_job
+from skysweep.experiments.engines import LocalEngine
 from skysweep.experiments.folder import Folder
 from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_to_folder
@@ -64,22 +65,6 @@ seeds: 3
 READ_BACK = ("config.yaml", "journal.jsonl", "summary.json")
 
 
-class Here:
-    """An engine without processes."""
-
-    workers = 1
-
-    def __enter__(self) -> Here:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
-
-    def run(self, work: Callable[[Any], Any], jobs: Any) -> Iterator[tuple[Any, Any]]:
-        for job in jobs:
-            yield job, work(job)
-
-
 @dataclass(frozen=True)
 class Kept:
     """A folder, and what its readers make of it."""
@@ -113,7 +98,7 @@ def broken_off(whole: Path, folder: Path) -> Path:
 def swept(folder: Path, complete: bool) -> Path:
     spec = parse_spec(SPEC, "spec.yaml")
     if complete:
-        Sweep(spec, folder).fly(Here())
+        Sweep(spec, folder).fly(LocalEngine(1))
         return folder
     matrix, store = Matrix.of(spec), SweepStore(Folder(folder))
     store.write_spec(dump_spec(spec))
