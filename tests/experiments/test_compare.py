@@ -125,5 +125,14 @@ def test_scan_only_keeps_the_rows_settings_and_the_keys_of_the_others(tmp_path):
     assert rows == [(row.scenario, row.n_c) for row in PAPER]
 
 
+def test_missions_along_another_plan_are_flown_again(tmp_path):
+    keys = set()
+    for drawn in ("one", "another"):
+        (tmp_path / "field.plan").write_text(drawn)
+        jobs = paper_jobs(1, "statistical", tmp_path, {"search.plan": str(tmp_path / "field.plan")})
+        keys |= {job.key for job in jobs}
+    assert len(keys) == 2 * len(jobs)
+
+
 def _alive_after(processes, seconds):
     return psutil.wait_procs(processes, timeout=seconds)[1]

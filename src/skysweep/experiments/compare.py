@@ -15,6 +15,7 @@ from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.single import fly_in_memory, fly_to_folder
 from skysweep.files.writing import make_folder
 from skysweep.results.metrics import finite_or_inf
+from skysweep.results.run_folder import digest_of_plan
 from skysweep.results.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
@@ -55,6 +56,7 @@ class PaperJob:
         text = f"{dump_scenario(config)}|{self.seed}|{self.sensor}|{fingerprint(config.detector.model)}"
         if self.sensor == "statistical":
             text += model_for(config).model_dump_json()
+        text += digest_of_plan(config) or ""
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -19,7 +19,9 @@ from skysweep.mission.resume import recorded_answers, restored
 from skysweep.results.run_folder import (
     CONFIG_FILE,
     JOURNAL_FILE,
+    PLAN,
     Record,
+    digest_of_plan,
     flown_scenario,
     is_older,
     refuse_links,
@@ -122,7 +124,13 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
             f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to go "
             "on, or fly it again into a new folder"
         )
-    return flown_scenario(folder, records)
+    scenario = flown_scenario(folder, records)
+    if digest_of_plan(scenario) != begun.get(PLAN):
+        raise UserError(
+            f"{scenario.search.plan}: is not the plan that the mission was begun with "
+            f"(SHA-256 {begun.get(PLAN)}); put that back, or fly it again into a new folder"
+        )
+    return scenario
 
 
 def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[str, Any]) -> None:

@@ -16,7 +16,7 @@ from itertools import repeat
 from typing import Any
 
 from skysweep import __version__
-from skysweep.experiments.single import fly_in_memory
+from skysweep.experiments.single import digests_of_files, fly_in_memory
 from skysweep.experiments.tune_race import (
     Flown,
     Outcome,
@@ -54,6 +54,7 @@ class Problem:
         return {
             "scenario": [scenario.name for scenario in self.scenarios],
             "what the scenario says": [_digest(scenario) for scenario in self.scenarios],
+            "sensor or plan file": [digests_of_files(scenario, "statistical") for scenario in self.scenarios],
             "ranges": {parameter.field: parameter.values for parameter in self.space},
             "seeds": self.seeds,
             "min-recall": self.rules.min_recall,

@@ -22,6 +22,7 @@ from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.scenarios.world import World, build_world
+from skysweep.sensing.model_files import sha256_of
 from skysweep.text import printable
 
 F64 = NDArray[np.float64]
@@ -32,6 +33,7 @@ JOURNAL_FILE = "journal.jsonl"
 SUMMARY_FILE = "summary.json"
 PICTURES = "pictures"
 CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
+PLAN = "plan"  # and of ``search.plan``
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,11 @@ class Run:
         """Whether the sensor saw the scenario's world, with targets in it; else nothing is judged."""
         setup = self._first("setup") or {}
         return bool(setup.get("truth", True)) and bool(self.world.targets)
+
+    @cached_property
+    def has_its_plan(self) -> bool:
+        """Whether what ``search.plan`` names, if it names a file, is what was flown."""
+        return digest_of_plan(self.scenario) == (self._first("setup") or {}).get(PLAN)
 
     @cached_property
     def keeps_looks(self) -> bool:
@@ -322,6 +329,12 @@ def flown_scenario(folder: Path, records: Sequence[Record]) -> Scenario:
 def digest_of_config(folder: Path) -> str:
     """SHA-256 of a run folder's ``config.yaml``, in hexadecimal. Raises OSError."""
     return hashlib.sha256((folder / CONFIG_FILE).read_bytes()).hexdigest()
+
+
+def digest_of_plan(scenario: Scenario) -> str | None:
+    """SHA-256 of the file that ``search.plan`` names, in hexadecimal; None where there is none."""
+    path = Path(scenario.search.plan or "")
+    return sha256_of(path) if path.is_file() else None
 
 
 def is_older(records: Sequence[Record]) -> bool:
