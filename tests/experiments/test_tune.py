@@ -294,15 +294,21 @@ def test_the_recall_constraint_is_respected(tmp_path):
 
 
 def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
-    wanted, path = problem(Parameter(CHECK_SPEED, (2.0, 4.0))), tmp_path / "study.db"
+    space = Parameter(CHECK_SPEED, (2.0, 4.0)), Parameter(N_C, (1.0, 5.0, math.inf))
+    wanted, path = problem(*space), tmp_path / "study.db"
     search(wanted, f"sqlite:///{path}", "tiny", 2, workers=1)
     whole = path.read_bytes()
     longer = """replace(value_json, 's": ', 's": 1')"""
+    wider = """replace(distribution_json, '"high": 1', '"high": 3')"""
+    held = "UPDATE trial_system_attributes SET value_json = replace(value_json,"
     changes = {
         "UPDATE trial_values SET value = value + 1": "trial 0 is not what was written",
         f"UPDATE trial_user_attributes SET value_json = {longer}": "trial 0 is not what was written",
         "UPDATE trial_params SET param_value = 1 - param_value": "trial 0 is not what was written",
         "DELETE FROM trials WHERE number = 0": "trials are missing",
+        f"UPDATE trial_params SET distribution_json = {wider}": "trial 0 is not what was written",
+        f"{held} '0.0', '0.5') WHERE key = 'constraints'": "trial 0 is not what was written",
+        f"{held} ': 2', ': 1')": "trial 2 is not what was written",
         "UPDATE trials SET state = 'COMPLETD'": "COMPLETD",
     }
     for change, told in changes.items():

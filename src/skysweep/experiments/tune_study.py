@@ -34,7 +34,7 @@ _STALE_S = 120.0  # a running trial without a sign of life for longer has lost i
 _CLAIM_S = 20.0  # and one that nobody has claimed for longer was never begun
 _RANDOM_TRIALS = 12  # before the sampler trusts what it has learnt
 _SEALED = ("values", "missions", "dropped", "same_as", "violations")  # attributes of a trial that ended
-_SEAL = "sha256"  # the attribute that holds their digest
+_SEAL = "sha256"  # the attribute that holds their digest; of a trial that waits, that of its values
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class TuningStudy:
             for values in first if not self._study.get_trials(deepcopy=False) else ():
                 indices = self._indices(values)
                 if indices is not None:
-                    self._study.enqueue_trial(indices)
+                    self._enqueue(indices)
 
     def ask(self, budget: int) -> OpenTrial | None:
         """The next trial, or None when the study has ``budget`` of them, whoever flies them."""
@@ -170,7 +170,10 @@ class TuningStudy:
             if _is_abandoned(trial) if is_claimed else trial.number in unclaimed:
                 self._study.tell(trial.number, state=failed, skip_if_finished=True)
                 if len(trial.params) == len(self._space):
-                    self._study.enqueue_trial(trial.params)
+                    self._enqueue(trial.params)
+
+    def _enqueue(self, indices: dict[str, int]) -> None:
+        self._study.enqueue_trial(indices, user_attrs={_SEAL: _sha256(indices)})
 
     def _unclaimed(self) -> set[int]:
         """Numbers of the trials whose process died as it was given them, before it could say so."""
@@ -215,11 +218,29 @@ class TuningStudy:
 
     def _refuse_changed_trials(self, storage: str) -> None:
         trials = self._study.get_trials(deepcopy=False)
-        complete = [t for t in trials if t.state == self._optuna.trial.TrialState.COMPLETE]
-        changed = [t.number for t in complete if t.user_attrs.get(_SEAL) != _digest(t, t.values)]
+        changed = [trial.number for trial in trials if self._is_changed(trial)]
         if changed or {t.number for t in trials} != set(range(len(trials))):
             what = f"trial {changed[0]} is not what was written" if changed else "trials are missing"
             raise _damaged(storage, what)
+
+    def _is_changed(self, trial: Any) -> bool:
+        """Whether it is not what was written; of one that is being begun that cannot be told yet."""
+        state, told, kept = self._optuna.trial.TrialState, trial.user_attrs, trial.system_attrs
+        if trial.state == state.WAITING:
+            return bool(told.get(_SEAL) != _sha256(kept["fixed_params"]))
+        if "values" in told and (
+            trial.params != self._indices(told["values"]) or trial.distributions != self._distributions
+        ):
+            return True
+        return trial.state == state.COMPLETE and (
+            told.get(_SEAL) != _digest(trial, trial.values)
+            or kept.get("constraints", told["violations"]) != told["violations"]  # the sampler's copy
+        )
+
+    @property
+    def _distributions(self) -> dict[str, Any]:
+        one = self._optuna.distributions.IntDistribution
+        return {p.field: one(0, len(p.values) - 1) for p in self._space}
 
     def _claim(self, problem: dict[str, Any], name: str, storage: str) -> None:
         """Write the problem into a new study; refuse a study of another one."""
@@ -276,7 +297,12 @@ def _damaged(storage: str, what: str) -> UserError:
 
 def _digest(trial: Any, objectives: Sequence[float]) -> str:
     """SHA-256 of what is told of a trial that ended, in hexadecimal."""
-    told = [trial.number, trial.params, {key: trial.user_attrs[key] for key in _SEALED}, list(objectives)]
+    return _sha256(
+        [trial.number, trial.params, {key: trial.user_attrs[key] for key in _SEALED}, list(objectives)]
+    )
+
+
+def _sha256(told: Any) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
