@@ -228,6 +228,12 @@ def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
     assert_same(folder, whole)
 
 
+def test_the_folder_of_a_simulated_mission_connects_no_vehicle(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 60)
+    with pytest.raises(UserError, match="the mission was simulated; go on with  skysweep resume"):
+        begun_scenario(folder)
+
+
 def test_a_journal_with_a_line_missing_doubled_or_elsewhere_is_refused(whole, tmp_path):
     folder = copied(whole, tmp_path / "run")
     (folder / "summary.json").unlink()
