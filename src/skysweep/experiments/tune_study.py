@@ -79,7 +79,7 @@ class TuningStudy:
     ) -> None:
         self._optuna = _optuna()
         self._space, self._rules, self._seed = tuple(space), rules, seed
-        self._file = storage.partition("sqlite:///")[2]
+        self._storage, self._file = storage, storage.partition("sqlite:///")[2]
         self._locks = bool(self._file) and fcntl is not None
         directions = ["minimize"] * (2 if rules.min_recall is not None else 3)
         try:
@@ -168,6 +168,9 @@ class TuningStudy:
         for trial in self._running():
             is_claimed = "owner" in trial.user_attrs
             if _is_abandoned(trial) if is_claimed else trial.number in unclaimed:
+                told = trial.user_attrs.get("values")
+                if told is not None and trial.params != self._indices(told):
+                    raise _damaged(self._storage, f"trial {trial.number} is not what was written")
                 self._study.tell(trial.number, state=failed, skip_if_finished=True)
                 if len(trial.params) == len(self._space):
                     self._enqueue(trial.params)
@@ -224,16 +227,13 @@ class TuningStudy:
             raise _damaged(storage, what)
 
     def _is_changed(self, trial: Any) -> bool:
-        """Whether it is not what was written; of one that is being begun that cannot be told yet."""
+        """Whether one that waits or has ended is not what was written; others change meanwhile."""
         state, told, kept = self._optuna.trial.TrialState, trial.user_attrs, trial.system_attrs
         if trial.state == state.WAITING:
             return bool(told.get(_SEAL) != _sha256(kept["fixed_params"]))
-        if "values" in told and (
-            trial.params != self._indices(told["values"]) or trial.distributions != self._distributions
-        ):
-            return True
         return trial.state == state.COMPLETE and (
             told.get(_SEAL) != _digest(trial, trial.values)
+            or trial.distributions != self._distributions
             or kept.get("constraints", told["violations"]) != told["violations"]  # the sampler's copy
         )
 
