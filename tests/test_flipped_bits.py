@@ -301,7 +301,7 @@ TRIES = {
     "a sweep that still runs": 150,
     "a comparison": 60,
     "a tuning": 40,
-    "a search that was killed": 20,
+    "a search that was killed": 40,
 }
 
 
@@ -309,7 +309,7 @@ TRIES = {
 def test_one_flipped_bit_is_refused_or_changes_nothing(folders, kind):
     happened = what_happens(folders[kind], TRIES[kind], 1)
     assert set(happened) <= {"refused", "the same"}, happened
-    assert happened["refused"] > TRIES[kind] / 4
+    assert happened["refused"] > TRIES[kind] / 10, "the flips hit nothing that is read"
 
 
 @pytest.mark.parametrize("kind", list(TRIES)[:-1])
