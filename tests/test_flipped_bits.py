@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,20 +24,29 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
+from skysweep.experiments.engines import LocalEngine
 from skysweep.experiments.ledger import fly_missing
+from skysweep.experiments.paper.report import drawn_runs
 from skysweep.experiments.paper.run import MISSIONS_FILE, PaperJob, fly_paper_job
+from skysweep.experiments.paper.tables import compare_rows
 from skysweep.experiments.sweep.matrix import Matrix
 from skysweep.experiments.sweep.missions import load_missions
 from skysweep.experiments.sweep.run import Sweep, fly_job
 from skysweep.experiments.sweep.spec import dump_spec, parse_spec
 from skysweep.experiments.sweep.store import SweepStore
+from skysweep.experiments.tune.run import Problem, family_of, search
+from skysweep.experiments.tune.race import Flown, Rules
+from skysweep.experiments.tune.space import CHECK_SPEED, N_C, TUNED, changed_space, default_space
+from skysweep.experiments.tune.study import TuningStudy
+from skysweep.experiments.tune.validate import candidates_of, fly_candidates
+from skysweep.experiments.workers import run_jobs
 from skysweep.files.folder import Folder
-from skysweep.files.line_file import LineFile
 from skysweep.flights.fly import fly_to_folder
 from skysweep.results.evidence import picture_name
+from skysweep.results.metrics import Summary
 from skysweep.results.picture_files import write_picture
 from skysweep.results.run_folder import load_run
-from skysweep.scenarios.files import dump_scenario
+from skysweep.scenarios.files import dump_scenario, write_scenario
 from skysweep.scenarios.model import Scenario
 
 SHORT = {
@@ -61,32 +70,20 @@ parameters:
   search.n_c: [1, .inf]
 seeds: 3
 """
-READ_BACK = ("config.yaml", "journal.jsonl", "summary.json")
-
-
-class Here:
-    """An engine without processes."""
-
-    workers = 1
-
-    def __enter__(self) -> Here:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
-
-    def run(self, work: Callable[[Any], Any], jobs: Any) -> Iterator[tuple[Any, Any]]:
-        for job in jobs:
-            yield job, work(job)
+READ_BACK = ("config.yaml", "journal.jsonl", "summary.json", MISSIONS_FILE, "study.db")
+TRIALS, SEEDS, FRESH_SEEDS = 5, 4, 3
+RANGES = ("search.n_c=1,5,inf", "search.check_speed_mps=2:4")
+FIXED = tuple(field for field in TUNED if field not in (N_C, CHECK_SPEED))
 
 
 @dataclass(frozen=True)
 class Kept:
-    """A folder, and what its readers make of it."""
+    """A folder, what its readers make of it, and the command that reads it."""
 
     folder: Path
     told: Callable[[Path], Any]
     share: float  # of the tries
+    command: Callable[[Path, Path], list[str]] = lambda kept, out: ["report", str(kept), "--out", str(out)]
 
 
 def flown(folder: Path, sensor: str) -> Path:
@@ -113,7 +110,7 @@ def broken_off(whole: Path, folder: Path) -> Path:
 def swept(folder: Path, complete: bool) -> Path:
     spec = parse_spec(SPEC, "spec.yaml")
     if complete:
-        Sweep(spec, folder).fly(Here())
+        Sweep(spec, folder).fly(LocalEngine(1))
         return folder
     matrix, store = Matrix.of(spec), SweepStore(Folder(folder))
     store.write_spec(dump_spec(spec))
@@ -124,10 +121,77 @@ def swept(folder: Path, complete: bool) -> Path:
 
 def compared(folder: Path) -> Path:
     folder.mkdir()
-    jobs = [PaperJob("sparse", n_c, seed, "statistical", None) for n_c in (1.0, np.inf) for seed in (0, 1)]
-    by_key = {job.key: job for job in jobs}
-    fly_missing(fly_paper_job, by_key, folder / MISSIONS_FILE, 1, lambda _job, _summary: None)
+    compare(folder)
     return folder
+
+
+def compare(folder: Path) -> list[Summary]:
+    """Two rows of ``compare paper``, a seed with a run folder and one without."""
+    some = [(n_c, seed) for n_c in (1.0, np.inf) for seed in (0, 1)]
+    jobs = [
+        PaperJob("sparse", n_c, seed, "statistical", None if seed else folder / "runs" / f"nc{n_c}")
+        for n_c, seed in some
+    ]
+    by_key = {job.key: job for job in jobs}
+    return list(
+        fly_missing(fly_paper_job, by_key, folder / MISSIONS_FILE, 1, lambda _job, _summary: None).values()
+    )
+
+
+def problem() -> Problem:
+    """What is tuned."""
+    scenario = Scenario.model_validate(SHORT)
+    space, _ = changed_space(default_space([scenario]), [scenario], RANGES, FIXED)
+    return Problem("short", (family_of(scenario, None),), (scenario,), (), tuple(space), Rules(), SEEDS)
+
+
+def tuned(folder: Path) -> Path:
+    folder.mkdir()
+    write_scenario(Scenario.model_validate(SHORT), folder / "short.yaml")
+    tune(folder / "short")
+    return folder / "short"
+
+
+def tune_command(kept: Path, out: Path) -> list[str]:
+    """What made the folder, once more, with a copy of it."""
+    shutil.copytree(kept, out / "short")
+    limits = ["--trials", TRIALS, "--seeds", SEEDS, "--validation-seeds", FRESH_SEEDS, "--workers", 1]
+    space = [word for field in FIXED for word in ("--fix", field)]
+    space += [word for values in RANGES for word in ("--range", values)]
+    command = ["tune", kept.with_suffix(".yaml"), *limits, "--no-matters", *space, "--out", out]
+    return [str(word) for word in command]
+
+
+def tune(folder: Path) -> Any:
+    """The trials and the validation of ``tune``."""
+    folder.mkdir(exist_ok=True)
+    trials = search(problem(), f"sqlite:///{folder}/study.db", "short", TRIALS, workers=1)
+    flown = fly_candidates(problem().scenarios, candidates_of(problem(), trials), FRESH_SEEDS, folder, 1)
+    return trials, [candidate.values.tolist() for candidate in flown]
+
+
+def half_tuned(whole: Path, folder: Path) -> Path:
+    """As a kill leaves a search: trials that ended, one whose process is gone, and one that waits."""
+    folder.mkdir()
+    study = study_in(folder)
+    study.start(problem().first_values)
+    missions = tune(whole)[0][0].missions
+    for k in range(14):
+        trial = study.ask(99)
+        later = [mission | {"mission_time_s": mission["mission_time_s"] + k} for mission in missions]
+        trial.close(later, Flown.of(later, 1), None, None)
+    list(run_jobs(ask_and_die, [folder], 1))
+    return folder
+
+
+def ask_and_die(folder: Path) -> None:
+    study_in(folder).ask(99)
+
+
+def study_in(folder: Path) -> TuningStudy:
+    return TuningStudy(
+        f"sqlite:///{folder}/study.db", "short", problem().as_data(), problem().space, problem().rules, 0
+    )
 
 
 def told_of_run(folder: Path) -> Any:
@@ -146,19 +210,36 @@ def told_of_sweep(folder: Path) -> Any:
 
 def told_of_comparison(folder: Path) -> Any:
     """What ``report`` makes its statistics from, and what ``compare`` and ``tune`` go on from."""
-    with closing(LineFile(folder / MISSIONS_FILE, "")) as ledger:
-        return str(load_missions(str(folder)).table.to_dicts()), ledger.records
+    summaries = compare(folder)
+    drawn = [told_of_run(run.folder) for run in drawn_runs(folder / "runs", compare_rows(summaries))]
+    return str(load_missions(str(folder)).table.to_dicts()), summaries, drawn
+
+
+def told_of_tuning(folder: Path) -> Any:
+    """What ``tune`` recommends from when it is given again; in a copy, which it may write to."""
+    with tempfile.TemporaryDirectory() as copy:
+        return tune(shutil.copytree(folder, Path(copy) / "short"))
+
+
+def told_of_search(folder: Path) -> Any:
+    """What ``tune`` tries next, and what it has."""
+    with tempfile.TemporaryDirectory() as copy:
+        study = study_in(shutil.copytree(folder, Path(copy) / "short"))
+        asked = [study.ask(99) for _ in range(2)]
+        return study.trials(), [(trial.number, trial.values) for trial in asked]
 
 
 def kept_in(place: Path, sensor: str) -> dict[str, Kept]:
     """One of each kind of folder."""
-    whole = flown(place / "run", sensor)
+    whole, finished = flown(place / "run", sensor), tuned(place / "tuned")
     return {
-        "a mission": Kept(whole, told_of_run, 0.4),
-        "a mission broken off": Kept(broken_off(whole, place / "broken-off"), told_of_run, 0.2),
+        "a mission": Kept(whole, told_of_run, 0.3),
+        "a mission broken off": Kept(broken_off(whole, place / "broken-off"), told_of_run, 0.15),
         "a sweep": Kept(swept(place / "sweep", True), told_of_sweep, 0.15),
         "a sweep that still runs": Kept(swept(place / "running", False), told_of_sweep, 0.15),
         "a comparison": Kept(compared(place / "comparison"), told_of_comparison, 0.1),
+        "a tuning": Kept(finished, told_of_tuning, 0.1, tune_command),
+        "a search that was killed": Kept(half_tuned(finished, place / "searched"), told_of_search, 0.05),
     }
 
 
@@ -197,13 +278,15 @@ def what_happens(kept: Kept, n: int, seed: int) -> Counter[str]:
     return happened
 
 
-def report(kept: Kept, out: Path) -> tuple[int, dict[str, bytes]]:
-    """Exit code and files of ``skysweep report``."""
+def read_again(kept: Kept, out: Path) -> tuple[int, dict[str, bytes]]:
+    """Exit code of the command that reads a folder, and what it writes."""
     shutil.rmtree(out, ignore_errors=True)
-    result = CliRunner().invoke(app, ["report", str(kept.folder), "--out", str(out)])
+    result = CliRunner().invoke(app, kept.command(kept.folder, out))
     assert result.exit_code in (0, 2), result.output
     files = (path for path in out.rglob("*") if path.is_file()) if result.exit_code == 0 else ()
-    return result.exit_code, {str(path.relative_to(out)): path.read_bytes() for path in files}
+    return result.exit_code, {
+        str(path.relative_to(out)): path.read_bytes() for path in files if path.name not in READ_BACK
+    }
 
 
 @pytest.fixture(scope="module")
@@ -211,24 +294,32 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kept]:
     return kept_in(tmp_path_factory.mktemp("kept"), "statistical")
 
 
-KINDS = ("a mission", "a mission broken off", "a sweep", "a sweep that still runs", "a comparison")
+TRIES = {
+    "a mission": 150,
+    "a mission broken off": 150,
+    "a sweep": 150,
+    "a sweep that still runs": 150,
+    "a comparison": 60,
+    "a tuning": 40,
+    "a search that was killed": 40,
+}
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TRIES)
 def test_one_flipped_bit_is_refused_or_changes_nothing(folders, kind):
-    happened = what_happens(folders[kind], 150, 1)
+    happened = what_happens(folders[kind], TRIES[kind], 1)
     assert set(happened) <= {"refused", "the same"}, happened
-    assert happened["refused"] > 50
+    assert happened["refused"] > TRIES[kind] / 10, "the flips hit nothing that is read"
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", list(TRIES)[:-1])
 def test_the_command_says_the_same_or_ends_with_exit_code_2(folders, kind, tmp_path):
     kept = folders[kind]
-    right = report(kept, tmp_path / "out")
+    right = read_again(kept, tmp_path / "out")
     assert right[0] == 0
     for path, bit in some_bits(kept.folder, 4, 2):
         with flipped(path, bit):
-            code, files = report(kept, tmp_path / "out")
+            code, files = read_again(kept, tmp_path / "out")
         assert code == 2 or files == right[1], (path, bit)
 
 

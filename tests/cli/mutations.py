@@ -26,7 +26,7 @@ import time
 import traceback
 import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -462,24 +462,9 @@ def run_folder(n_lines: int | None = None) -> Files:
     return files
 
 
-class _Here:
-    """Flies a sweep's missions in this process. Implements ``Engine``."""
-
-    workers = 1
-
-    def __enter__(self) -> _Here:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
-
-    def run(self, work: Callable[[Any], Any], jobs: Any) -> Iterator[tuple[Any, Any]]:
-        for job in jobs:
-            yield job, work(job)
-
-
 def sweep_folder() -> Files:
     """A finished sweep's folder as ``sweep/``."""
+    from skysweep.experiments.engines import LocalEngine
     from skysweep.experiments.sweep.run import Sweep
     from skysweep.experiments.sweep.spec import parse_spec
 
@@ -487,7 +472,7 @@ def sweep_folder() -> Files:
     fields |= {"name": "small", "parameters": {"search.n_c": [1, 3]}, "seeds": 3}
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "sweep"
-        Sweep(parse_spec(yaml.safe_dump(fields), "spec"), folder).fly(_Here())  # type: ignore[arg-type]
+        Sweep(parse_spec(yaml.safe_dump(fields), "spec"), folder).fly(LocalEngine(1))
         return {f"sweep/{path.name}": path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 

@@ -5,7 +5,9 @@ import signal
 from dataclasses import replace
 
 import pytest
+from typer.testing import CliRunner
 
+from skysweep.cli import app
 from skysweep.cli.fly import _end_on_signals
 from skysweep.flights.build import build_mission
 from skysweep.mission.journal import MemoryJournal
@@ -59,6 +61,12 @@ def test_a_signal_while_the_detector_answers_ends_the_mission_in_hold(number):
         fly(mission, MemoryJournal())
     assert ended.value.code == 128 + number
     assert asked == ["hold"]
+
+
+def test_sound_lines_are_those_of_a_run_folder():
+    told = CliRunner().invoke(app, ["fly", "clusters", "--from-sound-lines"])
+    assert told.exit_code == 2
+    assert "--from-sound-lines: clusters is no run folder to go on with; leave it out" in told.stderr
 
 
 def test_nohup_is_respected():

@@ -1,6 +1,8 @@
 """The comparison with the paper: complete, resumable, the same for any number of workers."""
 
 import json
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,8 +11,10 @@ import time
 import psutil
 import pytest
 
-from skysweep.experiments.paper.run import paper_jobs
-from skysweep.experiments.paper.tables import PAPER
+from skysweep.errors import UserError
+from skysweep.experiments.paper.report import drawn_runs
+from skysweep.experiments.paper.run import fly_paper_job, paper_jobs
+from skysweep.experiments.paper.tables import PAPER, compare_rows
 
 COMMAND = [
     sys.executable,
@@ -123,6 +127,39 @@ def test_scan_only_keeps_the_rows_settings_and_the_keys_of_the_others(tmp_path):
     assert {config.wind.mean_speed_mps for config in only} == {4.0}
     rows = [(job.scenario, job.n_c) for job in jobs if job.n_c is not None and job.seed == 0]
     assert rows == [(row.scenario, row.n_c) for row in PAPER]
+
+
+def test_missions_along_another_plan_are_flown_again(tmp_path):
+    keys = set()
+    for drawn in ("one", "another"):
+        (tmp_path / "field.plan").write_text(drawn)
+        jobs = paper_jobs(1, "statistical", tmp_path, {"search.plan": str(tmp_path / "field.plan")})
+        keys |= {job.key for job in jobs}
+    assert len(keys) == 2 * len(jobs)
+
+
+def test_on_a_full_disk_nothing_is_left_of_a_mission(tmp_path):
+    """A limit on the size of files is what a full disk looks like to one process."""
+    job = paper_jobs(1, "statistical", tmp_path)[-1]
+    unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, unlimited[1]))
+    try:
+        with pytest.raises(
+            UserError, match=rf"{job.folder}: cannot be written whole; make room, then give the"
+        ):
+            fly_paper_job(job)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_what_a_kill_leaves_of_a_mission_is_not_drawn(tmp_path):
+    summary = fly_paper_job(paper_jobs(1, "statistical", tmp_path)[-1])
+    killed = tmp_path / "runs" / "sparse-scan-only-seed0-x.part"
+    shutil.copytree(tmp_path / "runs" / "sparse-scan-only-seed0", killed)
+    (killed / "journal.jsonl").write_bytes(b"")
+    drawn = drawn_runs(tmp_path / "runs", compare_rows([summary]))
+    assert [run.folder.name for run in drawn] == ["sparse-scan-only-seed0"]
 
 
 def _alive_after(processes, seconds):

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -19,6 +20,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+import skysweep
 from skysweep.errors import UserError
 from skysweep.experiments.tune import study as tune_study
 from skysweep.experiments.tune.race import (
@@ -292,15 +294,21 @@ def test_the_recall_constraint_is_respected(tmp_path):
 
 
 def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
-    wanted, path = problem(Parameter(CHECK_SPEED, (2.0, 4.0))), tmp_path / "study.db"
+    space = Parameter(CHECK_SPEED, (2.0, 4.0)), Parameter(N_C, (1.0, 5.0, math.inf))
+    wanted, path = problem(*space), tmp_path / "study.db"
     search(wanted, f"sqlite:///{path}", "tiny", 2, workers=1)
     whole = path.read_bytes()
     longer = """replace(value_json, 's": ', 's": 1')"""
+    wider = """replace(distribution_json, '"high": 1', '"high": 3')"""
+    held = "UPDATE trial_system_attributes SET value_json = replace(value_json,"
     changes = {
         "UPDATE trial_values SET value = value + 1": "trial 0 is not what was written",
         f"UPDATE trial_user_attributes SET value_json = {longer}": "trial 0 is not what was written",
         "UPDATE trial_params SET param_value = 1 - param_value": "trial 0 is not what was written",
         "DELETE FROM trials WHERE number = 0": "trials are missing",
+        f"UPDATE trial_params SET distribution_json = {wider}": "trial 0 is not what was written",
+        f"{held} '0.0', '0.5') WHERE key = 'constraints'": "trial 0 is not what was written",
+        f"{held} ': 2', ': 1')": "trial 2 is not what was written",
         "UPDATE trials SET state = 'COMPLETD'": "COMPLETD",
     }
     for change, told in changes.items():
@@ -310,6 +318,21 @@ def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
         tune_study._database.cache_clear()
         with pytest.raises(UserError, match=rf"study\.db: is damaged, .*{told}"):
             search(wanted, f"sqlite:///{path}", "tiny", 2, workers=1)
+
+
+def test_what_was_flown_with_another_sensor_file_is_not_taken(tmp_path):
+    sensor = tmp_path / "sensor.yaml"
+    shipped = (Path(skysweep.__file__).parent / "sensing/statistical_default.yaml").read_text()
+    sensor.write_text(shipped)
+    scenario = tiny(**{"detector.statistical_model": str(sensor)})
+    wanted = problem(Parameter(CHECK_SPEED, (2.0, 4.0)), scenario=scenario, seeds=4)
+    search(wanted, f"sqlite:///{tmp_path}/study.db", "tiny", 1, workers=1)
+    own = candidates_of(wanted, [])[:1]
+    sharp = fly_candidates([scenario], own, 1, tmp_path, 1)[0].mean("recall")
+    sensor.write_text(re.sub(r"score: .*", f"score: {[-9.0] * 13}", shipped))
+    with pytest.raises(UserError, match=r"another problem \(differs: sensor or plan file\)"):
+        search(wanted, f"sqlite:///{tmp_path}/study.db", "tiny", 1, workers=1)
+    assert sharp > fly_candidates([scenario], own, 1, tmp_path, 1)[0].mean("recall") == 0.0
 
 
 def test_one_process_and_one_seed_repeat_themselves(tmp_path):

@@ -13,13 +13,19 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from typer.testing import CliRunner
 
+import skysweep
+from skysweep.cli import app
 from skysweep.cli.missions import flying
 from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import begun_scenario, resume_folder
 from skysweep.mission.journal import FileJournal, read_journal
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.results.run_folder import load_run
+from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
 
 SHORT = {
@@ -186,6 +192,46 @@ def test_another_scenario_in_the_folder_is_refused(whole, tmp_path):
     for read in (resume_folder, load_run, begun_scenario):
         with pytest.raises(UserError, match=r"config\.yaml: is not what the mission was begun with"):
             read(folder)
+
+
+def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
+    scenario = Scenario.model_validate(SHORT)
+    plan = write_plan(tmp_path / "field.plan", plan_for_qgc(scenario, plan_scenario(scenario)[0]))
+    sensor = tmp_path / "sensor.yaml"
+    sensor.write_text((Path(skysweep.__file__).parent / "sensing/statistical_default.yaml").read_text())
+    files = {"search.plan": str(plan), "detector.statistical_model": str(sensor)}
+    whole = tmp_path / "whole"
+    summary = fly_to_folder(change_scenario(scenario, files), 2, whole, "statistical")
+    folder = cut(whole, tmp_path / "run", 60)
+    journal = (folder / "journal.jsonl").read_bytes()
+
+    text = sensor.read_text()
+    sensor.write_text(text.replace("fade_px: 256.0", "fade_px: 250.0"))
+    with pytest.raises(UserError, match=r"begun with model [0-9a-f]{64}, and now it is [0-9a-f]{64}"):
+        resume_folder(folder)
+    sensor.write_text(text)
+
+    drawn = plan.read_text()
+    plan.write_text(drawn.replace('"hoverSpeed": 5.0', '"hoverSpeed": 4.0'))
+    for go_on in (resume_folder, begun_scenario):
+        with pytest.raises(UserError, match=r"field\.plan: is not the plan that the mission was begun with"):
+            go_on(folder)
+    assert (folder / "journal.jsonl").read_bytes() == journal
+    told = CliRunner().invoke(app, ["report", str(whole), "--out", str(tmp_path / "out")])
+    assert "field.plan: is not there, or not the plan that was flown" in told.stderr
+    without = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert without["scan_only_time_s"] is None
+    assert without["mission_time_s"] == summary["mission_time_s"]
+
+    plan.write_text(drawn)
+    assert resume_folder(folder)["scan_only_time_s"] == summary["scan_only_time_s"] > 0.0
+    assert_same(folder, whole)
+
+
+def test_the_folder_of_a_simulated_mission_connects_no_vehicle(whole, tmp_path):
+    folder = cut(whole, tmp_path / "run", 60)
+    with pytest.raises(UserError, match="the mission was simulated; go on with  skysweep resume"):
+        begun_scenario(folder)
 
 
 def test_a_journal_with_a_line_missing_doubled_or_elsewhere_is_refused(whole, tmp_path):

@@ -5,10 +5,11 @@ import pytest
 from look_alike import LookAlike
 from takeovers import HOLD, LAND, OFFBOARD, POSITION
 
+from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_to_folder
-from skysweep.flights.resume import resume_folder
-from skysweep.mission.journal import MemoryJournal
+from skysweep.flights.resume import begun_scenario, resume_folder
+from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.mission.loop import fly
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
@@ -153,29 +154,31 @@ class Killed(BaseException):
     """Our program is killed: nothing is said to the vehicle."""
 
 
+def killer(there, at_s):
+    def watch(state, _mode, _new):
+        assert state.time_s < BOOTED_S
+        if state.time_s > at_s:
+            there.vehicle.hold = lambda: None
+            raise Killed
+
+    return watch
+
+
 def test_a_flight_killed_twice_goes_on_in_the_missions_time(tmp_path):
     there = LookAlike(5, small(), BOOTED_S)
     uninterrupted = fly_to_folder(
         small(), 0, tmp_path / "whole", "statistical", vehicle=LookAlike(5, small()).vehicle
     )
 
-    def killer(at_s):
-        def watch(state, _mode, _new):
-            assert state.time_s < BOOTED_S
-            if state.time_s > at_s:
-                there.vehicle.hold = lambda: None
-                raise Killed
-
-        return watch
-
+    watch = killer(there, 30.0)
     with pytest.raises(Killed):
-        fly_to_folder(small(), 0, tmp_path / "run", "statistical", watch=killer(30.0), vehicle=there.vehicle)
+        fly_to_folder(small(), 0, tmp_path / "run", "statistical", watch=watch, vehicle=there.vehicle)
     for at_s in (55.0, 1e9):
         there.connect()
         there.wait(40.0)
         assert there.flown()[0] == HOLD
         try:
-            summary = resume_folder(tmp_path / "run", killer(at_s), vehicle=there.vehicle)
+            summary = resume_folder(tmp_path / "run", killer(there, at_s), vehicle=there.vehicle)
         except Killed:
             continue
     run = load_run(tmp_path / "run")
@@ -186,6 +189,51 @@ def test_a_flight_killed_twice_goes_on_in_the_missions_time(tmp_path):
     assert summary["n_confirmed"] == uninterrupted["n_confirmed"] == 2
     assert summary["mission_time_s"] == pytest.approx(times[-1], abs=60.0)
     assert summary["mission_time_s"] < uninterrupted["mission_time_s"] + 60.0
+
+
+def with_a_flipped_bit(journal, kind):
+    """Damage the first line of that kind; its number, and what the journal then holds."""
+    lines = journal.read_bytes().splitlines(keepends=True)
+    k = next(k for k, line in enumerate(lines) if f'"kind": "{kind}"'.encode() in line)
+    lines[k] = lines[k].replace(b'"t": ', b'"u": ')
+    journal.write_bytes(b"".join(lines))
+    return k + 1, journal.read_bytes()
+
+
+def test_a_flight_goes_on_from_the_sound_lines_of_its_journal(tmp_path):
+    there, folder = LookAlike(5, small(), BOOTED_S), tmp_path / "run"
+    journal, said = folder / "journal.jsonl", []
+
+    watch = killer(there, 95.0)
+    with pytest.raises(Killed):
+        fly_to_folder(small(), 0, folder, "statistical", watch=watch, vehicle=there.vehicle)
+    before = read_journal(journal)
+    number, damaged = with_a_flipped_bit(journal, "confirmed")
+    there.connect()
+    there.wait(40.0)
+    for go_on in (begun_scenario, lambda run: resume_folder(run, vehicle=there.vehicle)):
+        with pytest.raises(UserError, match=rf"line {number} is damaged, .*fly.* goes on from those"):
+            go_on(folder)
+    assert begun_scenario(folder, True, said.append).name == "small"
+    assert f"line {number} is damaged; it and all after it are left out" in said[0]
+    assert journal.read_bytes() == damaged
+
+    summary = resume_folder(folder, from_sound_lines=True, vehicle=there.vehicle)
+    assert (folder / "journal.jsonl.damaged").read_bytes() == damaged
+    after = read_journal(journal)
+    resumed = next(k for k, r in enumerate(after) if r["kind"] == "resumed")
+    assert after[:resumed] == before[:resumed]
+    assert resumed < number
+    assert summary["completed"]
+    assert summary["n_confirmed"] == 2, "what the damaged line said is found again"
+
+    with_a_flipped_bit(journal, "confirmed")
+    there.connect()
+    with pytest.raises(UserError, match=r"its flight had ended; .*--from-sound-lines .* what is sound of it"):
+        begun_scenario(folder, from_sound_lines=True)
+    with pytest.raises(UserError, match="its flight had ended"):
+        resume_folder(folder, from_sound_lines=True, vehicle=there.vehicle)
+    assert not there.sky.vehicle.state().airborne
 
 
 def test_the_operator_is_heard_while_px4_lands():

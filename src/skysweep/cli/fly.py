@@ -28,6 +28,7 @@ from skysweep.cli.common import (
     errors,
     friendly,
     refuse_unused_eye,
+    warn,
 )
 from skysweep.cli.missions import free_folder, print_summary, say
 from skysweep.cli.terminal import unblocked
@@ -77,6 +78,10 @@ def fly(
         Literal["auto", "gl", "embree"], typer.Option(help="Of the rendered camera.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
+    from_sound_lines: Annotated[
+        bool,
+        typer.Option("--from-sound-lines", help="Of a damaged journal, go on from before the damage."),
+    ] = False,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
@@ -84,8 +89,8 @@ def fly(
     Enter goes on, Ctrl-C again goes home and lands. A pilot, a ground station or a failsafe that takes the
     vehicle keeps it until Enter is pressed. However this program ends, a vehicle that it flies is left in
     Hold; killed outright, PX4 does what COM_OBL_RC_ACT says. A flight that was broken off goes on from where
-    the vehicle is when its run folder is given; only --connection, --system-id, --signing-key and --camera
-    count then.
+    the vehicle is when its run folder is given; only --connection, --system-id, --signing-key, --camera and
+    --from-sound-lines count then.
 
     Examples:
 
@@ -106,10 +111,12 @@ def fly(
 
     begun = Path(source) if (Path(source) / CONFIG_FILE).is_file() else None
     if begun is not None:
-        if summary_of_complete(begun) is not None:
+        if summary_of_complete(begun, from_sound_lines) is not None:
             console.print(f"complete; nothing to do. Report: {begun / 'report.html'}", soft_wrap=True)
             return
-        chosen = begun_scenario(begun)
+        chosen = begun_scenario(begun, from_sound_lines, warn)
+    elif from_sound_lines:
+        raise UserError(f"--from-sound-lines: {source} is no run folder to go on with; leave it out")
     else:
         is_plan = Path(source).suffix.lower() == ".plan"
         chosen = change_scenario(
@@ -151,7 +158,7 @@ def fly(
                 )
 
             if begun is not None:
-                summary = flight.resume(begun, camera, watch, operator, say)
+                summary = flight.resume(begun, camera, watch, operator, say, from_sound_lines)
             else:
                 summary = flight.fly(
                     seed, folder, sensor, camera, renderer, _DETECTOR_THREADS, watch, operator, say

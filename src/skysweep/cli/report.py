@@ -100,6 +100,11 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
         )
     for what in run.left_out:
         warn(f"{folder}: is damaged; left out: {what}")
+    if not run.has_its_plan:
+        warn(
+            f"{run.scenario.search.plan}: is not there, or not the plan that was flown; how long a scan "
+            "alone takes is left out"
+        )
     if is_older(run.records):
         warn(f"{folder}: an older skysweep wrote it, so that not all damage would be seen")
     if not run.ended:

@@ -27,8 +27,10 @@ from skysweep.results.run_folder import (
     CONFIG_FILE,
     JOURNAL_FILE,
     PICTURES,
+    PLAN,
     Run,
     digest_of_config,
+    digest_of_plan,
     load_flown,
     refuse_links,
 )
@@ -151,22 +153,31 @@ def fly_in(
 
 def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
     """With what a mission is flown, beside its scenario; a mission can go on with the same only."""
+    renderer = None
     if isinstance(mission.sensor, ImagingSensor):
         renderer = getattr(mission.sensor.camera, "backend", None)
-        sees_with = fingerprint(mission.scenario.detector.model)
-    else:
-        renderer = None
-        model = model_for(mission.scenario).model_dump_json()
-        sees_with = hashlib.sha256(model.encode()).hexdigest()
     return {
         "version": __version__,
         "seed": mission.seed,
         "sensor": mission.sensor_name,
         "renderer": renderer,
         "threads": threads,
-        "model": sees_with,
+        **digests_of_files(mission.scenario, mission.sensor_name),
         "replays": mission.replays,
     } | ({} if _is_simulated(mission) else {"truth": False})
+
+
+def digests_of_files(scenario: Scenario, sensor_name: str) -> dict[str, str | None]:
+    """What tells apart the files beside its configuration that decide how a mission ends.
+
+    ``model``: of the detector, or the sensor's numbers; ``plan``: as ``digest_of_plan``. Raises UserError as
+    ``model_for``.
+    """
+    if sensor_name == "imaging":
+        model = fingerprint(scenario.detector.model)
+    else:
+        model = hashlib.sha256(model_for(scenario).model_dump_json().encode()).hexdigest()
+    return {"model": model, PLAN: digest_of_plan(scenario)}
 
 
 def _is_simulated(mission: Mission) -> bool:

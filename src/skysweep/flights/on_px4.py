@@ -165,14 +165,19 @@ class Px4Flight:
         watch: Watch,
         operator: Operator,
         say: Say = lambda _words: None,
+        from_sound_lines: bool = False,
     ) -> dict[str, Any]:
-        """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder."""
+        """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder.
+
+        ``from_sound_lines`` is as in ``resume_folder``.
+        """
         self._keep_record(folder)
         self.vehicle.advance(0.0)
         camera = self.open_camera(camera_source)
         summary = resume_folder(
             folder,
             watch,
+            from_sound_lines,
             vehicle=self.vehicle,
             camera=camera,
             operator=self._heeding(operator),

@@ -11,20 +11,25 @@ from typing import Any
 
 from skysweep import __version__
 from skysweep.errors import UserError
+from skysweep.files.line_file import read_sound_lines
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import SETUP, Say, Watch, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
-from skysweep.mission.journal import FileJournal, read_journal
+from skysweep.mission.journal import FileJournal, journal_remedy
 from skysweep.mission.mission import Mission, Operator
 from skysweep.results.run_folder import (
     CONFIG_FILE,
     JOURNAL_FILE,
+    PLAN,
+    SUMMARY_FILE,
     Record,
+    digest_of_plan,
     flown_scenario,
     is_older,
     refuse_links,
     summary_of_complete,
 )
+from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
 from skysweep.types import Camera, Vehicle
@@ -54,7 +59,7 @@ def resume_folder(
     from outside flew goes on with that, from where it is now; ``camera``, ``operator`` and ``say`` are as in
     ``fly_to_folder``, and only what is new is said. A complete mission is left alone. With
     ``from_sound_lines`` a journal that is damaged is set aside, and the mission goes on from the lines before
-    the damage.
+    the damage; of a real vehicle's, what was flown after them is flown again.
 
     Raises UserError when there is no mission, it still flies, its folder is damaged, or what it was begun
     with is not what there is now; nothing is changed then.
@@ -73,6 +78,8 @@ def resume_folder(
         scenario = _scenario_to_go_on_with(folder, journal.records)
         if begun["replays"] == (vehicle is not None):
             raise UserError(f"{folder}: {_OTHER_COMMAND[vehicle is not None].format(folder)}")
+        if from_sound_lines and vehicle is not None:
+            _refuse_ended_flight(folder)
         mission = build_mission(
             scenario,
             begun["seed"],
@@ -91,11 +98,27 @@ def resume_folder(
         return finish(folder, started)
 
 
-def begun_scenario(folder: Path) -> Scenario:
-    """The scenario of a mission that can go on. Raises UserError as ``resume_folder`` does."""
-    records = read_journal(_begun_journal(folder))
-    _begun(folder, records)
-    return _scenario_to_go_on_with(folder, records)
+def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = lambda _words: None) -> Scenario:
+    """The scenario of a flight that can go on; ``say`` hears what is left out of a damaged journal.
+
+    Raises UserError as ``resume_folder`` does.
+    """
+    path = _begun_journal(folder)
+    lines = read_sound_lines(path)
+    if not from_sound_lines:
+        lines.refuse_damaged(path, journal_remedy(path))
+    begun = _begun(folder, lines.records)
+    scenario = _scenario_to_go_on_with(folder, lines.records)
+    if begun["replays"]:
+        raise UserError(f"{folder}: {_OTHER_COMMAND[True].format(folder)}")
+    if from_sound_lines:
+        _refuse_ended_flight(folder)
+    if lines.damaged is not None:
+        say(
+            f"{path}: line {lines.damaged} is damaged; it and all after it are left out, so that what was "
+            f"flown and found after {lines.records[-1]['t']:.0f} s is not known and is searched again"
+        )
+    return scenario
 
 
 def _begun_journal(folder: Path) -> Path:
@@ -122,7 +145,23 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
             f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to go "
             "on, or fly it again into a new folder"
         )
-    return flown_scenario(folder, records)
+    scenario = flown_scenario(folder, records)
+    if digest_of_plan(scenario) != begun.get(PLAN):
+        raise UserError(
+            f"{scenario.search.plan}: is not the plan that the mission was begun with "
+            f"(SHA-256 {begun.get(PLAN)}); put that back, or fly it again into a new folder"
+        )
+    return scenario
+
+
+def _refuse_ended_flight(folder: Path) -> None:
+    """Its end may be in the lines that are left out, and a vehicle would take off again."""
+    path = folder / SUMMARY_FILE
+    if path.is_file() and read_summary(path)[0]["ended"]:
+        raise UserError(
+            f"{folder}: its flight had ended; 'skysweep report {shlex.quote(str(folder))} --from-sound-lines "
+            "--out NEW_FOLDER' tells what is sound of it"
+        )
 
 
 def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[str, Any]) -> None:

@@ -131,7 +131,7 @@ def journal_remedy(path: Path) -> str:
     folder = shlex.quote(str(path.parent))
     return (
         f"'skysweep report {folder} --from-sound-lines --out NEW_FOLDER' reports those, and "
-        f"'{resume_command(path.parent)} --from-sound-lines' goes on from those of a simulated mission"
+        f"'{resume_command(path.parent)} --from-sound-lines' (of a flight 'skysweep fly') goes on from those"
     )
 
 

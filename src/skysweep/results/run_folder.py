@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
 from skysweep.files.line_file import read_sound_lines
 from skysweep.mission.journal import journal_remedy
@@ -31,7 +32,9 @@ CONFIG_FILE = "config.yaml"
 JOURNAL_FILE = "journal.jsonl"
 SUMMARY_FILE = "summary.json"
 PICTURES = "pictures"
+UNFINISHED = ".part"  # ends the name of a comparison's run folder until its mission is complete
 CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
+PLAN = "plan"  # and of ``search.plan``
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +112,11 @@ class Run:
         """Whether the sensor saw the scenario's world, with targets in it; else nothing is judged."""
         setup = self._first("setup") or {}
         return bool(setup.get("truth", True)) and bool(self.world.targets)
+
+    @cached_property
+    def has_its_plan(self) -> bool:
+        """Whether what ``search.plan`` names, if it names a file, is what was flown."""
+        return digest_of_plan(self.scenario) == (self._first("setup") or {}).get(PLAN)
 
     @cached_property
     def keeps_looks(self) -> bool:
@@ -322,6 +330,12 @@ def flown_scenario(folder: Path, records: Sequence[Record]) -> Scenario:
 def digest_of_config(folder: Path) -> str:
     """SHA-256 of a run folder's ``config.yaml``, in hexadecimal. Raises OSError."""
     return hashlib.sha256((folder / CONFIG_FILE).read_bytes()).hexdigest()
+
+
+def digest_of_plan(scenario: Scenario) -> str | None:
+    """SHA-256 of the file that ``search.plan`` names, in hexadecimal; None where there is none."""
+    path = Path(scenario.search.plan or "")
+    return sha256_of(path) if path.is_file() else None
 
 
 def is_older(records: Sequence[Record]) -> bool:

@@ -40,7 +40,9 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summ
 
 
 def _scan_only_time_s(run: Run) -> float | None:
-    """As planned; None where the plan was drawn elsewhere and its file is not here."""
+    """As planned; None where the plan was drawn elsewhere and its file is not here, or is another now."""
+    if not run.has_its_plan:
+        return None
     try:
         return plan_scenario(run.scenario)[1].search_time_s
     except UserError:

@@ -34,7 +34,7 @@ from skysweep.results.metrics import Summary, finite_or_inf
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.reporting.tables import one_line
 from skysweep.results.reporting.wording import definitions, parameters
-from skysweep.results.run_folder import JOURNAL_FILE, Run, load_run
+from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run
 from skysweep.scenarios.model import Scenario
 
 
@@ -59,7 +59,7 @@ def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> lis
         text = json.dumps(records, indent=1) + "\n"
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
     (folder / "compare.md").write_text(markdown_tables(rows, summaries), encoding="utf-8")
-    runs = _drawn_runs(runs_folder, rows)
+    runs = drawn_runs(runs_folder, rows)
     sections = [
         Section("Does it show what the paper shows?", grids=[claims(summaries)]),
         Section(
@@ -145,10 +145,15 @@ def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[
     return shown
 
 
-def _drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
-    """One run a row of the tables, the lowest seed that has a folder, in the order of the rows."""
+def drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
+    """One run a row of the tables, the lowest seed that has a folder, in the order of the rows.
+
+    Raises UserError where a run folder is damaged.
+    """
     found: dict[tuple[str, Choice], Run] = {}
     for journal in sorted(folder.glob(f"*/{JOURNAL_FILE}")):
+        if journal.parent.suffix == UNFINISHED:
+            continue
         run = load_run(journal.parent)
         key = (
             run.scenario.name,

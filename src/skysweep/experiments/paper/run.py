@@ -12,17 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.detection.model_files import fingerprint
+from skysweep.errors import UserError
 from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.files.writing import make_folder
 from skysweep.flights.fly import fly_in_memory, fly_to_folder
 from skysweep.results.metrics import finite_or_inf
+from skysweep.results.run_folder import UNFINISHED, digest_of_plan
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
 
 MISSIONS_FILE = "missions.jsonl"
-UNFINISHED = ".part"
 ROWS: tuple[tuple[str, float | None], ...] = (
     *((row.scenario, row.n_c) for row in PAPER),
     *((scenario, None) for scenario in CAPTIONS),
@@ -55,6 +56,7 @@ class PaperJob:
         text = f"{dump_scenario(config)}|{self.seed}|{self.sensor}|{fingerprint(config.detector.model)}"
         if self.sensor == "statistical":
             text += model_for(config).model_dump_json()
+        text += digest_of_plan(config) or ""
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -77,7 +79,10 @@ def paper_jobs(
 
 
 def fly_paper_job(job: PaperJob) -> dict[str, Any]:
-    """Fly one mission of the comparison; its folder appears when it is complete."""
+    """Fly one mission of the comparison; its folder appears when it is complete.
+
+    Raises UserError, with nothing left behind, where the disk is full.
+    """
     if job.folder is None:
         return fly_in_memory(job.config, job.seed, job.sensor)
     job.folder.parent.mkdir(parents=True, exist_ok=True)
@@ -86,7 +91,15 @@ def fly_paper_job(job: PaperJob) -> dict[str, Any]:
     unfinished = Path(
         tempfile.mkdtemp(prefix=f"{job.folder.name}-", suffix=UNFINISHED, dir=job.folder.parent)
     )
-    summary = fly_to_folder(job.config, job.seed, unfinished, job.sensor, threads=1)
+    try:
+        summary = fly_to_folder(job.config, job.seed, unfinished, job.sensor, threads=1)
+    except BaseException as error:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        if str(unfinished) in str(error):  # told how to go on with what is removed
+            raise UserError(
+                f"{job.folder}: cannot be written whole; make room, then give the same command again"
+            ) from None
+        raise
     shutil.rmtree(job.folder, ignore_errors=True)
     unfinished.chmod(0o755)
     unfinished.rename(job.folder)

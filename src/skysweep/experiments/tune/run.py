@@ -28,7 +28,7 @@ from skysweep.experiments.tune.race import (
 from skysweep.experiments.tune.space import N_C, Parameter, value_at
 from skysweep.experiments.tune.study import OpenTrial, Trial, TuningStudy
 from skysweep.experiments.workers import run_jobs
-from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.fly import digests_of_files, fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
 
@@ -54,6 +54,7 @@ class Problem:
         return {
             "scenario": [scenario.name for scenario in self.scenarios],
             "what the scenario says": [_digest(scenario) for scenario in self.scenarios],
+            "sensor or plan file": [digests_of_files(scenario, "statistical") for scenario in self.scenarios],
             "ranges": {parameter.field: parameter.values for parameter in self.space},
             "seeds": self.seeds,
             "min-recall": self.rules.min_recall,

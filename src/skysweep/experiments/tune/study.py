@@ -34,7 +34,7 @@ _STALE_S = 120.0  # a running trial without a sign of life for longer has lost i
 _CLAIM_S = 20.0  # and one that nobody has claimed for longer was never begun
 _RANDOM_TRIALS = 12  # before the sampler trusts what it has learnt
 _SEALED = ("values", "missions", "dropped", "same_as", "violations")  # attributes of a trial that ended
-_SEAL = "sha256"  # the attribute that holds their digest
+_SEAL = "sha256"  # the attribute that holds their digest; of a trial that waits, that of its values
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class TuningStudy:
     ) -> None:
         self._optuna = _optuna()
         self._space, self._rules, self._seed = tuple(space), rules, seed
-        self._file = storage.partition("sqlite:///")[2]
+        self._storage, self._file = storage, storage.partition("sqlite:///")[2]
         self._locks = bool(self._file) and fcntl is not None
         directions = ["minimize"] * (2 if rules.min_recall is not None else 3)
         try:
@@ -113,7 +113,7 @@ class TuningStudy:
             for values in first if not self._study.get_trials(deepcopy=False) else ():
                 indices = self._indices(values)
                 if indices is not None:
-                    self._study.enqueue_trial(indices)
+                    self._enqueue(indices)
 
     def ask(self, budget: int) -> OpenTrial | None:
         """The next trial, or None when the study has ``budget`` of them, whoever flies them."""
@@ -168,9 +168,15 @@ class TuningStudy:
         for trial in self._running():
             is_claimed = "owner" in trial.user_attrs
             if _is_abandoned(trial) if is_claimed else trial.number in unclaimed:
+                told = trial.user_attrs.get("values")
+                if told is not None and trial.params != self._indices(told):
+                    raise _damaged(self._storage, f"trial {trial.number} is not what was written")
                 self._study.tell(trial.number, state=failed, skip_if_finished=True)
                 if len(trial.params) == len(self._space):
-                    self._study.enqueue_trial(trial.params)
+                    self._enqueue(trial.params)
+
+    def _enqueue(self, indices: dict[str, int]) -> None:
+        self._study.enqueue_trial(indices, user_attrs={_SEAL: _sha256(indices)})
 
     def _unclaimed(self) -> set[int]:
         """Numbers of the trials whose process died as it was given them, before it could say so."""
@@ -215,11 +221,28 @@ class TuningStudy:
 
     def _refuse_changed_trials(self, storage: str) -> None:
         trials = self._study.get_trials(deepcopy=False)
-        complete = [t for t in trials if t.state == self._optuna.trial.TrialState.COMPLETE]
-        changed = [t.number for t in complete if t.user_attrs.get(_SEAL) != _digest(t, t.values)]
+        changed = [trial.number for trial in trials if self._is_changed(trial)]
         if changed or {t.number for t in trials} != set(range(len(trials))):
             what = f"trial {changed[0]} is not what was written" if changed else "trials are missing"
             raise _damaged(storage, what)
+
+    def _is_changed(self, trial: Any) -> bool:
+        """Whether one that waits or has ended is not what was written; others change meanwhile."""
+        state, told, kept = self._optuna.trial.TrialState, trial.user_attrs, trial.system_attrs
+        if trial.state == state.WAITING:
+            return bool(told.get(_SEAL) != _sha256(kept["fixed_params"]))
+        if trial.state != state.COMPLETE:
+            return False
+        return bool(
+            told.get(_SEAL) != _digest(trial, trial.values)
+            or trial.distributions != self._distributions
+            or kept.get("constraints", told["violations"]) != told["violations"]  # the sampler's copy
+        )
+
+    @property
+    def _distributions(self) -> dict[str, Any]:
+        one = self._optuna.distributions.IntDistribution
+        return {p.field: one(0, len(p.values) - 1) for p in self._space}
 
     def _claim(self, problem: dict[str, Any], name: str, storage: str) -> None:
         """Write the problem into a new study; refuse a study of another one."""
@@ -276,7 +299,12 @@ def _damaged(storage: str, what: str) -> UserError:
 
 def _digest(trial: Any, objectives: Sequence[float]) -> str:
     """SHA-256 of what is told of a trial that ended, in hexadecimal."""
-    told = [trial.number, trial.params, {key: trial.user_attrs[key] for key in _SEALED}, list(objectives)]
+    return _sha256(
+        [trial.number, trial.params, {key: trial.user_attrs[key] for key in _SEALED}, list(objectives)]
+    )
+
+
+def _sha256(told: Any) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 

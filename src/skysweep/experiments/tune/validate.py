@@ -18,7 +18,7 @@ from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
 from skysweep.files.writing import make_folder
-from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.fly import digests_of_files, fly_in_memory
 from skysweep.results.reporting.statistics import (
     SIGNIFICANCE,
     Estimate,
@@ -172,7 +172,7 @@ def fly_candidates(
     make_folder(folder)
     flights = [
         [
-            [_Flight(_key(text, seed), changed, seed) for changed, text in configs]
+            [_Flight(_key(told, seed), changed, seed) for changed, told in configs]
             for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + seeds)
         ]
         for configs in (_configs(scenarios, candidate) for candidate in candidates)
@@ -273,12 +273,13 @@ def _checks_at_once(n_c: float, scenario: Scenario) -> bool:
 
 
 def _configs(scenarios: Sequence[Scenario], candidate: Candidate) -> list[tuple[Scenario, str]]:
+    """What is flown, and all that decides how it ends but the seed."""
     changed = [change_scenario(scenario, candidate.changes) for scenario in scenarios]
-    return [(scenario, dump_scenario(scenario)) for scenario in changed]
+    return [(s, f"{dump_scenario(s)}|{digests_of_files(s, 'statistical')}") for s in changed]
 
 
-def _key(text: str, seed: int) -> str:
-    return hashlib.sha256(f"{__version__}|{text}|{seed}".encode()).hexdigest()[:16]
+def _key(told: str, seed: int) -> str:
+    return hashlib.sha256(f"{__version__}|{told}|{seed}".encode()).hexdigest()[:16]
 
 
 def _fly(flight: _Flight) -> Outcome:
