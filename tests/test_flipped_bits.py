@@ -34,8 +34,8 @@ from skysweep.experiments.sweep.missions import load_missions
 from skysweep.experiments.sweep.run import Sweep, fly_job
 from skysweep.experiments.sweep.spec import dump_spec, parse_spec
 from skysweep.experiments.sweep.store import SweepStore
-from skysweep.experiments.tune.run import Problem, family_of, search
 from skysweep.experiments.tune.race import Flown, Rules
+from skysweep.experiments.tune.run import Problem, family_of, search
 from skysweep.experiments.tune.space import CHECK_SPEED, N_C, TUNED, changed_space, default_space
 from skysweep.experiments.tune.study import TuningStudy
 from skysweep.experiments.tune.validate import candidates_of, fly_candidates
