@@ -189,3 +189,10 @@ def refusal(path):
 def test_a_place_where_nothing_can_be_written_is_said(tmp_path):
     with pytest.raises(UserError, match=r"cannot be written \(Is a directory\); choose another place"):
         LineFile(tmp_path, "mend it")
+
+
+def test_half_a_character_is_told_as_a_whole_one(tmp_path):
+    names = ["half \udc80 of one", "\\udc80", "whole \U0001f681"]
+    written(tmp_path / "lines", [{"name": name} for name in names], chained=True)
+    told = [record["name"] for record in read_lines(tmp_path / "lines", "mend it")]
+    assert told == ["half ? of one", *names[1:]]
