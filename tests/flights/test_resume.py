@@ -19,6 +19,7 @@ import skysweep
 from skysweep.cli import app
 from skysweep.cli.missions import flying
 from skysweep.errors import UserError
+from skysweep.files.line_file import LineFile
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import begun_scenario, resume_folder
 from skysweep.mission.journal import FileJournal, read_journal
@@ -232,6 +233,29 @@ def test_the_folder_of_a_simulated_mission_connects_no_vehicle(whole, tmp_path):
     folder = cut(whole, tmp_path / "run", 60)
     with pytest.raises(UserError, match="the mission was simulated; go on with  skysweep resume"):
         begun_scenario(folder)
+
+
+@pytest.mark.parametrize(
+    ("number", "change"),
+    [
+        (1, {"threads": None}),
+        (1, {"replays": "perhaps"}),
+        (5, {"t": [1.0]}),
+        (5, {"kind": "look", "confidences": [0.5]}),
+        (5, {"kind": "snapshot", "strategy": 3}),
+    ],
+)
+def test_a_sealed_line_that_no_mission_writes_is_refused(whole, tmp_path, number, change):
+    folder = cut(whole, tmp_path / "run", 0)
+    lines = read_journal(whole / "journal.jsonl")[:40]
+    lines[number - 1] |= change
+    (folder / "journal.jsonl").unlink()
+    with closing(LineFile(folder / "journal.jsonl", "", chained=True)) as file:
+        for line in lines:
+            file.append(line, sync=False)
+    for go_on in (resume_folder, begun_scenario):
+        with pytest.raises(UserError, match=rf"journal\.jsonl: line {number} is not what a mission writes"):
+            go_on(folder)
 
 
 def test_a_journal_with_a_line_missing_doubled_or_elsewhere_is_refused(whole, tmp_path):

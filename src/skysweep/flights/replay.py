@@ -136,8 +136,14 @@ def restored(mission: Mission, journal: FileJournal) -> Mission:
         left_xy = _left_at(records)
         if left_xy and strategy.get("to_scan") and not strategy.get("left_xy"):
             strategy["to_scan"] = [left_xy, *strategy["to_scan"]]
-        mission.strategy.restore(strategy)
-        mission.tracker.restore(last["tracker"])
+        try:
+            mission.strategy.restore(strategy)
+            mission.tracker.restore(last["tracker"])
+        except (LookupError, TypeError, ValueError, AttributeError):
+            raise UserError(
+                f"{journal.path}: its snapshot at {last['t']:.0f} s is not of this strategy and tracker; "
+                "fly the mission into a new folder"
+            ) from None
     earlier_s = max((r["t"] for r in records), default=0.0)
     return replace(mission, vehicle=LaterVehicle(mission.vehicle, earlier_s))
 

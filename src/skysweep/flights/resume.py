@@ -17,6 +17,7 @@ from skysweep.flights.fly import SETUP, Say, Watch, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
 from skysweep.mission.journal import FileJournal, journal_remedy
 from skysweep.mission.mission import Mission, Operator
+from skysweep.results.journal_lines import can_be_gone_on_with
 from skysweep.results.run_folder import (
     CONFIG_FILE,
     JOURNAL_FILE,
@@ -144,6 +145,11 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
         raise UserError(
             f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to go "
             "on, or fly it again into a new folder"
+        )
+    odd = next((k for k, record in enumerate(records, start=1) if not can_be_gone_on_with(record)), None)
+    if odd is not None:
+        raise UserError(
+            f"{folder / JOURNAL_FILE}: line {odd} is not what a mission writes; fly it into a new folder"
         )
     scenario = flown_scenario(folder, records)
     if digest_of_plan(scenario) != begun.get(PLAN):

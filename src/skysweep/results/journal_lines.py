@@ -1,4 +1,4 @@
-"""What the lines of a journal must say for results to be made of them."""
+"""What the lines of a journal must say for results to be made of them, and for a mission to go on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
 from skysweep.mission.safety import Action
 
@@ -70,6 +70,34 @@ class _End(_Line):
     reason: str
 
 
+class _Setup(_Line):
+    seed: int = Field(ge=0)
+    sensor: str
+    renderer: str | None
+    threads: int = Field(ge=1, le=1024)
+    model: str
+    replays: bool
+
+
+class _Look(_Line):
+    boxes_xyxy_px: list[Annotated[list[_Finite], Field(min_length=4, max_length=4)]] = []
+    confidences: list[_Finite] = []
+    class_names: list[str] = []
+    failure: str | None = None
+    doubt: tuple[str, _Finite] | None = None
+
+    @model_validator(mode="after")
+    def _of_one_length(self) -> _Look:
+        if not len(self.boxes_xyxy_px) == len(self.confidences) == len(self.class_names):
+            raise ValueError("boxes, confidences and class names are not as many")
+        return self
+
+
+class _Snapshot(_Line):
+    strategy: dict[str, Any]
+    tracker: dict[str, Any]
+
+
 _OTHER = TypeAdapter(_Line)
 _KNOWN: dict[str, TypeAdapter[Any]] = {
     "start": TypeAdapter(_Start),
@@ -81,11 +109,26 @@ _KNOWN: dict[str, TypeAdapter[Any]] = {
     **dict.fromkeys(("sighting", "scanned", "confirmed", "rejected", "unchecked"), TypeAdapter(_OfCandidate)),
 }
 
+_GONE_ON_WITH: dict[str, TypeAdapter[Any]] = {
+    "setup": TypeAdapter(_Setup),
+    "look": TypeAdapter(_Look),
+    "snapshot": TypeAdapter(_Snapshot),
+}
+
 
 def can_be_told(record: Mapping[str, Any]) -> bool:
     """Whether a line says what lines of its kind say."""
+    return _says(_KNOWN, record)
+
+
+def can_be_gone_on_with(record: Mapping[str, Any]) -> bool:
+    """Whether a mission can go on from a line as well."""
+    return _says(_KNOWN | _GONE_ON_WITH, record)
+
+
+def _says(known: Mapping[str, TypeAdapter[Any]], record: Mapping[str, Any]) -> bool:
     try:
-        _KNOWN.get(str(record.get("kind")), _OTHER).validate_python(record)
+        known.get(str(record.get("kind")), _OTHER).validate_python(record)
     except ValidationError:
         return False
     return True
