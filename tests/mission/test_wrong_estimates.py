@@ -14,6 +14,7 @@ from skysweep.detection.template import RedBlobDetector
 from skysweep.flights.build import build_mission
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
+from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.worlds.rendering.renderer import make_renderer
 from skysweep.worlds.world import build_world
@@ -81,8 +82,8 @@ def renderer():
 
 
 class Flown:
-    def __init__(self, vehicle, renderer):
-        mission = build_mission(SCENARIO, 0, renderer=renderer, detector=RedBlobDetector())
+    def __init__(self, vehicle, renderer, scenario=SCENARIO):
+        mission = build_mission(scenario, 0, renderer=renderer, detector=RedBlobDetector())
         self.embedded, journal = mission.vehicle, MemoryJournal()
         self.reason = fly(replace(mission, vehicle=vehicle(mission.vehicle)), journal)
         self.lines = journal.lines
@@ -114,6 +115,15 @@ def test_where_nothing_is_wrong_both_are_found(renderer):
     assert flown.reason == "completed"
     assert flown.of_kind("safety") == []
     assert len(flown.of_kind("confirmed")) == 2
+
+
+def test_a_quick_turn_before_the_first_leg_is_not_doubted():
+    """The believed heading is 9 degrees late in it."""
+    corners = [[0, 0], [40, 0], [40, 30], [0, 30]]
+    changes = {"area.polygon_enu_m": corners, "targets": [], "search.transect_heading_deg": 0.0}
+    flown = Flown(lambda inner: inner, "auto", change_scenario(SCENARIO, changes))
+    assert flown.reason == "completed"
+    assert flown.of_kind("safety") == []
 
 
 def test_twenty_metres_too_low(renderer):

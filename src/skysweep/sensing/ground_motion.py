@@ -31,8 +31,8 @@ _ALIKE = 0.6  # local correlation from which on two pictures show the same
 _PATCH_PX = 15  # over which they are correlated
 _COARSE_PX = 6.0  # brightness that changes more slowly is light, not texture
 _FITS = 0.5  # share that is alike
-_MANOEUVRES = (((-6.0, -3.0, 3.0, 6.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
-# degrees and scales, one after the other, by which gimbal and height may be behind in a hard one
+_MANOEUVRES = (((-9.0, -6.0, -3.0, 3.0, 6.0, 9.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
+# degrees and scales, one after the other, by which heading, gimbal and height may be behind in a hard one
 _FINE_PX, _MIDDLE_PX = 1.0, 2.5
 _SHOWS, _SHOWS_OVER_NOISE = 0.3, 0.15  # grey levels, and times the noise, which alone leaves half of that
 _MOVED_PX = 2.0
