@@ -229,7 +229,7 @@ def _encode(record: Record, before: int | None) -> tuple[bytes, int]:
 def _decode(text: bytes) -> dict[str, Any] | None:
     try:
         record = json.loads(text)
-        if b"\\ud" in text.lower():  # half a character can be told in JSON, and nowhere else
+        if b"\\ud" in text or b"\\uD" in text:  # half a character can be told in JSON, and nowhere else
             record = json.loads(json.dumps(record, ensure_ascii=False).encode(errors="replace"))
     except (ValueError, RecursionError):
         return None

@@ -109,7 +109,7 @@ _KNOWN: dict[str, TypeAdapter[Any]] = {
     **dict.fromkeys(("sighting", "scanned", "confirmed", "rejected", "unchecked"), TypeAdapter(_OfCandidate)),
 }
 
-_GONE_ON_WITH: dict[str, TypeAdapter[Any]] = {
+_GONE_ON_WITH = _KNOWN | {
     "setup": TypeAdapter(_Setup),
     "look": TypeAdapter(_Look),
     "snapshot": TypeAdapter(_Snapshot),
@@ -123,7 +123,7 @@ def can_be_told(record: Mapping[str, Any]) -> bool:
 
 def can_be_gone_on_with(record: Mapping[str, Any]) -> bool:
     """Whether a mission can go on from a line as well."""
-    return _says(_KNOWN | _GONE_ON_WITH, record)
+    return _says(_GONE_ON_WITH, record)
 
 
 def _says(known: Mapping[str, TypeAdapter[Any]], record: Mapping[str, Any]) -> bool:
