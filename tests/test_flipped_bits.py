@@ -42,6 +42,7 @@ from skysweep.experiments.tune.validate import candidates_of, fly_candidates
 from skysweep.experiments.workers import run_jobs
 from skysweep.files.folder import Folder
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.results.evidence import picture_name
 from skysweep.results.metrics import Summary
 from skysweep.results.picture_files import write_picture
@@ -88,7 +89,7 @@ class Kept:
 
 def flown(folder: Path, sensor: str) -> Path:
     """A mission's folder; one without a camera gets a picture as a camera's are written."""
-    fly_to_folder(Scenario.model_validate(SHORT), 2, folder, sensor)
+    fly_to_folder(Scenario.model_validate(SHORT), 2, folder, Rig(sensor))
     if sensor == "statistical":
         (folder / "pictures").mkdir()
         candidate = load_run(folder).candidates[0]

@@ -1,4 +1,4 @@
-"""The one exception that means: the user can mend this."""
+"""What the user can mend, and a detector that fails on a picture."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ class UserError(Exception):
 
     The command line prints it without a traceback and exits with code 2.
     """
+
+
+class DetectorError(Exception):
+    """The detector failed on one picture; the next may be answered."""
 
 
 class MissingExtraError(UserError):

@@ -9,17 +9,54 @@ What is made at every step is a named tuple: those are made four times as fast a
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.errors import DetectorError
+from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
 
 F64 = NDArray[np.float64]
 XY = tuple[float, float]
 U8 = NDArray[np.uint8]
+
+
+class _Word(str, Enum):
+    """Written as its value, whatever the version of Python."""
+
+    def __str__(self) -> str:
+        return str(self.value)
+
+    def __format__(self, format_spec: str) -> str:
+        return format(str(self.value), format_spec)
+
+
+class Mode(_Word):
+    """What a mission is doing."""
+
+    TAKEOFF = "TAKEOFF"
+    SCAN = "SCAN"  # covers the area from high up
+    CHECK = "CHECK"  # comes down to look at candidates
+    HOLD = "HOLD"  # or is flown by somebody else
+    RETURN = "RETURN"
+    LAND = "LAND"
+
+
+class EventKind(_Word):
+    """What a strategy decides, as the journal says it."""
+
+    SCANNED = "scanned"
+    CHECK_STARTED = "check_started"
+    CONFIRMED = "confirmed"
+    REJECTED = "rejected"
+    UNCHECKED = "unchecked"
+    SCAN_RESUMED = "scan_resumed"
+    WAYPOINT_REACHED = "waypoint_reached"
+    FINISHED = "finished"
 
 
 class VehicleState(NamedTuple):
@@ -88,6 +125,31 @@ class Detections:
         return len(self.confidences)
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the detector said to one picture, without the pose, which a mission knows."""
+
+    boxes_xyxy_px: F64  # (N, 4)
+    confidences: F64  # (N,)
+    class_names: tuple[str, ...]  # (N,)
+    failure: str | None = None  # instead of an answer
+    doubt: Doubt | None = None  # of the picture
+
+    def to(self, frame: Frame) -> Detections:
+        """The detections of ``frame``. Raises DetectorError where there was no answer."""
+        if self.failure is not None:
+            raise DetectorError(self.failure)
+        return Detections(
+            frame.time_s,
+            self.boxes_xyxy_px,
+            self.confidences,
+            self.class_names,
+            frame.camera,
+            frame.lens,
+            self.doubt,
+        )
+
+
 class Candidate(NamedTuple):
     """A possible target on the ground, merged from sightings."""
 
@@ -131,13 +193,9 @@ class Observation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something the strategy decided, for the journal.
+    """Something the strategy decided, for the journal."""
 
-    ``kind`` is one of scanned, check_started, confirmed, rejected, unchecked, scan_resumed, waypoint_reached,
-    finished.
-    """
-
-    kind: str
+    kind: EventKind
     candidate_id: int | None = None
     position_enu_m: tuple[float, float, float] | None = None
 
@@ -154,13 +212,32 @@ class Waypoint(NamedTuple):
 class Command(NamedTuple):
     """A strategy's answer. ``waypoint`` is None when the search is over."""
 
-    mode: str  # SCAN or CHECK
+    mode: Mode  # SCAN or CHECK
     waypoint: Waypoint | None
     events: tuple[Event, ...] = ()
 
 
+class Truth(Protocol):
+    """What a simulation knows of its vehicle at this moment: for simulated sensors and results alone."""
+
+    @property
+    def true_position_enu_m(self) -> F64:
+        """(3,) of the body origin."""
+
+    def true_camera_pose(self) -> CameraPose:
+        """Where the camera really is and looks."""
+
+    def true_camera_motion(self) -> CameraMotion:
+        """How the camera really moves."""
+
+
 class Vehicle(Protocol):
-    """Flies. Time is its own: nothing in a mission reads a wall clock."""
+    """Flies. Time is its own: nothing in a mission reads a wall clock.
+
+    ``truth`` is of a vehicle that is simulated in this process; None of every other.
+    """
+
+    truth: Truth | None
 
     def state(self) -> VehicleState:
         """What the vehicle believes of itself now."""
@@ -191,8 +268,30 @@ class Sensor(Protocol):
         """Let go of what it holds; it is not asked again."""
 
 
+class LookPeriod(Protocol):
+    """How often a sensor looks: every ``period_s``, which is ``usual_period_s`` where it can keep that."""
+
+    usual_period_s: float
+    period_s: float
+
+
+class PictureSensor(Sensor, Protocol):
+    """A sensor whose looks are pictures: what a detector said to them is taken down in flight.
+
+    ``last_look`` is the newest frame that was answered, with the answer.
+    """
+
+    camera: Camera
+    last_look: tuple[Frame, Detections] | None
+
+    def recall(self, answers: Iterable[Answer]) -> None:
+        """Give these answers to the first pictures, as in an earlier flight, and do not ask the detector."""
+
+
 class Camera(Protocol):
-    """Takes pictures."""
+    """Takes pictures. ``renderer`` draws them where they show the scenario's world; None: they do not."""
+
+    renderer: str | None
 
     def capture(self, state: VehicleState) -> Frame:
         """The picture of this moment, with the pose that the mission believes."""

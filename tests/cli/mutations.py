@@ -447,11 +447,12 @@ def labelled_picture() -> Files:
 def run_folder(n_lines: int | None = None) -> Files:
     """A mission's folder as ``run/``; with ``n_lines`` as a kill after so many lines leaves it."""
     from skysweep.flights.fly import fly_to_folder
+    from skysweep.flights.rig import Rig
     from skysweep.scenarios.model import Scenario
 
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        fly_to_folder(Scenario.model_validate(scenario_fields()), 1, folder, "statistical")
+        fly_to_folder(Scenario.model_validate(scenario_fields()), 1, folder, Rig("statistical"))
         files = {f"run/{path.name}": path.read_bytes() for path in folder.iterdir() if path.is_file()}
     if n_lines is not None:
         lines = files["run/journal.jsonl"].splitlines(keepends=True)

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from skysweep.cli import app
 from skysweep.cli.fly import _end_on_signals
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
@@ -55,7 +56,7 @@ def test_a_signal_while_the_detector_answers_ends_the_mission_in_hold(number):
 
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it is ignored
     _end_on_signals()
-    mission = build_mission(Scenario.model_validate(SMALL), 0, "statistical")
+    mission = build_mission(Scenario.model_validate(SMALL), 0, Rig("statistical"))
     mission = replace(mission, sensor=Sensor(mission.sensor), vehicle=Vehicle(mission.vehicle))
     with pytest.raises(SystemExit) as ended:
         fly(mission, MemoryJournal())

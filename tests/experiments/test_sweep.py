@@ -23,6 +23,7 @@ from skysweep.experiments.sweep.store import METRICS, TIMINGS
 from skysweep.files.folder import Folder
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.vehicles.embedded import dynamics
@@ -449,7 +450,7 @@ def _world(job):
 
 def _noise(job):
     """Time -> GNSS error and the state of the stream behind gusts and errors, of a whole mission."""
-    mission = build_mission(job.scenario, job.seed, job.sensor)
+    mission = build_mission(job.scenario, job.seed, Rig(job.sensor))
     seen = {}
 
     def watch(state, _mode, _new):

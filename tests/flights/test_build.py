@@ -7,6 +7,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
@@ -64,7 +65,7 @@ def test_a_registered_strategy_and_detector_fly():
         SCENARIO | {"search": {"strategy": "halfway"}, "detector": {"model": "middle"}}
     )
     journal = MemoryJournal()
-    mission = build_mission(scenario, 0, "imaging")
+    mission = build_mission(scenario, 0, Rig("imaging"))
     assert fly(mission, journal) == "completed"
     mission.sensor.close()
     heights = [s["p"][2] for s in journal.lines if s["kind"] == "state" and s["mode"] == "SCAN"]
@@ -79,4 +80,4 @@ def test_pictures_that_take_gigabytes_to_render_are_refused():
     with pytest.raises(
         UserError, match=r"camera\.width_px: 8192 x 8192 pixels are more than can be rendered"
     ):
-        build_mission(scenario, 0, "imaging")
+        build_mission(scenario, 0, Rig("imaging"))

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import project
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections, Frame
@@ -26,6 +27,8 @@ SIGNS = {
 
 class Camera:
     """Each picture is one grey: the second of its exposure."""
+
+    renderer = None
 
     def __init__(self, lens):
         self.lens = lens
@@ -55,9 +58,8 @@ class Knowing:
 
 def test_each_find_of_one_descent_has_the_picture_that_confirmed_it(tmp_path):
     scenario, said = Scenario.model_validate(SIGNS), []
-    fly_to_folder(
-        scenario, 0, tmp_path, camera=Camera(scenario.camera.lens), detector=Knowing(), say=said.append
-    )
+    rig = Rig(camera=Camera(scenario.camera.lens), detector=Knowing(), say=said.append)
+    fly_to_folder(scenario, 0, tmp_path, rig)
     lines = [json.loads(text) for text in (tmp_path / "journal.jsonl").read_text().splitlines()]
     confirmed = [line for line in lines if line["kind"] == "confirmed"]
     finds = [words for words in said if words.startswith("found")]

@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 
-from skysweep.flights import build
 from skysweep.flights.rehearsal import rehearse
+from skysweep.flights.rig import Rig
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections, Frame
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
@@ -26,7 +26,7 @@ class Standing:
     def __init__(self, of):
         self.inner = embedded_vehicle(of, 0)
         self.begun_s = time.monotonic()
-        self.command = self.hold = self.takeoff = self.land = None
+        self.command = self.hold = self.takeoff = self.land = self.truth = None
 
     def state(self):
         return self.inner.state()._replace(time_s=FASTER * (time.monotonic() - self.begun_s))
@@ -37,6 +37,8 @@ class Standing:
 
 class Camera:
     """Remembers from where it was asked to look; shows noise, or the same again and again."""
+
+    renderer = None
 
     def __init__(self, lens, level=100, spread=3):
         self.lens, self.poses, self.closed = lens, [], False
@@ -66,11 +68,10 @@ class Detector:
         )
 
 
-def rehearsed(monkeypatch, look, shows=(100, 3), n_found=0, **changes):
+def rehearsed(look, shows=(100, 3), n_found=0, **changes):
     of = scenario(**changes)
     camera = Camera(of.camera.lens, *shows)
-    monkeypatch.setattr(build, "make_detector", lambda *_: Detector(look, n_found))
-    check = rehearse(of, Standing(of), camera, "auto", 1)
+    check = rehearse(of, Rig(vehicle=Standing(of), camera=camera, detector=Detector(look, n_found)))
     assert camera.closed
     return check, camera
 
@@ -79,8 +80,8 @@ def takes(seconds):
     return lambda: time.sleep(seconds / FASTER)
 
 
-def test_a_computer_that_is_fast_enough_passes(monkeypatch):
-    check, camera = rehearsed(monkeypatch, lambda: None, detector={"rate_hz": 1.0})
+def test_a_computer_that_is_fast_enough_passes():
+    check, camera = rehearsed(lambda: None, detector={"rate_hz": 1.0})
     assert (check.name, check.passed) == ("detector", True)
     assert check.said == "1 looks a second; it sees nothing that is searched for"
     for pose in camera.poses:
@@ -88,8 +89,8 @@ def test_a_computer_that_is_fast_enough_passes(monkeypatch):
         assert pose.R_camera_to_enu[2, 2] == pytest.approx(-1.0, abs=0.05), "straight down"
 
 
-def test_a_target_that_is_laid_out_is_said_to_be_seen(monkeypatch):
-    check, _ = rehearsed(monkeypatch, lambda: None, n_found=1, detector={"rate_hz": 1.0})
+def test_a_target_that_is_laid_out_is_said_to_be_seen():
+    check, _ = rehearsed(lambda: None, n_found=1, detector={"rate_hz": 1.0})
     assert check.said == "1 looks a second; it sees stop sign"
 
 
@@ -101,34 +102,34 @@ def test_a_target_that_is_laid_out_is_said_to_be_seen(monkeypatch):
         ((100, 1), None, "the camera shows the same picture again"),
     ],
 )
-def test_pictures_that_show_nothing_end_it(monkeypatch, shows, passed, why):
+def test_pictures_that_show_nothing_end_it(shows, passed, why):
     """The same picture may be that of a simulator that stands still: a note."""
-    check, _ = rehearsed(monkeypatch, lambda: None, shows=shows, detector={"rate_hz": 1.0})
+    check, _ = rehearsed(lambda: None, shows=shows, detector={"rate_hz": 1.0})
     assert check.passed is passed
     assert check.said.startswith(why)
 
 
-def test_one_that_is_too_slow_is_a_note_with_the_rate(monkeypatch):
-    check, _ = rehearsed(monkeypatch, takes(1.0))
+def test_one_that_is_too_slow_is_a_note_with_the_rate():
+    check, _ = rehearsed(takes(1.0))
     assert check.passed is None
     assert check.said.startswith("this computer manages 0.")
     assert "looks a second of 2.5; enough to cover the area" in check.said
 
 
-def test_one_that_is_too_slow_for_the_scan_says_how_fast_that_will_be(monkeypatch):
-    check, _ = rehearsed(monkeypatch, takes(2.0), camera={"hfov_rad": 0.3})
+def test_one_that_is_too_slow_for_the_scan_says_how_fast_that_will_be():
+    check, _ = rehearsed(takes(2.0), camera={"hfov_rad": 0.3})
     assert check.passed is None
     assert "; the scan slows down to " in check.said
 
 
-def test_what_does_not_answer_or_fails_ends_it(monkeypatch):
+def test_what_does_not_answer_or_fails_ends_it():
     def out_of_memory():
         raise MemoryError("out of memory")
 
-    check, _ = rehearsed(monkeypatch, out_of_memory)
+    check, _ = rehearsed(out_of_memory)
     assert check.passed is False
     assert "out of memory" in check.said
     never = threading.Event()
-    check, _ = rehearsed(monkeypatch, lambda: never.wait(3.0))
+    check, _ = rehearsed(lambda: never.wait(3.0))
     assert check.passed is False
     assert "does not answer" in check.said

@@ -22,6 +22,7 @@ from skysweep.errors import UserError
 from skysweep.files.line_file import LineFile
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import begun_scenario, resume_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.qgc import plan_for_qgc, write_plan
@@ -42,7 +43,7 @@ WALL = ("wall_time_s", "real_time_factor", "crc")  # the last one is of the othe
 
 
 def fly_short(folder, sensor="statistical", watch=None):
-    return fly_to_folder(Scenario.model_validate(SHORT), 2, folder, sensor, watch=watch)
+    return fly_to_folder(Scenario.model_validate(SHORT), 2, folder, Rig(sensor, watch=watch))
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +203,7 @@ def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
     sensor.write_text((Path(skysweep.__file__).parent / "sensing/statistical/default.yaml").read_text())
     files = {"search.plan": str(plan), "detector.statistical_model": str(sensor)}
     whole = tmp_path / "whole"
-    summary = fly_to_folder(change_scenario(scenario, files), 2, whole, "statistical")
+    summary = fly_to_folder(change_scenario(scenario, files), 2, whole, Rig("statistical"))
     folder = cut(whole, tmp_path / "run", 60)
     journal = (folder / "journal.jsonl").read_bytes()
 

@@ -8,6 +8,7 @@ import pytest
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import begin, fly_in, fly_to_folder
 from skysweep.flights.resume import resume_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
@@ -36,7 +37,8 @@ def broken_off(folder, until):
     """Fly until ``until(record)``; the vehicle, which is left as it is."""
     folder.mkdir()
     vehicle = embedded_vehicle(SCENARIO, 0)
-    mission = build_mission(SCENARIO, 0, "statistical", vehicle=vehicle)
+    rig = Rig("statistical", threads=1, vehicle=vehicle)
+    mission = build_mission(SCENARIO, 0, rig)
     assert not mission.replays
 
     class Breaking(FileJournal):
@@ -46,9 +48,9 @@ def broken_off(folder, until):
                 raise Broken
 
     with closing(Breaking(folder / "journal.jsonl")) as journal:
-        begin(folder, mission, journal, 1)
+        begin(folder, mission, journal, rig)
         with pytest.raises(Broken):
-            fly_in(folder, mission, journal, None)
+            fly_in(folder, mission, journal, rig)
     return vehicle
 
 
@@ -68,7 +70,7 @@ def test_it_goes_on_from_where_the_vehicle_is(tmp_path, until, stays_up):
     if not stays_up:
         vehicle = embedded_vehicle(SCENARIO, 1)
     before = read_journal(folder / "journal.jsonl")
-    summary = resume_folder(folder, vehicle=vehicle)
+    summary = resume_folder(folder, Rig(vehicle=vehicle))
     assert summary["recall"] == 1.0
     assert summary["false_positives"] == 0
     assert summary["completed"]
@@ -93,7 +95,7 @@ def test_nothing_stays_unseen_where_it_was_broken_off(tmp_path):
         return record["kind"] == "state" and record["t"] > 30.0 and record["mode"] == "SCAN"
 
     broken_off(folder, in_the_middle_of_a_leg)
-    resume_folder(folder, vehicle=embedded_vehicle(SCENARIO, 1))
+    resume_folder(folder, Rig(vehicle=embedded_vehicle(SCENARIO, 1)))
     run = load_run(folder)
     after = run.states.position_enu_m[run.states.time_s > run.events("resumed")[0]["t"], :2]
     assert np.linalg.norm(after - states[-1], axis=1).min() < 5.0
@@ -103,7 +105,7 @@ def test_landed_before_the_last_line_it_only_writes_the_end(tmp_path):
     folder = tmp_path / "run"
     broken_off(folder, lambda r: r["kind"] == "landed")
     vehicle = embedded_vehicle(SCENARIO, 1)
-    summary = resume_folder(folder, vehicle=vehicle)
+    summary = resume_folder(folder, Rig(vehicle=vehicle))
     assert summary["end_reason"] == "completed"
     assert not vehicle.state().airborne
     assert vehicle.state().time_s == 0.0
@@ -115,7 +117,7 @@ def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
     with pytest.raises(Exception, match=r"cannot be replayed; .* goes on with  skysweep fly "):
         resume_folder(folder)
     with pytest.raises(Exception, match="go on with it:  skysweep fly "):
-        fly_to_folder(SCENARIO, 0, folder, "statistical")
+        fly_to_folder(SCENARIO, 0, folder, Rig("statistical"))
     lines = read_journal(folder / "journal.jsonl")
     lines[0]["replays"] = True
     (folder / "journal.jsonl").unlink()
@@ -123,4 +125,4 @@ def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
         for line in lines:
             journal.write(line.pop("t"), line.pop("kind"), **line)
     with pytest.raises(Exception, match="the mission was simulated; go on with  skysweep resume"):
-        resume_folder(folder, vehicle=embedded_vehicle(SCENARIO, 1))
+        resume_folder(folder, Rig(vehicle=embedded_vehicle(SCENARIO, 1)))

@@ -7,6 +7,7 @@ import pytest
 
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import setup_of
+from skysweep.flights.rig import Rig
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections
 from skysweep.vehicles.embedded.multirotor import Multirotor
@@ -29,6 +30,7 @@ class Outside:
             SCENARIO.vehicle, SCENARIO.wind, SCENARIO.camera, np.zeros(3), build_terrain(SCENARIO).height_m, 0
         )
         self.state = vehicle.state
+        self.truth = self.renderer = None
         self.__dict__.update(attributes)
 
     def detect(self, frame):
@@ -43,12 +45,12 @@ class Outside:
     [
         ("statistical", {"vehicle": Outside()}, None),
         ("imaging", {"vehicle": Outside(), "camera": Outside(), "detector": Outside()}, False),
-        ("imaging", {"vehicle": Outside(), "camera": Outside(simulated=True), "detector": Outside()}, None),
-        ("imaging", {"vehicle": Outside(), "camera": Outside(backend="gl"), "detector": Outside()}, None),
+        ("imaging", {"vehicle": Outside(), "camera": Outside(renderer="gz"), "detector": Outside()}, None),
+        ("imaging", {"vehicle": Outside(), "camera": Outside(renderer="gl"), "detector": Outside()}, None),
         ("imaging", {"camera": Outside(), "detector": Outside()}, None),
     ],
 )
 def test_only_a_real_vehicle_with_a_real_camera_has_no_truth(sensor, parts, truth):
-    mission = build_mission(SCENARIO, 0, sensor, **parts)
+    mission = build_mission(SCENARIO, 0, Rig(sensor, **parts))
     with closing(mission.sensor):
         assert setup_of(mission, 1).get("truth") is truth

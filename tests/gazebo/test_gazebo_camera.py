@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.gazebo import restarting
 from skysweep.gazebo.install import Install
 from skysweep.gazebo.lockstep import GazeboRenderer
@@ -210,7 +211,7 @@ def test_a_model_that_is_not_there_is_never_waited_for(tmp_path: Path, gazebo: I
 
 
 def test_a_whole_mission_with_gazebos_pictures(tmp_path: Path, gazebo: Install) -> None:
-    summary = fly_to_folder(field(), 0, tmp_path / "run", renderer="gazebo")
+    summary = fly_to_folder(field(), 0, tmp_path / "run", Rig(renderer="gazebo"))
     assert summary["completed"]
     assert summary["n_confirmed"] == 1
     assert summary["false_positives"] == 0

@@ -15,13 +15,14 @@ from dataclasses import replace
 from itertools import pairwise
 
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.frames import rotation_from_euler
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.files import list_scenarios, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.camera_watch import CameraWatch
-from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
+from skysweep.sensing.cameras.rendered import RenderedCamera
 from skysweep.sensing.exposures import Exposures
 from skysweep.types import Detections, Doubt, Sensor, VehicleState
 from skysweep.vehicles.embedded.multirotor import Multirotor
@@ -35,18 +36,13 @@ class WatchedSensor:
     def __init__(
         self, sensor: Sensor, vehicle: Multirotor, scenario: Scenario, seed: int, off_deg: Sequence[float]
     ) -> None:
-        self._sensor, self._vehicle = sensor, vehicle
+        self._sensor = sensor
         camera = scenario.camera
-        self._camera = RenderedCamera(build_world(scenario, seed), camera, self._true_pose, seed)
+        self._camera = RenderedCamera(build_world(scenario, seed), camera, vehicle, seed)
         self._exposures = Exposures(min(scenario.detector.rate_hz, camera.rate_hz), camera.pose_delay_s)
         self._turns = [rotation_from_euler(0.0, 0.0, math.radians(deg)) for deg in off_deg]
         self._watches = [CameraWatch(known_obstacles(scenario)) for _ in off_deg]
         self.doubts: list[list[Doubt | None]] = [[] for _ in off_deg]  # of each picture
-
-    def _true_pose(self) -> TruePose:
-        pose, motion = self._vehicle.true_camera_pose(), self._vehicle.true_camera_motion()
-        R = pose.R_camera_to_enu
-        return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
 
     def sense(self, state: VehicleState) -> Detections | None:
         believed = self._exposures.due(state)
@@ -64,7 +60,7 @@ class WatchedSensor:
 
 def doubts_on_the_way(scenario: Scenario, seed: int, off_deg: Sequence[float]) -> list[list[Doubt | None]]:
     """For each angle what the watch says of the pictures of a mission."""
-    mission = build_mission(scenario, seed, "statistical")
+    mission = build_mission(scenario, seed, Rig("statistical"))
     assert isinstance(mission.vehicle, Multirotor)
     sensor = WatchedSensor(mission.sensor, mission.vehicle, scenario, seed, off_deg)
     fly(replace(mission, sensor=sensor), MemoryJournal())

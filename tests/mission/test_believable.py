@@ -13,6 +13,8 @@ from skysweep.types import VehicleState
 class Script:
     """A vehicle that says one state after another: each is a time and an east."""
 
+    truth = None
+
     def __init__(self, *said):
         self.said, self.now = said, 0
 

@@ -15,13 +15,14 @@ import shapely
 from skysweep.detection.template import RedBlobDetector
 from skysweep.flights.build import build_mission
 from skysweep.flights.replay import RecordedSensor
-from skysweep.geometry.camera import CameraPose
+from skysweep.flights.rig import Rig
+from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
+from skysweep.sensing.cameras.rendered import RenderedCamera
 from skysweep.worlds.rendering.renderer import make_renderer
 from skysweep.worlds.world import build_world
 
@@ -129,20 +130,28 @@ def renderers():
         renderer.close()
 
 
+class Elsewhere:
+    """Another vehicle, on its own way over the same field. Implements ``types.Truth``."""
+
+    def __init__(self, vehicle):
+        self._vehicle = vehicle
+
+    def true_camera_pose(self):
+        t = self._vehicle.state().time_s
+        place = np.array([30.0 + 20.0 * math.cos(t / 6.0), 22.0 + 15.0 * math.sin(t / 6.0), 16.0])
+        return CameraPose(place, np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]))
+
+    def true_camera_motion(self):
+        return CameraMotion(np.zeros(3), np.zeros(3))
+
+
 class Flown:
     def __init__(self, fault, phase, seed, renderer):
-        mission = build_mission(SCENARIO, seed, renderer=renderer, detector=RedBlobDetector())
+        mission = build_mission(SCENARIO, seed, Rig(renderer=renderer, detector=RedBlobDetector()))
         vehicle = mission.vehicle
 
-        def elsewhere():
-            """Another vehicle's, on its own way over the same field."""
-            t = vehicle.state().time_s
-            place = np.array([30.0 + 20.0 * math.cos(t / 6.0), 22.0 + 15.0 * math.sin(t / 6.0), 16.0])
-            down = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-            return TruePose(CameraPose(place, down), np.zeros(3), np.zeros(3))
-
         world = build_world(SCENARIO, seed)
-        other = RenderedCamera(world, SCENARIO.camera, elsewhere, seed + 100, renderer)
+        other = RenderedCamera(world, SCENARIO.camera, Elsewhere(vehicle), seed + 100, renderer)
         self.camera = camera = FaultyCamera(mission.sensor.camera, fault, other)
         mission.sensor.camera = camera
         begun = {}

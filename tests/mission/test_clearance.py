@@ -8,6 +8,7 @@ import pytest
 import shapely
 
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.clearance import Clearance, keep_m, too_high
@@ -142,7 +143,7 @@ def test_what_is_higher_than_the_ceiling_is_flown_round():
 
 def flown(scenario, seed=0):
     journal = MemoryJournal()
-    reason = fly(build_mission(scenario, seed, "statistical"), journal)
+    reason = fly(build_mission(scenario, seed, Rig("statistical")), journal)
     run = Run(scenario, tuple(journal.lines))
     return reason, run, compute_summary(run)
 
@@ -211,7 +212,7 @@ def test_a_candidate_under_trees_is_reported_with_the_reason():
     ]
     sign = {"class": "stop sign", "position_enu_m": [45, 12], "size_m": 0.9}
     scenario = wood(trees=[], targets=[sign], search={"n_c": 1})
-    mission = build_mission(scenario, 0, "statistical")
+    mission = build_mission(scenario, 0, Rig("statistical"))
     mission = replace(mission, obstacles=known_obstacles(wood(trees=grove)))
     journal = MemoryJournal()
     assert fly(mission, journal) == "completed"

@@ -14,6 +14,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import Lens, project
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
@@ -54,7 +55,7 @@ class Flown:
         self, vehicle=None, sensor=None, operator=None, journal=None, seed=0, battery_wh=98.0, **changes
     ):
         scenario = SCENARIO | {"vehicle": {"battery_wh": battery_wh}} | changes
-        mission = build_mission(Scenario.model_validate(scenario), seed, "statistical")
+        mission = build_mission(Scenario.model_validate(scenario), seed, Rig("statistical"))
         self.embedded = mission.vehicle
         if vehicle is not None:
             mission = replace(mission, vehicle=vehicle(mission.vehicle))
@@ -256,6 +257,8 @@ RELEASED = threading.Event()  # of the detector that hangs
 
 class BlankCamera:
     """Takes pictures that show nothing, in no time; from 30 s on the detector that hangs is released."""
+
+    renderer = None
 
     def capture(self, state):
         if state.time_s >= 30.0:
@@ -595,7 +598,7 @@ def test_whatever_goes_wrong_in_our_own_code_leaves_the_vehicle_holding():
                 raise KeyboardInterrupt
             return self.inner.sense(state)
 
-    mission = build_mission(Scenario.model_validate(SCENARIO), 0, "statistical")
+    mission = build_mission(Scenario.model_validate(SCENARIO), 0, Rig("statistical"))
     broken = replace(mission, sensor=Broken(mission.sensor))
     with pytest.raises(KeyboardInterrupt):
         fly(broken, MemoryJournal())

@@ -7,6 +7,7 @@ import pytest
 
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
@@ -47,7 +48,7 @@ def test_one_seed_gives_one_mission_with_any_number_of_detector_threads():
     flights = []
     for threads in (1, 2):
         journal = MemoryJournal()
-        mission = build_mission(Scenario.model_validate(tiny), 3, threads=threads)
+        mission = build_mission(Scenario.model_validate(tiny), 3, Rig(threads=threads))
         fly(mission, journal)
         mission.sensor.close()
         flights.append(journal.lines)

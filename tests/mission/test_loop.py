@@ -10,6 +10,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.model import Scenario
@@ -31,7 +32,7 @@ def flown(seed=0, **changes):
     search = changes.pop("search", {})
     scenario = Scenario.model_validate(SMALL | changes).with_search(**search)
     journal = MemoryJournal()
-    reason = fly(build_mission(scenario, seed, "statistical"), journal)
+    reason = fly(build_mission(scenario, seed, Rig("statistical")), journal)
     return reason, journal.lines
 
 
@@ -137,6 +138,6 @@ def test_one_seed_one_journal_in_any_process():
 def test_an_unknown_sensor_or_strategy_is_named():
     scenario = Scenario.model_validate(SMALL)
     with pytest.raises(UserError, match="imaging, statistical"):
-        build_mission(scenario, 0, "radar")
+        build_mission(scenario, 0, Rig("radar"))
     with pytest.raises(UserError, match="scan-check, scan-only, low-only"):
-        build_mission(scenario.with_search(strategy="spiral"), 0, "statistical")
+        build_mission(scenario.with_search(strategy="spiral"), 0, Rig("statistical"))

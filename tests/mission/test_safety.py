@@ -8,13 +8,14 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.energy import ReturnEnergy
 from skysweep.mission.fence import Fence
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.looks import Looks
 from skysweep.mission.loop import fly
-from skysweep.mission.safety import Action, Guard
+from skysweep.mission.safety import Action, Guard, Phase
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.types import Command, Setpoint, VehicleState, Waypoint
@@ -53,7 +54,7 @@ class Watched:
     def refusal(self, seen, waypoint):
         return self.guard.refusal(seen, 30.0, waypoint, waypoint)
 
-    def __call__(self, seen, agl=30.0, phase="SEARCH", goal=None):
+    def __call__(self, seen, agl=30.0, phase=Phase.SEARCH, goal=None):
         return {a.cause: a.action for a in self.guard.alarms(seen, agl, phase, goal)}
 
 
@@ -83,7 +84,7 @@ def test_battery(left, alarms):
 UNKNOWN = math.nan
 
 
-def over_time(watched, at_s, phase="SEARCH", **changes):
+def over_time(watched, at_s, phase=Phase.SEARCH, **changes):
     """The alarms at each time; the detector answers."""
     said = []
     for t in at_s:
@@ -254,7 +255,7 @@ def test_whoever_led_it_out_of_the_fence_may_give_it_back_there():
     watched = Watched(safety={"fence_margin_m": 30.0})
     watched(state(t=100.0, x=300.0, taken_over="it is in Position"))
     assert watched(state(t=101.0, x=300.0)) == {}
-    assert watched(state(t=160.0, x=100.0), phase="RETURN") == {}
+    assert watched(state(t=160.0, x=100.0), phase=Phase.RETURN) == {}
     watched.looks.begin(161.0)
     assert watched(state(t=161.0, x=100.0)) == {}
     assert watched(state(t=222.0, x=300.0)).get("geofence") is Action.RETURN
@@ -267,15 +268,15 @@ def test_a_landing_is_held_while_the_battery_holds_what_it_takes_to_land(z, left
     watched.guard.heed("hold")
     seen = state(z=z, battery_remaining=left)
     ends = {"landing energy": Action.LAND}
-    assert watched(seen, agl=z, phase="LAND") == ({"operator": Action.HOLD} if held else ends)
-    assert watched(seen, agl=z, phase="LAND") == ({"operator": Action.HOLD} if held else {})
+    assert watched(seen, agl=z, phase=Phase.LAND) == ({"operator": Action.HOLD} if held else ends)
+    assert watched(seen, agl=z, phase=Phase.LAND) == ({"operator": Action.HOLD} if held else {})
 
 
 def test_a_landing_that_is_not_held_asks_for_no_energy():
-    assert Watched()(state(battery_remaining=0.06), phase="LAND") == {}
+    assert Watched()(state(battery_remaining=0.06), phase=Phase.LAND) == {}
     watched = Watched()
     watched.guard.heed("return")
-    assert watched(state(battery_remaining=0.06), phase="LAND") == {}
+    assert watched(state(battery_remaining=0.06), phase=Phase.LAND) == {}
 
 
 def test_a_mission_that_goes_on_beyond_the_fence_flies_back_inside():
@@ -292,18 +293,18 @@ def test_the_battery_ends_a_hold_on_the_way_home(x, left, ends):
     watched = Watched()
     watched.guard.heed("hold")
     seen = state(x=x, battery_remaining=left)
-    assert watched(seen, phase="RETURN") == ({ends: Action.RETURN} if ends else {"operator": Action.HOLD})
-    assert watched(seen, phase="RETURN") == ({} if ends else {"operator": Action.HOLD})
+    assert watched(seen, phase=Phase.RETURN) == ({ends: Action.RETURN} if ends else {"operator": Action.HOLD})
+    assert watched(seen, phase=Phase.RETURN) == ({} if ends else {"operator": Action.HOLD})
 
 
 def test_without_a_position_no_battery_sends_a_held_vehicle_anywhere():
     watched = Watched()
     watched.guard.heed("hold")
     seen = state(battery_remaining=0.14, position_std_m=9.0)
-    assert max(watched(seen, phase="RETURN").values()) is Action.HOLD
+    assert max(watched(seen, phase=Phase.RETURN).values()) is Action.HOLD
 
 
-@pytest.mark.parametrize("phase", ["RETURN", "LAND"])
+@pytest.mark.parametrize("phase", [Phase.RETURN, Phase.LAND])
 def test_the_estimate_ends_a_hold_on_the_way_home_and_while_landing(phase):
     watched = Watched(safety={"battery_estimated": True}, vehicle={"battery_wh": 19.0})
     watched.guard.heed("hold")
@@ -315,9 +316,9 @@ def test_the_estimate_ends_a_hold_on_the_way_home_and_while_landing(phase):
 
 def test_nothing_heard_for_longer_than_a_battery_lasts_is_given_up():
     watched = Watched(vehicle={"battery_wh": 19.0})
-    assert watched(state(silent_s=359.0), phase="LAND") == {}
-    assert watched(state(silent_s=361.0), phase="LAND") == {"vehicle lost": Action.LAND}
-    assert watched(state(silent_s=361.0), phase="RETURN") == {"vehicle lost": Action.LAND}
+    assert watched(state(silent_s=359.0), phase=Phase.LAND) == {}
+    assert watched(state(silent_s=361.0), phase=Phase.LAND) == {"vehicle lost": Action.LAND}
+    assert watched(state(silent_s=361.0), phase=Phase.RETURN) == {"vehicle lost": Action.LAND}
 
 
 def test_the_reserve_grows_with_distance_and_head_wind():
@@ -457,14 +458,14 @@ def test_wind_holds_then_turns_home():
         watched.looks.begin(t)
         actions.append(watched(state(t=t, wind_enu_mps=gale)).get("wind"))
     assert actions == [Action.HOLD] * 3 + [Action.RETURN]
-    assert "wind" not in watched(state(t=62.0, wind_enu_mps=gale), phase="RETURN")
+    assert "wind" not in watched(state(t=62.0, wind_enu_mps=gale), phase=Phase.RETURN)
 
 
 @pytest.mark.parametrize("unknown", [None, np.full(3, math.nan)])
 def test_a_wind_that_was_too_strong_and_is_not_known_any_more_is_said(unknown):
     watched = Watched()
     watched(state(wind_enu_mps=np.array([0.0, 12.0, 0.0])))
-    (alarm,) = watched.guard.alarms(state(t=101.0, wind_enu_mps=unknown), 30.0, "SEARCH")
+    (alarm,) = watched.guard.alarms(state(t=101.0, wind_enu_mps=unknown), 30.0, Phase.SEARCH)
     assert (alarm.action, alarm.cause) == (Action.CONTINUE, "wind")
     assert alarm.sentence == "How the wind blows is not known any more."
     assert watched(state(t=101.5, wind_enu_mps=np.array([0.0, 5.0, 0.0]))) == {}
@@ -487,30 +488,30 @@ def test_a_jump_holds_until_it_is_taken_back():
 
 def test_the_most_severe_action_wins():
     watched = Watched()
-    alarms = watched.guard.alarms(state(battery_remaining=0.03, silent_s=2.0), 30.0, "SEARCH")
+    alarms = watched.guard.alarms(state(battery_remaining=0.03, silent_s=2.0), 30.0, Phase.SEARCH)
     assert max(a.action for a in alarms) is Action.LAND
     assert list(Action) == sorted(Action)
 
 
 def test_on_the_way_home_only_what_keeps_from_it_counts():
     watched = Watched(looked_s=0.0)
-    assert watched(state(battery_remaining=0.12), agl=200.0, phase="RETURN") == {}
-    assert watched(state(t=101.0, silent_s=5.0), phase="RETURN") == {"telemetry silent": Action.HOLD}
-    assert watched(state(t=110.0, battery_remaining=0.02), phase="RETURN") == {
+    assert watched(state(battery_remaining=0.12), agl=200.0, phase=Phase.RETURN) == {}
+    assert watched(state(t=101.0, silent_s=5.0), phase=Phase.RETURN) == {"telemetry silent": Action.HOLD}
+    assert watched(state(t=110.0, battery_remaining=0.02), phase=Phase.RETURN) == {
         "battery critical": Action.LAND
     }
 
 
 def test_no_progress_home_means_landing():
     watched = Watched()
-    actions = [watched(state(t=t, x=80.0), phase="RETURN").get("no way home") for t in (0.0, 59.0, 61.0)]
+    actions = [watched(state(t=t, x=80.0), phase=Phase.RETURN).get("no way home") for t in (0.0, 59.0, 61.0)]
     assert actions == [None, None, Action.LAND]
 
 
 def test_every_alarm_is_one_sentence():
     watched = Watched(looked_s=0.0)
     seen = state(battery_remaining=0.03, wind_enu_mps=np.array([30.0, 0.0, 0.0]))
-    for alarm in watched.guard.alarms(seen, 200.0, "SEARCH"):
+    for alarm in watched.guard.alarms(seen, 200.0, Phase.SEARCH):
         assert alarm.sentence.endswith(".")
         assert "\n" not in alarm.sentence
 
@@ -528,7 +529,7 @@ SMALL = {
 
 def flown(**changes):
     journal = MemoryJournal()
-    reason = fly(build_mission(Scenario.model_validate(SMALL | changes), 0, "statistical"), journal)
+    reason = fly(build_mission(Scenario.model_validate(SMALL | changes), 0, Rig("statistical")), journal)
     return reason, journal.lines
 
 
@@ -552,7 +553,7 @@ def test_a_strategy_that_insists_on_a_refused_waypoint_ends_the_search(fence):
             return Command("SCAN", Waypoint((500.0, 0.0), 30.0, 5.0))
 
     scenario = Scenario.model_validate(SMALL | {"geofence_enu_m": fence})
-    mission = replace(build_mission(scenario, 0, "statistical"), strategy=Stubborn())
+    mission = replace(build_mission(scenario, 0, Rig("statistical")), strategy=Stubborn())
     journal = MemoryJournal()
     assert fly(mission, journal) == "geofence"
     told = [(line["cause"], line["action"]) for line in journal.lines if line["kind"] == "safety"]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import project
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
@@ -80,9 +81,9 @@ class Flown:
     def __init__(self, look_s, **changes):
         scenario = Scenario.model_validate(SCENARIO | changes)
         self.detector = SlowDetector(look_s)
-        vehicle = build_mission(scenario, 0, "statistical").vehicle
+        vehicle = build_mission(scenario, 0, Rig("statistical")).vehicle
         camera = BlankCamera(scenario.camera.lens)
-        mission = build_mission(scenario, 0, vehicle=vehicle, camera=camera, detector=self.detector)
+        mission = build_mission(scenario, 0, Rig(vehicle=vehicle, camera=camera, detector=self.detector))
         mission = replace(mission, vehicle=_Ticking(vehicle, self.detector))
         journal = MemoryJournal()
         self.speeds_mps = []

@@ -11,6 +11,7 @@ from test_faults import HOME, SCENARIO, Around, Drained, Flown, Misplaced, words
 
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
@@ -315,7 +316,7 @@ def test_a_barometer_20_m_off_is_seen_by_the_rangefinder_over_trees_and_roofs_to
 @pytest.mark.parametrize("by_m", [0.0, 20.0])
 @pytest.mark.parametrize("name", ["buildings", "person-wilderness"])
 def test_a_rangefinder_over_shipped_trees_and_roofs(name, by_m):
-    mission, journal = build_mission(load_scenario(name), 0, "statistical"), MemoryJournal()
+    mission, journal = build_mission(load_scenario(name), 0, Rig("statistical")), MemoryJournal()
     vehicle = Ranging(mission.vehicle, mission.obstacles, by_m)
     reason = fly(replace(mission, vehicle=vehicle), journal)
     told = [line for line in journal.lines if line["kind"] == "safety" and line["cause"] == "height"]
@@ -581,7 +582,7 @@ def test_a_vehicle_beyond_the_margin_around_the_area_is_called_home():
 
 def test_a_vehicle_may_take_off_beyond_the_margin_around_the_area():
     away = Scenario.model_validate(SCENARIO | {"home": {"position_enu_m": [-65, -5]}})
-    flown = Flown(vehicle=lambda _: build_mission(away, 0, "statistical").vehicle)
+    flown = Flown(vehicle=lambda _: build_mission(away, 0, Rig("statistical")).vehicle)
     assert (flown.reason, flown.safety) == ("completed", [])
 
 

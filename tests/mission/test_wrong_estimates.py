@@ -12,6 +12,7 @@ from test_faults import Around, Misplaced
 
 from skysweep.detection.template import RedBlobDetector
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.files import change_scenario
@@ -83,7 +84,7 @@ def renderer():
 
 class Flown:
     def __init__(self, vehicle, renderer, scenario=SCENARIO):
-        mission = build_mission(scenario, 0, renderer=renderer, detector=RedBlobDetector())
+        mission = build_mission(scenario, 0, Rig(renderer=renderer, detector=RedBlobDetector()))
         self.embedded, journal = mission.vehicle, MemoryJournal()
         self.reason = fly(replace(mission, vehicle=vehicle(mission.vehicle)), journal)
         self.lines = journal.lines

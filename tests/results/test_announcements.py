@@ -10,6 +10,7 @@ import pytest
 from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import resume_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import FileJournal
 from skysweep.results.announcements import Announcer
 from skysweep.scenarios.model import Scenario
@@ -98,7 +99,7 @@ def test_alarms_and_what_stayed_unchecked_are_said_and_nothing_else():
 
 def test_a_mission_says_each_find_once_as_its_files_do(tmp_path):
     folder, said = tmp_path / "run", []
-    fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, "statistical", say=said.append)
+    fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, Rig("statistical", say=said.append))
     finds = [words for words in said if words.startswith("found")]
     with (folder / "targets.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -112,14 +113,14 @@ def test_a_mission_says_each_find_once_as_its_files_do(tmp_path):
 @pytest.mark.parametrize("again", [False, True], ids=["replayed", "complete"])
 def test_a_resumed_mission_says_only_what_is_new(tmp_path, again):
     folder, said, later = tmp_path / "run", [], []
-    fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, "statistical", say=said.append)
+    fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, Rig("statistical", say=said.append))
     path = folder / "journal.jsonl"
     lines = path.read_text().splitlines(keepends=True)
     first = next(k for k, text in enumerate(lines) if json.loads(text)["kind"] == "confirmed")
     if not again:
         path.write_text("".join(lines[: first + 1]))
         (folder / "summary.json").unlink()
-    resume_folder(folder, say=later.append)
+    resume_folder(folder, Rig(say=later.append))
     assert later == ([] if again else said[1:])
     assert path.read_text() == "".join(lines)
 
@@ -137,7 +138,7 @@ def test_a_full_disk_does_not_silence_the_mission(tmp_path):
 
 def test_a_folder_that_holds_a_mission_says_nothing(tmp_path):
     folder, said = tmp_path / "run", []
-    fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, "statistical")
+    fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, Rig("statistical"))
     with pytest.raises(UserError):
-        fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, "statistical", say=said.append)
+        fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, Rig("statistical", say=said.append))
     assert said == []

@@ -6,13 +6,14 @@ import pytest
 from results_data import scenario_data, tiny_records
 
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.results.journal_lines import can_be_told
 from skysweep.scenarios.model import Scenario
 
 
 def test_every_line_of_a_mission_can_be_told(tmp_path):
-    fly_to_folder(Scenario.model_validate(scenario_data(camera={})), 0, tmp_path / "run", "statistical")
+    fly_to_folder(Scenario.model_validate(scenario_data(camera={})), 0, tmp_path / "run", Rig("statistical"))
     records = read_journal(tmp_path / "run" / "journal.jsonl")
     assert {"start", "plan", "state", "sighting", "end"} <= {record["kind"] for record in records}
     assert [record for record in records if not can_be_told(record)] == []

@@ -6,6 +6,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.results.picture_files import is_sound, write_picture
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
@@ -47,7 +48,7 @@ def test_bits_everywhere_and_the_name_count(tmp_path):
 
 
 def test_a_damaged_picture_is_named_and_left_out_when_asked_for(tmp_path):
-    fly_to_folder(Scenario.model_validate(SMALL), 0, tmp_path, "statistical")
+    fly_to_folder(Scenario.model_validate(SMALL), 0, tmp_path, Rig("statistical"))
     (tmp_path / "pictures").mkdir()
     for name in (NAME, "candidate-8-140.0s.jpg"):
         write_picture(tmp_path / "pictures" / name, JPEG)

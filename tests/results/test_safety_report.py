@@ -1,6 +1,7 @@
 """What the report of a mission says about safety."""
 
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.results.metrics import compute_summary
@@ -22,7 +23,7 @@ def test_refused_checks_and_unchecked_places_are_in_the_report(tmp_path):
         }
     )
     journal = MemoryJournal()
-    fly(build_mission(scenario, 0, "statistical"), journal)
+    fly(build_mission(scenario, 0, Rig("statistical")), journal)
     run = Run(scenario, tuple(journal.lines))
     (tmp_path / "map.png").write_bytes(b"")
     text = write_run_report(run, compute_summary(run), tmp_path).read_text("utf-8")

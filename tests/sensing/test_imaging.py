@@ -23,6 +23,8 @@ def images():
 class Album:
     """Shows known pictures, one after the other; remembers which were taken."""
 
+    renderer = None
+
     def __init__(self, images):
         self.images, self.next, self.taken = images, 0, []
 

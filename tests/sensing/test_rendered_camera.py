@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, Light
 from skysweep.sensing.believed import DelayedPose
 from skysweep.sensing.cameras.effects import CameraEffects, blur_kernel
-from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
+from skysweep.sensing.cameras.rendered import RenderedCamera
 from skysweep.types import VehicleState
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
@@ -123,12 +123,24 @@ def sign_world() -> World:
     return World(terrain, (sign,), (), (), Light(), 0)
 
 
+class Eye:
+    """Stays in one place, as if it moved. Implements ``types.Truth``."""
+
+    def __init__(self, at, velocity_mps=STILL):
+        self.at, self.velocity_mps = at, velocity_mps
+
+    def true_camera_pose(self):
+        return self.at
+
+    def true_camera_motion(self):
+        return CameraMotion(self.velocity_mps, STILL)
+
+
 MODEL = CameraModel(width_px=320, height_px=180, hfov_rad=1.2)
 
 
 def test_capture_shows_the_truth_and_hands_on_the_belief() -> None:
-    true = TruePose(pose(0.0, 6.0), STILL, STILL)
-    camera = RenderedCamera(sign_world(), MODEL, lambda: true, seed=1)
+    camera = RenderedCamera(sign_world(), MODEL, Eye(pose(0.0, 6.0)), seed=1)
     frame = camera.capture(state(0.4, pose(4.0)))
     assert frame.camera.position_enu_m[0] == 4.0
     assert frame.time_s == 0.4
@@ -139,8 +151,8 @@ def test_capture_shows_the_truth_and_hands_on_the_belief() -> None:
 
 def test_a_seed_gives_the_same_frames() -> None:
     def film(seed: int) -> list[bytes]:
-        true = TruePose(pose(), np.array([5.0, 0, 0]), STILL)
-        camera = RenderedCamera(sign_world(), MODEL, lambda: true, seed)
+        eye = Eye(pose(), np.array([5.0, 0, 0]))
+        camera = RenderedCamera(sign_world(), MODEL, eye, seed)
         return [camera.capture(state(0.1 * k, pose())).image.tobytes() for k in range(3)]
 
     assert film(3) == film(3)

@@ -103,6 +103,13 @@ STILL = CameraMotion(np.zeros(3), np.zeros(3))
 FAST = CameraMotion(np.array([25.0, 0.0, 0.0]), np.zeros(3))
 
 
+class Eye:
+    """Is where ``pose`` says. Implements ``types.Truth``."""
+
+    def __init__(self, pose, motion):
+        self.true_camera_pose, self.true_camera_motion = pose, lambda: motion
+
+
 def sensor_of(
     objects,
     tables,
@@ -117,10 +124,8 @@ def sensor_of(
     surface=FLAT,
 ):
     world = World(surface, tuple(objects), tuple(trees), (), Light(), 0)
-    poses = true if callable(true) else lambda: true
-    return StatisticalSensor(
-        world, camera, poses, lambda: motion, Exposures(10.0, 0.0), classes, minimum, seed, tables
-    )
+    eye = Eye(true if callable(true) else lambda: true, motion)
+    return StatisticalSensor(world, camera, eye, Exposures(10.0, 0.0), classes, minimum, seed, tables)
 
 
 def chance(mean, spread=0.5, minimum=MINIMUM):

@@ -9,6 +9,7 @@ from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import begun_scenario, resume_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.mission.loop import fly
 from skysweep.results.run_folder import load_run
@@ -38,7 +39,7 @@ class Flight:
 
     def __init__(self, happens, on_loss=5):
         self.there = LookAlike(on_loss, small(), BOOTED_S)
-        mission = build_mission(small(), 0, "statistical", vehicle=self.there.vehicle)
+        mission = build_mission(small(), 0, Rig("statistical", vehicle=self.there.vehicle))
         journal, self.states, self._word = MemoryJournal(), [], None
 
         def watch(state, mode, _new):
@@ -166,19 +167,18 @@ def killer(there, at_s):
 
 def test_a_flight_killed_twice_goes_on_in_the_missions_time(tmp_path):
     there = LookAlike(5, small(), BOOTED_S)
-    uninterrupted = fly_to_folder(
-        small(), 0, tmp_path / "whole", "statistical", vehicle=LookAlike(5, small()).vehicle
-    )
+    other = LookAlike(5, small()).vehicle
+    uninterrupted = fly_to_folder(small(), 0, tmp_path / "whole", Rig("statistical", vehicle=other))
 
     watch = killer(there, 30.0)
     with pytest.raises(Killed):
-        fly_to_folder(small(), 0, tmp_path / "run", "statistical", watch=watch, vehicle=there.vehicle)
+        fly_to_folder(small(), 0, tmp_path / "run", Rig("statistical", watch=watch, vehicle=there.vehicle))
     for at_s in (55.0, 1e9):
         there.connect()
         there.wait(40.0)
         assert there.flown()[0] == HOLD
         try:
-            summary = resume_folder(tmp_path / "run", killer(there, at_s), vehicle=there.vehicle)
+            summary = resume_folder(tmp_path / "run", Rig(watch=killer(there, at_s), vehicle=there.vehicle))
         except Killed:
             continue
     run = load_run(tmp_path / "run")
@@ -206,19 +206,19 @@ def test_a_flight_goes_on_from_the_sound_lines_of_its_journal(tmp_path):
 
     watch = killer(there, 95.0)
     with pytest.raises(Killed):
-        fly_to_folder(small(), 0, folder, "statistical", watch=watch, vehicle=there.vehicle)
+        fly_to_folder(small(), 0, folder, Rig("statistical", watch=watch, vehicle=there.vehicle))
     before = read_journal(journal)
     number, damaged = with_a_flipped_bit(journal, "confirmed")
     there.connect()
     there.wait(40.0)
-    for go_on in (begun_scenario, lambda run: resume_folder(run, vehicle=there.vehicle)):
+    for go_on in (begun_scenario, lambda run: resume_folder(run, Rig(vehicle=there.vehicle))):
         with pytest.raises(UserError, match=rf"line {number} is damaged, .*fly.* goes on from those"):
             go_on(folder)
     assert begun_scenario(folder, True, said.append).name == "small"
     assert f"line {number} is damaged; it and all after it are left out" in said[0]
     assert journal.read_bytes() == damaged
 
-    summary = resume_folder(folder, from_sound_lines=True, vehicle=there.vehicle)
+    summary = resume_folder(folder, Rig(vehicle=there.vehicle), from_sound_lines=True)
     assert (folder / "journal.jsonl.damaged").read_bytes() == damaged
     after = read_journal(journal)
     resumed = next(k for k, r in enumerate(after) if r["kind"] == "resumed")
@@ -232,7 +232,7 @@ def test_a_flight_goes_on_from_the_sound_lines_of_its_journal(tmp_path):
     with pytest.raises(UserError, match=r"its flight had ended; .*--from-sound-lines .* what is sound of it"):
         begun_scenario(folder, from_sound_lines=True)
     with pytest.raises(UserError, match="its flight had ended"):
-        resume_folder(folder, from_sound_lines=True, vehicle=there.vehicle)
+        resume_folder(folder, Rig(vehicle=there.vehicle), from_sound_lines=True)
     assert not there.sky.vehicle.state().airborne
 
 

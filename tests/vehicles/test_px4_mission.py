@@ -16,6 +16,7 @@ pytest.importorskip("mavsdk.mavsdk")
 
 from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.on_px4 import Px4Flight
+from skysweep.flights.rig import Rig
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
@@ -49,7 +50,8 @@ def test_a_mission_through_mavlink_finds_what_the_embedded_one_finds(tmp_path):
         def watch(_state, mode, _new):
             modes.add(mode)
 
-        summary = flight.fly(0, tmp_path / "run", "statistical", "rendered", "auto", 1, watch, lambda: None)
+        rig = Rig("statistical", threads=1, watch=watch)
+        summary = flight.fly(0, tmp_path / "run", "rendered", rig)
         assert not server.face.pilot.armed
         landed = server.face.pilot.state.position_enu_m
     assert modes >= {"TAKEOFF", "SCAN", "CHECK", "RETURN", "LAND"}

@@ -36,7 +36,7 @@ from skysweep.errors import UserError
 from skysweep.text import printable
 
 if TYPE_CHECKING:
-    from skysweep.types import VehicleState
+    from skysweep.types import Mode, VehicleState
     from skysweep.vehicles.px4.preflight import Check
 
 _READ_S = 1.0  # until somebody has read that the vehicle was taken
@@ -104,6 +104,7 @@ def fly(
     """
     from skysweep.flights.on_px4 import Px4Flight
     from skysweep.flights.resume import begun_scenario
+    from skysweep.flights.rig import Rig
     from skysweep.planning.plan_files import scenario_from_plan
     from skysweep.results.run_folder import CONFIG_FILE, summary_of_complete
     from skysweep.scenarios.files import change_scenario, load_scenario
@@ -145,7 +146,7 @@ def fly(
         with Progress(*columns, console=errors) as progress, _Operator(folder) as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)
 
-            def watch(state: VehicleState, mode: str, _new: Any) -> None:
+            def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
                 operator.look(state)
                 battery = (
                     "unknown" if math.isnan(state.battery_remaining) else f"{state.battery_remaining:4.0%}"
@@ -157,12 +158,11 @@ def fly(
                     f"battery {battery}   {operator.hint}{silent}",
                 )
 
+            rig = Rig(sensor, renderer, _DETECTOR_THREADS, watch=watch, operator=operator, say=say)
             if begun is not None:
-                summary = flight.resume(begun, camera, watch, operator, say, from_sound_lines)
+                summary = flight.resume(begun, camera, rig, from_sound_lines)
             else:
-                summary = flight.fly(
-                    seed, folder, sensor, camera, renderer, _DETECTOR_THREADS, watch, operator, say
-                )
+                summary = flight.fly(seed, folder, camera, rig)
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 

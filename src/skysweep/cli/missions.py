@@ -87,6 +87,7 @@ def run(
     """
     from skysweep.flights.fly import fly_to_folder
     from skysweep.flights.on_ros import parts_on_topics
+    from skysweep.flights.rig import Rig
     from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
 
@@ -113,18 +114,8 @@ def run(
     )
     with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
         vehicle, eye, finder = parts
-        summary = fly_to_folder(
-            chosen,
-            seed,
-            folder,
-            sensor,
-            engine,
-            watch=watch,
-            vehicle=vehicle,
-            camera=eye,
-            detector=finder,
-            say=say,
-        )
+        rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
+        summary = fly_to_folder(chosen, seed, folder, rig)
     print_summary(summary)
     console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
 
@@ -147,13 +138,14 @@ def resume(
         skysweep resume my-run --from-sound-lines
     """
     from skysweep.flights.resume import resume_folder
+    from skysweep.flights.rig import Rig
     from skysweep.results.run_folder import summary_of_complete
 
     if summary_of_complete(run_dir, from_sound_lines) is not None:
         console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
         return
     with flying(run_dir.name, run_dir) as watch:
-        summary = resume_folder(run_dir, watch, from_sound_lines, say=say)
+        summary = resume_folder(run_dir, Rig(watch=watch, say=say), from_sound_lines)
     print_summary(summary)
     console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
 

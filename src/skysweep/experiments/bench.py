@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from skysweep.experiments.workers import run_jobs
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.journal import MemoryJournal
@@ -101,7 +102,7 @@ def _vehicle_rtf(scenario: Scenario) -> float:
 
 
 def _mission_rtf(scenario: Scenario, seed: int, sensor_name: str) -> float:
-    mission = build_mission(scenario, seed, sensor_name, threads=THREADS)
+    mission = build_mission(scenario, seed, Rig(sensor_name, threads=THREADS))
     journal = MemoryJournal()
     with closing(mission.sensor):
         started = time.perf_counter()

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skysweep.detection.model_files import existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.errors import UserError
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.mission import Mission
@@ -23,7 +23,7 @@ from skysweep.sensing.statistical.model import model_for
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
-from skysweep.types import Camera, Detector, Sensor, Vehicle
+from skysweep.types import Camera, Detector, Sensor, Truth, Vehicle
 from skysweep.vehicles.embedded.multirotor import Multirotor
 from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.world import World, build_world
@@ -31,56 +31,36 @@ from skysweep.worlds.world import World, build_world
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend, Painter
 
+F64 = NDArray[np.float64]
+
 SENSORS = ("imaging", "statistical")
+DEFAULT_RIG = Rig()
 
 
-def build_mission(
-    scenario: Scenario,
-    seed: int,
-    sensor_name: str = "imaging",
-    renderer: Backend = "auto",
-    threads: int = 2,
-    vehicle: Vehicle | None = None,
-    camera: Camera | None = None,
-    detector: Detector | None = None,
-) -> Mission:
-    """A mission ready to fly, with the embedded vehicle or the one given.
-
-    ``renderer`` is auto, gl, embree, gazebo or gz; ``threads`` is for the detector. Without a ``camera`` the
-    pictures are rendered as the vehicle's would be; without a ``detector`` the scenario's looks at them.
-    Raises UserError on what the scenario asks for and is not there.
-    """
-    if sensor_name not in SENSORS:
-        raise UserError(f"sensor: there is no sensor '{sensor_name}'; write one of {', '.join(SENSORS)}")
-    replays = vehicle is None and camera is None and detector is None
-    waits = vehicle is None
+def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Mission:
+    """A mission ready to fly. Raises UserError on what the scenario or the rig asks for and is not there."""
+    if rig.sensor not in SENSORS:
+        raise UserError(f"sensor: there is no sensor '{rig.sensor}'; write one of {', '.join(SENSORS)}")
     search = scenario.search
-    spec = strategy_spec(search.strategy)
+    spec = rig.strategy or strategy_spec(search.strategy)
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
     plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
-    if vehicle is None:
-        home_xy = np.array(scenario.home.position_enu_m, dtype=float)
-        home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
-        vehicle = Multirotor(
-            scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed
-        )
+    vehicle = rig.vehicle or _embedded(scenario, world, seed)
     obstacles = Obstacles(world.terrain, world.trees, world.buildings)
-    simulated = getattr(vehicle, "carrier", vehicle)
-    witness = None
-    if isinstance(simulated, Multirotor) and obstacles.exist:
-        witness = Witness(lambda: simulated.true_position_enu_m, obstacles)
-    eye = _eye(vehicle)
+    truth = vehicle.truth
+    witness = Witness(truth, obstacles) if truth is not None and obstacles.exist else None
+    eye: Truth = truth or _Believed(vehicle)
     camera_model = scenario.camera
     detector_rate_hz = min(scenario.detector.rate_hz, camera_model.rate_hz)
     exposures = Exposures(detector_rate_hz, camera_model.pose_delay_s)
     sensor: Sensor
-    if sensor_name == "statistical":
+    pictures = None
+    if rig.sensor == "statistical":
         sensor = StatisticalSensor(
             world,
             camera_model,
-            eye.pose,
-            eye.motion,
+            eye,
             exposures,
             scenario.target_classes,
             scenario.detector.confidence_min,
@@ -91,17 +71,20 @@ def build_mission(
         from skysweep.sensing.camera_watch import CameraWatch
         from skysweep.sensing.imaging import PATIENCE_S, ImagingSensor
 
-        looks_with = detector or make_detector(scenario, threads)
-        pictures = camera or _rendered_camera(scenario, world, eye, seed, renderer)
-        patience_s = PATIENCE_S if waits else 0.0
-        watch = CameraWatch(obstacles)
-        sensor = ImagingSensor(pictures, looks_with, exposures, camera_model.latency_s, patience_s, watch)
+        sensor = pictures = ImagingSensor(
+            rig.camera or _rendered_camera(scenario, world, eye, seed, rig.renderer),
+            rig.detector or make_detector(scenario, rig.threads),
+            exposures,
+            camera_model.latency_s,
+            PATIENCE_S if rig.vehicle is None else 0.0,
+            CameraWatch(obstacles),
+        )
     look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
     waypoints = plan.waypoints_xy_enu_m
     return Mission(
         scenario,
         seed,
-        sensor_name,
+        rig.sensor,
         vehicle,
         sensor,
         GroundTracker(world.terrain.height_m, scenario.target_sizes_m),
@@ -112,45 +95,43 @@ def build_mission(
         world.terrain.height_at_m,
         exposures,
         obstacles,
+        pictures,
         witness,
-        replays,
+        replays=rig.vehicle is None and rig.camera is None and rig.detector is None,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Eye:
-    """Where a simulated camera is and how it moves, now."""
-
-    pose: Callable[[], CameraPose]
-    motion: Callable[[], CameraMotion]
+def _embedded(scenario: Scenario, world: World, seed: int) -> Vehicle:
+    home_xy = np.array(scenario.home.position_enu_m, dtype=float)
+    home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
+    return Multirotor(scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed)
 
 
-def _eye(vehicle: Vehicle) -> _Eye:
-    """The truth, where the vehicle is simulated here; else what it believes, its camera held steady."""
-    simulated = getattr(vehicle, "carrier", vehicle)
-    if isinstance(simulated, Multirotor):
-        return _Eye(simulated.true_camera_pose, simulated.true_camera_motion)
+class _Believed:
+    """What a vehicle believes, for the truth that nobody knows; its camera is held steady."""
 
-    def motion() -> CameraMotion:
-        state = vehicle.state()
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+
+    @property
+    def true_position_enu_m(self) -> F64:
+        return self._vehicle.state().position_enu_m
+
+    def true_camera_pose(self) -> CameraPose:
+        return self._vehicle.state().camera
+
+    def true_camera_motion(self) -> CameraMotion:
+        state = self._vehicle.state()
         return CameraMotion(state.camera.R_camera_to_enu.T @ state.velocity_enu_mps, np.zeros(3))
 
-    return _Eye(lambda: vehicle.state().camera, motion)
 
-
-def _rendered_camera(scenario: Scenario, world: World, eye: _Eye, seed: int, renderer: Backend) -> Camera:
+def _rendered_camera(scenario: Scenario, world: World, eye: Truth, seed: int, renderer: Backend) -> Camera:
     """The renderer is imported here, so that missions without pictures stay small."""
-    from skysweep.sensing.cameras.rendered import RenderedCamera, TruePose
+    from skysweep.sensing.cameras.rendered import RenderedCamera
     from skysweep.worlds.rendering.renderer import refuse_unrenderable
 
     refuse_unrenderable(scenario.camera)
-
-    def truth() -> TruePose:
-        pose, motion = eye.pose(), eye.motion()
-        R = pose.R_camera_to_enu
-        return TruePose(pose, R @ motion.velocity_mps, R @ motion.rates_radps)
-
-    return RenderedCamera(world, scenario.camera, truth, seed, _painter(scenario, world, renderer))
+    return RenderedCamera(world, scenario.camera, eye, seed, _painter(scenario, world, renderer))
 
 
 def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | Painter:

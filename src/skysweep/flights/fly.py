@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skysweep import __version__
 from skysweep.detection.model_files import fingerprint
 from skysweep.errors import CannotWriteError, UserError
 from skysweep.files.writing import make_folder
-from skysweep.flights.build import build_mission
+from skysweep.flights.build import DEFAULT_RIG, build_mission
 from skysweep.flights.replay import RecordedSensor, ReplayJournal
+from skysweep.flights.rig import Rig
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
 from skysweep.mission.loop import fly
-from skysweep.mission.mission import Mission, Operator
+from skysweep.mission.mission import Mission
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary
@@ -36,66 +37,43 @@ from skysweep.results.run_folder import (
 )
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.imaging import ImagingSensor
 from skysweep.sensing.statistical.model import model_for
-from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
-from skysweep.vehicles.embedded.multirotor import Multirotor
-
-if TYPE_CHECKING:
-    from skysweep.worlds.rendering.renderer import Backend
 
 SETUP = "setup"  # kind of a journal's first line
 GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it
-Watch = Callable[[VehicleState, str, Detections | None], None]
-Say = Callable[[str], None]
 
 
-def fly_to_folder(
-    scenario: Scenario,
-    seed: int,
-    out: Path,
-    sensor_name: str = "imaging",
-    renderer: Backend = "auto",
-    threads: int = 2,
-    watch: Watch | None = None,
-    vehicle: Vehicle | None = None,
-    camera: Camera | None = None,
-    operator: Operator = lambda: None,
-    detector: Detector | None = None,
-    say: Say = lambda _words: None,
-) -> dict[str, Any]:
+def fly_to_folder(scenario: Scenario, seed: int, out: Path, rig: Rig = DEFAULT_RIG) -> dict[str, Any]:
     """Fly one mission, write its run folder and return its summary.
-
-    ``vehicle``, ``camera``, ``detector`` and ``operator`` are as in ``build_mission`` and ``fly``; ``say``
-    takes a sentence for each find and alarm as it is made.
 
     Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
     was full: then the vehicle has come home, and ``resume_folder`` goes on when there is room.
     """
     started = time.perf_counter()
-    journal_path = out / JOURNAL_FILE
     refuse_other_mission(out)
     scenario = with_paths_beside(scenario, Path.cwd())
-    mission = build_mission(scenario, seed, sensor_name, renderer, threads, vehicle, camera, detector)
+    mission = build_mission(scenario, seed, rig)
     with closing(mission.sensor):
         make_folder(out)
-        with closing(FileJournal(journal_path)) as journal:
+        with closing(FileJournal(out / JOURNAL_FILE)) as journal:
             _refuse_flown(out, journal.records)
-            begin(out, mission, journal, threads, detector)
-            fly_in(out, mission, journal, watch, operator, say=say)
+            journal.listeners.append(rig.hear)
+            begin(out, mission, journal, rig)
+            asked = time.perf_counter()
+            rig.prepare(mission)
+            started += time.perf_counter() - asked  # nobody flies while a person is waited for
+            fly_in(out, mission, journal, rig)
             return finish(out, started)
 
 
-def begin(
-    folder: Path, mission: Mission, journal: FileJournal, threads: int, detector: Detector | None = None
-) -> None:
+def begin(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
     """Write down what a mission is flown with: its configuration, and the first line of its journal.
 
     Raises UserError where the disk does not take that.
     """
     write_scenario(mission.scenario, folder / CONFIG_FILE)
-    given = GIVEN_DETECTOR if detector else {}
-    setup = setup_of(mission, threads) | given | {CONFIG: digest_of_config(folder)}
+    given = GIVEN_DETECTOR if rig.detector else {}
+    setup = setup_of(mission, rig.threads) | given | {CONFIG: digest_of_config(folder)}
     journal.write(0.0, SETUP, **setup)
     if journal.failed is not None:
         raise UserError(
@@ -106,7 +84,7 @@ def begin(
 def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> dict[str, Any]:
     """Fly one mission and return its summary; nothing is written."""
     started = time.perf_counter()
-    mission = build_mission(scenario, seed, sensor_name, threads=1)
+    mission = build_mission(scenario, seed, Rig(sensor_name, threads=1))
     journal = MemoryJournal()
     with closing(mission.sensor):
         fly(mission, journal)
@@ -122,13 +100,11 @@ def fly_in(
     folder: Path,
     mission: Mission,
     journal: FileJournal,
-    watch: Watch | None,
-    operator: Operator = lambda: None,
+    rig: Rig,
     before: Sequence[Mapping[str, Any]] = (),
     again: Sequence[Mapping[str, Any]] = (),
-    say: Say = lambda _words: None,
 ) -> None:
-    """Fly a mission whose run folder is made; ``before`` is as in ``fly``, ``say`` as in ``fly_to_folder``.
+    """Fly a mission whose run folder is made; ``before`` is as in ``Flight``.
 
     ``again`` are the lines that it writes first because it is flown again, and that the journal holds.
 
@@ -137,13 +113,13 @@ def fly_in(
     from skysweep.flights.pictures import PictureBook
 
     notes: Journal = ReplayJournal(journal, again) if again else journal
-    announcer = Announcer(mission.scenario, journal.records, say)
-    if isinstance(mission.sensor, ImagingSensor):
-        notes = book = PictureBook(notes, folder / PICTURES, mission.sensor, mission.ground_at_m, before)
-        announcer = Announcer(mission.scenario, journal.records, say, book.picture_of)
+    announcer = Announcer(mission.scenario, journal.records, rig.say)
+    if mission.pictures is not None:
+        notes = book = PictureBook(notes, folder / PICTURES, mission.pictures, mission.ground_at_m, before)
+        announcer = Announcer(mission.scenario, journal.records, rig.say, book.picture_of)
         mission = replace(mission, sensor=RecordedSensor(mission.sensor, notes))
     journal.listeners.append(announcer.hear)
-    fly(mission, notes, watch or (lambda _state, _mode, _new: None), operator, before)
+    fly(mission, notes, rig.watch, rig.operator, before)
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  "
@@ -153,14 +129,11 @@ def fly_in(
 
 def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
     """With what a mission is flown, beside its scenario; a mission can go on with the same only."""
-    renderer = None
-    if isinstance(mission.sensor, ImagingSensor):
-        renderer = getattr(mission.sensor.camera, "backend", None)
     return {
         "version": __version__,
         "seed": mission.seed,
         "sensor": mission.sensor_name,
-        "renderer": renderer,
+        "renderer": mission.pictures.camera.renderer if mission.pictures is not None else None,
         "threads": threads,
         **digests_of_files(mission.scenario, mission.sensor_name),
         "replays": mission.replays,
@@ -182,11 +155,8 @@ def digests_of_files(scenario: Scenario, sensor_name: str) -> dict[str, str | No
 
 def _is_simulated(mission: Mission) -> bool:
     """Whether the sensor sees the scenario's world, which a camera from outside does not."""
-    if not isinstance(mission.sensor, ImagingSensor):
-        return True
-    camera, vehicle = mission.sensor.camera, getattr(mission.vehicle, "carrier", mission.vehicle)
-    drawn = hasattr(camera, "backend") or getattr(camera, "simulated", False)
-    return drawn or isinstance(vehicle, Multirotor)
+    pictures = mission.pictures
+    return pictures is None or pictures.camera.renderer is not None or mission.vehicle.truth is not None
 
 
 def finish(folder: Path, started: float | None) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 from contextlib import ExitStack, closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from skysweep.errors import CannotWriteError, UserError
 from skysweep.files.writing import make_folder
-from skysweep.flights.fly import Say, Watch, fly_to_folder, refuse_other_mission
+from skysweep.flights.fly import fly_to_folder, refuse_other_mission
 from skysweep.flights.rehearsal import rehearse
 from skysweep.flights.resume import resume_folder
+from skysweep.flights.rig import Rig
 from skysweep.mission.mission import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
@@ -119,7 +120,8 @@ class Px4Flight:
         """How often camera and detector look on this computer; a line of the list."""
         try:
             camera = self.open_camera(camera_source)
-            check = rehearse(self.scenario, self.vehicle, camera, renderer, threads)
+            rig = Rig(renderer=renderer, threads=threads, vehicle=self.vehicle, camera=camera)
+            check = rehearse(self.scenario, rig)
         except UserError as error:
             check = Check("detector", False, str(error))
         self._checks += (check,)
@@ -129,32 +131,14 @@ class Px4Flight:
         self,
         seed: int,
         out: Path,
-        sensor_name: str,
         camera_source: str,
-        renderer: Backend,
-        threads: int,
-        watch: Watch,
-        operator: Operator,
-        say: Say = lambda _words: None,
+        rig: Rig,
     ) -> dict[str, Any]:
-        """Arm, fly the mission and land; the summary of its run folder."""
+        """Arm, fly the mission with this vehicle and land; the summary of its run folder."""
         refuse_other_mission(out)
         self._keep_record(out)
         self.vehicle.advance(0.0)
-        camera = self.open_camera(camera_source) if sensor_name == "imaging" else None
-        summary = fly_to_folder(
-            self.scenario,
-            seed,
-            out,
-            sensor_name,
-            renderer,
-            threads,
-            watch,
-            self.vehicle,
-            camera,
-            self._heeding(operator),
-            say=say,
-        )
+        summary = fly_to_folder(self.scenario, seed, out, self._rigged(rig, camera_source))
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
 
@@ -162,9 +146,7 @@ class Px4Flight:
         self,
         folder: Path,
         camera_source: str,
-        watch: Watch,
-        operator: Operator,
-        say: Say = lambda _words: None,
+        rig: Rig,
         from_sound_lines: bool = False,
     ) -> dict[str, Any]:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder.
@@ -173,18 +155,13 @@ class Px4Flight:
         """
         self._keep_record(folder)
         self.vehicle.advance(0.0)
-        camera = self.open_camera(camera_source)
-        summary = resume_folder(
-            folder,
-            watch,
-            from_sound_lines,
-            vehicle=self.vehicle,
-            camera=camera,
-            operator=self._heeding(operator),
-            say=say,
-        )
+        summary = resume_folder(folder, self._rigged(rig, camera_source), from_sound_lines)
         self.vehicle.wait_disarmed(_MOTORS_STOP_S)
         return summary
+
+    def _rigged(self, rig: Rig, camera_source: str) -> Rig:
+        camera = self.open_camera(camera_source) if rig.sensor == "imaging" else None
+        return replace(rig, vehicle=self.vehicle, camera=camera, operator=self._heeding(rig.operator))
 
     def _heeding(self, operator: Operator) -> Operator:
         """Whose ``TAKE_BACK`` takes the vehicle back from whoever flies it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
@@ -10,20 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.files.writing import make_folder
-from skysweep.flights.build import build_mission, make_detector
-from skysweep.flights.fly import Watch, begin, finish, fly_in
-from skysweep.mission.journal import FileJournal
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
+from skysweep.mission.mission import Mission, Watch
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
-from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPoseVehicle
+from skysweep.ros.parts import RosCamera, RosDetector, RosPoseVehicle
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.types import Camera, Detections, Detector, Vehicle, VehicleState
+from skysweep.types import Camera, Detections, Detector, Mode, Vehicle, VehicleState
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
-
-_DETECTOR_THREADS = 2
 
 Parts = tuple[Vehicle | None, Camera | None, Detector | None]
 
@@ -64,41 +60,35 @@ def fly_on_ros(
         if not settings.out or (folder / JOURNAL_FILE).exists():
             raise UserError(f"out: '{settings.out}' holds a mission already or is empty; write a new folder")
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
-        face = MissionFace(link)
+        face = MissionFace(link, publish_looks=not settings.detector)
         vehicle, camera, detector = _parts(
             link, scenario, settings.seed, settings.sensor, settings.camera, settings.detector, settings.pose
         )
-        theirs = detector
-        if settings.sensor == "imaging" and not settings.detector:
-            detector = PublishedDetector(link, make_detector(scenario, _DETECTOR_THREADS))
-        mission = build_mission(
-            scenario,
-            settings.seed,
-            settings.sensor,
-            threads=_DETECTOR_THREADS,
-            vehicle=vehicle,
-            camera=camera,
-            detector=detector,
-        )
-        make_folder(folder)
-        face.prepare(mission)
         pace = RealTime(settings.speed)
 
-        def watch_all(state: VehicleState, mode: str, new: Detections | None) -> None:
+        def watch_all(state: VehicleState, mode: Mode, new: Detections | None) -> None:
             face.watch(state, mode, new)
             watch(state, mode, new)
             pace.keep(state.time_s)
 
-        journal = FileJournal(folder / JOURNAL_FILE)
-        journal.listeners.append(face.note)
-        with closing(mission.sensor), closing(journal):
-            begin(folder, mission, journal, _DETECTOR_THREADS, theirs)
+        def prepare(mission: Mission) -> None:
+            face.prepare(mission)
             if not settings.autostart:
                 say(f"waiting for {link.node.get_fully_qualified_name()}/start")
                 face.wait_for_start()
-            started = time.perf_counter()
-            fly_in(folder, mission, journal, watch_all, face.operator, say=say)
-            summary = finish(folder, started)
+
+        rig = Rig(
+            settings.sensor,
+            vehicle=vehicle,
+            camera=camera,
+            detector=detector,
+            watch=watch_all,
+            operator=face.operator,
+            say=say,
+            hear=face.note,
+            prepare=prepare,
+        )
+        summary = fly_to_folder(scenario, settings.seed, folder, rig)
         face.end(summary["end_reason"])
         return summary
 

@@ -16,8 +16,7 @@ from skysweep.mission.journal import Journal
 from skysweep.results.evidence import picture_name
 from skysweep.results.picture_files import write_picture
 from skysweep.results.reporting.wording import clock
-from skysweep.sensing.imaging import ImagingSensor
-from skysweep.types import Detections, Frame
+from skysweep.types import Detections, Frame, PictureSensor
 
 Image = NDArray[np.uint8]
 
@@ -42,7 +41,7 @@ class PictureBook:
         self,
         journal: Journal,
         folder: Path,
-        sensor: ImagingSensor,
+        sensor: PictureSensor,
         ground_at_m: Callable[[float, float], float],
         before: Iterable[Mapping[str, Any]] = (),
     ) -> None:

@@ -4,37 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.camera_watch import OF_ITSELF, REPEATED
-from skysweep.types import Camera, Detections, Vehicle, VehicleState
+from skysweep.types import Detections, Truth, Vehicle, VehicleState
 from skysweep.vehicles.px4.preflight import Check
 from skysweep.worlds.world import build_terrain
-
-if TYPE_CHECKING:
-    from skysweep.worlds.rendering.renderer import Backend
 
 _WARM_UP_S = 20.0  # for the first answer, at most
 _MEASURED_S = 5.0
 _ENOUGH = 0.8  # of the rate: the first and the last look may lie outside
 
 
-def rehearse(
-    scenario: Scenario, vehicle: Vehicle, camera: Camera | None, renderer: Backend, threads: int
-) -> Check:
+def rehearse(scenario: Scenario, rig: Rig) -> Check:
     """Look for some seconds of the vehicle's time, as in flight; what came of it. Closes the camera.
 
-    Without a ``camera`` what is rendered is the middle of the area, from the height of the scan.
+    Without a camera what is rendered is the middle of the area, from the height of the scan.
     """
-    mission = build_mission(scenario, 0, "imaging", renderer, threads, _Above(vehicle, scenario), camera)
-    looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
+    assert rig.vehicle is not None
+    mission = build_mission(scenario, 0, replace(rig, vehicle=_Above(rig.vehicle, scenario)))
+    looks = Looks(scenario, mission.look_period, mission.cover_altitude_agl_m)
     with closing(mission.sensor):
         try:
             answers = _answers(mission)
@@ -50,7 +47,7 @@ def rehearse(
         return Check("detector", False if blind else None, said)
     if rate_hz >= _ENOUGH * looks.usual_rate_hz:
         return Check("detector", True, f"{looks.usual_rate_hz:.2g} looks a second; {_sees(answers)}")
-    mission.exposures.period_s = max(mission.exposures.period_s, 1.0 / rate_hz)
+    mission.look_period.period_s = max(mission.look_period.period_s, 1.0 / rate_hz)
     said = f"this computer manages {looks.rate_hz:.2g} looks a second of {looks.usual_rate_hz:.2g}"
     if looks.scan_is_slowed:
         return Check("detector", None, f"{said}; the scan slows down to {looks.scan_speed_mps:.1f} m/s")
@@ -83,6 +80,7 @@ class _Above:
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
         self._vehicle = vehicle
+        self.truth: Truth | None = None
         self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
         self.takeoff, self.land = vehicle.takeoff, vehicle.land
         middle = scenario.area_enu_m.representative_point()

@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.errors import UserError
+from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
-from skysweep.sensing.imaging import Answer, DetectorError, ImagingSensor
-from skysweep.types import Detections, Doubt, Vehicle, VehicleState
+from skysweep.types import Answer, Detections, Doubt, Mode, Sensor, Vehicle, VehicleState
 
 Record = Mapping[str, Any]
 
@@ -61,9 +60,9 @@ class ReplayJournal:
 
 
 class RecordedSensor:
-    """Takes down every answer of an imaging sensor. Implements ``types.Sensor``."""
+    """Takes down every answer of a sensor. Implements ``types.Sensor``."""
 
-    def __init__(self, sensor: ImagingSensor, journal: Journal) -> None:
+    def __init__(self, sensor: Sensor, journal: Journal) -> None:
         self._sensor, self._journal = sensor, journal
 
     def sense(self, state: VehicleState) -> Detections | None:
@@ -110,7 +109,7 @@ class LaterVehicle:
     def __init__(self, vehicle: Vehicle, earlier_s: float) -> None:
         self._vehicle, self._earlier_s, self._flies = vehicle, earlier_s, False
         self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
-        self.land = vehicle.land
+        self.land, self.truth = vehicle.land, vehicle.truth
 
     def takeoff(self, altitude_agl_m: float) -> None:
         """The vehicle's own time begins with that."""
@@ -158,9 +157,9 @@ def _n_whole(records: Sequence[Record]) -> int:
 
 def _left_at(records: Sequence[Record]) -> list[float] | None:
     """Up to where a SCAN was surely looked at; None when the mission was in a CHECK, or had not begun."""
-    states = [r for r in records if r["kind"] == "state" and r["mode"] in ("SCAN", "CHECK")]
-    if not states or states[-1]["mode"] != "SCAN":
+    states = [r for r in records if r["kind"] == "state" and r["mode"] in (Mode.SCAN, Mode.CHECK)]
+    if not states or states[-1]["mode"] != Mode.SCAN:
         return None
-    sure = [r for r in states if r["mode"] == "SCAN" and r["t"] <= states[-1]["t"] - _UNSEEN_S]
+    sure = [r for r in states if r["mode"] == Mode.SCAN and r["t"] <= states[-1]["t"] - _UNSEEN_S]
     x, y, _ = (sure or states)[-1]["p"]
     return [x, y]

@@ -6,17 +6,19 @@ import shlex
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from skysweep import __version__
 from skysweep.errors import UserError
 from skysweep.files.line_file import read_sound_lines
-from skysweep.flights.build import build_mission
-from skysweep.flights.fly import SETUP, Say, Watch, finish, fly_in, setup_of
+from skysweep.flights.build import DEFAULT_RIG, build_mission
+from skysweep.flights.fly import SETUP, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
+from skysweep.flights.rig import Rig, Say
 from skysweep.mission.journal import FileJournal, journal_remedy
-from skysweep.mission.mission import Mission, Operator
+from skysweep.mission.mission import Mission
 from skysweep.results.journal_lines import can_be_gone_on_with
 from skysweep.results.run_folder import (
     CONFIG_FILE,
@@ -32,8 +34,7 @@ from skysweep.results.run_folder import (
 )
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.imaging import ImagingSensor
-from skysweep.types import Camera, Vehicle
+from skysweep.types import EventKind
 
 _END = "end"  # kind of a whole journal's last line
 _OTHER_COMMAND = {
@@ -47,18 +48,14 @@ _OTHER_COMMAND = {
 
 def resume_folder(
     folder: Path,
-    watch: Watch | None = None,
+    rig: Rig = DEFAULT_RIG,
     from_sound_lines: bool = False,
-    vehicle: Vehicle | None = None,
-    camera: Camera | None = None,
-    operator: Operator = lambda: None,
-    say: Say = lambda _words: None,
 ) -> dict[str, Any]:
     """Go on with the mission of a run folder where it was broken off; its summary.
 
-    A simulated mission ends as if it had never been broken off, but for the wall time. One that a ``vehicle``
-    from outside flew goes on with that, from where it is now; ``camera``, ``operator`` and ``say`` are as in
-    ``fly_to_folder``, and only what is new is said. A complete mission is left alone. With
+    A simulated mission ends as if it had never been broken off, but for the wall time. One that a vehicle
+    from outside flew goes on with that of the ``rig``, from where it is now; sensor, renderer and threads are
+    those it was begun with. Only what is new is said. A complete mission is left alone. With
     ``from_sound_lines`` a journal that is damaged is set aside, and the mission goes on from the lines before
     the damage; of a real vehicle's, what was flown after them is flown again.
 
@@ -77,25 +74,21 @@ def resume_folder(
             journal.mend()
             return finish(folder, None)
         scenario = _scenario_to_go_on_with(folder, journal.records)
-        if begun["replays"] == (vehicle is not None):
-            raise UserError(f"{folder}: {_OTHER_COMMAND[vehicle is not None].format(folder)}")
-        if from_sound_lines and vehicle is not None:
+        if begun["replays"] == (rig.vehicle is not None):
+            raise UserError(f"{folder}: {_OTHER_COMMAND[rig.vehicle is not None].format(folder)}")
+        if from_sound_lines and rig.vehicle is not None:
             _refuse_ended_flight(folder)
-        mission = build_mission(
-            scenario,
-            begun["seed"],
-            begun["sensor"],
-            begun["renderer"] or "auto",
-            begun["threads"],
-            vehicle,
-            camera,
+        rig = replace(
+            rig, sensor=begun["sensor"], renderer=begun["renderer"] or "auto", threads=begun["threads"]
         )
+        mission = build_mission(scenario, begun["seed"], rig)
         with closing(mission.sensor):
             _refuse_other_parts(folder, begun, setup_of(mission, begun["threads"]))
-            if vehicle is None:
-                _fly_again(folder, mission, journal, watch, say)
+            rig.prepare(mission)
+            if rig.vehicle is None:
+                _fly_again(folder, mission, journal, rig)
             else:
-                _fly_on(folder, mission, journal, watch, operator, say)
+                _fly_on(folder, mission, journal, rig)
         return finish(folder, started)
 
 
@@ -179,29 +172,22 @@ def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[s
             )
 
 
-def _fly_again(folder: Path, mission: Mission, journal: FileJournal, watch: Watch | None, say: Say) -> None:
-    if isinstance(mission.sensor, ImagingSensor):
-        mission.sensor.recall(recorded_answers(journal.records))
-    fly_in(folder, mission, journal, watch, again=journal.records[1:], say=say)
+def _fly_again(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
+    if mission.pictures is not None:
+        mission.pictures.recall(recorded_answers(journal.records))
+    fly_in(folder, mission, journal, rig, again=journal.records[1:])
 
 
-def _fly_on(
-    folder: Path,
-    mission: Mission,
-    journal: FileJournal,
-    watch: Watch | None,
-    operator: Operator,
-    say: Say,
-) -> None:
+def _fly_on(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
     mission = restored(mission, journal)
     last_s = float(journal.records[-1]["t"])
     kinds = {r["kind"] for r in journal.records}
-    if "landed" in kinds or ("finished" in kinds and not mission.vehicle.state().airborne):
+    if "landed" in kinds or (EventKind.FINISHED in kinds and not mission.vehicle.state().airborne):
         if "landed" not in kinds:
             journal.write(last_s, "landed")
-        journal.write(last_s, _END, reason="completed" if "finished" in kinds else "broken off")
+        journal.write(last_s, _END, reason="completed" if EventKind.FINISHED in kinds else "broken off")
     else:
-        fly_in(folder, mission, journal, watch, operator, journal.records, say=say)
+        fly_in(folder, mission, journal, rig, journal.records)
 
 
 def _nothing_begun(folder: Path) -> str:

@@ -37,10 +37,9 @@ class LiveCamera:
     nothing in OPEN_S, or has pictures of another size or encoding.
     """
 
-    simulated = True  # it shows the scenario's world
-
     def __init__(self, source: str, lens: Lens) -> None:
         self._source, self._lens = source, lens
+        self.renderer: str | None = source.partition(":")[0]
         self._open: Callable[[float], tuple[Newest, Callable[[], None]]]
         if source.startswith(CLASSIC):
             self._open = lambda patience_s: _classic(source.removeprefix(CLASSIC), patience_s)

@@ -21,6 +21,7 @@ class Believable:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
+        self.truth = vehicle.truth
         self._newest = self._sound = vehicle.state()
         self._asked_s = self.went_back_s = 0.0
 

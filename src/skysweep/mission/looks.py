@@ -11,8 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.exposures import Exposures
-from skysweep.types import XY, Detections, Doubt, VehicleState
+from skysweep.types import XY, Detections, Doubt, LookPeriod, VehicleState
 
 F64 = NDArray[np.float64]
 
@@ -33,9 +32,9 @@ class Looks:
     longer, and blind is also what lay in no picture.
     """
 
-    def __init__(self, scenario: Scenario, exposures: Exposures, cover_altitude_agl_m: float) -> None:
+    def __init__(self, scenario: Scenario, period: LookPeriod, cover_altitude_agl_m: float) -> None:
         camera, safety = scenario.camera, scenario.safety
-        self._exposures = exposures
+        self._period = period
         self._latency_s = camera.latency_s
         self._silent_s, self._dead_s = safety.detector_silent_s, safety.detector_dead_s
         self._along_m = camera.lens.footprint_m(cover_altitude_agl_m)[1]
@@ -54,7 +53,7 @@ class Looks:
     @property
     def usual_age_s(self) -> float:
         """How old the newest answered look becomes when all is well."""
-        period_s = self._exposures.period_s
+        period_s = self._period.period_s
         answer_s = max(self._latency_s, period_s) if self.are_rare else self._latency_s
         return answer_s + self._pose_delay_s + period_s
 
@@ -80,24 +79,24 @@ class Looks:
     @property
     def rate_hz(self) -> float:
         """Looks a second that the sensor keeps."""
-        return 1.0 / self._exposures.period_s
+        return 1.0 / self._period.period_s
 
     @property
     def usual_rate_hz(self) -> float:
         """Looks a second that the scenario asks for."""
-        return 1.0 / self._exposures.usual_period_s
+        return 1.0 / self._period.usual_period_s
 
     @property
     def are_rare(self) -> bool:
         """Whether the sensor cannot keep its usual rate."""
-        return self._exposures.period_s > self._exposures.usual_period_s
+        return self._period.period_s > self._period.usual_period_s
 
     @property
     def scan_speed_mps(self) -> float:
         """The scan's speed; while looks are rare, at most that at which each place lies in two pictures."""
         if not self.are_rare:
             return self._scan_speed_mps
-        return min(self._scan_speed_mps, self._along_m / (_LOOKS_EACH * self._exposures.period_s))
+        return min(self._scan_speed_mps, self._along_m / (_LOOKS_EACH * self._period.period_s))
 
     @property
     def scan_is_slowed(self) -> bool:
@@ -175,7 +174,7 @@ class Looks:
         return legs
 
     def _longest_gap_s(self) -> float:
-        usual_s, now_s = self._exposures.usual_period_s, self._exposures.period_s
+        usual_s, now_s = self._period.usual_period_s, self._period.period_s
         return self._silent_s + max(usual_s, min(now_s, self._along_m / self.scan_speed_mps - self._silent_s))
 
     def _note_blind(self, since_s: float, until_s: float) -> None:
@@ -189,8 +188,7 @@ class Looks:
 
     def _forget_track(self) -> None:
         while (
-            len(self._track) > 1
-            and self._track[1][0] <= self.newest_s - _TRACK_LOOKS * self._exposures.period_s
+            len(self._track) > 1 and self._track[1][0] <= self.newest_s - _TRACK_LOOKS * self._period.period_s
         ):
             self._track.popleft()
 

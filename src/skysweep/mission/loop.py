@@ -1,11 +1,14 @@
-"""The one mission loop: sense, track, decide, fly. The same for every vehicle, sensor and strategy."""
+"""The one mission loop: sense, track, decide, fly. The same for every vehicle, sensor and strategy.
+
+It is stepped: :class:`Flight` is one mission, a tick at a time, and :func:`fly` the simple driver of one.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +29,8 @@ from skysweep.types import (
     Command,
     Detections,
     Event,
+    EventKind,
+    Mode,
     Observation,
     Setpoint,
     Sighting,
@@ -34,6 +39,8 @@ from skysweep.types import (
 )
 
 F64 = NDArray[np.float64]
+_Result = TypeVar("_Result")
+_Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, with what came of it
 
 _LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
@@ -46,47 +53,41 @@ _BACK_M = 2.0
 _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
-def fly(
-    mission: Mission,
-    journal: Journal,
-    watch: Watch = lambda _state, _mode, _new: None,
-    operator: Operator = lambda: None,
-    before: Sequence[Mapping[str, Any]] = (),
-) -> str:
-    """Fly the mission from take-off to landing. Returns why the search ended: completed or a cause of safety.
+class Tick(NamedTuple):
+    """One step of a mission: where it is, before the vehicle's time goes on."""
 
-    ``watch`` sees every step (state, mode, new detections) for progress displays and recordings.
-    ``operator`` is asked at every step and answers None, "hold", "continue" or "return".
-    Mission time 0 is the take-off command. Whatever ends it early, the vehicle is told to hold.
-    ``before`` is what the journal says of the part that was flown before the mission was broken off.
+    state: VehicleState
+    mode: Mode
+    detections: Detections | None  # new ones
+
+
+class Flight:
+    """One mission, a tick at a time, from take-off to landing: an iterator.
+
+    Each ``next`` lets a tick of the vehicle's time pass and answers where the mission is then. ``end_reason``
+    is None until it is over: then ``completed`` or a cause of safety. Mission time 0 is the take-off command.
+    As a context manager it tells the vehicle to hold, whatever ends the flight early.
+
+    ``operator`` is asked at every tick and answers None, "hold", "continue" or "return". ``before`` is what
+    the journal says of the part that was flown before the mission was broken off.
 
     Raises UserError, with the vehicle untouched, where the mission must not take off.
     """
-    flight = _Flight(mission, journal, watch, operator, before)
-    flight.refuse_before_take_off()
-    try:
-        return flight.fly()
-    except BaseException:
-        mission.vehicle.hold()
-        raise
 
-
-class _Flight:
     def __init__(
         self,
         mission: Mission,
         journal: Journal,
-        watch: Watch,
-        operator: Operator,
-        before: Sequence[Mapping[str, Any]],
+        operator: Operator = lambda: None,
+        before: Sequence[Mapping[str, Any]] = (),
     ) -> None:
         scenario = mission.scenario
         self._heard = Believable(mission.vehicle)
         self._m = replace(mission, vehicle=self._heard)
-        self._watch, self._operator, self._before = watch, operator, before
+        self._operator, self._before = operator, before
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
-        self._looks = Looks(scenario, mission.exposures, mission.cover_altitude_agl_m)
+        self._looks = Looks(scenario, mission.look_period, mission.cover_altitude_agl_m)
         state = self._heard.state()
         high = too_high(scenario, mission.obstacles)
         stands = has_place(state) and not state.airborne
@@ -101,7 +102,7 @@ class _Flight:
         self._guard = Guard(scenario, self._fence, energy, self._looks, mission.obstacles, state.airborne)
         self._worst = _ALL_WELL
         self._next_check_s = 0.0
-        self._mode = "TAKEOFF"
+        self._mode = Mode.TAKEOFF
         self._holding = False
         self._asked: Waypoint | None = None  # by the strategy
         self._flown_to: Waypoint | None = None  # instead: it itself, or where it is looked at from
@@ -110,8 +111,25 @@ class _Flight:
         self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
         self._left_enu_m = state.position_enu_m  # where the search was at its last step
         self._interrupted = self._going_back = False
+        self.end_reason: str | None = None
+        self._refuse_before_take_off()
+        self._ticks = self._fly()
 
-    def refuse_before_take_off(self) -> None:
+    def __next__(self) -> Tick:
+        """The next tick, which the vehicle's time passes after. Raises StopIteration when it has landed."""
+        return next(self._ticks)
+
+    def __iter__(self) -> Flight:
+        return self
+
+    def __enter__(self) -> Flight:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.end_reason is None:
+            self._m.vehicle.hold()
+
+    def _refuse_before_take_off(self) -> None:
         """Raises UserError."""
         state, safety = self._m.vehicle.state(), self._m.scenario.safety
         if not has_place(state):
@@ -137,14 +155,14 @@ class _Flight:
                     "area (area.holes_enu_m), or widen geofence_enu_m"
                 )
 
-    def fly(self) -> str:
+    def _fly(self) -> Iterator[Tick]:
         if self._before:
             self._notes.go_on(self._before)
         else:
             self._notes.start(self._m)
-        end = self._take_off()
+        end = yield from self._take_off()
         if end is _ALL_WELL:
-            end = self._search()
+            end = yield from self._search()
         state = self._m.vehicle.state()
         candidates = self._m.tracker.candidates()
         if end is not _ALL_WELL:
@@ -152,25 +170,25 @@ class _Flight:
             self._notes.left_behind(state.time_s, candidates, self._looks.blind_legs())
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end.action < Action.LAND:
-            self._return()
-        in_the_air = self._land()
+            yield from self._return()
+        in_the_air = yield from self._land()
         landed = in_the_air is _ALL_WELL
         reason = end.cause if landed else in_the_air.cause
         self._notes.end(self._m.vehicle.state().time_s, reason, self._m.witness, landed)
-        return reason
+        self.end_reason = reason
 
-    # ---- the four parts of a mission; each returns what ended it early -----------------------------------
+    # ---- the four parts of a mission; each returns what ended it early ---------------------------------
 
-    def _take_off(self) -> Alarm:
+    def _take_off(self) -> _Part[Alarm]:
         altitude, vehicle = self._m.cover_altitude_agl_m, self._m.vehicle
         vehicle.takeoff(altitude)
         state = vehicle.state()
         longest_s = _TAKE_OFF_LONGEST_S + 2.0 * altitude / self._m.scenario.vehicle.climb_speed_mps
         latest_s = state.time_s + longest_s
         while self._altitude_agl_m(state) < altitude - 1.0:
-            alarm = self._look_after(state, "TAKEOFF")
+            alarm = self._look_after(state, Phase.TAKEOFF)
             if alarm.action is Action.KEEP_OUT:
-                state = self._keep_out(state, "TAKEOFF")
+                state = yield from self._keep_out(state, Phase.TAKEOFF)
                 if not state.airborne:
                     return alarm
                 x, y, _ = state.position_enu_m.tolist()
@@ -182,20 +200,20 @@ class _Flight:
                 self._notes.safety(state.time_s, alarm)
             if alarm.action > Action.HOLD:
                 return alarm
-            state = self._pass_time(state, "TAKEOFF")
+            state = yield from self._pass_time(state, Mode.TAKEOFF)
         return _ALL_WELL
 
-    def _search(self) -> Alarm:
+    def _search(self) -> _Part[Alarm]:
         m = self._m
         state = m.vehicle.state()
-        self._mode = "SCAN"
+        self._mode = Mode.SCAN
         self._looks.begin(state.time_s)
         done_s = math.inf  # when the strategy had nothing more to do
         while True:
-            alarm = self._look_after(state, "SEARCH")
+            alarm = self._look_after(state, Phase.SEARCH)
             if alarm.action is Action.KEEP_OUT:
                 self._interrupted = True
-                state = self._keep_out(state, "SEARCH")
+                state = yield from self._keep_out(state, Phase.SEARCH)
                 if not state.airborne:
                     return alarm
                 continue
@@ -205,41 +223,41 @@ class _Flight:
             if alarm.action is Action.HOLD:
                 self._interrupted = True
                 self._hold()
-                state = self._pass_time(state, "HOLD", detections)
+                state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
             self._holding = False
             if self._goes_back(state):
-                state = self._pass_time(state, "HOLD", detections)
+                state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
             observation = self._observation(state, detections)
             command = m.strategy.step(self._of_the_area(observation))
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
             if command.waypoint is None and self._looks.are_due(state.time_s, done_s):
-                going_on = tuple(e for e in command.events if e.kind != "finished")
+                going_on = tuple(e for e in command.events if e.kind != EventKind.FINISHED)
                 command = command._replace(events=going_on)
             elif command.waypoint is None:
                 self._note(observation, command.events)
                 self._notes.state(state, command.mode)
-                self._watch(state, command.mode, detections)
+                yield Tick(state, command.mode, detections)
                 return _ALL_WELL
             self._note(observation, command.events)
             end = self._fly_to(observation, command)
             if end is not _ALL_WELL:
                 return end
-            state = self._pass_time(state, command.mode, detections)
+            state = yield from self._pass_time(state, command.mode, detections)
 
-    def _return(self) -> None:
+    def _return(self) -> _Part[None]:
         m = self._m
         home = m.scenario.home.position_enu_m
         back = Waypoint(home, m.return_altitude_agl_m, m.scenario.vehicle.cruise_speed_mps)
-        self._mode = "RETURN"
+        self._mode = Mode.RETURN
         self._guard.heed("continue")  # who held the search has let it come to this
         state = m.vehicle.state()
         while math.dist(state.position_enu_m[:2].tolist(), home) > _HOME_ACCEPTANCE_M:
-            alarm = self._look_after(state, "RETURN")
+            alarm = self._look_after(state, Phase.RETURN)
             if alarm.action is Action.KEEP_OUT:
-                state = self._keep_out(state, "RETURN")
+                state = yield from self._keep_out(state, Phase.RETURN)
                 if not state.airborne:
                     return
                 continue
@@ -250,9 +268,9 @@ class _Flight:
             else:
                 self._holding = False
                 m.vehicle.command(self._setpoint(state, back))
-            state = self._pass_time(state, "RETURN")
+            state = yield from self._pass_time(state, Mode.RETURN)
 
-    def _land(self) -> Alarm:
+    def _land(self) -> _Part[Alarm]:
         """What ended the landing in the air. An order that leads nowhere is given again, and then no more."""
         vehicle = self._m.vehicle
         vehicle.land()
@@ -262,11 +280,11 @@ class _Flight:
         longest_s = _LANDING_LONGEST_S + 2.0 * landing_time_s(max(0.0, altitude_m), sinks_mps)
         ordered_s, orders, waits = state.time_s, 1, False
         while state.airborne:
-            alarm = self._look_after(state, "LAND")
+            alarm = self._look_after(state, Phase.LAND)
             if alarm.cause == LOST:
                 return alarm
             if alarm.action is Action.KEEP_OUT:
-                state, waits = self._keep_out(state, "LAND"), True
+                state, waits = (yield from self._keep_out(state, Phase.LAND)), True
             elif alarm.action is Action.HOLD and not waits:
                 self._hover(state)
                 waits = True
@@ -279,7 +297,7 @@ class _Flight:
             if late or (waits and alarm.action is not Action.HOLD):
                 vehicle.land()
                 ordered_s, orders, waits = state.time_s, orders + 1 if late else 1, False
-            state = self._pass_time(state, "LAND")
+            state = yield from self._pass_time(state, Mode.LAND)
         return _ALL_WELL
 
     def _hover(self, state: VehicleState) -> None:
@@ -312,7 +330,7 @@ class _Flight:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
         self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
         self._notes.alarms(now_s, alarms, self._guard.not_judged(state, phase, goal))
-        self._looks.keep_track(state, self._mode == "SCAN" and not state.taken_over)
+        self._looks.keep_track(state, self._mode == Mode.SCAN and not state.taken_over)
         return self._worst
 
     def _look(self, state: VehicleState) -> Detections | None:
@@ -383,9 +401,9 @@ class _Flight:
             self._m.vehicle.command(self._setpoint(seen.vehicle, paced))
         return _ALL_WELL
 
-    def _paced(self, mode: str, waypoint: Waypoint) -> Waypoint:
+    def _paced(self, mode: Mode, waypoint: Waypoint) -> Waypoint:
         """A SCAN is no faster than the looks allow."""
-        if mode != "SCAN" or not self._looks.scan_is_slowed:
+        if mode != Mode.SCAN or not self._looks.scan_is_slowed:
             return waypoint
         return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
@@ -403,12 +421,12 @@ class _Flight:
             self._sent = asked, Setpoint(np.array(asked[:3]), waypoint.speed_mps, self._m.yaw_rad)
         return self._sent[1]
 
-    def _keep_out(self, state: VehicleState, phase: Phase) -> VehicleState:
+    def _keep_out(self, state: VehicleState, phase: Phase) -> _Part[VehicleState]:
         """Commands nothing while somebody else flies; the state when they gave it back, or it stands."""
         self._sent = None
         while state.taken_over and state.airborne:
             self._look_after(state, phase)
-            state = self._pass_time(state, "HOLD", self._look(state))
+            state = yield from self._pass_time(state, Mode.HOLD, self._look(state))
         self._look_after(state, phase)
         return state
 
@@ -420,7 +438,7 @@ class _Flight:
         x, y, _ = self._left_enu_m.tolist()
         away_m = math.dist(state.position_enu_m[:2].tolist(), (x, y))
         limit_m = _BACK_M if self._going_back else _DISPLACED_M
-        self._going_back = self._interrupted = self._mode == "SCAN" and away_m > limit_m
+        self._going_back = self._interrupted = self._mode == Mode.SCAN and away_m > limit_m
         if self._going_back:
             speed_mps = self._m.scenario.vehicle.cruise_speed_mps
             back = Waypoint((x, y), self._m.cover_altitude_agl_m, speed_mps)
@@ -433,11 +451,11 @@ class _Flight:
             self._holding, self._sent = True, None
 
     def _pass_time(
-        self, state: VehicleState, mode: str, detections: Detections | None = None
-    ) -> VehicleState:
+        self, state: VehicleState, mode: Mode, detections: Detections | None = None
+    ) -> _Part[VehicleState]:
         """Let one tick pass; the state after it."""
         self._notes.state(state, mode)
-        self._watch(state, mode, detections)
+        yield Tick(state, mode, detections)
         self._m.vehicle.advance(self._tick_s)
         if self._m.witness is not None:
             self._m.witness.see(mode)
@@ -446,6 +464,24 @@ class _Flight:
     def _altitude_agl_m(self, state: VehicleState) -> float:
         x, y, z = state.position_enu_m.tolist()
         return float(z - self._m.ground_at_m(x, y))
+
+
+def fly(
+    mission: Mission,
+    journal: Journal,
+    watch: Watch = lambda _state, _mode, _new: None,
+    operator: Operator = lambda: None,
+    before: Sequence[Mapping[str, Any]] = (),
+) -> str:
+    """Fly the mission from take-off to landing. Returns why the search ended: completed or a cause of safety.
+
+    ``watch`` sees every tick (state, mode, new detections) for progress displays and recordings; the rest is
+    as in :class:`Flight`, and so is what it raises.
+    """
+    with Flight(mission, journal, operator, before) as flight:
+        for tick in flight:
+            watch(*tick)
+    return str(flight.end_reason)
 
 
 def _not_down(after_s: float, given_up: bool) -> Alarm:

@@ -10,12 +10,21 @@ from numpy.typing import NDArray
 
 from skysweep.mission.witness import Witness
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.exposures import Exposures
-from skysweep.types import Detections, Sensor, Strategy, Tracker, Vehicle, VehicleState
+from skysweep.types import (
+    Detections,
+    LookPeriod,
+    Mode,
+    PictureSensor,
+    Sensor,
+    Strategy,
+    Tracker,
+    Vehicle,
+    VehicleState,
+)
 from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
-Watch = Callable[[VehicleState, str, Detections | None], None]
+Watch = Callable[[VehicleState, Mode, Detections | None], None]
 Operator = Callable[[], str | None]
 
 
@@ -34,8 +43,9 @@ class Mission:
     cover_altitude_agl_m: float
     yaw_rad: float
     ground_at_m: Callable[[float, float], float]  # height at east and north
-    exposures: Exposures  # of the sensor
+    look_period: LookPeriod  # of the sensor
     obstacles: Obstacles  # that are known
+    pictures: PictureSensor | None = None  # the sensor, where it looks at pictures
     witness: Witness | None = None  # of where a simulated vehicle really was
     replays: bool = True  # flown again it does the same; else snapshots are taken of it
 

@@ -12,11 +12,11 @@ from skysweep.mission.journal import Journal
 from skysweep.mission.mission import Mission
 from skysweep.mission.safety import OUTSIDE, OVER, Action, Alarm
 from skysweep.mission.witness import Witness
-from skysweep.types import XY, Candidate, Event, Observation, Strategy, Tracker, VehicleState
+from skysweep.types import XY, Candidate, Event, EventKind, Mode, Observation, Strategy, Tracker, VehicleState
 
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # the mission goes on after
-_SETTLING = ("confirmed", "rejected", "unchecked")
+_SETTLING = (EventKind.CONFIRMED, EventKind.REJECTED, EventKind.UNCHECKED)
 
 
 class Notes:
@@ -56,7 +56,7 @@ class Notes:
         for record in before:
             if record["kind"] in _SETTLING:
                 self._settled.add(record["candidate"])
-            elif record["kind"] == "scanned":
+            elif record["kind"] == EventKind.SCANNED:
                 self._listed.add(record["candidate"])
         self._journal.write(max(r["t"] for r in before), "resumed")
 
@@ -88,11 +88,11 @@ class Notes:
                 fields["candidate"] = event.candidate_id
                 fields["p"] = event.position_enu_m
                 fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
-            if event.kind == "unchecked":
+            if event.kind == EventKind.UNCHECKED:
                 fields["reason"] = seen.refused
             self._journal.write(seen.time_s, event.kind, **fields)
 
-    def state(self, state: VehicleState, mode: str) -> None:
+    def state(self, state: VehicleState, mode: Mode) -> None:
         """Where the vehicle believes to be, every ``STATE_PERIOD_S``."""
         if state.time_s < self._next_state_s - 1e-6:
             return
@@ -146,7 +146,7 @@ class Notes:
         if candidate.id not in self._settled:
             self._settled.add(candidate.id)
             place = {"p": candidate.position_enu_m, "covariance_m2": candidate.covariance_m2}
-            self._journal.write(time_s, "unchecked", candidate=candidate.id, **place, **why)
+            self._journal.write(time_s, EventKind.UNCHECKED, candidate=candidate.id, **place, **why)
 
     def end(self, time_s: float, reason: str, witness: Witness | None, landed: bool) -> None:
         """Whether it landed, why the mission ended, and what a simulator saw of obstacles."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Literal
+from enum import Enum, IntEnum, auto
 
 from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
@@ -20,7 +19,6 @@ from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint, VehicleState, Waypoint
 from skysweep.worlds.obstacles import Obstacles
 
-Phase = Literal["TAKEOFF", "SEARCH", "RETURN", "LAND"]
 _XYZ = tuple[float, float, float]
 
 CHECK_PERIOD_S = 1.0
@@ -58,6 +56,15 @@ OVER = {
     "operator": "The operator's hold is over.",
     "taken over": "The vehicle was given back.",
 }  # what is told when a cause has passed that let the mission live
+
+
+class Phase(Enum):
+    """The four parts of a mission."""
+
+    TAKEOFF = auto()
+    SEARCH = auto()
+    RETURN = auto()
+    LAND = auto()
 
 
 class Action(IntEnum):
@@ -125,9 +132,9 @@ class Guard:
         """
         now_s = state.time_s + state.silent_s
         self._add_up_jumps(state)
-        if phase == "SEARCH" and self._is_calm(state, altitude_agl_m):
+        if phase is Phase.SEARCH and self._is_calm(state, altitude_agl_m):
             return ()
-        if phase == "LAND":
+        if phase is Phase.LAND:
             return tuple(self._landing(state, altitude_agl_m, now_s))
         found = [*self._link(state, now_s), *self._position(state, now_s)]
         found += self._battery(state, phase, now_s)
@@ -138,14 +145,14 @@ class Guard:
             self._led_away = True
             return (_keeps_out(state.taken_over),)
         if self._word == "hold":
-            judged = phase == "RETURN" and not (lost or silent)
+            judged = phase is Phase.RETURN and not (lost or silent)
             asks = [*self._low(state), *self._energy_left(state, altitude_agl_m)] if judged else []
             found += self._held(asks)
-        if phase == "RETURN":
+        if phase is Phase.RETURN:
             waits = silent or max((a.action for a in found), default=None) is Action.HOLD
             found += self._progress_home(state, now_s, waits)
         found += self._rate()
-        if phase != "SEARCH":
+        if phase is not Phase.SEARCH:
             return tuple(found)
         if self._word == "return":
             found.append(Alarm(Action.RETURN, "operator", "The operator calls the vehicle home."))
@@ -162,14 +169,14 @@ class Guard:
     def not_judged(self, state: VehicleState, phase: Phase, goal: Setpoint | None) -> set[str]:
         """Causes of ``OVER`` that nobody looked at in ``alarms`` just now: they may still be there."""
         causes: set[str] = set()
-        if phase == "LAND":
+        if phase is Phase.LAND:
             causes |= {"telemetry silent", "position lost", "position jump"}
-        if phase != "SEARCH":
+        if phase is not Phase.SEARCH:
             causes.add("wind")
-        if phase != "SEARCH" or goal is None:
+        if phase is not Phase.SEARCH or goal is None:
             causes |= {"setpoints ignored", "turned away"}
         unsure = state.silent_s > self._limits.link_hold_s or self._since.keys() & _PLACELESS
-        if phase != "SEARCH" or unsure:
+        if phase is not Phase.SEARCH or unsure:
             causes |= {"camera", "detector silent", "height"}
         if state.ground_below_m is None:
             causes.add("height")
@@ -310,7 +317,7 @@ class Guard:
             yield Alarm(action, "battery unknown", f"{sentence}: at most {left:.0%}, by what flying takes.")
         if not unknown and left < limits.battery_critical:
             yield Alarm(Action.LAND, "battery critical", f"The battery is at {left:.0%}: landing at once.")
-        elif phase == "SEARCH":
+        elif phase is Phase.SEARCH:
             yield from self._low(state)
 
     def _low(self, state: VehicleState) -> Iterator[Alarm]:
@@ -446,7 +453,7 @@ class Guard:
         elif state.silent_s > self._endurance_s:
             yield _is_lost(state.silent_s)
         else:
-            yield from self._battery(state, "LAND", now_s)
+            yield from self._battery(state, Phase.LAND, now_s)
             yield from self._rate()
             if self._word == "hold" and not self._is_unsure(state):
                 unknown = math.isnan(state.battery_remaining)

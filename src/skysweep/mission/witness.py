@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.types import Mode, Truth
 from skysweep.worlds.obstacles import Obstacles, came_near
 
 F64 = NDArray[np.float64]
 
 
 class Witness:
-    """Sees the true position (3,) after every step of a mission. The mission itself learns nothing of it."""
+    """Sees where the vehicle is after every step of a mission. The mission itself learns nothing of it."""
 
-    def __init__(self, position_enu_m: Callable[[], F64], obstacles: Obstacles) -> None:
-        self._position_enu_m, self._obstacles = position_enu_m, obstacles
+    def __init__(self, truth: Truth, obstacles: Obstacles) -> None:
+        self._truth, self._obstacles = truth, obstacles
         self._track: list[F64] = []
-        self._modes: list[str] = []
+        self._modes: list[Mode] = []
 
-    def see(self, mode: str) -> None:
+    def see(self, mode: Mode) -> None:
         """One step is over."""
-        self._track.append(self._position_enu_m())
+        self._track.append(self._truth.true_position_enu_m)
         self._modes.append(mode)
 
     def saw(self) -> dict[str, Any]:

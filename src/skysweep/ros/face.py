@@ -15,7 +15,7 @@ from skysweep.mission.mission import Mission
 from skysweep.ros import messages as m
 from skysweep.ros import topics
 from skysweep.ros.link import Link
-from skysweep.ros.parts import publish_detections
+from skysweep.ros.parts import publish_detections, publish_frame
 from skysweep.ros.targets import TargetBoard
 from skysweep.types import Detections, VehicleState
 
@@ -27,13 +27,14 @@ class MissionFace:
 
     Give ``watch`` and ``operator`` to ``mission.loop.fly`` and every line of the journal to ``note``. The
     services ``~/start``, ``~/pause`` and ``~/abort`` (``std_srvs/Trigger``) begin or go on, hold, and return.
-    Stamps are the vehicle's time, which ``/clock`` publishes too unless ``publish_clock`` is false.
+    Stamps are the vehicle's time, which ``/clock`` publishes too unless ``publish_clock`` is false. Looks are
+    published with their pictures, unless ``publish_looks`` is false.
     """
 
-    def __init__(self, link: Link, publish_clock: bool = True) -> None:
+    def __init__(self, link: Link, publish_clock: bool = True, publish_looks: bool = True) -> None:
         from std_srvs.srv import Trigger
 
-        self._link, self._publish_clock = link, publish_clock
+        self._link, self._publish_clock, self._publish_looks = link, publish_clock, publish_looks
         self._board = TargetBoard()
         self._flown: list[Any] = []
         self._next_status_s = 0.0
@@ -45,6 +46,8 @@ class MissionFace:
         for name, word in (("start", "continue"), ("pause", "hold"), ("abort", "return")):
             link.node.create_service(Trigger, f"~/{name}", self._answer(word))
         link.advertise(topics.STATE, topics.PLANNED_PATH, topics.FLOWN_PATH, topics.TARGETS, topics.JOURNAL)
+        if publish_looks:
+            link.advertise(topics.IMAGE, topics.CAMERA_INFO, topics.DETECTIONS, topics.STANDARD_DETECTIONS)
         link.publish(topics.TF_STATIC, m.fixed_transforms())
         self._say_mode("READY")
 
@@ -77,8 +80,8 @@ class MissionFace:
         link.publish(topics.POSE, pose)
         if mode != self._mode:
             self._say_mode(mode)
-        if new is not None and self._mission is not None and self._mission.sensor_name == "statistical":
-            publish_detections(link, new)
+        if new is not None and self._publish_looks:
+            self._look(new)
         if time_s >= self._next_status_s:
             self._next_status_s = time_s + _STATUS_PERIOD_S
             self._flown.append(pose)
@@ -88,6 +91,12 @@ class MissionFace:
                 frame = self._mission.scenario.frame
                 fix = m.fix(time_s, frame.geodetic_from_enu(state.position_enu_m)[0])
                 link.publish(topics.FIX, fix)
+
+    def _look(self, new: Detections) -> None:
+        pictures = self._mission.pictures if self._mission is not None else None
+        if pictures is not None and pictures.last_look is not None:
+            publish_frame(self._link, pictures.last_look[0])
+        publish_detections(self._link, new)
 
     def note(self, record: Mapping[str, Any]) -> None:
         """Publish a line of the journal, and the targets when it changes them."""

@@ -20,7 +20,7 @@ from skysweep.ros import messages as m
 from skysweep.ros import topics
 from skysweep.ros.link import Arrival, Inlet, Link
 from skysweep.sensing.believed import DelayedPose
-from skysweep.types import Detections, Detector, Frame, Setpoint, Vehicle, VehicleState
+from skysweep.types import Detections, Frame, Setpoint, Vehicle, VehicleState
 
 F64 = NDArray[np.float64]
 
@@ -48,6 +48,7 @@ class RosCamera:
 
     def __init__(self, link: Link, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
         self._link, self._lens = link, lens
+        self.renderer: str | None = None
         self._pictures = link.listen(topic, [m.IMAGE], patience_s)
         self._poses = DelayedPose(_OLD_PICTURE_S)
         self._last = 0
@@ -141,22 +142,6 @@ class RosDetector:
         )
 
 
-class PublishedDetector:
-    """A detector of this process whose pictures and answers are published. Implements ``types.Detector``."""
-
-    def __init__(self, link: Link, detector: Detector) -> None:
-        self.class_names = detector.class_names
-        self._link, self._detector = link, detector
-        link.advertise(topics.IMAGE, topics.CAMERA_INFO, topics.DETECTIONS, topics.STANDARD_DETECTIONS)
-
-    def detect(self, frame: Frame) -> Detections:
-        """What the detector says."""
-        publish_frame(self._link, frame)
-        found = self._detector.detect(frame)
-        publish_detections(self._link, found)
-        return found
-
-
 class RosPoseVehicle:
     """A vehicle whose pose comes from a ``nav_msgs/Odometry`` topic. Implements ``types.Vehicle``.
 
@@ -166,7 +151,7 @@ class RosPoseVehicle:
     """
 
     def __init__(self, vehicle: Vehicle, link: Link, topic: str, patience_s: float = PATIENCE_S) -> None:
-        self.carrier = vehicle
+        self._carrier, self.truth = vehicle, vehicle.truth
         self._link = link
         self._poses = link.listen(topic, [m.ODOMETRY], patience_s)
         self._newest = _first(self._poses, patience_s)
@@ -175,7 +160,7 @@ class RosPoseVehicle:
 
     def state(self) -> VehicleState:
         """The vehicle's own, moved to where the topic says."""
-        own = self.carrier.state()
+        own = self._carrier.state()
         pose = self._read(own.time_s)
         turn = pose.R_body_to_enu @ own.R_body_to_enu.T
         arm_m = own.camera.position_enu_m - own.position_enu_m
@@ -190,10 +175,10 @@ class RosPoseVehicle:
 
     def command(self, setpoint: Setpoint) -> None:
         """Fly there, by the topic's word."""
-        own, pose = self.carrier.state(), self._pose
+        own, pose = self._carrier.state(), self._pose
         drift_m = own.position_enu_m - pose.position_enu_m
         drift_rad = euler_from_rotation(own.R_body_to_enu)[2] - euler_from_rotation(pose.R_body_to_enu)[2]
-        self.carrier.command(
+        self._carrier.command(
             setpoint._replace(
                 position_enu_m=setpoint.position_enu_m + drift_m,
                 yaw_rad=setpoint.yaw_rad + drift_rad,
@@ -201,16 +186,16 @@ class RosPoseVehicle:
         )
 
     def advance(self, duration_s: float) -> None:
-        self.carrier.advance(duration_s)
+        self._carrier.advance(duration_s)
 
     def takeoff(self, altitude_agl_m: float) -> None:
-        self.carrier.takeoff(altitude_agl_m)
+        self._carrier.takeoff(altitude_agl_m)
 
     def land(self) -> None:
-        self.carrier.land()
+        self._carrier.land()
 
     def hold(self) -> None:
-        self.carrier.hold()
+        self._carrier.hold()
 
     def _read(self, now_s: float) -> m.Pose:
         newest = self._poses.newest()

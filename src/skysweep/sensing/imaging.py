@@ -13,48 +13,17 @@ from threading import Thread
 from typing import Protocol, runtime_checkable
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.detection.answers import sound
-from skysweep.errors import UserError
+from skysweep.errors import DetectorError, UserError
 from skysweep.sensing.camera_watch import MEMORY_LOOKS, CameraWatch
 from skysweep.sensing.exposures import Exposures, Pace
-from skysweep.types import Camera, Detections, Detector, Doubt, Frame, VehicleState
+from skysweep.types import Answer, Camera, Detections, Detector, Doubt, Frame, VehicleState
 
 _EPS_S = 1e-6
 PATIENCE_S = 60.0  # of wall time, for an answer
 _LITTLE_PATIENCE_S = 1.0  # with a detector that did not answer last time
 _FAREWELL_S = 5.0
-
-
-class DetectorError(Exception):
-    """The detector failed on one picture; the next may be answered."""
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What the detector said to one picture, without the pose, which a mission knows."""
-
-    boxes_xyxy_px: NDArray[np.float64]  # (N, 4)
-    confidences: NDArray[np.float64]  # (N,)
-    class_names: tuple[str, ...]  # (N,)
-    failure: str | None = None  # instead of an answer
-    doubt: Doubt | None = None  # of the picture
-
-    def to(self, frame: Frame) -> Detections:
-        """The detections of ``frame``. Raises DetectorError where there was no answer."""
-        if self.failure is not None:
-            raise DetectorError(self.failure)
-        return Detections(
-            frame.time_s,
-            self.boxes_xyxy_px,
-            self.confidences,
-            self.class_names,
-            frame.camera,
-            frame.lens,
-            self.doubt,
-        )
 
 
 @runtime_checkable
@@ -86,8 +55,8 @@ class ImagingSensor:
     """Captures at the detector's rate and hands results on ``latency_s`` after exposure.
 
     The detector works in a thread of its own while the next picture is rendered. Results are released by
-    the vehicle's time alone, so that nothing depends on how fast the machine is. Implements ``types.Sensor``.
-    ``camera`` is what it looks through; ``last_look`` the newest frame that was answered, with the answer.
+    the vehicle's time alone, so that nothing depends on how fast the machine is. Implements
+    ``types.PictureSensor``.
     A ``watch`` judges every picture; without one all are trusted.
 
     ``patience_s`` is how long, in wall time, a due answer is waited for. With 0, for vehicles whose time does

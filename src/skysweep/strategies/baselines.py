@@ -8,7 +8,7 @@ from typing import Any
 
 from skysweep.scenarios.model import Search
 from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
-from skysweep.types import XY, Command, Event, Observation, Waypoint
+from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
 
 
 class SingleAltitude:
@@ -35,21 +35,21 @@ class SingleAltitude:
             place = (float(x), float(y), float(z))
             if candidate not in self._seen:
                 self._seen.append(candidate)
-                events.append(Event("scanned", candidate, place))
+                events.append(Event(EventKind.SCANNED, candidate, place))
             if sighting.confidence >= self._c_t and candidate not in self._confirmed:
                 self._confirmed.append(candidate)
-                events.append(Event("confirmed", candidate, place))
+                events.append(Event(EventKind.CONFIRMED, candidate, place))
         for leg in observation.unsearched:
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         vehicle = observation.vehicle.position_enu_m
         if self._to_scan and math.dist(vehicle[:2], self._to_scan[0]) <= SCAN_ACCEPTANCE_M:
             self._to_scan.pop(0)
-            events.append(Event("waypoint_reached"))
+            events.append(Event(EventKind.WAYPOINT_REACHED))
         if not self._to_scan:
-            events.append(Event("finished"))
-            return Command("SCAN", None, tuple(events))
+            events.append(Event(EventKind.FINISHED))
+            return Command(Mode.SCAN, None, tuple(events))
         waypoint = Waypoint(self._to_scan[0], self._altitude_agl_m, self._speed_mps)
-        return Command("SCAN", waypoint, tuple(events))
+        return Command(Mode.SCAN, waypoint, tuple(events))
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as plain data."""

@@ -32,7 +32,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from skysweep.scenarios.model import Search
-from skysweep.types import XY, Command, Event, Observation, Sighting, Waypoint
+from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Sighting, Waypoint
 
 ALTITUDE_TOLERANCE_M = 0.8  # PX4 NAV_MC_ALT_RAD
 SCAN_ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD
@@ -46,7 +46,7 @@ class ScanCheck:
     def __init__(self, search: Search, waypoints_xy_enu_m: Sequence[XY], look_s: float) -> None:
         self._search = search
         self._look_s = look_s
-        self._mode = "SCAN"
+        self._mode = Mode.SCAN
         self._to_scan: list[XY] = [(float(x), float(y)) for x, y in waypoints_xy_enu_m]  # F
         self._left_xy: XY | None = None  # where the scan was left and has to go on
         self._scanned: list[int] = []  # S
@@ -63,9 +63,9 @@ class ScanCheck:
         events: list[Event] = []
         for leg in observation.unsearched:
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
-        if self._mode == "CHECK":
+        if self._mode == Mode.CHECK:
             self._check(observation, events)
-        if self._mode == "SCAN":
+        if self._mode == Mode.SCAN:
             self._scan(observation, events)
         return Command(self._mode, self._waypoint(observation), tuple(events))
 
@@ -75,27 +75,27 @@ class ScanCheck:
             if self._is_unknown(sighting.candidate_id):
                 self._scanned.append(sighting.candidate_id)
                 self._last_target_xy = (x, y)
-                events.append(_event("scanned", seen, sighting.candidate_id))
+                events.append(_event(EventKind.SCANNED, seen, sighting.candidate_id))
         up = seen.altitude_agl_m >= self._search.scan_altitude_agl_m - ALTITUDE_TOLERANCE_M
         if up and self._left_xy and math.dist((x, y), self._left_xy) <= SCAN_ACCEPTANCE_M:
             self._left_xy = None
         on_course = up and not self._left_xy and bool(self._to_scan)
         if on_course and math.dist((x, y), self._to_scan[0]) <= SCAN_ACCEPTANCE_M:
             self._to_scan.pop(0)
-            events.append(Event("waypoint_reached"))
+            events.append(Event(EventKind.WAYPOINT_REACHED))
         if not self._to_scan:
             self._scanned += [
                 k for k, c in seen.candidates.items() if self._is_unknown(k) and len(c.confidences) > 1
             ]
         if self._scanned and (self._check_is_due((x, y)) or not self._to_scan):
-            self._mode = "CHECK"
+            self._mode = Mode.CHECK
             self._to_check, self._scanned = self._scanned, []
             self._left_xy = self._left_xy or (x, y)
             self._last_target_xy = None
             self._arrived_s = None
-            events.append(_event("check_started", seen, self._to_check[0]))
+            events.append(_event(EventKind.CHECK_STARTED, seen, self._to_check[0]))
         elif not self._to_scan:
-            events.append(Event("finished"))
+            events.append(Event(EventKind.FINISHED))
 
     def _check_is_due(self, xy: XY) -> bool:
         enough = len(self._scanned) >= self._search.n_c
@@ -108,9 +108,9 @@ class ScanCheck:
             sure = sighting.confidence >= self._search.c_t
             near = self._is_near_enough(seen, sighting, asked)
             if sure and near and sighting.candidate_id in self._to_check:
-                self._settle(sighting.candidate_id, self._confirmed, "confirmed", seen, events)
+                self._settle(sighting.candidate_id, self._confirmed, EventKind.CONFIRMED, seen, events)
         if seen.refused and self._to_check[:1] == [asked]:
-            self._settle(asked, self._unchecked, "unchecked", seen, events)
+            self._settle(asked, self._unchecked, EventKind.UNCHECKED, seen, events)
         lookout = seen.lookout if self._to_check[:1] == [asked] else None
         above = bool(self._to_check) and self._is_there(seen, self._to_check[0], lookout)
         if above and self._arrived_s is None:
@@ -122,10 +122,10 @@ class ScanCheck:
                 and seen.time_s - self._arrived_s >= self._look_s
                 and self._looks_there >= LOOKS_TO_REJECT
             ):
-                self._settle(self._to_check[0], self._rejected, "rejected", seen, events)
+                self._settle(self._to_check[0], self._rejected, EventKind.REJECTED, seen, events)
         if not self._to_check:
-            self._mode = "SCAN"
-            events.append(Event("scan_resumed"))
+            self._mode = Mode.SCAN
+            events.append(Event(EventKind.SCAN_RESUMED))
 
     def _is_near_enough(self, seen: Observation, sighting: Sighting, asked: int) -> bool:
         """Whether a sighting may confirm: from h_C, or from where its candidate is looked at from."""
@@ -148,7 +148,12 @@ class ScanCheck:
         )
 
     def _settle(
-        self, candidate_id: int, verdict: list[int], kind: str, seen: Observation, events: list[Event]
+        self,
+        candidate_id: int,
+        verdict: list[int],
+        kind: EventKind,
+        seen: Observation,
+        events: list[Event],
     ) -> None:
         if candidate_id == self._to_check[0]:
             self._arrived_s = None
@@ -164,7 +169,7 @@ class ScanCheck:
 
     def _waypoint(self, seen: Observation) -> Waypoint | None:
         s = self._search
-        if self._mode == "CHECK":
+        if self._mode == Mode.CHECK:
             x, y, _ = seen.candidates[self._to_check[0]].position_enu_m.tolist()
             return Waypoint((x, y), s.check_altitude_agl_m, s.check_speed_mps, to_look=True)
         if self._to_scan:
@@ -189,7 +194,7 @@ class ScanCheck:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue from a snapshot."""
-        self._mode = snapshot["mode"]
+        self._mode = Mode(snapshot["mode"])
         self._to_scan = [(x, y) for x, y in snapshot["to_scan"]]
         self._scanned = list(snapshot["scanned"])
         self._to_check = list(snapshot["to_check"])
@@ -206,6 +211,6 @@ def _pair(xy: Sequence[float] | None) -> XY | None:
     return (xy[0], xy[1]) if xy else None
 
 
-def _event(kind: str, seen: Observation, candidate_id: int) -> Event:
+def _event(kind: EventKind, seen: Observation, candidate_id: int) -> Event:
     x, y, z = seen.candidates[candidate_id].position_enu_m.tolist()
     return Event(kind, candidate_id, (x, y, z))

@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.scenarios.model import Scenario
-from skysweep.types import XY
+from skysweep.types import XY, Mode
 from skysweep.worlds.world import (
     TerrainSurface,
     WorldBuilding,
@@ -148,7 +148,7 @@ def came_near(obstacles: Obstacles, track_enu_m: F64, modes: Sequence[str]) -> d
     Taking off and landing, the ground does not count. ``min_clearance_m`` is that of the vehicle's centre,
     None without a track.
     """
-    over_ground = np.array([mode not in ("TAKEOFF", "LAND") for mode in modes], dtype=bool)
+    over_ground = np.array([mode not in (Mode.TAKEOFF, Mode.LAND) for mode in modes], dtype=bool)
     clearances_m = obstacles.clearances_m(track_enu_m, over_ground)
     nearest_m = float(clearances_m.min())
     return {

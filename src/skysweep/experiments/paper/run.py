@@ -17,6 +17,7 @@ from skysweep.experiments.ledger import fly_missing
 from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.files.writing import make_folder
 from skysweep.flights.fly import fly_in_memory, fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.results.metrics import finite_or_inf
 from skysweep.results.run_folder import UNFINISHED, digest_of_plan
 from skysweep.scenarios.files import change_scenario, dump_scenario, load_scenario
@@ -92,7 +93,7 @@ def fly_paper_job(job: PaperJob) -> dict[str, Any]:
         tempfile.mkdtemp(prefix=f"{job.folder.name}-", suffix=UNFINISHED, dir=job.folder.parent)
     )
     try:
-        summary = fly_to_folder(job.config, job.seed, unfinished, job.sensor, threads=1)
+        summary = fly_to_folder(job.config, job.seed, unfinished, Rig(job.sensor, threads=1))
     except BaseException as error:
         shutil.rmtree(unfinished, ignore_errors=True)
         if str(unfinished) in str(error):  # told how to go on with what is removed

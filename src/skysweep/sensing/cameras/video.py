@@ -28,6 +28,7 @@ class VideoCamera:
 
     def __init__(self, source: str, lens: Lens) -> None:
         self._source, self._lens = source, lens
+        self.renderer: str | None = None
         self._video = cv2.VideoCapture()
         device = source.removeprefix(_DEVICE)
         is_device = source.startswith(_DEVICE) and device.isdigit()

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from skysweep.geometry.camera import CameraMotion, CameraPose
+from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.draws import OCTAVES, PLACES, WIDTH, draw_look
@@ -28,7 +28,7 @@ from skysweep.sensing.statistical.model import (
     confidence_of,
     score_of,
 )
-from skysweep.types import Detections, VehicleState
+from skysweep.types import Detections, Truth, VehicleState
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, shape_of
 from skysweep.worlds.world import World, WorldObject
 
@@ -42,16 +42,14 @@ _NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
 class StatisticalSensor:
     """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
 
-    ``pose`` and ``motion`` give the camera's truth of this moment; ``classes`` are those that the mission
-    searches for.
+    ``eye`` knows where the camera is at this moment; ``classes`` are those that the mission searches for.
     """
 
     def __init__(
         self,
         world: World,
         camera: CameraModel,
-        pose: Callable[[], CameraPose],
-        motion: Callable[[], CameraMotion],
+        eye: Truth,
         exposures: Exposures,
         classes: Sequence[str],
         confidence_min: float,
@@ -64,7 +62,7 @@ class StatisticalSensor:
         self._optics = np.array(
             [self._lens.focal_px, self._lens.width_px, self._lens.height_px, camera.exposure_s]
         )
-        self._pose, self._motion, self._exposures = pose, motion, exposures
+        self._eye, self._exposures = eye, exposures
         self._threshold = float(score_of(confidence_min))
         self._pending: deque[Detections] = deque()
         once = np.random.default_rng([seed, 29])
@@ -89,8 +87,8 @@ class StatisticalSensor:
 
     def _look(self, time_s: float, believed: CameraPose) -> Detections:
         """One picture's worth of draws."""
-        position, R = self._pose()
-        velocity_mps, rates_radps = self._motion()
+        position, R = self._eye.true_camera_pose()
+        velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
         n, end = draw_look(
             self._optics,

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
-from skysweep.types import Setpoint, VehicleState
+from skysweep.types import Setpoint, Truth, VehicleState
 from skysweep.vehicles.embedded import dynamics as d
 
 F64 = NDArray[np.float64]
@@ -79,6 +79,7 @@ class Multirotor:
         d.start(self._x, self._rng, self._q)
         self._known_poses: F64 | None = None  # of this moment, once somebody has asked
         self._followed: Setpoint | None = None
+        self.truth: Truth | None = self
 
     # ---- what a mission uses -------------------------------------------------------------------------
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame, enu_from_ned
 from skysweep.scenarios.model import Home, Scenario
-from skysweep.types import Setpoint, VehicleState
+from skysweep.types import Setpoint, Truth, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import Mode
 from skysweep.vehicles.px4.authority import Authority, is_free
@@ -89,6 +89,7 @@ class Px4Vehicle:
         open_link: Callable[[str, float, int | None], Link] = Link,
     ) -> None:
         self.scenario = scenario
+        self.truth: Truth | None = None
         self._ground_height_m = ground_height_m
         self.begins_in_air: bool | None = None  # as the preflight list saw it; None: no list was made
         self._must_land = False  # was ordered while nobody heard it
