@@ -15,14 +15,21 @@ from skysweep.experiments.calibration.looks import (
     PICTURES_PER_WORLD,
     PIXELS,
     SUBJECTS,
+    Scorer,
     look_around,
     observe,
     plan_jobs,
 )
 from skysweep.experiments.calibration.run import calibrate
-from skysweep.scenarios.model import CameraModel, DetectorModel
+from skysweep.geometry.camera import CameraMotion, CameraPose
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.scenarios.model import CameraModel, DetectorModel, Light
+from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX, StatisticalModel
+from skysweep.sensing.statistical.sensor import StatisticalSensor
+from skysweep.types import Detections, VehicleState
 from skysweep.worlds.assets import KINDS
+from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 CAMERA = CameraModel(hfov_rad=1.2)
 
@@ -66,6 +73,35 @@ def test_a_world_gives_the_same_looks_again(layout):
     np.testing.assert_array_equal(np.isfinite(looks.offsets_px).all(axis=2), found)
     assert {SUBJECTS[s] for s in looks.subject} <= set(LAYOUTS[layout].subjects)
     assert looks.confidences.shape[1] == len(CLASSES)
+
+
+@pytest.mark.parametrize(("kind", "size_m"), [("person", 1.75), ("stop sign", 0.75)])
+@pytest.mark.parametrize("away_m", [0.5, 1.0])
+def test_the_sensor_draws_as_many_pixels_as_were_measured(kind, size_m, away_m):
+    standing = WorldObject(kind, np.array([away_m, 0.0, 0.0]), 0.0, size_m, "standing", True, 1000)
+    ground = TerrainSurface(np.zeros((2, 2)), (-50, -50, 50, 50), "grass")
+    world = World(ground, (standing,), (), (), Light(), 0)
+    pose = CameraPose(np.array([0.0, 0.0, 5.0]), rotation_camera_to_enu(np.pi / 2, -np.pi / 2))
+    job = plan_jobs("skysweep", CAMERA, 1, 0)[0]
+    still = CameraMotion(np.zeros(3), np.zeros(3))
+    scorer = Scorer(world, CAMERA.lens, CAMERA.exposure_s)
+    nothing = Detections(0.0, np.zeros((0, 4)), np.zeros(0), (), pose, CAMERA.lens)
+    scorer.score(0, False, nothing, np.zeros(3), np.zeros(3))
+    shipped = StatisticalModel.load()
+    kinds = [
+        k.model_copy(update={"score": [9.0] * len(k.score), "lapse": [0.0] * len(k.lapse)})
+        for k in shipped.kinds
+    ]
+    sure = shipped.model_copy(update={"kinds": kinds, "background": []})
+    exposures = Exposures(10.0, 0.0)
+    sensor = StatisticalSensor(world, CAMERA, lambda: pose, lambda: still, exposures, [kind], 0.25, 0, sure)
+    state = VehicleState(CAMERA.latency_s, pose.position_enu_m, np.zeros(3), np.eye(3), pose, 1.0, 0.0, True)
+    sensor.sense(state._replace(time_s=0.0))
+    found = sensor.sense(state)
+    measured = scorer.packed(job)[0]
+    x0, y0, x1, y1 = found.boxes_xyxy_px[0]
+    assert measured.cut[0] < 1e-9
+    assert (x1 - x0, y1 - y0) == pytest.approx((measured.pixels[0],) * 2, rel=1e-6)
 
 
 @pytest.mark.slow

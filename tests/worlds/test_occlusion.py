@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import Light
-from skysweep.worlds.occlusion import Occluders, apparent_size_m, pixels_on_target
+from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.world import TerrainSurface, World, WorldBuilding, WorldObject, WorldTree
 
 LENS = Lens(640, 360, 1.2)
@@ -92,15 +92,24 @@ def test_a_sampled_ray_agrees_with_the_crown(x, y, z):
         assert visible(camera, at=at, trees=[crown]) == (0.0 if depth < 1.0 else 1.0)
 
 
+def extent_m(seen, camera):
+    """At the focal length of one pixel a metre."""
+    ray = middle_enu_m(seen) - np.array(camera, dtype=float)
+    return pixels_on_target(1.0, shape_of(seen), seen.size_m, *ray, 1.0)
+
+
 def test_a_standing_person_is_shoulders_from_above_and_tall_from_the_side():
     standing = thing(pose="standing")
-    assert apparent_size_m(standing, np.array([0, 0, 30.0])) == pytest.approx(0.3 * 1.75)
-    assert apparent_size_m(standing, np.array([100.0, 0, 0.01])) == pytest.approx(1.75, rel=1e-3)
-    assert apparent_size_m(thing(pose="lying"), np.array([0, 0, 30.0])) == 1.75
-    assert apparent_size_m(thing(pose="floating"), np.array([0, 0, 30.0])) < 1.0
+    assert extent_m(standing, [0, 0, 30]) == pytest.approx(0.3 * 1.75)
+    assert extent_m(standing, [100, 0, 0.01]) == pytest.approx(1.75, rel=1e-3)
+    assert extent_m(thing(pose="lying"), [0, 0, 30]) == 1.75
+    assert extent_m(thing(pose="floating"), [0, 0, 30]) < 1.0
+
+
+def test_a_standing_person_is_seen_at_the_angle_of_the_middle():
+    assert extent_m(thing(pose="standing"), [2, 0, 4]) == pytest.approx(1.75 * 2 / np.hypot(2, 4 - 1.75 / 2))
 
 
 def test_pixels_on_target_are_the_lens_own_for_flat_things():
-    size = thing(size=0.9)
-    from_above = pixels_on_target(LENS, size, np.array([0, 0, 30.0]), 30.0)
+    from_above = pixels_on_target(LENS.focal_px, shape_of(thing()), 0.9, 0.0, 0.0, -30.0, 30.0)
     assert from_above == pytest.approx(float(LENS.pixels_on_target(0.9, 30.0)))

@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skysweep.geometry.camera import Lens
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
 
 F64 = NDArray[np.float64]
@@ -34,25 +33,21 @@ def shape_of(thing: WorldObject) -> int:
 
 
 @njit(cache=True)
-def apparent_size(shape: int, size_m: float, off_nadir_sine: float) -> float:
-    """The longest extent across the line of sight: what pixels on target are counted from."""
+def pixels_on_target(
+    focal_px: float, shape: int, size_m: float, east_m: float, north_m: float, up_m: float, depth_m: float
+) -> float:
+    """Pixels that the longest visible extent of an object spans, ``depth_m`` along the optical axis away.
+
+    ``east_m``, ``north_m`` and ``up_m`` lead from the camera to the object's middle (:func:`middle_enu_m`).
+    """
+    extent_m = size_m
     if shape == FLOATING:
-        return size_m * _FLOATING_SHARE
-    if shape == STANDING:
-        return size_m * max(off_nadir_sine, _STANDING_WIDTH_SHARE)
-    return size_m
-
-
-def apparent_size_m(thing: WorldObject, camera_enu_m: F64) -> float:
-    """:func:`apparent_size` of an object seen from a place."""
-    ray = thing.position_enu_m - camera_enu_m
-    sine = float(np.hypot(ray[0], ray[1]) / max(np.linalg.norm(ray), 1e-9))
-    return float(apparent_size(shape_of(thing), thing.size_m, sine))
-
-
-def pixels_on_target(lens: Lens, thing: WorldObject, camera_enu_m: F64, depth_m: float) -> float:
-    """Pixels that the object's longest visible extent spans, ``depth_m`` along the optical axis away."""
-    return float(lens.focal_px * apparent_size_m(thing, camera_enu_m) / depth_m)
+        extent_m = size_m * _FLOATING_SHARE
+    elif shape == STANDING:
+        across = east_m * east_m + north_m * north_m
+        off_nadir_sine = math.sqrt(across / max(across + up_m * up_m, 1e-9))
+        extent_m = size_m * max(off_nadir_sine, _STANDING_WIDTH_SHARE)
+    return focal_px * extent_m / depth_m
 
 
 def middle_enu_m(thing: WorldObject) -> F64:

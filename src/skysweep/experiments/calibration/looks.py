@@ -26,7 +26,7 @@ from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetC
 from skysweep.sensing.cameras.effects import CameraEffects
 from skysweep.sensing.statistical.model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
-from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target
+from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
 from skysweep.worlds.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 
@@ -223,7 +223,7 @@ def look_around(job: WorldJob) -> tuple[Looks, Background]:
     renderer = make_renderer(world)
     effects = CameraEffects(lens, c.exposure_s, c.noise_std, c.jpeg_quality, int(rng.integers(2**31)))
     detector = YoloDetector(job.model_path, None, confidence_min=CONFIDENCE_FLOOR, iou_max=_IOU_MAX)
-    scorer = _Scorer(world, lens, c.exposure_s)
+    scorer = Scorer(world, lens, c.exposure_s)
     number = 0
     while number < job.n_pictures:
         poses, velocity = _pass(world, job, rng)
@@ -335,7 +335,9 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
         ray = R @ np.array([*(pixel - size_px / 2) / lens.focal_px, 1.0])  # of unit depth
         depth = lens.focal_px * thing.size_m / wanted
         middle = middle_enu_m(thing)
-        depth *= pixels_on_target(lens, thing, middle - ray * depth, depth) / wanted  # not all of it shows
+        east, north, up = ray * depth
+        shows_px = pixels_on_target(lens.focal_px, shape_of(thing), thing.size_m, east, north, up, depth)
+        depth *= shows_px / wanted  # not all of it shows
         position = middle - ray * depth
         if MIN_HEIGHT_M <= position[2] <= MAX_HEIGHT_M and not _inside_tree(world, position):
             return CameraPose(position, R), float(depth)
@@ -366,7 +368,7 @@ def _inside_tree(world: World, position: F64) -> bool:
     )
 
 
-class _Scorer:
+class Scorer:
     """Assigns reports to the objects in view of one world; those on no object are background."""
 
     def __init__(self, world: World, lens: Lens, exposure_s: float) -> None:
@@ -385,11 +387,10 @@ class _Scorer:
         ids = renderer.render_ids(self._lens, pose)
         lab = cv2.cvtColor(clean.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
         centres, depths = project(self._lens, pose, self._places)
-        for i in np.unique(ids[ids > 0]) - 1:
-            thing = self._world.objects[i]
+        for i in (np.unique(ids[ids > 0]) - 1).tolist():
             if depths[i] <= 0.1:
                 continue
-            pixels = pixels_on_target(self._lens, thing, pose.position_enu_m, depths[i])
+            pixels = self._pixels(i, pose, depths[i])
             if not _CONTRAST_MIN_PX <= pixels <= PIXELS[1]:
                 continue
             low = np.maximum(centres[i] - 0.8 * pixels - 2, 0).astype(int)
@@ -398,7 +399,13 @@ class _Scorer:
             own, ground = ids[window] == i + 1, ids[window] == 0
             if own.sum() >= 12 and ground.sum() >= 12:
                 gap = lab[window][own].mean(axis=0) - lab[window][ground].mean(axis=0)
-                self._notes.colours.setdefault(int(i), []).append(float(np.linalg.norm(gap)))
+                self._notes.colours.setdefault(i, []).append(float(np.linalg.norm(gap)))
+
+    def _pixels(self, i: int, pose: CameraPose, depth_m: float) -> float:
+        """On object ``i``."""
+        thing, focal_px = self._world.objects[i], self._lens.focal_px
+        east, north, up = self._places[i] - pose.position_enu_m
+        return float(pixels_on_target(focal_px, shape_of(thing), thing.size_m, east, north, up, depth_m))
 
     def score(self, number: int, follows: bool, found: Detections, velocity: F64, rates: F64) -> None:
         """One picture; ``follows`` another of the same pass. Motion in the camera's axes."""
@@ -406,8 +413,8 @@ class _Scorer:
         centres, depths = project(lens, pose, self._places)
         before = depths > 0.1
         pixels = np.zeros(len(depths))
-        for i in np.flatnonzero(before):
-            pixels[i] = pixels_on_target(lens, self._world.objects[i], pose.position_enu_m, depths[i])
+        for i in np.flatnonzero(before).tolist():
+            pixels[i] = self._pixels(i, pose, depths[i])
         low = np.clip(centres - pixels[:, None] / 2, 0, self._size_px)
         high = np.clip(centres + pixels[:, None] / 2, 0, self._size_px)
         inside = np.minimum((high - low) / np.maximum(pixels, 1e-9)[:, None], 1.0)
@@ -424,7 +431,7 @@ class _Scorer:
         beside_object = ((np.minimum(gaps, gaps_to_feet) <= clear) & before).any(axis=1)
         covered = float((np.pi * self._clear_m**2)[near].sum())
         self._note_strays(found, classes, middles, ~beside_object & (classes >= 0), follows, covered)
-        for i in np.flatnonzero(near & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])):
+        for i in np.flatnonzero(near & (pixels >= PIXELS[0]) & (pixels <= PIXELS[1])).tolist():
             thing = self._world.objects[i]
             hidden = 1.0 - float(self._occluders.visible_fraction(pose.position_enu_m, thing))
             cut = 1.0 - float(inside[i].prod())
@@ -445,7 +452,7 @@ class _Scorer:
             subject = SUBJECTS.index((thing.kind, thing.pose))
             row = (
                 subject,
-                int(i),
+                i,
                 number,
                 pixels[i],
                 centres[i],

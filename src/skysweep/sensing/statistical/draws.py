@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.sensing.statistical.model import BLUR_MAX, CUT_MIN, EDGE_PX, HIDDEN_MAX, NEAR_PX, VIEW_MAX
-from skysweep.worlds.occlusion import apparent_size, visible_share
+from skysweep.worlds.occlusion import pixels_on_target, visible_share
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -107,7 +107,7 @@ def draw_look(
         away = max(across + dz * dz, 1e-9)
         view = across / away
         front = -(things[i, 7] * dx + things[i, 8] * dy) / math.sqrt(away)
-        pixels = focal * apparent_size(int(things[i, 4]), things[i, 3], math.sqrt(view)) / depth
+        pixels = pixels_on_target(focal, int(things[i, 4]), things[i, 3], dx, dy, dz, depth)
         half = pixels / 2
         low_u, high_u = max(u - half, 0.0), min(u + half, width)
         low_v, high_v = max(v - half, 0.0), min(v + half, height)

@@ -24,7 +24,7 @@ from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
 from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 
-VERSION = 7
+VERSION = 8  # 7 measured standing objects by the angle to their foot
 FACTORS = ("view", "front", "front_near", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75  # by anything, the edge too
