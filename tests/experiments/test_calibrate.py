@@ -25,7 +25,8 @@ from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, DetectorModel, Light
 from skysweep.sensing.exposures import Exposures
-from skysweep.sensing.statistical.model import BLUR_MAX, HIDDEN_MAX, VIEW_MAX, StatisticalModel
+from skysweep.sensing.statistical.factors import BLUR_MAX, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.types import Detections, VehicleState
 from skysweep.worlds.assets import KINDS

@@ -29,9 +29,9 @@ from skysweep.experiments.calibration.looks import (
     SUBJECTS,
     SURFACES,
     Background,
-    Looks,
+    ScoredLooks,
 )
-from skysweep.sensing.statistical.model import FACTORS as NAMES
+from skysweep.sensing.statistical.factors import NAMES
 from skysweep.sensing.statistical.model import confidence_of, score_of
 
 SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "face-up"))
@@ -77,7 +77,7 @@ def draw_looks(
     offsets = np.full((n, len(CLASSES), 2), np.nan)
     spread = np.sqrt(0.5**2 + (0.04 * np.exp(x)) ** 2 + (0.2 * blur * np.exp(x)) ** 2)[:, None]
     offsets[reported, OWN] = (spread * rng.normal(size=(n, 2)))[reported]
-    return Looks(
+    return ScoredLooks(
         subject=np.full(n, subject),
         instance=instance,
         world=instance // 10,
@@ -127,8 +127,11 @@ def test_what_a_ground_does_is_recovered():
         instance=on_snow.instance + 1000,
         confidences=np.where(seen, confidence_of(worse), 0.0),
     )
-    both = Looks(
-        *(np.concatenate([getattr(part, f.name) for part in (on_grass, on_snow)]) for f in fields(Looks))
+    both = ScoredLooks(
+        *(
+            np.concatenate([getattr(part, f.name) for part in (on_grass, on_snow)])
+            for f in fields(ScoredLooks)
+        )
     )
     model = kind_models(curves := fit_curves(both, factors_of(both)), dict.fromkeys(curves, (0.0, 0.0)))[0]
     assert model.grounds["grass"] - model.grounds["snow"] == pytest.approx(0.8, abs=0.1)
@@ -171,7 +174,7 @@ def test_what_is_never_reported_is_not_in_the_model(looks):
     few = looks.where(np.arange(400))
     rocks = replace(few, subject=np.full(400, ROCK), confidences=np.zeros((400, len(CLASSES))))
     rocks.confidences[:4, OWN] = 0.5
-    both = Looks(*(np.concatenate([getattr(few, f), getattr(rocks, f)]) for f in Looks.__slots__))
+    both = ScoredLooks(*(np.concatenate([getattr(few, f), getattr(rocks, f)]) for f in ScoredLooks.__slots__))
     assert set(fit_curves(both, factors_of(both))) == {(SIGN, OWN)}
 
 

@@ -1,6 +1,7 @@
 """The sensor without pictures draws what its tables say, and nothing else."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import CameraModel, Light
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.draws import standard_normal
+from skysweep.sensing.statistical.factors import FACTORS
 from skysweep.sensing.statistical.model import (
     VERSION,
     BackgroundModel,
@@ -519,3 +521,9 @@ def test_only_crowns_that_are_nearer_than_the_object_is_large_are_beside_it():
         tree = WorldTree(np.array([2.5 + gap_m, 0.0, 0.0]), 8.0, 2.5, "broadleaf", 0)
         world = World(FLAT, (), (tree,), (), Light(), 0)
         assert Occluders(world).is_beside_a_crown(sign()) is beside
+
+
+def test_the_docs_say_of_every_factor_what_the_code_says():
+    page = (Path(__file__).parents[2] / "docs" / "statistical-sensor.md").read_text()
+    for factor in FACTORS:
+        assert f"| `{factor.name}` | times: {factor.says}" in page

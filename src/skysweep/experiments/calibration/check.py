@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.experiments.calibration.fit import MISSION_CONFIDENCE_MIN, Key, fit_curves
-from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, Looks
-from skysweep.sensing.statistical.model import CONTRAST_UNIT, CONTRAST_USUAL, FACTORS, Fit, HeldOut
+from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, ScoredLooks
+from skysweep.sensing.statistical.factors import CONTRAST_UNIT, CONTRAST_USUAL, NAMES
+from skysweep.sensing.statistical.model import Fit, HeldOut
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -60,7 +61,7 @@ class Told:
         return np.asarray(of_subject[self.subject] == self.class_index)
 
 
-def tell(looks: Looks, factors: F64, keys: list[Key]) -> Told:
+def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
     """What the folds say of one another."""
     worlds, world = np.unique(looks.world, return_inverse=True)
     fold_of_world = np.random.default_rng(0).permutation(len(worlds)) % FOLDS
@@ -86,7 +87,7 @@ def tell(looks: Looks, factors: F64, keys: list[Key]) -> Told:
             parts.append((np.full(len(rows), c), looks.confidences[rows, c], chance, rate))
             rows_of.append(rows)
     rows = np.concatenate([*rows_of, np.zeros(0, dtype=int)])
-    contrast = factors[rows, FACTORS.index("contrast")] * CONTRAST_UNIT + CONTRAST_USUAL
+    contrast = factors[rows, NAMES.index("contrast")] * CONTRAST_UNIT + CONTRAST_USUAL
     values = {
         "pixels": looks.pixels[rows],
         "off nadir (deg)": np.degrees(np.arcsin(np.sqrt(looks.view[rows]))),
@@ -95,7 +96,7 @@ def tell(looks: Looks, factors: F64, keys: list[Key]) -> Told:
         "cut share": looks.cut[rows],
         "upper, lower edge (0, 1)": looks.edge_y[rows],
         "beside a crown (0, 1)": looks.beside[rows],
-        "blur over pixels": factors[rows, FACTORS.index("blur")],
+        "blur over pixels": factors[rows, NAMES.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
     }
     empty = np.zeros((0, len(THRESHOLDS)))

@@ -16,11 +16,11 @@ from scipy.stats import beta
 
 from skysweep.experiments.calibration.check import EDGES, THRESHOLDS, Told
 from skysweep.experiments.calibration.fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
-from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, SURFACES, Background, Looks
+from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, SURFACES, Background, ScoredLooks
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
+from skysweep.sensing.statistical.factors import FACTORS
 from skysweep.sensing.statistical.model import (
-    FACTORS,
     BackgroundModel,
     KindModel,
     StatisticalModel,
@@ -38,7 +38,9 @@ _NO_SHIFT = np.zeros((1, len(FACTORS) + len(SURFACES)))
 _DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 
 
-def draw_fit(looks: Looks, background: Background, told: Told, model: StatisticalModel, path: Path) -> None:
+def draw_fit(
+    looks: ScoredLooks, background: Background, told: Told, model: StatisticalModel, path: Path
+) -> None:
     """Everything in one picture.
 
     Above, a pair of panels for each kind and pose: rate and confidence of reports over pixels on target.
@@ -68,7 +70,7 @@ def draw_fit(looks: Looks, background: Background, told: Told, model: Statistica
     figure.savefig(path, dpi=100)
 
 
-def _draw_kinds(figure: Any, rows: int, looks: Looks, told: Told, model: StatisticalModel) -> None:
+def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: StatisticalModel) -> None:
     axes = figure.subplots(2 * rows, _COLUMNS, sharex=True, height_ratios=[1.0, 0.8] * rows, squeeze=False)
     for index, (kind, pose) in enumerate(SUBJECTS):
         row, column = divmod(index, _COLUMNS)

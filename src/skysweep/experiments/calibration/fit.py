@@ -29,15 +29,17 @@ from skysweep.experiments.calibration.looks import (
     SUBJECTS,
     SURFACES,
     Background,
-    Looks,
+    ScoredLooks,
 )
-from skysweep.sensing.statistical.model import (
+from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
     CONTRAST_USUAL,
-    EDGE_PX,
     FACTORS,
-    NEAR_PX,
+    NAMES,
+    factors_of_look,
+)
+from skysweep.sensing.statistical.model import (
     BackgroundModel,
     BoxModel,
     ContrastModel,
@@ -62,14 +64,12 @@ _SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it i
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
-_SHIFT_MEAN = np.array([0.0, 0.0, 0.0, -0.7, -0.7, 0.0, 0.0, -0.3, 0.0] + [0.0] * len(SURFACES))
-_SHIFT_STD = np.array([0.6, 1.0, 1.5, 0.6, 1.2, 0.6, 0.4, 0.6, 0.2] + [0.5] * len(SURFACES))
+_SHIFT_MEAN, _SHIFT_STD = np.array([f.prior for f in FACTORS] + [(0.0, 0.5)] * len(SURFACES)).T
 _LAPSE = (-3.5, 2.0)  # prior of its logit
 _LIMITS = (
     [(-9.0, 9.0)] * len(GRID_PX)
     + [(-2.3, 0.7)] * 3
-    + [(-6.0, 6.0)] * 8
-    + [(-1.5, 1.5)]
+    + [(-f.limit, f.limit) for f in FACTORS]
     + [(-6.0, 6.0)] * len(SURFACES)
     + [(-9.0, 2.0)] * 3
 )
@@ -133,7 +133,7 @@ FIRST_PRIORS = Priors(np.full(3, np.log(_USUAL_SPREAD)), _SHIFT_MEAN)
 Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
-def factors_of(looks: Looks) -> F64:
+def factors_of(looks: ScoredLooks) -> F64:
     """(N, S): FACTORS, then 1 for the ground among SURFACES.
 
     Colours that were not measured are those of the kind on this ground.
@@ -144,15 +144,23 @@ def factors_of(looks: Looks) -> F64:
         known = colour[rows & np.isfinite(colour)]
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
-    blur = looks.blur_px / looks.pixels
-    edge_y = looks.edge_y * np.maximum(1.0 - EDGE_PX / looks.pixels, 0.0)
-    nearness = np.interp(np.log(looks.pixels), np.log(NEAR_PX), (0.0, 1.0))
-    seen = looks.view, looks.front, looks.front * nearness, looks.hidden, looks.cut**2, edge_y
-    ground = np.eye(len(SURFACES))[looks.surface]
-    return np.column_stack([*seen, looks.beside, blur, contrast, ground])
+    seen = zip(
+        looks.view,
+        looks.front,
+        looks.pixels,
+        looks.hidden,
+        looks.cut,
+        looks.edge_y > 0.0,
+        looks.beside,
+        looks.blur_px,
+        contrast,
+        strict=True,
+    )
+    factors = np.array([factors_of_look(*look) for look in seen]).reshape(-1, len(FACTORS))
+    return np.hstack([factors, np.eye(len(SURFACES))[looks.surface]])
 
 
-def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
+def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, Curve]:
     """Every kind and pose as every class that it is reported as, pooled."""
     keys = [
         (subject, c)
@@ -177,7 +185,7 @@ def fit_curves(looks: Looks, factors: F64) -> dict[Key, Curve]:
     return curves
 
 
-def _is_reported(reports: Looks, c: int) -> bool:
+def _is_reported(reports: ScoredLooks, c: int) -> bool:
     strong = reports.confidences[:, c] >= MISSION_CONFIDENCE_MIN
     return bool(strong.sum() >= MIN_REPORTS and len(np.unique(reports.instance[strong])) >= MIN_OBJECTS)
 
@@ -300,7 +308,7 @@ def both_below(a: F64, b: F64, correlation: F64) -> F64:
     return np.asarray(np.exp(log_ndtr(a) + log_ndtr(b)) + correlation / (4 * np.pi) * (density @ _WEIGHTS))
 
 
-def pairs_of(looks: Looks, factors: F64, curve: Curve, c: int) -> tuple[Pairs, Pairs]:
+def pairs_of(looks: ScoredLooks, factors: F64, curve: Curve, c: int) -> tuple[Pairs, Pairs]:
     """Pairs of looks at one object: of two passes, and of one pass one after the other."""
     mean, spread, lapse = curve.at(looks.pixels, factors)
     seen = looks.confidences[:, c] > 0
@@ -328,7 +336,7 @@ def pairs_of(looks: Looks, factors: F64, curve: Curve, c: int) -> tuple[Pairs, P
 
 
 def fit_shares(
-    looks: Looks, factors: F64, curves: dict[Key, Curve]
+    looks: ScoredLooks, factors: F64, curves: dict[Key, Curve]
 ) -> tuple[dict[Key, tuple[float, float]], float]:
     """The shares of object and pass in each kind's variance, and the pixels over which the latter fades."""
     pairs = {
@@ -385,7 +393,7 @@ def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]
                 reported_as=CLASSES[c],
                 score=[round(float(v), 3) for v in curve.mean],
                 spread=[round(float(v), 3) for v in curve.spread],
-                **dict(zip(FACTORS, shifts, strict=False)),
+                **dict(zip(NAMES, shifts, strict=False)),
                 grounds=dict(zip(SURFACES, shifts[len(FACTORS) :], strict=True)),
                 lapse=[round(float(v), 4) for v in curve.lapse],
                 object_share=round(own, 3),
@@ -400,7 +408,7 @@ def shifts_of(kind: KindModel) -> F64:
     return np.array([*kind.factors, *(kind.grounds.get(surface, 0.0) for surface in SURFACES)])
 
 
-def contrast_models(looks: Looks) -> list[ContrastModel]:
+def contrast_models(looks: ScoredLooks) -> list[ContrastModel]:
     """Mean and spread over the objects of each kind, for every ground they stood on."""
     _, first = np.unique(looks.instance, return_index=True)
     models = []
@@ -417,7 +425,7 @@ def contrast_models(looks: Looks) -> list[ContrastModel]:
     return models
 
 
-def fit_box(looks: Looks) -> BoxModel:
+def fit_box(looks: ScoredLooks) -> BoxModel:
     """Error of a box's centre from objects reported as what they are.
 
     Robust (median absolute deviation), so that a box on something else nearby does not count.

@@ -24,7 +24,7 @@ from skysweep.geometry.camera import CameraPose, Lens, project, rays_enu
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
 from skysweep.sensing.cameras.effects import CameraEffects
-from skysweep.sensing.statistical.model import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical.factors import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
@@ -108,7 +108,7 @@ SUBJECTS = tuple(dict.fromkeys(subject for layout in LAYOUTS for subject in layo
 
 
 @dataclass(frozen=True, slots=True)
-class Looks:
+class ScoredLooks:
     """Every object in every picture: N looks, C classes. Looks of one pass follow one another."""
 
     subject: I64  # (N,) index in SUBJECTS
@@ -129,9 +129,9 @@ class Looks:
     confidences: F64  # (N, C) of the best detection of a class on the object; 0 for none
     offsets_px: F64  # (N, C, 2) of that detection's centre from the object's; NaN for none
 
-    def where(self, chosen: NDArray[np.bool_] | I64) -> Looks:
+    def where(self, chosen: NDArray[np.bool_] | I64) -> ScoredLooks:
         """Some of the looks."""
-        return Looks(*(getattr(self, f.name)[chosen] for f in fields(Looks)))
+        return ScoredLooks(*(getattr(self, f.name)[chosen] for f in fields(ScoredLooks)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +170,7 @@ def observe(
     seed: int,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[Looks, Background]:
+) -> tuple[ScoredLooks, Background]:
     """Render and detect. The same arguments give the same looks, whatever the number of workers.
 
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
@@ -178,7 +178,7 @@ def observe(
     YoloDetector(model_path)  # an error here is told once and before anything is rendered
     refuse_unrenderable(camera)
     jobs = plan_jobs(model_path, camera, pictures, seed)
-    results: dict[int, tuple[Looks, Background]] = {}
+    results: dict[int, tuple[ScoredLooks, Background]] = {}
     done = 0
     for job, result in run_jobs(look_around, jobs, workers):
         results[job.index] = result
@@ -206,7 +206,7 @@ def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) ->
 
 @dataclass(slots=True)
 class _Notes:
-    """Rows of Looks and Background while they grow."""
+    """Rows of ScoredLooks and Background while they grow."""
 
     looks: list[tuple[object, ...]] = field(default_factory=list)
     pictures: list[tuple[float, float]] = field(default_factory=list)
@@ -214,7 +214,7 @@ class _Notes:
     colours: dict[int, list[float]] = field(default_factory=dict)
 
 
-def look_around(job: WorldJob) -> tuple[Looks, Background]:
+def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     """All pictures of one world."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([job.seed, job.index, 53])
@@ -499,7 +499,7 @@ class Scorer:
             self._last.append([len(self._notes.strays), *ground])
             self._notes.strays.append([float(classes[k]), row, float(found.confidences[k]), extent, np.nan])
 
-    def packed(self, job: WorldJob) -> tuple[Looks, Background]:
+    def packed(self, job: WorldJob) -> tuple[ScoredLooks, Background]:
         """Everything that was seen in this world."""
         notes, n, c = self._notes, len(self._notes.looks), len(CLASSES)
         columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 14
@@ -507,7 +507,7 @@ class Scorer:
         pixels, centres, *factors, confidences, offsets = columns[3:]
         view, front, hidden, cut, edge_y, beside, blur_px = (f.astype(float) for f in factors)
         colour = np.array([np.mean(notes.colours.get(int(i), [np.nan])) for i in index], dtype=float)
-        looks = Looks(
+        looks = ScoredLooks(
             subject=subject,
             instance=1000 * job.index + index,
             world=np.full(n, job.index),
@@ -551,8 +551,8 @@ def _on_ground(lens: Lens, pose: CameraPose, pixels: F64) -> F64:
     return np.asarray(pose.position_enu_m[:2] + rays[:, :2] * (pose.position_enu_m[2] / fall)[:, None])
 
 
-def _join_looks(parts: list[Looks]) -> Looks:
-    return Looks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Looks)))
+def _join_looks(parts: list[ScoredLooks]) -> ScoredLooks:
+    return ScoredLooks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(ScoredLooks)))
 
 
 def _join_background(parts: list[Background]) -> Background:

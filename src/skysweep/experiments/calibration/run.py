@@ -20,7 +20,7 @@ from skysweep.experiments.calibration.fit import (
     fit_shares,
     kind_models,
 )
-from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, Looks, observe
+from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, ScoredLooks, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.statistical.model import VERSION, Camera, Detecting, Experiment, StatisticalModel
@@ -67,7 +67,12 @@ def calibrate(
 
 
 def fit_sensor(
-    looks: Looks, background: Background, detector: Detecting, camera: CameraModel, pictures: int, seed: int
+    looks: ScoredLooks,
+    background: Background,
+    detector: Detecting,
+    camera: CameraModel,
+    pictures: int,
+    seed: int,
 ) -> tuple[StatisticalModel, Told]:
     """The model that the looks support, with its goodness of fit, and what that was computed from."""
     factors = factors_of(looks)

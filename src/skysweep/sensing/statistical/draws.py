@@ -2,8 +2,8 @@
 
 Objects are rows of ``x, y, z, size, shape, beside, contrast, cos yaw, sin yaw``; each has one or more rows in
 a table of what it can be reported as: G scores, G spreads and G normal quantiles of the lapse over the grid
-of log pixels, then the nine factors, the object's own offset and the weights of the pass and of the rest, in
-standard deviations.
+of log pixels, then the numbers of the FACTORS, the object's own offset and the weights of the pass and of the
+rest, in standard deviations.
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that what is drawn
 of one thing never depends on what else is in view, and what is out of view costs nothing.
@@ -12,19 +12,20 @@ of one thing never depends on what else is in view, and what is out of view cost
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skysweep.sensing.statistical.model import BLUR_MAX, CUT_MIN, EDGE_PX, HIDDEN_MAX, NEAR_PX, VIEW_MAX
+from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, factors_of_look
 from skysweep.worlds.occlusion import pixels_on_target, visible_share
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-WIDTH = 12  # columns of a row after the three tables
-PLACES = 3  # where an object was in the last picture: u, v, pixels
+_N_FACTORS = len(FACTORS)
+WIDTH = _N_FACTORS + 3  # columns of a row after the three tables
 OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
 
@@ -55,59 +56,85 @@ def standard_normal(seed: int, look: int, row: int, what: int) -> float:
     return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
 
 
+class Optics(NamedTuple):
+    """Of the camera."""
+
+    focal_px: float
+    width_px: float
+    height_px: float
+    exposure_s: float
+
+
+class Things(NamedTuple):
+    """What can be reported, and what hides it."""
+
+    places: F64  # (N, 9) as the module says
+    solids: F64
+    near_start: I64  # (N + 1,) of each object in ``near``
+    near: I64  # indices of the solids that can hide it
+    row_starts: I64  # (N + 1,) of each object in ``table``
+    table: F64  # (rows, 3 G + WIDTH)
+    log_pixels: F64  # (G,)
+    box_error: F64  # (4,) of the centre: pixels, of the object, of the blur; then fade_px
+
+
+class Ghosts(NamedTuple):
+    """What is reported where nothing is."""
+
+    places: F64  # (M, 6): x, y, z, class, level, own offset; of every octave lowest levels first
+    octave_starts: I64
+    classes: F64  # (C, 6): chance of showing, floor, weight of the rest, pixels, scale of mean 1, 1 / shape
+    over_altitude: F64  # (C, 3, A): log altitudes, densities, scales of the score
+
+
+class Pass(NamedTuple):
+    """The memory from look to look."""
+
+    places: F64  # (N, 3): where an object was in the last picture: u, v, pixels
+    state: F64  # (rows,) what looks of one pass have in common
+
+
+class Reports(NamedTuple):
+    """What is reported, with room for all."""
+
+    boxes: F64  # (room, 4)
+    scores: F64  # (room,)
+    rows: I64  # (room,)
+
+
+class Look(NamedTuple):
+    """One picture: the camera's truth, and which draw this is."""
+
+    position: F64
+    R: F64
+    velocity: F64  # in the camera's axes, as ``rates``
+    rates: F64
+    altitude_agl_m: float
+    seed: int
+    number: int
+
+
 @njit(cache=True)
 def draw_look(
-    optics: F64,  # focal length, width, height (px), exposure (s)
-    position: F64,
-    R: F64,
-    velocity: F64,
-    rates: F64,
-    things: F64,
-    solids: F64,
-    near_start: I64,
-    near: I64,
-    row_starts: I64,
-    table: F64,
-    log_pixels: F64,
-    box_model: F64,  # centre error: pixels, of the object, of the blur; fade_px
-    places: F64,
-    pass_state: F64,
-    ghosts: F64,  # x, y, z, class, level, own offset; of every octave lowest levels first
-    octave_starts: I64,
-    classes: F64,  # chance of showing, floor, weight of the rest, pixels, scale of mean 1, 1 / shape
-    over_altitude: F64,  # of each class: log altitudes, densities, scales of the score
-    altitude_agl: float,
-    threshold: float,
-    seed: int,
-    look: int,
-    boxes: F64,
-    scores: F64,
-    rows: I64,
+    optics: Optics, look: Look, things: Things, ghosts: Ghosts, last: Pass, threshold: float, reports: Reports
 ) -> tuple[int, int]:
-    """Write what is reported into ``boxes``, ``scores`` and ``rows``; return how many objects, and how many
-    with what is reported where nothing is.
-
-    ``places`` and ``pass_state`` are the memory from look to look.
+    """Write what is reported with a score from ``threshold`` on; return how many objects, and how many with
+    what is reported where nothing is. ``last`` becomes that of this look.
     """
-    focal, width, height = optics[0], optics[1], optics[2]
+    focal, width, height = optics.focal_px, optics.width_px, optics.height_px
+    position, R, velocity, rates = look.position, look.R, look.velocity, look.rates
+    places, log_pixels, error = last.places, things.log_pixels, things.box_error
     g, n = len(log_pixels), 0
-    for i in range(len(things)):
-        dx, dy, dz = (
-            things[i, 0] - position[0],
-            things[i, 1] - position[1],
-            things[i, 2] - position[2],
-        )
+    for i in range(len(things.places)):
+        thing = things.places[i]
+        dx, dy, dz = thing[0] - position[0], thing[1] - position[1], thing[2] - position[2]
         depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
         if depth <= MIN_DEPTH_M:
             places[i, 0] = np.nan
             continue
         u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
         v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
-        across = dx * dx + dy * dy
-        away = max(across + dz * dz, 1e-9)
-        view = across / away
-        front = -(things[i, 7] * dx + things[i, 8] * dy) / math.sqrt(away)
-        pixels = pixels_on_target(focal, int(things[i, 4]), things[i, 3], dx, dy, dz, depth)
+        pixels = pixels_on_target(focal, int(thing[4]), thing[3], dx, dy, dz, depth)
         half = pixels / 2
         low_u, high_u = max(u - half, 0.0), min(u + half, width)
         low_v, high_v = max(v - half, 0.0), min(v + half, height)
@@ -115,131 +142,98 @@ def draw_look(
             places[i, 0] = np.nan
             continue
         moved = abs(u - places[i, 0]) + abs(v - places[i, 1]) + abs(pixels - places[i, 2])
-        kept = math.exp(-moved / box_model[3]) if moved == moved else 0.0
+        kept = math.exp(-moved / error[3]) if moved == moved else 0.0
         places[i, 0], places[i, 1], places[i, 2] = u, v, pixels
         inside_y = (high_v - low_v) / pixels
         inside = (high_u - low_u) / pixels * inside_y
-        edge_y = max(1.0 - EDGE_PX / pixels, 0.0) if inside_y < 1.0 - CUT_MIN else 0.0
         clear = 1.0
         if inside > 1.0 - HIDDEN_MAX:
-            around = near[near_start[i] : near_start[i + 1]]
-            clear = visible_share(position, things[i, :3], things[i, 3], solids, around)
-        blur = (
-            focal * optics[3] * math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
-        )
+            around = things.near[things.near_start[i] : things.near_start[i + 1]]
+            clear = visible_share(position, thing[:3], thing[3], things.solids, around)
+        blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
+        blur *= focal * optics.exposure_s
         at = math.log(pixels)
-        nearness = min(max((at - math.log(NEAR_PX[0])) / math.log(NEAR_PX[1] / NEAR_PX[0]), 0.0), 1.0)
         unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(_TOO_SMALL)
-        spread_px = math.sqrt(box_model[0] ** 2 + (box_model[1] * pixels) ** 2 + (box_model[2] * blur) ** 2)
-        for r in range(row_starts[i], row_starts[i + 1]):
-            fresh = standard_normal(seed, look, r, _PASS)
-            pass_state[r] = kept * pass_state[r] + math.sqrt(1.0 - kept * kept) * fresh
-            row = table[r]
+        spread_px = math.sqrt(error[0] ** 2 + (error[1] * pixels) ** 2 + (error[2] * blur) ** 2)
+        across = dx * dx + dy * dy
+        away = max(across + dz * dz, 1e-9)
+        front = -(thing[7] * dx + thing[8] * dy) / math.sqrt(away)
+        is_cut_y = inside_y < 1.0 - CUT_MIN
+        factors = factors_of_look(
+            across / away, front, pixels, 1.0 - clear, 1.0 - inside, is_cut_y, thing[5], blur, thing[6]
+        )
+        for r in range(things.row_starts[i], things.row_starts[i + 1]):
+            fresh = standard_normal(look.seed, look.number, r, _PASS)
+            last.state[r] = kept * last.state[r] + math.sqrt(1.0 - kept * kept) * fresh
+            row = things.table[r]
             if unseen:
                 continue
             mean, spread, lapse = _interpolate(log_pixels, row, at)
-            if standard_normal(seed, look, r, _LAPSE) < lapse:
+            if standard_normal(look.seed, look.number, r, _LAPSE) < lapse:
                 continue
-            mean += (
-                row[3 * g] * min(view, VIEW_MAX)
-                + row[3 * g + 1] * front
-                + row[3 * g + 2] * front * nearness
-                + row[3 * g + 3] * (1.0 - clear)
-                + row[3 * g + 4] * (1.0 - inside) ** 2
-                + row[3 * g + 5] * edge_y
-                + row[3 * g + 6] * things[i, 5]
-                + row[3 * g + 7] * min(blur / pixels, BLUR_MAX)
-                + row[3 * g + 8] * things[i, 6]
-            )
-            rest = row[3 * g + 11] * standard_normal(seed, look, r, _REST)
-            score = mean + spread * (row[3 * g + 9] + row[3 * g + 10] * pass_state[r] + rest)
+            own = row[3 * g :]
+            for k in range(_N_FACTORS):
+                mean += own[k] * factors[k]
+            rest = own[_N_FACTORS + 2] * standard_normal(look.seed, look.number, r, _REST)
+            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * last.state[r] + rest)
             if score < threshold:
                 continue
-            du = spread_px * standard_normal(seed, look, r, _CENTRE_U)
-            dv = spread_px * standard_normal(seed, look, r, _CENTRE_V)
-            _put_box(boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
-            scores[n], rows[n] = score, r
+            du = spread_px * standard_normal(look.seed, look.number, r, _CENTRE_U)
+            dv = spread_px * standard_normal(look.seed, look.number, r, _CENTRE_V)
+            _put_box(reports.boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
+            reports.scores[n], reports.rows[n] = score, r
             n += 1
-    end = _draw_ghosts(
-        optics,
-        position,
-        R,
-        ghosts,
-        octave_starts,
-        classes,
-        over_altitude,
-        altitude_agl,
-        threshold,
-        seed,
-        look,
-        n,
-        boxes,
-        scores,
-        rows,
-    )
-    return n, end
+    return n, _draw_ghosts(optics, look, ghosts, threshold, n, reports)
 
 
 @njit(cache=True)
 def _draw_ghosts(
-    optics: F64,
-    position: F64,
-    R: F64,
-    ghosts: F64,
-    octave_starts: I64,
-    classes: F64,
-    over_altitude: F64,
-    altitude_agl: float,
-    threshold: float,
-    seed: int,
-    look: int,
-    n: int,
-    boxes: F64,
-    scores: F64,
-    rows: I64,
+    optics: Optics, look: Look, ghosts: Ghosts, threshold: float, n: int, reports: Reports
 ) -> int:
     """Those of this altitude's octave, written from place ``n`` on; where that ends.
 
-    ``rows`` are classes. Scores are Weibull's.
+    Their rows are classes. Scores are Weibull's.
     """
-    log_altitude = math.log(max(altitude_agl, 1.0))
+    log_altitude = math.log(max(look.altitude_agl_m, 1.0))
     octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
-    first, end = octave_starts[octave], octave_starts[octave + 1]
+    first, end = ghosts.octave_starts[octave], ghosts.octave_starts[octave + 1]
     if first == end:
         return n
-    now = np.empty((len(classes), 2))
-    for k in range(len(classes)):
-        grid = over_altitude[k, 0]
-        now[k, 0] = _at(log_altitude, grid, over_altitude[k, 1])
-        now[k, 1] = _at(log_altitude, grid, over_altitude[k, 2])
+    focal, width, height = optics.focal_px, optics.width_px, optics.height_px
+    now = np.empty((len(ghosts.classes), 2))
+    for k in range(len(ghosts.classes)):
+        grid = ghosts.over_altitude[k, 0]
+        now[k, 0] = _at(log_altitude, grid, ghosts.over_altitude[k, 1])
+        now[k, 1] = _at(log_altitude, grid, ghosts.over_altitude[k, 2])
     highest = now[:, 0].max()
+    position, R = look.position, look.R
     for i in range(first, end):
-        g = ghosts[i]
-        if g[4] >= highest:
+        ghost = ghosts.places[i]
+        if ghost[4] >= highest:
             break
-        kind = int(g[3])
-        c = classes[kind]
-        if g[4] >= now[kind, 0]:
+        kind = int(ghost[3])
+        c = ghosts.classes[kind]
+        if ghost[4] >= now[kind, 0]:
             continue
-        dx, dy, dz = g[0] - position[0], g[1] - position[1], g[2] - position[2]
+        dx, dy, dz = ghost[0] - position[0], ghost[1] - position[1], ghost[2] - position[2]
         depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
         if depth <= MIN_DEPTH_M:
             continue
-        u = optics[0] * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + optics[1] / 2
-        v = optics[0] * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + optics[2] / 2
-        if not (0.0 <= u <= optics[1] and 0.0 <= v <= optics[2]) or n == len(rows):
+        u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
+        v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
+        if not (0.0 <= u <= width and 0.0 <= v <= height) or n == len(reports.rows):
             continue
         row = _FIRST_GHOST + i
-        if standard_normal(seed, look, row, _SHOWS) > c[0]:
+        if standard_normal(look.seed, look.number, row, _SHOWS) > c[0]:
             continue
-        z = g[5] + c[2] * standard_normal(seed, look, row, _SCORE)
+        z = ghost[5] + c[2] * standard_normal(look.seed, look.number, row, _SCORE)
         above = -math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
         score = c[1] + now[kind, 1] * c[4] * above ** c[5]
         if score < threshold:
             continue
         half = c[3] / 2
-        _put_box(boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, optics[1], optics[2])
-        scores[n], rows[n] = score, kind
+        _put_box(reports.boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, width, height)
+        reports.scores[n], reports.rows[n] = score, kind
         n += 1
     return n
 

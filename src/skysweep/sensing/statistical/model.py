@@ -1,7 +1,7 @@
 """The numbers of the statistical sensor: a small YAML file, made for one detector and one camera.
 
 A look at an object has a score, the confidence that the detector gives it on the scale -log(-log c). It is
-normal: its mean and spread follow the pixels on target, and nine factors and the ground shift the mean.
+normal: its mean and spread follow the pixels on target, and the FACTORS and the ground shift the mean.
 What reaches the threshold is reported, so that one score explains both how often and how surely things are
 seen (a Tobit model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains
 (Wichmann and Hill, Perception & Psychophysics 63, 2001).
@@ -23,16 +23,9 @@ from skysweep.errors import UserError
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
 from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
+from skysweep.sensing.statistical.factors import NAMES
 
 VERSION = 8  # 7 measured standing objects by the angle to their foot
-FACTORS = ("view", "front", "front_near", "hidden", "cut", "edge_y", "beside", "blur", "contrast")
-VIEW_MAX = math.sin(math.radians(50.0)) ** 2
-HIDDEN_MAX = 0.75  # by anything, the edge too
-BLUR_MAX = 1.0
-CUT_MIN = 0.01  # of an object beyond an edge that cuts it
-EDGE_PX = 8.0  # objects this small look no different there
-NEAR_PX = (8.0, 64.0)  # from which on, and up to which, more and more of an object's side shows
-CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 
 def score_of(confidence: ArrayLike) -> NDArray[np.float64]:
@@ -53,17 +46,8 @@ class KindModel(_Part):
     """How one kind of object in one pose is reported as one class.
 
     The score's mean at some pixels is ``score`` there plus ``grounds`` of what it stands or lies on (where a
-    detector takes a rock on grass for a person, it may not on snow) plus each factor times its number here:
-
-    - view: square of the sine of the line of sight's angle off the vertical;
-    - front: cosine of the angle between the object's forward axis (its yaw) and the line to the camera;
-    - front_near: the same times log(pixels / 8) / log(8), from 0 to 1: what only larger objects show;
-    - hidden: share of the object that trees and buildings hide;
-    - cut: square of the share of it beyond the picture's edge;
-    - edge_y: where it is the upper or lower edge that cuts it 1 - 8 / pixels, at least 0; else 0;
-    - beside: 1 right beside the crown of a tree or bush, which is less regular than a solid; else 0;
-    - blur: length of the motion blur over the object's pixels;
-    - contrast: difference in colour to the ground (CIE76), less 30, over 20.
+    detector takes a rock on grass for a person, it may not on snow) plus each of the FACTORS times its number
+    here.
     """
 
     kind: str
@@ -92,7 +76,7 @@ class KindModel(_Part):
     @property
     def factors(self) -> tuple[float, ...]:
         """In the order of FACTORS."""
-        return tuple(getattr(self, name) for name in FACTORS)
+        return tuple(getattr(self, name) for name in NAMES)
 
     @model_validator(mode="after")
     def _shares(self) -> KindModel:

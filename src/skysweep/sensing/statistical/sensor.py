@@ -18,11 +18,19 @@ from scipy.special import ndtri
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.exposures import Exposures
-from skysweep.sensing.statistical.draws import OCTAVES, PLACES, WIDTH, draw_look
+from skysweep.sensing.statistical.draws import (
+    OCTAVES,
+    WIDTH,
+    Ghosts,
+    Look,
+    Optics,
+    Pass,
+    Reports,
+    Things,
+    draw_look,
+)
+from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL
 from skysweep.sensing.statistical.model import (
-    CONTRAST_LIMITS,
-    CONTRAST_UNIT,
-    CONTRAST_USUAL,
     KindModel,
     StatisticalModel,
     confidence_of,
@@ -59,19 +67,18 @@ class StatisticalSensor:
         self._model = model or StatisticalModel.load()
         self._ground_at_m = world.terrain.height_at_m
         self._lens, self._latency_s = camera.lens, camera.latency_s
-        self._optics = np.array(
-            [self._lens.focal_px, self._lens.width_px, self._lens.height_px, camera.exposure_s]
-        )
+        lens = self._lens
+        self._optics = Optics(lens.focal_px, float(lens.width_px), float(lens.height_px), camera.exposure_s)
         self._eye, self._exposures = eye, exposures
         self._threshold = float(score_of(confidence_min))
         self._pending: deque[Detections] = deque()
         once = np.random.default_rng([seed, 29])
-        self._tabulate_objects(world, classes, once)
-        self._tabulate_ghosts(world, classes, once)
+        self._things = self._tabulate_objects(world, classes, once)
+        self._ghosts = self._tabulate_ghosts(world, classes, once)
         self._key, self._look_number = int(np.random.default_rng([seed, 31]).integers(2**62)), 0
         room = len(self._row_names) + _MAX_GHOSTS
-        self._boxes, self._scores = np.empty((room, 4)), np.empty(room)
-        self._rows = np.empty(room, dtype=np.int64)
+        self._reports = Reports(np.empty((room, 4)), np.empty(room), np.empty(room, dtype=np.int64))
+        self._last = Pass(np.full((len(self._things.places), 3), np.nan), np.zeros(len(self._row_names)))
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Draw a look if one is due; return the oldest result whose time has come."""
@@ -90,44 +97,22 @@ class StatisticalSensor:
         position, R = self._eye.true_camera_pose()
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
+        height_m = z - self._ground_at_m(x, y)
+        look = Look(position, R, velocity_mps, rates_radps, height_m, self._key, self._look_number)
+        reports = self._reports
         n, end = draw_look(
-            self._optics,
-            position,
-            R,
-            velocity_mps,
-            rates_radps,
-            self._things,
-            self._solids,
-            self._near_start,
-            self._near,
-            self._row_starts,
-            self._row_table,
-            self._log_pixels,
-            self._box_model,
-            self._places,
-            self._pass_state,
-            self._ghosts,
-            self._octave_starts,
-            self._ghost_classes,
-            self._ghosts_over_altitude,
-            z - self._ground_at_m(x, y),
-            self._threshold,
-            self._key,
-            self._look_number,
-            self._boxes,
-            self._scores,
-            self._rows,
+            self._optics, look, self._things, self._ghosts, self._last, self._threshold, reports
         )
         self._look_number += 1
         if not end:
             return Detections(time_s, *_NOTHING, believed, self._lens)
-        rows = self._rows[:end].tolist()
+        rows = reports.rows[:end].tolist()
         names = [self._row_names[row] for row in rows[:n]]
         names += [self._background[c].reported_as for c in rows[n:]]
-        confidences = confidence_of(self._scores[:end])
-        return Detections(time_s, self._boxes[:end].copy(), confidences, tuple(names), believed, self._lens)
+        confidences = confidence_of(reports.scores[:end])
+        return Detections(time_s, reports.boxes[:end].copy(), confidences, tuple(names), believed, self._lens)
 
-    def _tabulate_objects(self, world: World, classes: Sequence[str], once: np.random.Generator) -> None:
+    def _tabulate_objects(self, world: World, classes: Sequence[str], once: np.random.Generator) -> Things:
         """Objects that can be reported, and for each one row for every class that it can be reported as."""
         m = self._model
         wanted = [kind for kind in m.kinds if kind.reported_as in classes]
@@ -153,16 +138,16 @@ class StatisticalSensor:
                 rows.append([*score, *kind.spread, *lapse, *kind.factors, offset, *shares])
                 self._row_names.append(kind.reported_as)
             starts.append(len(rows))
-        self._things = np.array(things, dtype=float).reshape(-1, 9)
-        self._solids = occluders.solids
-        self._near = np.concatenate(near) if near else np.zeros(0, dtype=np.int64)
-        self._near_start = np.cumsum([0] + [len(n) for n in near])
-        self._row_starts = np.array(starts)
-        self._row_table = np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH)
-        self._log_pixels = np.log(m.pixels)
-        self._box_model = np.array([m.box.pixels, m.box.of_object, m.box.of_blur, m.fade_px])
-        self._places = np.full((len(things), PLACES), np.nan)
-        self._pass_state = np.zeros(len(rows))
+        return Things(
+            np.array(things, dtype=float).reshape(-1, 9),
+            occluders.solids,
+            np.cumsum([0] + [len(n) for n in near]),
+            np.concatenate(near) if near else np.zeros(0, dtype=np.int64),
+            np.array(starts),
+            np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH),
+            np.log(m.pixels),
+            np.array([m.box.pixels, m.box.of_object, m.box.of_blur, m.fade_px]),
+        )
 
     def _contrast(self, thing: WorldObject, surface: str, draw: float) -> float:
         """Of one object against this ground; the usual one where it was not measured."""
@@ -170,7 +155,7 @@ class StatisticalSensor:
         mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
         return float(np.clip((mean + std * draw - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
 
-    def _tabulate_ghosts(self, world: World, classes: Sequence[str], once: np.random.Generator) -> None:
+    def _tabulate_ghosts(self, world: World, classes: Sequence[str], once: np.random.Generator) -> Ghosts:
         """Places where the detector can report what is not there, other ones in every octave of altitude.
 
         Each has a level, in reports a hectare: it is there while the rate at this altitude exceeds it.
@@ -179,7 +164,7 @@ class StatisticalSensor:
         self._background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
         self._log_altitudes = [np.log(b.altitude_agl_m) for b in self._background]
         floor = float(score_of(m.experiment.confidence_floor))
-        self._ghost_classes = np.array(
+        of_classes = np.array(
             [
                 [
                     ndtri(b.again),
@@ -193,7 +178,7 @@ class StatisticalSensor:
             ]
         ).reshape(-1, 6)
         nodes = max(map(len, self._log_altitudes), default=0)
-        self._ghosts_over_altitude = np.array(
+        over_altitude = np.array(
             [
                 [np.pad(row, (0, nodes - len(row)), "edge") for row in (grid, b.per_hectare, b.score_scale)]
                 for grid, b in zip(self._log_altitudes, self._background, strict=True)
@@ -222,7 +207,7 @@ class StatisticalSensor:
             ghosts = np.concatenate(parts)
             octaves.append(ghosts[ghosts[:, 4].argsort(kind="stable")])
             starts.append(starts[-1] + len(ghosts))
-        self._ghosts, self._octave_starts = np.concatenate(octaves), np.array(starts)
+        return Ghosts(np.concatenate(octaves), np.array(starts), of_classes, over_altitude)
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:
