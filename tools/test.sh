@@ -24,5 +24,6 @@ ros_tests() {
 
 passed=true
 .venv/bin/python -m pytest -n 2 || passed=false
+tools/try-wheel.sh || passed=false
 ros_tests || passed=false
 $passed
