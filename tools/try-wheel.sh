@@ -27,7 +27,7 @@ diff <({ package_files src/skysweep .gitignore CHANGELOG.md LICENSE README.md py
 
 say "installing $(basename "$wheel") in an empty environment"
 .venv/bin/python -m venv "$folder/venv"
-"$folder/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$wheel"
+"$folder/venv/bin/python" -m pip install --quiet --no-compile --disable-pip-version-check "$wheel"
 
 cd "$folder"
 unset PYTHONPATH
