@@ -9,6 +9,7 @@ tools/setup.sh dev train
 .venv/bin/python -m ruff format --check .
 .venv/bin/python -m mypy
 .venv/bin/lint-imports --no-logo --no-cache
+.venv/bin/vermin --quiet --no-tips --target=3.10- --violations src tests tools examples
 export OMP_NUM_THREADS=1  # one core for each of pytest's workers
 [ $# -eq 0 ] || exec .venv/bin/python -m pytest -n 2 "$@"
 
@@ -24,5 +25,6 @@ ros_tests() {
 
 passed=true
 .venv/bin/python -m pytest -n 2 || passed=false
+tools/try-wheel.sh || passed=false
 ros_tests || passed=false
 $passed

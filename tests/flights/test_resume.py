@@ -347,7 +347,7 @@ def test_a_mission_that_still_flies_is_refused(whole, tmp_path):
             resume_folder(folder)
     finally:
         flyer.kill()
-        flyer.wait()
+        flyer.communicate()
     resume_folder(folder)
     assert_same(folder, whole)
 

@@ -86,7 +86,7 @@ def test_write_scenario_leaves_nothing_half_written(tmp_path, monkeypatch):
     def full_disk(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("os.replace", full_disk)
+    monkeypatch.setattr(Path, "replace", full_disk)
     with pytest.raises(UserError, match="No space left"):
         write_scenario(load_scenario("clusters"), path)
     assert load_scenario(path) == scenario

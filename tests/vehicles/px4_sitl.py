@@ -45,3 +45,4 @@ def start_px4(folder: Path, instance: int, factor: int = 1) -> subprocess.Popen:
 def stop_px4(px4: subprocess.Popen) -> None:
     with contextlib.suppress(ProcessLookupError):
         os.killpg(px4.pid, signal.SIGKILL)
+    px4.wait()

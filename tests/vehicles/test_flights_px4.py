@@ -110,7 +110,7 @@ def test_a_flight_killed_twice_finds_the_same_in_the_sum_of_its_parts(name, seed
             break
         wait(lambda begun_s=begun_s, kill_s=kill_s: onlooker.boot_s > begun_s + kill_s, "no time")
         program.kill()
-        program.wait()
+        program.communicate()
         parts_s.append(onlooker.boot_s - begun_s)
     summary = json.loads((folder / "summary.json").read_text())
     lines = [json.loads(line) for line in (folder / "journal.jsonl").read_text().splitlines()]

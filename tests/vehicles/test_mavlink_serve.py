@@ -101,6 +101,7 @@ def serve(tmp_path, monkeypatch):
     for process in started:
         process.kill()
         process.wait()
+        process.stderr.close()
 
 
 def test_a_ground_station_connects_reads_writes_and_ends(serve):
