@@ -16,7 +16,7 @@ from skysweep.flights.fly import Watch, begin, finish, fly_in
 from skysweep.mission.journal import FileJournal
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
-from skysweep.ros.link import Link
+from skysweep.ros.link import RosLink
 from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPoseVehicle
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
@@ -56,7 +56,7 @@ def fly_on_ros(
     ``settings``. ``say`` takes what a watcher waits for, as in ``fly_to_folder``. Raises UserError, before
     take-off, on what is not there or not as it should be.
     """
-    with closing(Link("mission", arguments=arguments)) as link:
+    with closing(RosLink("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
         if settings.speed <= 0.0:
             raise UserError("speed: must be above 0; 1 is real time")
@@ -114,12 +114,12 @@ def parts_on_topics(
     if not (camera or detector or pose):
         yield None, None, None
         return
-    with closing(Link("mission")) as link:
+    with closing(RosLink("mission")) as link:
         yield _parts(link, scenario, seed, sensor, camera, detector, pose)
 
 
 def _parts(
-    link: Link, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
+    link: RosLink, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
 ) -> Parts:
     if sensor != "imaging" and (camera or detector):
         raise UserError("sensor: a camera or a detector on a topic needs the sensor 'imaging'")
@@ -131,6 +131,6 @@ def _parts(
     return vehicle, eye, finder
 
 
-def _parameters(link: Link, settings: Settings) -> Settings:
+def _parameters(link: RosLink, settings: Settings) -> Settings:
     given = {f.name: link.parameter(f.name, getattr(settings, f.name)) for f in fields(settings)}
     return replace(settings, **given)

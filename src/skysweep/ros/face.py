@@ -14,7 +14,7 @@ import numpy as np
 from skysweep.mission.mission import Mission
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.link import Link
+from skysweep.ros.link import RosLink
 from skysweep.ros.parts import publish_detections
 from skysweep.ros.targets import TargetBoard
 from skysweep.types import Detections, VehicleState
@@ -30,7 +30,7 @@ class MissionFace:
     Stamps are the vehicle's time, which ``/clock`` publishes too unless ``publish_clock`` is false.
     """
 
-    def __init__(self, link: Link, publish_clock: bool = True) -> None:
+    def __init__(self, link: RosLink, publish_clock: bool = True) -> None:
         from std_srvs.srv import Trigger
 
         self._link, self._publish_clock = link, publish_clock

@@ -18,7 +18,7 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import euler_from_rotation
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.link import Arrival, Inlet, Link
+from skysweep.ros.link import Arrival, Inlet, RosLink
 from skysweep.sensing.believed import DelayedPose
 from skysweep.types import Detections, Detector, Frame, Setpoint, Vehicle, VehicleState
 
@@ -46,7 +46,7 @@ class RosCamera:
     picture of the scenario's size within ``patience_s``, or in an encoding that is not read.
     """
 
-    def __init__(self, link: Link, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, link: RosLink, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
         self._link, self._lens = link, lens
         self._pictures = link.listen(topic, [m.IMAGE], patience_s)
         self._poses = DelayedPose(_OLD_PICTURE_S)
@@ -95,7 +95,7 @@ class RosDetector:
 
     def __init__(
         self,
-        link: Link,
+        link: RosLink,
         topic: str,
         classes: tuple[str, ...],
         confidence_min: float,
@@ -144,7 +144,7 @@ class RosDetector:
 class PublishedDetector:
     """A detector of this process whose pictures and answers are published. Implements ``types.Detector``."""
 
-    def __init__(self, link: Link, detector: Detector) -> None:
+    def __init__(self, link: RosLink, detector: Detector) -> None:
         self.class_names = detector.class_names
         self._link, self._detector = link, detector
         link.advertise(topics.IMAGE, topics.CAMERA_INFO, topics.DETECTIONS, topics.STANDARD_DETECTIONS)
@@ -165,7 +165,7 @@ class RosPoseVehicle:
     topic says. A topic that falls silent, or is not sound, is a vehicle that falls silent.
     """
 
-    def __init__(self, vehicle: Vehicle, link: Link, topic: str, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, vehicle: Vehicle, link: RosLink, topic: str, patience_s: float = PATIENCE_S) -> None:
         self.carrier = vehicle
         self._link = link
         self._poses = link.listen(topic, [m.ODOMETRY], patience_s)
@@ -222,7 +222,7 @@ class RosPoseVehicle:
         return self._pose
 
 
-def publish_frame(link: Link, frame: Frame) -> None:
+def publish_frame(link: RosLink, frame: Frame) -> None:
     """Picture and camera_info, where somebody listens."""
     if link.listeners(topics.IMAGE):
         link.publish(topics.IMAGE, m.image(frame))
@@ -230,7 +230,7 @@ def publish_frame(link: Link, frame: Frame) -> None:
         link.publish(topics.CAMERA_INFO, m.camera_info(frame.time_s, frame.lens))
 
 
-def publish_detections(link: Link, found: Detections) -> None:
+def publish_detections(link: RosLink, found: Detections) -> None:
     """Both forms."""
     link.publish(topics.DETECTIONS, m.detections(found))
     link.publish(topics.STANDARD_DETECTIONS, m.standard_detections(found))

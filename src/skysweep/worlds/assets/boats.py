@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Looks
+from skysweep.worlds.assets.looks import F64, RGB, Appearance
 from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, tube
 from skysweep.worlds.textures import Layer
 
@@ -26,7 +26,7 @@ GLASS = (0.10, 0.13, 0.17)
 DARK = (0.12, 0.12, 0.13)
 
 
-def boat(looks: Looks, size_m: float, pose: str) -> Mesh:
+def boat(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A boat ``size_m`` long, bow towards +x."""
     if size_m < 3.6:
         makers = [_canoe, _rowing_boat, _rowing_boat, _inflatable]
@@ -117,7 +117,7 @@ def _engine(x: float, z: float, colour: F64) -> Mesh:
     return merge([cowl, box((0.14, 0.1, 0.5), DARK).moved((x - 0.2, 0, z - 0.4))])
 
 
-def _rowing_boat(looks: Looks, size_m: float) -> Mesh:
+def _rowing_boat(looks: Appearance, size_m: float) -> Mesh:
     wooden = looks.chance(0.5)
     outside = looks.pick(_WOOD, _WOOD) if wooden else looks.pick(_HULL, _HULL_HELD_OUT)
     inside = looks.pick(_WOOD, _WOOD) if wooden or looks.chance(0.3) else looks.pick(_DECK, _DECK_HELD_OUT)
@@ -146,7 +146,7 @@ def _rowing_boat(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _canoe(looks: Looks, size_m: float) -> Mesh:
+def _canoe(looks: Appearance, size_m: float) -> Mesh:
     outside = looks.pick(
         [(200, 40, 30), (240, 180, 30), (40, 90, 60), (30, 80, 150), (236, 120, 30)],
         [(150, 60, 130), (60, 170, 160), (180, 196, 60)],
@@ -168,7 +168,7 @@ def _canoe(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _inflatable(looks: Looks, size_m: float) -> Mesh:
+def _inflatable(looks: Appearance, size_m: float) -> Mesh:
     colour = looks.pick(_TUBES, _TUBES_HELD_OUT)
     r = 0.05 * size_m**0.8 + 0.07
     beam = size_m * looks.between(0.36, 0.44)
@@ -206,7 +206,7 @@ def _inflatable(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _cruiser(looks: Looks, size_m: float) -> Mesh:
+def _cruiser(looks: Appearance, size_m: float) -> Mesh:
     outside, deck = looks.pick(_HULL, _HULL_HELD_OUT), looks.pick(_DECK, _DECK_HELD_OUT)
     beam = size_m * looks.between(0.31, 0.38)
     x, half, sheer = _hull_sections(size_m, beam, 0.12 * size_m**0.75 + 0.3, looks.between(2.4, 3.4), 0.85)
@@ -245,7 +245,7 @@ def _cruiser(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _yacht(looks: Looks, size_m: float) -> Mesh:
+def _yacht(looks: Appearance, size_m: float) -> Mesh:
     outside, deck = looks.pick(_HULL, _HULL_HELD_OUT), looks.pick(_DECK, _DECK_HELD_OUT)
     beam = size_m * looks.between(0.26, 0.32)
     x, half, sheer = _hull_sections(size_m, beam, 0.08 * size_m + 0.35, looks.between(1.8, 2.4), 0.6)
