@@ -113,7 +113,9 @@ class Fence:
         """
         ahead_m = np.linalg.norm(self._corners - goal, axis=1)
         sees_goal = {k for k, _ in self._visible(goal)}
-        queue = [(length + ahead_m[k], (k,), length) for k, length in self._visible(start)]
+        queue: list[tuple[float, tuple[int, ...], float]] = [
+            (length + ahead_m[k], (k,), length) for k, length in self._visible(start)
+        ]
         heapq.heapify(queue)
         done: set[int] = set()
         while queue:
