@@ -45,6 +45,19 @@ def parse_yaml(text: str, source: str) -> Any:
     return _load(text, source, _PlainLoader)
 
 
+def parse_fields(text: str, source: str, what: str, such_as: str) -> dict[str, Any]:
+    """The fields that plain YAML says; errors tell ``what`` they make, and some of them (``such_as``).
+
+    Raises:
+        UserError: it is no plain YAML, or no fields.
+    """
+    data = parse_yaml(text, source)
+    if not isinstance(data, dict):
+        found = "empty" if data is None else f"a {type(data).__name__}"
+        raise UserError(f"{source}: is {found}, not a {what}; write fields such as  {such_as}")
+    return data
+
+
 def parse_foreign_yaml(text: str, source: str) -> Any:
     """The same for files of other programs, whose keys may be numbers."""
     return _load(text, source, _FastLoader)
