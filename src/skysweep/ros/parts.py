@@ -31,7 +31,6 @@ _ASK_EVERY_S = 1.0
 _LITTLE_PATIENCE_S = 2.0  # with a detector that did not answer last time
 _OLD_PICTURE_S = 2.0  # what is older by its stamp has a stamp of another clock
 _SAME_TIME_S = 1e-6
-_FOCAL_TOLERANCE = 0.02
 
 
 class NoMessageError(Exception):

@@ -77,10 +77,6 @@ class Evaluation:
             sum(s.n_false for s in scores),
         )
 
-    @property
-    def false_positives_per_image(self) -> float:
-        return self.total().n_false / self.n_images
-
 
 def evaluate(
     detector: Detector,

@@ -224,17 +224,6 @@ class Multirotor:
         """(3, 3)."""
         return self._poses()[9:12]
 
-    @property
-    def true_body_rates(self) -> F64:
-        """(3,) rad/s about the FLU axes."""
-        return self._x["rates"].copy()
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between the body's up axis and the vertical."""
-        _, i, j, _ = self._x["attitude"]
-        return float(2.0 * np.arcsin(min(1.0, np.hypot(i, j))))
-
     def true_camera_pose(self) -> CameraPose:
         """Where the camera is and how it looks, the gimbal's error included."""
         p = self._poses()
