@@ -88,6 +88,13 @@ def test_a_written_spec_comes_back_and_needs_no_other_file(tmp_path):
     assert Matrix.of(again).job(1) == Matrix.of(spec).job(1)
 
 
+def test_a_description_keeps_unicodes_own_line_ends():
+    text = '{name: a, description: "one\\u2028two\\x85three", scenarios: [clusters], seeds: 1}'
+    spec = parse_spec(text, "spec.yaml")
+    assert spec.description == "one\u2028two\x85three"
+    assert parse_spec(dump_spec(spec), "spec.yaml") == spec
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

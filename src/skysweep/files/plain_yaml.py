@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Iterator
 from typing import Any
 
@@ -32,6 +33,28 @@ class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
             seen.add(key.value)
         mapping: dict[Hashable, Any] = super().construct_mapping(node, deep=deep)
         return mapping
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes every value where it stands, without anchors, as the loader wants it."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        """Text that holds Unicode's own line ends is escaped: PyYAML would read them as blanks."""
+        style = '"' if re.search("[\x85\u2028\u2029]", text) else None
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_PlainDumper.add_representer(str, _PlainDumper.represent_text)
+
+
+def dump_yaml(data: Any) -> str:
+    """Plain data as YAML: ``parse_yaml`` gives it back."""
+    return yaml.dump(
+        data, Dumper=_PlainDumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
+    )
 
 
 def parse_yaml(text: str, source: str) -> Any:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import re
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import reduce
@@ -15,29 +14,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from skysweep.errors import UserError
 from skysweep.files.models import validated
-from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.files.writing import replace_file
 from skysweep.scenarios.model import Scenario
-
-
-class _PlainDumper(yaml.SafeDumper):
-    """Writes every value where it stands, without anchors, as the loader wants it."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-    def represent_text(self, text: str) -> yaml.ScalarNode:
-        """Text that holds Unicode's own line ends is escaped: PyYAML would read them as blanks."""
-        style = '"' if re.search("[\x85\u2028\u2029]", text) else None
-        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
-
-
-_PlainDumper.add_representer(str, _PlainDumper.represent_text)
 
 
 def list_scenarios() -> list[str]:
@@ -110,14 +92,7 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
 
 def dump_scenario(scenario: Scenario) -> str:
     """The whole scenario as YAML, defaults included: ``parse_scenario`` gives the same one back."""
-    return yaml.dump(
-        scenario.model_dump(by_alias=True),
-        Dumper=_PlainDumper,
-        sort_keys=False,
-        default_flow_style=None,
-        allow_unicode=True,
-        width=100,
-    )
+    return dump_yaml(scenario.model_dump(by_alias=True))
 
 
 def write_scenario(scenario: Scenario, path: str | Path) -> Path:

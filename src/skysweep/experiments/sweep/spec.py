@@ -15,7 +15,7 @@ from pydantic import Field, field_validator, model_validator
 
 from skysweep.errors import UserError
 from skysweep.files.models import leaf_fields, validated
-from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields, parse_yaml
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields, parse_yaml
 from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.files import change_scenario, dump_scenario, list_scenarios, load_scenario
 from skysweep.scenarios.model import Model, Scenario
@@ -174,8 +174,7 @@ def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
 
 def dump_spec(spec: SweepSpec) -> str:
     """The sweep as YAML: ``parse_spec`` gives the same one back."""
-    data = spec.model_dump(by_alias=True, exclude_none=True)
-    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
+    return dump_yaml(spec.model_dump(by_alias=True, exclude_none=True))
 
 
 def seeds_of(spec: SweepSpec) -> tuple[int, ...] | range:
