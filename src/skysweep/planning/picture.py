@@ -23,15 +23,9 @@ _ARROWS_MAX = 40
 _WIDTH_IN = 8.0
 
 
-def draw_plan(
-    path_png: str | Path,
-    scenario: Scenario,
-    plan: CoveragePlan,
-    estimate: FlightEstimate,
-    altitude_agl_m: float | None = None,
-) -> Path:
+def draw_plan(path_png: str | Path, scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -> Path:
     """Write a PNG (200 dpi) of ``plan`` over the scenario's area, north up."""
-    altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    altitude = scenario.search.scan_altitude_agl_m
     figure = Figure(dpi=200, layout="constrained")
     axes = figure.add_subplot()
     _draw_ground(axes, scenario, plan)

@@ -395,13 +395,13 @@ class Streams:
         period = self._periods_s.get(kind)
         return round(period * 1e6) if period is not None else -1 if kind in self._messages else 0
 
-    def send_due(self, peer: Peer, picture: Moment) -> None:
-        """Sends what is due at the picture's time."""
-        now = picture.state.time_s + 1e-6
+    def send_due(self, peer: Peer, moment: Moment) -> None:
+        """Sends what is due at that moment."""
+        now = moment.state.time_s + 1e-6
         for kind, period in self._periods_s.items():
             if now >= self._next_s[kind]:
                 self._next_s[kind] = max(self._next_s[kind] + period, now)
                 report = self._messages[kind]
-                message = picture.message(kind, report)
+                message = moment.message(kind, report)
                 if message is not None:
                     peer.send(message, report.component)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.worlds.assets.looks import F64, RGB, Appearance
-from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, tube
+from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, skin_faces, tube
 from skysweep.worlds.textures import Layer
 
 _HULL: list[RGB] = [
@@ -78,30 +78,20 @@ def _hull(
     v = np.stack(loop, axis=1)  # (S, 2R, 3)
     colours = np.array([inside] * 4 + [outside] * 6 + [inside] * 4)
     stations, n, _ = v.shape
-    i = np.arange(n)
-    j = (i + 1) % n
-    faces = []
-    for s in range(stations - 1):
-        a, b = s * n, (s + 1) * n
-        faces += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
-
-    skin = make_mesh(
-        v.reshape(-1, 3), np.concatenate(faces), np.tile(colours, (stations, 1)), layer, 1.5, flat=True
-    )
+    faces = skin_faces(stations, n)
+    skin = make_mesh(v.reshape(-1, 3), faces, np.tile(colours, (stations, 1)), layer, 1.5, flat=True)
     y, z = half[0], sheer[0]
     transom = prism([(-y, -0.25), (y, -0.25), (y, z), (-y, z)], 0.0, 0.06, outside, layer=layer)
     upright = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     return merge([skin, transom.moved((x[0], 0, 0), upright)])
 
 
-def _deck(
-    x: F64, half: F64, sheer: F64, first: int, last: int, colour: F64, layer: int, drop: float = 0.03
-) -> Mesh:
+def _deck(x: F64, half: F64, sheer: F64, first: int, last: int, colour: F64, layer: int) -> Mesh:
     """A closed deck between stations ``first`` and ``last``."""
     s = slice(first, last + 1)
     v = np.concatenate(
         [
-            np.column_stack([x[s], w * half[s], sheer[s] - drop + 0.05 * half[s] * (1 - w * w)])
+            np.column_stack([x[s], w * half[s], sheer[s] - 0.03 + 0.05 * half[s] * (1 - w * w)])
             for w in (-1.0, 0.0, 1.0)
         ]
     )
