@@ -88,7 +88,7 @@ def test_counts_by_hand(tmp_path):
     assert result.by_altitude["person", 3.0].recall == 0.0
     decoy = result.decoys["buoy", 8.0]
     assert (decoy.n, decoy.n_taken, decoy.n_confirmed) == (1, 1, 1)
-    assert result.false_positives_per_image == 1.5
+    assert (result.total().n_false, result.n_images) == (3, 2)
 
 
 def test_tables_show_every_detector(tmp_path):

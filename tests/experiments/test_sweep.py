@@ -455,7 +455,7 @@ def _noise(job):
 
     def watch(state, _mode, _new):
         snapshot = mission.vehicle.snapshot()
-        at = dynamics.POSITION_ERROR
+        at = dynamics.STATE.fields["position_error"][1] // 8
         seen[round(state.time_s, 3)] = json.dumps([snapshot["random"], snapshot["state"][at : at + 3]])
 
     fly(mission, MemoryJournal(), watch)

@@ -31,8 +31,6 @@ from skysweep.experiments.sweep.missions import (
     Flown,
     by_scenario,
     configuration_label,
-    field_name,
-    field_unit,
     in_order,
     load_missions,
 )
@@ -44,6 +42,7 @@ from skysweep.files.folder import Folder
 from skysweep.files.line_file import LineFile
 from skysweep.results.checksums import sha256
 from skysweep.results.reporting.statistics import holm, pairs_needed
+from skysweep.results.reporting.symbols import field_name, field_unit
 from skysweep.results.reporting.tables import latex_text, markdown, math_text
 
 N_C = "param.search.n_c"

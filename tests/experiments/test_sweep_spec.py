@@ -88,6 +88,13 @@ def test_a_written_spec_comes_back_and_needs_no_other_file(tmp_path):
     assert Matrix.of(again).job(1) == Matrix.of(spec).job(1)
 
 
+def test_a_description_keeps_unicodes_own_line_ends():
+    text = '{name: a, description: "one\\u2028two\\x85three", scenarios: [clusters], seeds: 1}'
+    spec = parse_spec(text, "spec.yaml")
+    assert spec.description == "one\u2028two\x85three"
+    assert parse_spec(dump_spec(spec), "spec.yaml") == spec
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -97,7 +104,7 @@ def test_a_written_spec_comes_back_and_needs_no_other_file(tmp_path):
         ("search.n_c: [", "h_C: [", ["did you mean search.check_altitude_agl_m"]),
         ("search.n_c: [", "search.strategy: [", ["search.strategy", "write it under strategies"]),
         ("search.n_c: [", "qwerty: [", ["qwerty", "no such parameter"]),
-        ("[1, 5, .inf]", "[]", ["parameters.search.n_c", "nothing to fly"]),
+        ("[1, 5, .inf]", "[]", ["parameters.search.n_c", "is empty"]),
         ("[1, 5, .inf]", "7", ["parameters.search.n_c", "list"]),
         ("[1, 5, .inf]", "[[1]]", ["parameters.search.n_c[0]", "write a number"]),
         ("[1, 5, .inf]", "[-1]", ["clusters: search.n_c", "greater than 0"]),

@@ -31,7 +31,6 @@ class RecordedNode:
     """A node that answers every request with true, and a step with the recorded picture."""
 
     requests: list[tuple[str, Any]]
-    published: list[tuple[str, float]]
     answers = True
 
     def __init__(self) -> None:
@@ -55,13 +54,6 @@ class RecordedNode:
         for kind, callback in self._callbacks.values():
             callback(kind.FromString(RECORDED_IMAGE))
 
-    def advertise(self, topic: str, kind: Any) -> Any:
-        class Publisher:
-            def publish(self, message: Any) -> None:
-                RecordedNode.published.append((topic, message.data))
-
-        return Publisher()
-
 
 @pytest.fixture
 def gz(monkeypatch: pytest.MonkeyPatch) -> type[RecordedNode]:
@@ -70,7 +62,6 @@ def gz(monkeypatch: pytest.MonkeyPatch) -> type[RecordedNode]:
     monkeypatch.setitem(sys.modules, "gz", ModuleType("gz"))
     monkeypatch.setitem(sys.modules, "gz.transport13", transport)
     monkeypatch.setattr(RecordedNode, "requests", [], raising=False)
-    monkeypatch.setattr(RecordedNode, "published", [], raising=False)
     monkeypatch.setattr(RecordedNode, "answers", True)
     return RecordedNode
 
@@ -109,12 +100,6 @@ def test_a_gazebo_that_does_not_answer(gz: type[RecordedNode], monkeypatch: pyte
     monkeypatch.setattr(gz, "answers", False)
     link = GzLink("field")
     assert not link.step(1)
-
-
-def test_gimbal_of_a_px4_model(gz: type[RecordedNode]) -> None:
-    GzLink("field").point_gimbal("x500_gimbal_0", 0.1, -1.5, 0.2)
-    base = "/model/x500_gimbal_0/command/gimbal_"
-    assert gz.published == [(base + "roll", 0.1), (base + "pitch", -1.5), (base + "yaw", 0.2)]
 
 
 def test_without_bindings_it_says_what_to_install() -> None:

@@ -58,5 +58,5 @@ def test_named_root(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv(ROOT_VARIABLE, str(tmp_path))
     monkeypatch.setattr(install.os, "geteuid", lambda: 0)
     found = find_install()
-    assert found.is_own_root
+    assert found.root == tmp_path
     assert found.plugin == Path("/opt/skysweep/libskysweep_gate-1.so")

@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse.csgraph import dijkstra
 
 from skysweep.errors import UserError
 from skysweep.mission.fence import Fence, Router
@@ -67,6 +68,25 @@ def test_a_drawn_fence_takes_the_place_of_that_margin():
     f = fence(SQUARE, margin_m=5.0)
     assert f.allows((99.0, 99.0))
     assert not f.allows((-1.0, 5.0))
+
+
+BLOCKS = [[(x, y), (x + 12, y), (x + 12, y + 9), (x, y + 9)] for x in (8, 33, 62) for y in (10, 35, 70)]
+PLACES = st.tuples(st.floats(1, 99), st.floats(1, 99))
+
+
+@settings(max_examples=40, deadline=None)
+@given(PLACES, PLACES)
+def test_no_way_over_the_corners_is_shorter(start, goal):
+    f = fence(SQUARE, no_fly=[POND, *BLOCKS])
+    way = f.way(start, goal)
+    if not f.allows(start) or not f.allows(goal) or way == [goal]:
+        return
+    places = np.array([start, *f._corners, goal])
+    a, b = np.repeat(places, len(places), axis=0), np.tile(places, (len(places), 1))
+    free = shapely.covers(f._free, shapely.linestrings(np.stack([a, b], axis=1)))
+    lengths = np.where(free, np.linalg.norm(a - b, axis=1), 0.0).reshape(len(places), -1)
+    shortest_m = dijkstra(lengths, indices=0)[-1]
+    assert math.isclose(sum(math.dist(*leg) for leg in pairwise([start, *way])), shortest_m)
 
 
 @settings(max_examples=60, deadline=None)

@@ -18,7 +18,6 @@ from skysweep.mission.loop import fly
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint
-from skysweep.vehicles.embedded import dynamics as d
 from skysweep.worlds.obstacles import known_obstacles
 
 NAN = np.full(3, math.nan)
@@ -360,7 +359,7 @@ class Drifting(Around):
 
     def advance(self, duration_s):
         if self.inner.state().time_s < 15.0:
-            self.inner._x[d.TARGET_POSITION] += duration_s
+            self.inner._x["target_position"][0] += duration_s
         self.inner.advance(duration_s)
 
 

@@ -46,9 +46,9 @@ def ros_environment(monkeypatch):
 
 @pytest.fixture
 def link():
-    from skysweep.ros.link import Link
+    from skysweep.ros.link import RosLink
 
-    with closing(Link("test")) as made:
+    with closing(RosLink("test")) as made:
         yield made
 
 

@@ -221,9 +221,9 @@ def test_parameters_win_over_options_and_names_can_be_remapped(link, start, tiny
 
 @pytest.fixture
 def other():
-    from skysweep.ros.link import Link
+    from skysweep.ros.link import RosLink
 
-    with closing(Link("other", namespace="/other")) as made:
+    with closing(RosLink("other", namespace="/other")) as made:
         yield made
 
 

@@ -279,7 +279,7 @@ BAD_FIELDS = {
     ),
     "name with a slash": (
         "name: ../../x\n" + MINIMAL.split("\n", 1)[1],
-        "name: '../../x' does not do; write letters",
+        "name: '../../x' is not allowed; write letters",
     ),
     "several": (
         MINIMAL + "wind: {mean_speed_mps: 99}\nlight: {visibility_m: 1}\nsearch: {c_t: 2}",

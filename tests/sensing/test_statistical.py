@@ -478,7 +478,7 @@ def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
     [
         ("pixels: [5, 10]", "version"),
         ("{", "not YAML"),
-        ("- 1", "dictionary"),
+        ("- 1", "is a list"),
         (f"{{version: {VERSION}, detector: 3}}", "detector"),
         ("version: 1", f"is of version 1, this package reads {VERSION}"),
     ],

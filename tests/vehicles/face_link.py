@@ -12,7 +12,7 @@ from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import TICK_S
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Voice
-from skysweep.vehicles.px4.link import HEARD, Link, message_id
+from skysweep.vehicles.px4.link import HEARD, PX4Link, message_id
 
 _ADDRESS = ("10.0.0.9", 9)
 _OURS = (245, 190)
@@ -21,8 +21,8 @@ _AUTOPILOT = 1
 _NUMBERS = {message_id(name) for name in HEARD}
 
 
-class FaceLink(Link):
-    """A ``Link`` to a ``Sky``. ``open`` cuts it both ways; ``orders`` are the commands that went through."""
+class FaceLink(PX4Link):
+    """A ``PX4Link`` to a ``Sky``; ``open`` cuts it both ways. ``orders`` are those that went through."""
 
     def __init__(self, sky: Sky) -> None:
         self._sky, self.open, self.orders = sky, True, []

@@ -21,7 +21,7 @@ from mavlink_clients import (
 from pymavlink.dialects.v20 import development as m
 
 from skysweep.vehicles.mavlink.modes import STICK_MODES, TICK_S, Mode
-from skysweep.vehicles.served.failsafes import Action, Failsafes, Health, why_not
+from skysweep.vehicles.served.failsafes import Failsafes, Health, Reaction, why_not
 from skysweep.vehicles.served.parameters import Parameters
 
 HERE = local(0, 0, -10)
@@ -517,19 +517,19 @@ def test_what_is_flown_can_be_flown_and_only_people_change_what_is_intended(chos
     terminated = False
     for health, asked, sticks, elapsed_s in steps:
         wanted = asked or intended
-        moved = sticks and failsafes.action > Action.WARN
+        moved = sticks and failsafes.action > Reaction.WARN
         intended = failsafes.update(True, wanted, asked is not None, moved, health, elapsed_s)
         assert intended is wanted or (intended is Mode.POSITION and moved)
-        terminated |= failsafes.action is Action.TERMINATE
-        assert terminated == (failsafes.action is Action.TERMINATE)
+        terminated |= failsafes.action is Reaction.TERMINATE
+        assert terminated == (failsafes.action is Reaction.TERMINATE)
         flown = failsafes.mode(intended)
-        if failsafes.action not in (Action.DESCEND, Action.DISARM):
+        if failsafes.action not in (Reaction.DESCEND, Reaction.DISARM):
             assert why_not(flown, health) is None or terminated
-        if failsafes.action <= Action.WARN:
+        if failsafes.action <= Reaction.WARN:
             assert flown is intended
     if not terminated:
         failsafes.update(False, intended, False, False, fine, 0.02)
-        assert failsafes.action is Action.NONE or intended is Mode.TERMINATION
+        assert failsafes.action is Reaction.NONE or intended is Mode.TERMINATION
 
 
 @given(STEPS, st.sampled_from(STICK_MODES))

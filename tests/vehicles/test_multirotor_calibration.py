@@ -1,6 +1,6 @@
 """The embedded vehicle against logs of a PX4 v1.17 flying its SIH quadrotor.
 
-Flown with exact estimates, and again under the estimation errors that the log shows.
+FlownManoeuvre with exact estimates, and again under the estimation errors that the log shows.
 """
 
 from pathlib import Path
@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
-from skysweep.vehicles.embedded.calibration import Flown, fly_again, read_log
+from skysweep.vehicles.embedded.calibration import FlownManoeuvre, fly_again, read_log
 from skysweep.vehicles.embedded.multirotor import Multirotor
 
 LOGS = Path(__file__).parents[1] / "data" / "px4_sih"
 TOLERANCE = 0.10
 
 
-def fly(name: str, exact: bool) -> tuple[Flown, Flown]:
+def fly(name: str, exact: bool) -> tuple[FlownManoeuvre, FlownManoeuvre]:
     log = read_log(LOGS / f"{name}.csv.gz")
     return fly_again(log.exact() if exact else log)
 

@@ -105,12 +105,12 @@ def ros_detect(
     """
     from skysweep.detection.yolo import YoloDetector
     from skysweep.ros.detector_node import serve_detector
-    from skysweep.ros.link import Link
+    from skysweep.ros.link import RosLink
 
     finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
     columns = SpinnerColumn(), description
     with (
-        closing(Link("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
+        closing(RosLink("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
         Progress(*columns, console=errors, transient=True) as progress,
     ):
         task = progress.add_task(f"waiting for {link.node.resolve_topic_name(images)}")
@@ -144,11 +144,11 @@ def ros_measure(
 
         skysweep ros measure --width 1280 --height 720 --rate 30
     """
-    from skysweep.ros.link import Link
+    from skysweep.ros.link import RosLink
     from skysweep.ros.measure import measure
 
     errors.print(f"publishing for {seconds:g} s", highlight=False)
-    with closing(Link("measure", arguments=context.meta[_ROS_ARGUMENTS])) as link:
+    with closing(RosLink("measure", arguments=context.meta[_ROS_ARGUMENTS])) as link:
         figures = measure(link, width, height, rate, seconds, patience)
     console.print(
         f"{width}x{height} at {rate:g} Hz: publishing takes {figures.core_share:.1%} of a core\n"

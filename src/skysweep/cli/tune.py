@@ -243,7 +243,7 @@ def _tune_one(
 
 
 def _say_what_is_tuned(problem: Problem) -> None:
-    from skysweep.experiments.tune.report import number
+    from skysweep.results.reporting.symbols import number
 
     for original, flown in zip(problem.originals, problem.scenarios, strict=True):
         if flown.scatter_m != original.scatter_m:

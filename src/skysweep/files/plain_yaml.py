@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable, Iterator
 from typing import Any
 
@@ -34,6 +35,28 @@ class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
         return mapping
 
 
+class _PlainDumper(yaml.SafeDumper):
+    """Writes every value where it stands, without anchors, as the loader wants it."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        """Text that holds Unicode's own line ends is escaped: PyYAML would read them as blanks."""
+        style = '"' if re.search("[\x85\u2028\u2029]", text) else None
+        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
+
+
+_PlainDumper.add_representer(str, _PlainDumper.represent_text)
+
+
+def dump_yaml(data: Any) -> str:
+    """Plain data as YAML: ``parse_yaml`` gives it back."""
+    return yaml.dump(
+        data, Dumper=_PlainDumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
+    )
+
+
 def parse_yaml(text: str, source: str) -> Any:
     """The value that plain YAML says: no tags, no aliases, words as keys, none of them twice.
 
@@ -43,6 +66,19 @@ def parse_yaml(text: str, source: str) -> Any:
         UserError: it is anything else, or too much.
     """
     return _load(text, source, _PlainLoader)
+
+
+def parse_fields(text: str, source: str, what: str, such_as: str) -> dict[str, Any]:
+    """The fields that plain YAML says; errors tell ``what`` they make, and some of them (``such_as``).
+
+    Raises:
+        UserError: it is no plain YAML, or no fields.
+    """
+    data = parse_yaml(text, source)
+    if not isinstance(data, dict):
+        found = "empty" if data is None else f"a {type(data).__name__}"
+        raise UserError(f"{source}: is {found}, not a {what}; write fields such as  {such_as}")
+    return data
 
 
 def parse_foreign_yaml(text: str, source: str) -> Any:

@@ -201,10 +201,10 @@ class Px4Flight:
 
             return LiveCamera(source, lens)
         if source.startswith("ros:"):
-            from skysweep.ros.link import Link
+            from skysweep.ros.link import RosLink
             from skysweep.ros.parts import RosCamera
 
-            self._ros = self._ros or self._ending.enter_context(closing(Link("mission")))
+            self._ros = self._ros or self._ending.enter_context(closing(RosLink("mission")))
             return RosCamera(self._ros, source.removeprefix("ros:"), lens)
         return VideoCamera(source, lens)
 

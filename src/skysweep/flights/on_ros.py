@@ -14,7 +14,7 @@ from skysweep.flights.rig import Rig
 from skysweep.mission.mission import Mission, Watch
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.ros.face import MissionFace, RealTime
-from skysweep.ros.link import Link
+from skysweep.ros.link import RosLink
 from skysweep.ros.parts import RosCamera, RosDetector, RosPoseVehicle
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
@@ -52,7 +52,7 @@ def fly_on_ros(
     ``settings``. ``say`` takes what a watcher waits for, as in ``fly_to_folder``. Raises UserError, before
     take-off, on what is not there or not as it should be.
     """
-    with closing(Link("mission", arguments=arguments)) as link:
+    with closing(RosLink("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
         if settings.speed <= 0.0:
             raise UserError("speed: must be above 0; 1 is real time")
@@ -104,12 +104,12 @@ def parts_on_topics(
     if not (camera or detector or pose):
         yield None, None, None
         return
-    with closing(Link("mission")) as link:
+    with closing(RosLink("mission")) as link:
         yield _parts(link, scenario, seed, sensor, camera, detector, pose)
 
 
 def _parts(
-    link: Link, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
+    link: RosLink, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
 ) -> Parts:
     if sensor != "imaging" and (camera or detector):
         raise UserError("sensor: a camera or a detector on a topic needs the sensor 'imaging'")
@@ -121,6 +121,6 @@ def _parts(
     return vehicle, eye, finder
 
 
-def _parameters(link: Link, settings: Settings) -> Settings:
+def _parameters(link: RosLink, settings: Settings) -> Settings:
     given = {f.name: link.parameter(f.name, getattr(settings, f.name)) for f in fields(settings)}
     return replace(settings, **given)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.gazebo import rig
 from skysweep.gazebo.export import MODELS_FOLDER, Clock, write_world
-from skysweep.gazebo.gz_messages import Boolean, Double, Image, Pose, WorldControl
+from skysweep.gazebo.gz_messages import Boolean, Image, Pose, WorldControl
 from skysweep.gazebo.restarting import SimulatorRenderer, quaternion_flu
 from skysweep.gazebo.sdf import tag
 from skysweep.gazebo.transport import TransportError
@@ -63,7 +63,6 @@ class GzLink:
         self._news = threading.Condition()
         self._pictures: deque[Any] = deque(maxlen=_KEPT)
         self._topics: list[str] = []
-        self._angles: dict[str, Any] = {}
 
     def subscribe_images(self, topic: str) -> None:
         """Pictures of this topic come out of ``image``. Raises TransportError when that is refused."""
@@ -104,14 +103,6 @@ class GzLink:
     def step(self, count: int) -> bool:
         """Let the paused world take ``count`` steps; False when Gazebo does not answer or refuses."""
         return self._request("control", WorldControl(pause=True, multi_step=count))
-
-    def point_gimbal(self, model: str, roll_rad: float, pitch_rad: float, yaw_rad: float) -> None:
-        """Angles for the gimbal of a PX4 model, such as ``x500_gimbal_0``."""
-        for axis, angle in (("roll", roll_rad), ("pitch", pitch_rad), ("yaw", yaw_rad)):
-            topic = f"/model/{model}/command/gimbal_{axis}"
-            if topic not in self._angles:
-                self._angles[topic] = self._node.advertise(topic, Double)
-            self._angles[topic].publish(Double(data=angle))
 
     def _request(self, service: str, message: Any) -> bool:
         answered, reply = self._node.request(

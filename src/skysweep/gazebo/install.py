@@ -32,11 +32,6 @@ class Install:
     root: Path
     plugin: Path  # our world plugin, as seen from inside ``root``
 
-    @property
-    def is_own_root(self) -> bool:
-        """Whether it lives in a folder of its own."""
-        return self.root != Path("/")
-
 
 @lru_cache(maxsize=1)
 def find_install() -> Install:

@@ -36,11 +36,9 @@ def static_model(name: str, parts: Iterable[ET.Element]) -> ET.Element:
     return tag("model", None, tag("static", True), tag("link", None, *parts, name="link"), name=name)
 
 
-def include(model: str, position_m: ArrayLike = (0, 0, 0), yaw_rad: float = 0.0) -> ET.Element:
+def include(model: str, position_m: ArrayLike = (0, 0, 0)) -> ET.Element:
     """A model of the folder ``models``, placed in the world under its own name."""
-    return tag(
-        "include", None, tag("uri", f"model://{model}"), tag("name", model), pose(position_m, (0, 0, yaw_rad))
-    )
+    return tag("include", None, tag("uri", f"model://{model}"), tag("name", model), pose(position_m))
 
 
 def write_sdf(path: Path, content: ET.Element) -> None:

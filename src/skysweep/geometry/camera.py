@@ -28,11 +28,6 @@ class Lens:
         return _focal_px(self.width_px, self.hfov_rad)
 
     @property
-    def vfov_rad(self) -> float:
-        """Vertical field of view in radians."""
-        return float(2.0 * np.arctan(self.height_px / (2.0 * self.focal_px)))
-
-    @property
     def K(self) -> F64:
         """Camera matrix (3, 3)."""
         f = self.focal_px

@@ -19,15 +19,14 @@ import numpy as np
 import shapely
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
-from pydantic import ValidationError
 
 from skysweep.errors import UserError
 from skysweep.files.json_files import parse_json
+from skysweep.files.models import validated
 from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.qgc import read_plan, survey_polygons
-from skysweep.scenarios.files import explain
-from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Area, Home, Scenario
+from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Home, Scenario
 
 MAX_AREA_FILE_BYTES = 10_000_000
 SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
@@ -89,10 +88,8 @@ def scenario_over(path: str | Path, home: Home, corners: Ring, holes: Sequence[R
     stem = unicodedata.normalize("NFKD", Path(path).stem)
     plain = "".join(c for c in stem if not unicodedata.combining(c))
     name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", plain).lstrip(" ._-")[:80].rstrip(" ._-") or "area"
-    try:
-        return Scenario(name=name, area=Area(polygon_enu_m=corners, holes_enu_m=list(holes)), home=home)
-    except ValidationError as error:
-        raise explain(error, str(path)) from None
+    area = {"polygon_enu_m": corners, "holes_enu_m": list(holes)}
+    return validated(Scenario, {"name": name, "area": area, "home": home}, str(path))
 
 
 def _only_polygon(path: Path) -> shapely.Polygon:

@@ -128,13 +128,13 @@ def estimate_flight(
     )
 
 
-def leg_time_s(distance_m: ArrayLike, speed_mps: float, acceptance_m: float = ACCEPTANCE_M) -> F64:
-    """Seconds from the command to go ``distance_m`` (N,) until within ``acceptance_m`` of the end."""
+def leg_time_s(distance_m: ArrayLike, speed_mps: float) -> F64:
+    """Seconds from the command to go ``distance_m`` (N,) until within ``ACCEPTANCE_M`` of the end."""
     distance = np.asarray(distance_m, dtype=float)
     slowing = np.minimum(speed_mps / POSITION_GAIN, distance)
-    cruise = np.maximum(distance - np.maximum(slowing, acceptance_m), 0.0) / speed_mps
-    approach = np.log(np.maximum(slowing, acceptance_m) / acceptance_m) / POSITION_GAIN
-    return np.where(distance > acceptance_m, LEG_LAG_S + cruise + approach, 0.0)
+    cruise = np.maximum(distance - np.maximum(slowing, ACCEPTANCE_M), 0.0) / speed_mps
+    approach = np.log(np.maximum(slowing, ACCEPTANCE_M) / ACCEPTANCE_M) / POSITION_GAIN
+    return np.where(distance > ACCEPTANCE_M, LEG_LAG_S + cruise + approach, 0.0)
 
 
 def landing_time_s(height_m: float, descent_speed_mps: float) -> float:

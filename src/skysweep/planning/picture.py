@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from skysweep.geometry.areas import swept_rectangles
-from skysweep.planning.coverage import CoveragePlan
+from skysweep.planning.coverage import CoveragePlan, footprints
 from skysweep.planning.flight_plan import FlightEstimate
 from skysweep.planning.surroundings import surroundings
 from skysweep.scenarios.model import Scenario
@@ -24,15 +23,9 @@ _ARROWS_MAX = 40
 _WIDTH_IN = 8.0
 
 
-def draw_plan(
-    path_png: str | Path,
-    scenario: Scenario,
-    plan: CoveragePlan,
-    estimate: FlightEstimate,
-    altitude_agl_m: float | None = None,
-) -> Path:
+def draw_plan(path_png: str | Path, scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -> Path:
     """Write a PNG (200 dpi) of ``plan`` over the scenario's area, north up."""
-    altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    altitude = scenario.search.scan_altitude_agl_m
     figure = Figure(dpi=200, layout="constrained")
     axes = figure.add_subplot()
     _draw_ground(axes, scenario, plan)
@@ -79,9 +72,7 @@ def _draw_ground(axes: Axes, scenario: Scenario, plan: CoveragePlan) -> None:
 
 
 def _draw_path(axes: Axes, scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float) -> None:
-    width, height = scenario.camera.lens.footprint_m(altitude_agl_m)
-    seen = shapely.union_all(swept_rectangles(np.array(plan.transects), plan.heading_deg, width, height))
-    for i, part in enumerate(shapely.get_parts(seen)):
+    for i, part in enumerate(shapely.get_parts(footprints(plan, scenario.camera.lens, altitude_agl_m))):
         label = "Seen by the camera" if i == 0 else None
         axes.add_patch(PathPatch(_outline(part), facecolor=_SWATH, alpha=0.35, edgecolor="none", label=label))
     xy = plan.waypoints_xy_enu_m

@@ -30,6 +30,7 @@ from pydantic import (
 
 from skysweep.errors import UserError
 from skysweep.files.json_files import parse_json
+from skysweep.files.models import dotted
 from skysweep.files.reading import read_limited
 from skysweep.files.writing import whole_files
 from skysweep.geometry.areas import headings_of
@@ -239,10 +240,10 @@ def read_plan(path: str | Path) -> QgcPlan:
     except ValidationError as error:
         detail = error.errors()[0]
         tags = ("SimpleItem", "ComplexItem")
-        field = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in detail["loc"] if p not in tags)
+        field = dotted(tuple(part for part in detail["loc"] if part not in tags))
         what = detail["msg"].removeprefix("Value error, ")
         raise UserError(
-            f"{path}: {field.removeprefix('.')}: {what[0].lower()}{what[1:]}; "
+            f"{path}: {field}: {what[0].lower()}{what[1:]}; "
             "correct it, or save the plan again with QGroundControl 4.2 or newer"
         ) from None
     if len(plan.waypoints) > MAX_WAYPOINTS:

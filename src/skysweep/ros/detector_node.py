@@ -9,7 +9,7 @@ import numpy as np
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.link import Link
+from skysweep.ros.link import RosLink
 from skysweep.ros.parts import publish_detections
 from skysweep.types import Detector, Frame
 
@@ -19,7 +19,7 @@ _NOWHERE = CameraPose(np.zeros(3), np.eye(3))
 
 
 def serve_detector(
-    link: Link,
+    link: RosLink,
     detector: Detector,
     image_topic: str,
     patience_s: float,

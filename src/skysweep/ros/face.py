@@ -14,7 +14,7 @@ import numpy as np
 from skysweep.mission.mission import Mission
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.link import Link
+from skysweep.ros.link import RosLink
 from skysweep.ros.parts import publish_detections, publish_frame
 from skysweep.ros.targets import TargetBoard
 from skysweep.types import Detections, VehicleState
@@ -31,7 +31,7 @@ class MissionFace:
     published with their pictures, unless ``publish_looks`` is false.
     """
 
-    def __init__(self, link: Link, publish_clock: bool = True, publish_looks: bool = True) -> None:
+    def __init__(self, link: RosLink, publish_clock: bool = True, publish_looks: bool = True) -> None:
         from std_srvs.srv import Trigger
 
         self._link, self._publish_clock, self._publish_looks = link, publish_clock, publish_looks

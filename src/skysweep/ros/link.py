@@ -33,7 +33,7 @@ class Arrival:
         return from_cdr(self.data, self.type_name)
 
 
-class Link:
+class RosLink:
     """One node, spinning in a thread of its own until ``close``.
 
     ``arguments`` are ROS arguments (``--ros-args ...``): remappings, parameters, log levels. Raises UserError
@@ -143,7 +143,7 @@ class Link:
 class Inlet:
     """What comes in on one topic, kept undecoded until somebody asks."""
 
-    def __init__(self, link: Link, name: str, type_name: str, quality: Quality) -> None:
+    def __init__(self, link: RosLink, name: str, type_name: str, quality: Quality) -> None:
         self.name = name
         self._type_name = type_name
         self._arrived = threading.Condition()

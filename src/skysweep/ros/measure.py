@@ -11,7 +11,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.link import Link
+from skysweep.ros.link import RosLink
 from skysweep.ros.parts import publish_frame
 from skysweep.types import Frame
 
@@ -32,7 +32,7 @@ class Figures:
 
 
 def measure(
-    link: Link, width_px: int, height_px: int, rate_hz: float, duration_s: float, patience_s: float
+    link: RosLink, width_px: int, height_px: int, rate_hz: float, duration_s: float, patience_s: float
 ) -> Figures:
     """Publish a noisy picture at a rate and time the answers of whatever detector listens.
 

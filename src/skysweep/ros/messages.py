@@ -264,16 +264,6 @@ def camera_info(time_s: float, lens: Lens) -> Any:
     )
 
 
-def read_camera_info(message: Any, source: str) -> Lens:
-    """The lens. UserError when it has no focal length or no size."""
-    focal_px = float(message.k[0])
-    if not (np.isfinite(focal_px) and focal_px > 0 and message.width and message.height):
-        raise UserError(f"{source}: camera_info has no focal length or no size; calibrate the camera")
-    return Lens(
-        int(message.width), int(message.height), float(2.0 * np.arctan(message.width / (2.0 * focal_px)))
-    )
-
-
 def detections(found: Detections) -> Any:
     """``vision_msgs/Detection2DArray``: a hypothesis (class, confidence) a box; stamp of the picture."""
     of_picture = header(found.time_s, CAMERA)

@@ -18,7 +18,7 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import euler_from_rotation
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.link import Arrival, Inlet, Link
+from skysweep.ros.link import Arrival, Inlet, RosLink
 from skysweep.sensing.believed import DelayedPose
 from skysweep.types import Detections, Frame, Setpoint, Vehicle, VehicleState
 
@@ -31,7 +31,6 @@ _ASK_EVERY_S = 1.0
 _LITTLE_PATIENCE_S = 2.0  # with a detector that did not answer last time
 _OLD_PICTURE_S = 2.0  # what is older by its stamp has a stamp of another clock
 _SAME_TIME_S = 1e-6
-_FOCAL_TOLERANCE = 0.02
 
 
 class NoMessageError(Exception):
@@ -46,7 +45,7 @@ class RosCamera:
     picture of the scenario's size within ``patience_s``, or in an encoding that is not read.
     """
 
-    def __init__(self, link: Link, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, link: RosLink, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
         self._link, self._lens = link, lens
         self.renderer: str | None = None
         self._pictures = link.listen(topic, [m.IMAGE], patience_s)
@@ -96,7 +95,7 @@ class RosDetector:
 
     def __init__(
         self,
-        link: Link,
+        link: RosLink,
         topic: str,
         classes: tuple[str, ...],
         confidence_min: float,
@@ -150,7 +149,7 @@ class RosPoseVehicle:
     topic says. A topic that falls silent, or is not sound, is a vehicle that falls silent.
     """
 
-    def __init__(self, vehicle: Vehicle, link: Link, topic: str, patience_s: float = PATIENCE_S) -> None:
+    def __init__(self, vehicle: Vehicle, link: RosLink, topic: str, patience_s: float = PATIENCE_S) -> None:
         self._carrier, self.truth = vehicle, vehicle.truth
         self._link = link
         self._poses = link.listen(topic, [m.ODOMETRY], patience_s)
@@ -207,7 +206,7 @@ class RosPoseVehicle:
         return self._pose
 
 
-def publish_frame(link: Link, frame: Frame) -> None:
+def publish_frame(link: RosLink, frame: Frame) -> None:
     """Picture and camera_info, where somebody listens."""
     if link.listeners(topics.IMAGE):
         link.publish(topics.IMAGE, m.image(frame))
@@ -215,7 +214,7 @@ def publish_frame(link: Link, frame: Frame) -> None:
         link.publish(topics.CAMERA_INFO, m.camera_info(frame.time_s, frame.lens))
 
 
-def publish_detections(link: Link, found: Detections) -> None:
+def publish_detections(link: RosLink, found: Detections) -> None:
     """Both forms."""
     link.publish(topics.DETECTIONS, m.detections(found))
     link.publish(topics.STANDARD_DETECTIONS, m.standard_detections(found))

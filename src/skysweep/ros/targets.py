@@ -24,7 +24,7 @@ _SEEN_RADIUS_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class KnownTarget:
     """A candidate and what is known of it: seen, scanned, confirmed or rejected."""
 
     id: int
@@ -38,7 +38,7 @@ class TargetBoard:
     """Keeps the targets that the records of a journal tell of."""
 
     def __init__(self) -> None:
-        self.targets: dict[int, Target] = {}
+        self.targets: dict[int, KnownTarget] = {}
 
     def note(self, record: Mapping[str, Any]) -> bool:
         """Take in one record; True when a target is new or its standing changed."""
@@ -51,7 +51,7 @@ class TargetBoard:
             if place is None:
                 return False
             name = printable(str(record.get("class_name", "target")))
-            known = Target(identity, name, "", np.array(place, dtype=float), _SEEN_RADIUS_M)
+            known = KnownTarget(identity, name, "", np.array(place, dtype=float), _SEEN_RADIUS_M)
         elif standing == "seen":
             return False
         spread = record.get("covariance_m2")

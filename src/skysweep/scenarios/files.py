@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import re
-import typing
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import reduce
@@ -16,30 +14,12 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
-
 from skysweep.errors import UserError
-from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
+from skysweep.files.models import validated
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.files.writing import replace_file
 from skysweep.scenarios.model import Scenario
-
-
-class _PlainDumper(yaml.SafeDumper):
-    """Writes every value where it stands, without anchors, as the loader wants it."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-    def represent_text(self, text: str) -> yaml.ScalarNode:
-        """Text that holds Unicode's own line ends is escaped: PyYAML would read them as blanks."""
-        style = '"' if re.search("[\x85\u2028\u2029]", text) else None
-        return self.represent_scalar("tag:yaml.org,2002:str", text, style)
-
-
-_PlainDumper.add_representer(str, _PlainDumper.represent_text)
 
 
 def list_scenarios() -> list[str]:
@@ -86,11 +66,8 @@ def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
     Raises:
         UserError: not plain YAML, or not a valid scenario.
     """
-    data = _with_area_read(_fields_of(text, source), source, folder)
-    try:
-        return Scenario.model_validate(data)
-    except ValidationError as error:
-        raise explain(error, source) from None
+    fields = parse_fields(text, source, "scenario", "name: my-search")
+    return validated(Scenario, _with_area_read(fields, source, folder), source)
 
 
 def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
@@ -110,23 +87,12 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
                 raise UserError(
                     f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
                 ) from None
-    data = _with_area_read(data, scenario.name, Path())
-    try:
-        return Scenario.model_validate(data)
-    except ValidationError as error:
-        raise explain(error, scenario.name) from None
+    return validated(Scenario, _with_area_read(data, scenario.name, Path()), scenario.name)
 
 
 def dump_scenario(scenario: Scenario) -> str:
     """The whole scenario as YAML, defaults included: ``parse_scenario`` gives the same one back."""
-    return yaml.dump(
-        scenario.model_dump(by_alias=True),
-        Dumper=_PlainDumper,
-        sort_keys=False,
-        default_flow_style=None,
-        allow_unicode=True,
-        width=100,
-    )
+    return dump_yaml(scenario.model_dump(by_alias=True))
 
 
 def write_scenario(scenario: Scenario, path: str | Path) -> Path:
@@ -150,21 +116,6 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_without_infinity(schema)}
 
 
-def explain(error: ValidationError, source: str) -> UserError:
-    """What pydantic found, as one sentence: the first wrong field and what to write instead.
-
-    Unknown fields come first: a misspelt one is also reported as missing.
-    """
-    by_path: dict[tuple[str | int, ...], list[ErrorDetails]] = {}
-    for detail in sorted(error.errors(), key=lambda d: d["type"] != "extra_forbidden"):
-        by_path.setdefault(_location(detail), []).append(detail)
-    location, details = next(iter(by_path.items()))
-    sentence = _sentence(location, details)
-    if len(by_path) > 1:
-        sentence += f" ({len(by_path) - 1} more like this)" if len(by_path) > 2 else " (1 more like this)"
-    return UserError(f"{source}: {sentence}")
-
-
 def _shipped() -> Any:
     return resources.files("skysweep.scenarios") / "shipped"
 
@@ -181,14 +132,6 @@ def _shipped_hint(name: str) -> str:
     near = difflib.get_close_matches(name.removesuffix(".yaml"), shipped, n=1)
     start = f"did you mean '{near[0]}'? " if near else ""
     return f"{start}write the path of a YAML file or one of {', '.join(shipped)}"
-
-
-def _fields_of(text: str, source: str) -> dict[str, Any]:
-    data = parse_yaml(text, source)
-    if not isinstance(data, dict):
-        found = "empty" if data is None else f"a {type(data).__name__}"
-        raise UserError(f"{source}: is {found}, not a scenario; write fields such as  name: my-search")
-    return data
 
 
 def _with_area_read(data: dict[str, Any], source: str, folder: Path) -> dict[str, Any]:
@@ -212,86 +155,3 @@ def _without_infinity(node: Any) -> Any:
     if isinstance(node, list):
         return [_without_infinity(value) for value in node]
     return ".inf" if node == float("inf") else node
-
-
-def _location(detail: ErrorDetails) -> tuple[str | int, ...]:
-    """The error's path in the file, without the name that pydantic gives to the arm of a union."""
-    arm = detail["type"] == "literal_error" and str(detail["loc"][-1]).startswith("literal[")
-    return detail["loc"][:-1] if arm else detail["loc"]
-
-
-def _dotted(location: tuple[str | int, ...]) -> str:
-    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
-    return path.removeprefix(".")
-
-
-def _sentence(location: tuple[str | int, ...], details: list[ErrorDetails]) -> str:
-    detail = details[0]
-    kind, value = detail["type"], detail["input"]
-    path = _dotted(location)
-    shown = repr(value) if isinstance(value, str) else str(value)
-    if len(shown) > 60:
-        shown = shown[:57] + "..."
-    if kind == "value_error":
-        reason = str(detail["ctx"]["error"])
-        names_field = re.match(r"[a-z_]+(\.[a-z_]+)*: ", reason)
-        return reason if not path else f"{path}{'.' if names_field else ': '}{reason}"
-    if kind == "extra_forbidden":
-        return f"{path}: there is no such field; {_field_hint(location)}"
-    if kind == "missing":
-        if isinstance(location[-1], int):
-            return f"{_dotted(location[:-1])}: is too short; write two numbers, such as [12.5, 40]"
-        return f"{path}: is missing; {_missing_hint(location)}"
-    if kind == "literal_error":
-        choices = [c for d in details for c in re.findall(r"'([^']*)'", d["ctx"]["expected"])]
-        near = difflib.get_close_matches(str(value), choices, n=1)
-        start = f"did you mean '{near[0]}'? " if near else ""
-        return f"{path}: {shown} is not known; {start}write one of {', '.join(choices)}"
-    if kind == "string_pattern_mismatch":
-        return f"{path}: {shown} does not do; write letters and digits, with spaces and . _ - between"
-    if kind in ("model_type", "dict_type"):
-        what = "is empty" if value is None else f"is {shown}"
-        return f"{path}: {what}; write its fields indented below it, or delete the line"
-    if kind == "too_short":
-        return f"{path}: is empty; write at least {detail['ctx']['min_length']}, or delete the line"
-    if kind == "too_long":
-        ctx = detail["ctx"]
-        at_most = "" if ctx["field_type"] == "Tuple" else "at most "
-        return f"{path}: has {ctx['actual_length']} values; write {at_most}{ctx['max_length']}"
-    instead = re.sub(r"^(Input|String|List|Tuple) should (be|have) ", "", detail["msg"]).split(",")[0]
-    instead = re.sub(r"^(greater|less) than", r"a number \1 than", instead)
-    return f"{path}: is {'empty' if value is None else shown}; write {instead}"
-
-
-def _field_hint(location: tuple[str | int, ...]) -> str:
-    known = [field.alias or name for name, field in _model_at(location[:-1]).model_fields.items()]
-    near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
-    return f"did you mean '{near[0]}'?" if near else f"write one of {', '.join(known)}"
-
-
-def _missing_hint(location: tuple[str | int, ...]) -> str:
-    field = _field(_model_at(location[:-1]), location[-1])
-    inner = _model_in(field.annotation)
-    if inner is not None:
-        return f"add it with fields such as {', '.join(list(inner.model_fields)[:2])}"
-    return f"add  {location[-1]}: ..." + (f"  ({field.description})" if field.description else "")
-
-
-def _model_at(location: tuple[str | int, ...]) -> type[BaseModel]:
-    model: type[BaseModel] = Scenario
-    for part in location:
-        if isinstance(part, str):
-            inner = _model_in(_field(model, part).annotation)
-            assert inner is not None, f"{part} holds no fields"
-            model = inner
-    return model
-
-
-def _field(model: type[BaseModel], alias: str | int) -> Any:
-    return next(f for name, f in model.model_fields.items() if alias in (name, f.alias))
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    return next((m for a in typing.get_args(annotation) if (m := _model_in(a))), None)

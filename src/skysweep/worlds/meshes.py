@@ -116,20 +116,28 @@ def loft(rings: ArrayLike, colour: ArrayLike, caps: bool = True, **kwargs: Any) 
     stations, n, _ = r.shape
     c = np.asarray(colour, dtype=float)
     c = np.repeat(c, n, axis=0) if c.ndim == 2 else np.broadcast_to(c, (stations * n, 3))
-    i = np.arange(n)
-    j = (i + 1) % n
-    faces = []
-    for s in range(stations - 1):
-        a, b = s * n, (s + 1) * n
-        faces += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
+    faces = [skin_faces(stations, n)]
     v = r.reshape(-1, 3)
     if caps:
+        i = np.arange(n)
+        j = (i + 1) % n
         bottom, top = len(v), len(v) + 1
         faces += [np.column_stack([np.full(n, bottom), j, i])]
         faces += [np.column_stack([np.full(n, top), (stations - 1) * n + i, (stations - 1) * n + j])]
         v = np.concatenate([v, [r[0].mean(0), r[-1].mean(0)]])
         c = np.concatenate([c, c[:1], c[-1:]])
     return make_mesh(v, np.concatenate(faces), c, **kwargs)
+
+
+def skin_faces(stations: int, n: int) -> NDArray[np.int_]:
+    """Triangles (F, 3) between closed rings of ``n`` vertices each, one ring after another."""
+    i = np.arange(n)
+    j = (i + 1) % n
+    faces = []
+    for a in range(0, (stations - 1) * n, n):
+        b = a + n
+        faces += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
+    return np.concatenate(faces)
 
 
 def circle(n: int) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ F64 = NDArray[np.float64]
 
 PIXEL_BINS = (0, 8, 12, 16, 24, 40, 60, 100, np.inf)
 ALTITUDE_BINS_M = (0, 3, 6, 12, 25, 50, 100, np.inf)
+_IOU_MIN = 0.5
 DECOY_IOU_MIN = 0.3
 CONFIRMING_CONFIDENCE = 0.6  # the paper's c_t, for which look-alikes are counted a second time
 
@@ -77,17 +78,12 @@ class Evaluation:
             sum(s.n_false for s in scores),
         )
 
-    @property
-    def false_positives_per_image(self) -> float:
-        return self.total().n_false / self.n_images
-
 
 def evaluate(
     detector: Detector,
     dataset: LabelledDataset,
     *,
     confidence_min: float = 0.25,
-    iou_min: float = 0.5,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
     """Run a detector over a data set and count, for the classes that both know by name.
@@ -105,12 +101,12 @@ def evaluate(
         raise UserError(f"{dataset.path}: the data set has no pictures")
     result = Evaluation(len(dataset.images), confidence_min, classes)
     for number, image in enumerate(dataset.images, start=1):
-        _count(result, detector, image, iou_min)
+        _count(result, detector, image)
         progress(number, len(dataset.images))
     return result
 
 
-def _count(result: Evaluation, detector: Detector, image: LabelledImage, iou_min: float) -> None:
+def _count(result: Evaluation, detector: Detector, image: LabelledImage) -> None:
     picture = read_picture(image)
     height, width = picture.shape[:2]
     size = np.array([width, height] * 2, dtype=float)
@@ -122,7 +118,7 @@ def _count(result: Evaluation, detector: Detector, image: LabelledImage, iou_min
         )
         boxes, confidences = found.boxes_xyxy_px[keep], found.confidences[keep]
         labels = image.boxes_xyxy[[c == name for c in image.class_names]] * size
-        matched = match(boxes, confidences, labels, iou_min)
+        matched = match(boxes, confidences, labels, _IOU_MIN)
         in_crowd = np.any(intersection_shares(boxes, image.crowds_xyxy * size) > 0.5, axis=1)
         for label, detection in zip(labels, matched, strict=True):
             for score in _scores(result, name, _pixels(label), altitude):

@@ -48,7 +48,7 @@ MOSAIC_SHARE = 0.6  # of the samples are four quarters of as many pictures, each
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class TrainingProgress:
     """How far training is: share of its budget, steps taken, smoothed loss."""
 
     share: float
@@ -65,7 +65,7 @@ def train_detector(
     learning_rate: float | None = None,
     seed: int = 0,
     threads: int = 2,
-    progress: Callable[[Progress], None] = lambda progress: None,
+    progress: Callable[[TrainingProgress], None] = lambda progress: None,
 ) -> Path:
     """Train on a labelled data set and write an ONNX model.
 
@@ -163,7 +163,7 @@ def _optimise(
     peak_learning_rate: float,
     seconds: float,
     threads: int,
-    progress: Callable[[Progress], None],
+    progress: Callable[[TrainingProgress], None],
 ) -> tuple[dict[str, Any], int]:
     """Train for a time; the exponential moving average of the weights, and the number of steps."""
     torch = _torch()
@@ -189,7 +189,7 @@ def _optimise(
             steps += 1
             _update_average(average, network, steps)
             loss_mean = loss if steps == 1 else 0.95 * loss_mean + 0.05 * loss
-            progress(Progress(min(share, 1.0), steps, loss_mean))
+            progress(TrainingProgress(min(share, 1.0), steps, loss_mean))
     return average, steps
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from scipy.stats import beta
+from scipy.stats import binomtest
 
 from skysweep.experiments.calibration.check import EDGES, THRESHOLDS, Told
 from skysweep.experiments.calibration.fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
@@ -128,8 +128,7 @@ def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str
 
 def _dot(axes: Axes, x: float, k: int, n: int, colour: str) -> None:
     """A measured share with its 95 % interval."""
-    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
-    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    low, high = binomtest(k, n).proportion_ci()
     axes.errorbar(
         [x], [k / n], [[k / n - low], [high - k / n]], fmt="o", color=colour, markersize=3, linewidth=0.9
     )

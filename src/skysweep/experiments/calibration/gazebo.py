@@ -43,11 +43,6 @@ class Score:
         """Share of the visible targets that were found."""
         return self.n_found / self.n_targets
 
-    @property
-    def confirming_recall(self) -> float:
-        """Share of the visible targets that were found with at least c_t."""
-        return self.n_confirming / self.n_targets
-
 
 @dataclass(frozen=True, slots=True)
 class _Seen:

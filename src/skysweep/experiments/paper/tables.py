@@ -14,6 +14,7 @@ from rich.table import Table
 
 from skysweep.results.metrics import Summary, finite_or_inf
 from skysweep.results.reporting.statistics import MeanCI, mean_ci95
+from skysweep.results.reporting.symbols import number
 from skysweep.results.reporting.tables import markdown, one_line
 
 Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
@@ -242,7 +243,7 @@ CHECK_CAPTION = "What CHECK costs and brings: the paper's best choice minus scan
 def cells(row: CompareRow) -> tuple[str, ...]:
     """A row as text, in the order of ``HEADER``."""
     return (
-        BASELINE if row.n_c is None else infinity_sign(row.n_c),
+        BASELINE if row.n_c is None else number(float(row.n_c)),
         f"{row.mission_time_mean_s:.1f}",
         _interval(row.mission_time_ci95_s),
         "-" if row.paper_time_s is None else f"{row.paper_time_s:.2f}",
@@ -273,7 +274,7 @@ def check_cells(effect: CheckEffect) -> tuple[str, ...]:
     """What CHECK costs and brings as text, in the order of ``CHECK_HEADER``."""
     return (
         effect.scenario,
-        infinity_sign(effect.n_c),
+        number(float(effect.n_c)),
         _difference(effect.mission_time_s, 1),
         _difference(effect.recall, 3),
         _difference(effect.false_positives, 2),
@@ -315,14 +316,9 @@ def _all_tables(
         yield CHECK_CAPTION, CHECK_HEADER, [check_cells(effect) for effect in effects]
 
 
-def infinity_sign(n_c: Limit) -> str:
-    """``n_c`` for a reader."""
-    return "∞" if float(n_c) == math.inf else f"{n_c:g}"
-
-
 def choice(n_c: Choice) -> str:
     """Which strategy a row is, for a reader."""
-    return BASELINE if n_c is None else f"n_c = {infinity_sign(n_c)}"
+    return BASELINE if n_c is None else f"n_c = {number(float(n_c))}"
 
 
 def _interval(bounds: tuple[float, float]) -> str:

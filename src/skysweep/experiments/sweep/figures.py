@@ -22,9 +22,6 @@ from skysweep.experiments.sweep.missions import (
     RECALL,
     Metric,
     Value,
-    field_name,
-    field_unit,
-    value_text,
 )
 from skysweep.results.reporting.statistics import Estimate, pointwise_band
 from skysweep.results.reporting.style import (
@@ -35,6 +32,7 @@ from skysweep.results.reporting.style import (
     step_values,
     style,
 )
+from skysweep.results.reporting.symbols import field_title, field_unit, value_text
 from skysweep.results.reporting.tables import math_text
 
 F64 = NDArray[np.float64]
@@ -268,9 +266,8 @@ def _value_axis(axis: Axes, places: dict[Value, float], field: str) -> None:
     for value in sorted(places, key=lambda v: places[v]):
         if not kept or places[value] - places[kept[-1]] > 0.04 * span:
             kept.append(value)
-    unit = field_unit(field)
     axis.set_xticks([places[v] for v in kept], [_tick(field, v) for v in kept])
-    axis.set_xlabel(math_text(field_name(field)) + (f" ({unit})" if unit else ""))
+    axis.set_xlabel(math_text(field_title(field)))
     axis.yaxis.set_major_locator(MaxNLocator(5))
     if math.inf in places and len(places) > 1:
         last, infinite = sorted(places.values())[-2:]

@@ -18,6 +18,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.paper.tables import choice_of
 from skysweep.files.line_file import scan_lines
 from skysweep.results.checksums import SUMS_FILE, read_sums, refuse_changed, refuse_misnamed
+from skysweep.results.reporting.symbols import field_name, value_text
 
 F64 = NDArray[np.float64]
 Value = float | str | bool
@@ -26,17 +27,6 @@ PARAMETER = "param."
 FINAL_TABLE, PARTS, LEDGER, SPEC = "missions.parquet", "parts", "missions.jsonl", "spec.yaml"
 _NEEDED = ("scenario", "strategy", "seed", "completed", "mission_time_s", "recall", "false_positives")
 _WRITERS = "give a folder that 'skysweep run', 'skysweep sweep' or 'skysweep compare paper' wrote"
-
-_SYMBOLS = {
-    "search.n_c": ("n_c", ""),
-    "search.d_c_m": ("d_c", "m"),
-    "search.c_t": ("c_t", ""),
-    "search.scan_altitude_agl_m": ("h_S", "m"),
-    "search.check_altitude_agl_m": ("h_C", "m"),
-    "search.scan_speed_mps": ("v_S", "m/s"),
-    "search.check_speed_mps": ("v_C", "m/s"),
-}
-_UNITS = {"m": "m", "mps": "m/s", "s": "s", "px": "px", "rad": "rad", "deg": "°", "hz": "Hz", "wh": "Wh"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,28 +290,6 @@ def configuration_label(configuration: Configuration, with_strategy: bool) -> st
     """Such as ``scan-check, n_c = 5, d_c = 60 m``."""
     parts = [f"{field_name(field)} = {value_text(field, value)}" for field, value in configuration.parameters]
     return ", ".join([configuration.strategy, *parts] if with_strategy or not parts else parts)
-
-
-def field_name(field: str) -> str:
-    """A field of the scenario for a reader: the paper's symbol, or its words without the unit."""
-    if field in _SYMBOLS:
-        return _SYMBOLS[field][0]
-    words = field.removeprefix("search.").replace(".", "_").split("_")
-    return " ".join(words[:-1] if words[-1] in _UNITS and len(words) > 1 else words)
-
-
-def field_unit(field: str) -> str:
-    """The unit that a field's name ends with, or nothing."""
-    return _SYMBOLS[field][1] if field in _SYMBOLS else _UNITS.get(field.rpartition("_")[2], "")
-
-
-def value_text(field: str, value: Value) -> str:
-    """A value with its unit; infinity as a sign."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return str(value).lower() if isinstance(value, bool) else str(value)
-    if math.isinf(value):
-        return "∞"
-    return f"{value:g} {field_unit(field)}".rstrip()
 
 
 def in_order(values: Sequence[Value]) -> list[Value]:

@@ -33,11 +33,11 @@ from skysweep.experiments.sweep.missions import (
     Metric,
     Missions,
     by_scenario,
-    field_name,
 )
 from skysweep.files.writing import whole_files
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.reporting.statistics import pairs_needed, pairs_to_tell
+from skysweep.results.reporting.symbols import field_name
 from skysweep.results.reporting.tables import write_tables
 from skysweep.results.reporting.wording import definitions
 

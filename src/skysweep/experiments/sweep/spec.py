@@ -11,18 +11,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from skysweep.errors import UserError
-from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
+from skysweep.files.models import leaf_fields, validated
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields, parse_yaml
 from skysweep.files.reading import read_text_limited
-from skysweep.scenarios.files import (
-    change_scenario,
-    dump_scenario,
-    explain,
-    list_scenarios,
-    load_scenario,
-)
+from skysweep.scenarios.files import change_scenario, dump_scenario, list_scenarios, load_scenario
 from skysweep.scenarios.model import Model, Scenario
 from skysweep.strategies import strategy_spec
 
@@ -36,8 +31,13 @@ Value = bool | int | Annotated[float, Field(allow_inf_nan=True)] | str
 Parameters = dict[str, Annotated[list[Value], Field(min_length=1)]]
 Points = list[Annotated[dict[str, Value], Field(min_length=1)]]
 
-_UNION_ARMS = ("bool", "int", "float", "str", "list[int]", "dict[str,any]")  # in pydantic's error paths
-_FIRST_FIELD = {"scenarios": "scenario", "strategies": "strategy"}
+_WRITE = {
+    "scenarios": "a name, or fields such as  scenario: ...",
+    "strategies": "a name, or fields such as  strategy: ...",
+    "parameters": "a number, .inf, a word, true or false, all in one list",
+    "points": "a number, .inf, a word, true or false",
+    "seeds": "how many, or a list of whole numbers",
+}
 _OWN_PLACE = {"search.strategy": "strategies", "name": "a scenario's label"}
 
 
@@ -162,24 +162,19 @@ def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
     Raises:
         UserError: not YAML, or not a sweep that can be flown.
     """
-    data = parse_yaml(text, source)
-    if not isinstance(data, dict):
-        raise UserError(f"{source}: is no sweep; write fields such as  name, scenarios, parameters, seeds")
+    fields = parse_fields(text, source, "sweep", "name, scenarios, parameters, seeds")
+    spec = validated(SweepSpec, fields, source, _WRITE)
     try:
-        spec = SweepSpec.model_validate(data)
         spec = spec.model_copy(update={"scenarios": _written_out(spec, folder)})
         deque(scenarios_of(spec), maxlen=0)  # every combination can be flown
         return spec
-    except ValidationError as error:
-        raise UserError(f"{source}: {_sentence(error)}") from None
     except UserError as error:
         raise UserError(f"{source}: {error}") from None
 
 
 def dump_spec(spec: SweepSpec) -> str:
     """The sweep as YAML: ``parse_spec`` gives the same one back."""
-    data = spec.model_dump(by_alias=True, exclude_none=True)
-    return yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100, allow_unicode=True)
+    return dump_yaml(spec.model_dump(by_alias=True, exclude_none=True))
 
 
 def seeds_of(spec: SweepSpec) -> tuple[int, ...] | range:
@@ -261,10 +256,7 @@ def _count(parameters: Parameters, points: Points) -> int:
 def _scenario(variant: Variant, folder: Path) -> Scenario:
     """The variant's scenario with its changes; relative paths count from ``folder``."""
     if isinstance(variant.scenario, dict):
-        try:
-            base = Scenario.model_validate(variant.scenario)
-        except ValidationError as error:
-            raise explain(error, "scenarios") from None
+        base = validated(Scenario, variant.scenario, "scenarios")
     elif variant.scenario in list_scenarios():
         base = load_scenario(variant.scenario)
     else:
@@ -293,7 +285,11 @@ def _check_field(field: str) -> None:
     """Raises ValueError, with the nearest names, where a scenario has no such field to vary."""
     if field in _OWN_PLACE:
         raise ValueError(f"{field}: is no parameter of a sweep; write it under {_OWN_PLACE[field]}")
-    known = dict(_leaves(Scenario))
+    known = {
+        name: info.description or ""
+        for name, info in leaf_fields(Scenario)
+        if "list" not in str(info.annotation) and "tuple" not in str(info.annotation)
+    }
     if field in known:
         return
     leaf = field.rpartition(".")[2]
@@ -311,50 +307,6 @@ def _check_field(field: str) -> None:
     nearest = list(dict.fromkeys([*meant, *by_leaf, *close]))[:3]
     hint = f"did you mean {' or '.join(nearest)}?" if nearest else "see 'skysweep scenarios show'"
     raise ValueError(f"{field}: a scenario has no such parameter; {hint}")
-
-
-def _leaves(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted names of a model's single-valued fields, with their descriptions."""
-    for name, field in model.model_fields.items():
-        kind = field.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            yield from _leaves(kind, f"{prefix}{name}.")
-        elif "list" not in str(kind) and "tuple" not in str(kind):
-            yield f"{prefix}{name}", field.description or ""
-
-
-def _sentence(error: ValidationError) -> str:
-    """The first thing that pydantic found, as one sentence."""
-    detail = min(error.errors(), key=lambda d: d["type"] != "extra_forbidden")
-    parts = [part for part in detail["loc"] if part not in _UNION_ARMS]
-    path = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts).removeprefix(".")
-    kind = detail["type"]
-    if kind == "value_error":
-        reason = str(detail["ctx"]["error"])
-        return f"{path}: {reason}" if path else reason
-    if kind == "extra_forbidden":
-        models: dict[str, type[Model]] = {"scenarios": Variant, "strategies": StrategyChoice}
-        model = models.get(str(parts[0]), SweepSpec)
-        known = [field.alias or name for name, field in model.model_fields.items()]
-        near = difflib.get_close_matches(str(parts[-1]), known, n=1, cutoff=0.5)
-        return f"{path}: there is no such field; " + (
-            f"did you mean '{near[0]}'?" if near else f"write one of {', '.join(known)}"
-        )
-    if kind == "missing":
-        return f"{path}: is missing; add  {parts[-1]}: ..."
-    if kind == "too_short":
-        return f"{path}: is empty, so there is nothing to fly; write at least one"
-    found = _shown(detail["input"])
-    if kind == "string_pattern_mismatch":
-        return f"{path}: is {found}; write letters, digits, spaces, dots, - and _, a letter or digit first"
-    if parts[0] == "seeds":
-        return f"seeds: is {found}; write how many, or a list of whole numbers"
-    if kind in ("model_type", "dict_type", "model_attributes_type"):
-        first = _FIRST_FIELD.get(str(parts[0]), "name")
-        return f"{path}: is {found}; write a name, or fields such as  {first}: ..."
-    if detail["loc"][-1] in _UNION_ARMS[:4]:
-        return f"{path}: is {found}; write a number, .inf, a word, true or false"
-    return f"{path}: is {found}; {detail['msg'].replace('Input should', 'it should')}"
 
 
 def _shown(value: Any) -> str:

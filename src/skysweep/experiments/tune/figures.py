@@ -22,6 +22,7 @@ from skysweep.results.reporting.style import (
     save_figure,
     style,
 )
+from skysweep.results.reporting.symbols import number
 from skysweep.results.reporting.tables import math_text
 
 _COLUMNS = 4
@@ -105,7 +106,7 @@ def draw_matters(cells: Sequence[Cell], name: str, path: Path) -> None:
                 capsize=1.5,
                 label=r"$d_c=\infty$" if np.isinf(d_c_m) else f"$d_c={d_c_m:g}$ m",
             )
-        axis.set_xticks(range(len(n_cs)), ["∞" if np.isinf(n) else f"{n:g}" for n in n_cs])
+        axis.set_xticks(range(len(n_cs)), [number(n) for n in n_cs])
         axis.set(xlabel="$n_c$", ylabel="Mission time (s)")
         axis.set_title(name, loc="left")
         axis.grid(lw=0.3, color="0.88")
@@ -134,7 +135,7 @@ def _infinity_tick(axis: Axes, table: pl.DataFrame, field: str) -> None:
         finite = np.unique(values.filter(values.is_finite()).to_numpy())
         ticks = [t for t in axis.get_xticks() if len(finite) > 3 and finite[0] <= t < 0.95 * place]
         ticks = ticks or finite.tolist()
-        axis.set_xticks([*ticks, place], [*(f"{t:g}" for t in ticks), "∞"])
+        axis.set_xticks([*ticks, place], [number(tick) for tick in (*ticks, np.inf)])
 
 
 def _show_the_good(limits: object, table: pl.DataFrame, column: str) -> None:

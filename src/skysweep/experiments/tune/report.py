@@ -16,7 +16,7 @@ import yaml
 from skysweep.experiments.tune.figures import draw_matters, draw_search
 from skysweep.experiments.tune.race import RECALL_SLACK, Rules
 from skysweep.experiments.tune.run import Problem
-from skysweep.experiments.tune.space import CHECK_SPEED, D_C, H_C, H_S, N_C, SCAN_SPEED, SIDELAP, value_at
+from skysweep.experiments.tune.space import D_C, TUNED, value_at
 from skysweep.experiments.tune.study import Trial
 from skysweep.experiments.tune.validate import Cell, Effect, Standing, effects
 from skysweep.files.writing import whole_files
@@ -29,19 +29,9 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
+from skysweep.results.reporting.symbols import field_name, field_title, number, value_text
 from skysweep.results.reporting.tables import one_line
 from skysweep.scenarios.files import change_scenario, write_scenario
-
-_SYMBOLS = {
-    N_C: "n_c",
-    D_C: "d_c",
-    H_S: "h_S",
-    H_C: "h_C",
-    SCAN_SPEED: "scan speed",
-    CHECK_SPEED: "check speed",
-    SIDELAP: "sidelap",
-}
-_UNITS = {D_C: " m", H_S: " m", H_C: " m", SCAN_SPEED: " m/s", CHECK_SPEED: " m/s"}
 
 
 @dataclass(frozen=True)
@@ -121,9 +111,9 @@ def recommendation(tuned: Tuned) -> Grid:
     originals = tuned.problem.originals
     rows = [
         (
-            _SYMBOLS.get(field, field),
-            *(with_unit(field, value_at(change_scenario(s, changes), field)) for s in originals[:1]),
-            *(with_unit(field, value_at(s, field)) for s in originals),
+            field_name(field),
+            *(value_text(field, value_at(change_scenario(s, changes), field)) for s in originals[:1]),
+            *(value_text(field, value_at(s, field)) for s in originals),
         )
         for field in _fields(tuned.problem)
     ]
@@ -203,7 +193,7 @@ def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
     undecided = [c.time_over_best_s.test for c in cells if c.time_over_best_s and c.undecided]
     family = len(cells) - 1
     return Grid(
-        ("n_c", *(f"d_c = {with_unit(D_C, d)}" for d in distances)),
+        ("n_c", *(f"d_c = {value_text(D_C, d)}" for d in distances)),
         rows,
         f"{name}: seconds over the fastest (n_c = {number(fastest.n_c)}, d_c = {_distance(fastest)}: "
         f"{fastest.mission_time_s.mean:.1f} s, recall {fastest.flown.mean('recall'):.3f}, false positives "
@@ -245,15 +235,6 @@ def how_sure(tuned: Tuned) -> list[str]:
     return [*sentences, *("Scenario's own: " + _against(standing) for standing in own)]
 
 
-def number(value: float) -> str:
-    """A value for a reader."""
-    return "∞" if math.isinf(value) else f"{value:g}"
-
-
-def with_unit(field: str, value: float) -> str:
-    return number(value) + ("" if math.isinf(value) else _UNITS.get(field, ""))
-
-
 def interval(what: Estimate | PairedTest, digits: int, sign: bool = False) -> str:
     """Mean (low to high)."""
     form = f"{'+' if sign else ''}.{digits}f"
@@ -264,7 +245,7 @@ def interval(what: Estimate | PairedTest, digits: int, sign: bool = False) -> st
 
 def describe(values: dict[str, float]) -> str:
     """Values in one line."""
-    return ", ".join(f"{_SYMBOLS.get(field, field)} {with_unit(field, v)}" for field, v in values.items())
+    return ", ".join(f"{field_name(field)} {value_text(field, v)}" for field, v in values.items())
 
 
 def _against(standing: Standing) -> str:
@@ -304,7 +285,7 @@ def _effect_sentence(effect: Effect) -> str:
     def choice(cell: Cell) -> str:
         return f"n_c = {number(cell.n_c)}" if by_d_c else f"d_c = {_distance(cell)}"
 
-    held = f"d_c = {with_unit(D_C, effect.value)}" if by_d_c else f"n_c = {number(effect.value)}"
+    held = f"d_c = {value_text(D_C, effect.value)}" if by_d_c else f"n_c = {number(effect.value)}"
     if not effect.matters:
         return f"{held}: {'n_c' if by_d_c else 'd_c'} makes no difference that shows; the slowest: {over}."
     text = f"{held}: {choice(effect.best)} is fastest, {choice(effect.others[worst])} slowest: {over}"
@@ -326,19 +307,17 @@ def _over_best(cell: Cell) -> str:
 
 
 def _distance(cell: Cell) -> str:
-    return "any" if cell.d_c_m is None else with_unit(D_C, cell.d_c_m)
+    return "any" if cell.d_c_m is None else value_text(D_C, cell.d_c_m)
 
 
 def _fields(problem: Problem) -> list[str]:
     """The usual parameters first, then what else was tuned."""
-    usual = list(_SYMBOLS)
+    usual = list(TUNED)
     return usual + [p.field for p in problem.space if p.field not in usual]
 
 
 def _symbols(problem: Problem) -> dict[str, str]:
-    return {
-        f: _SYMBOLS.get(f, f) + (f" ({_UNITS[f].strip()})" if f in _UNITS else "") for f in _fields(problem)
-    }
+    return {field: field_title(field) for field in _fields(problem)}
 
 
 def _write_scenarios(tuned: Tuned, folder: Path) -> list[Path]:

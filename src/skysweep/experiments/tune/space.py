@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import difflib
 import math
-import types
-import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from skysweep.errors import UserError
+from skysweep.files.models import leaf_fields, union_arms
 from skysweep.planning.advice import UNSEEN_BELOW_PX, WISHED_AT_CHECK_PX, warnings_for
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
@@ -92,7 +90,7 @@ def changed_space(
 
 def known_field(field: str, source: str) -> str:
     """``field`` if a scenario has such a number; else a UserError with the nearest name."""
-    fields = dict.fromkeys(_numeric_fields(Scenario))
+    fields = [name for name, info in leaf_fields(Scenario) if {int, float} & {*union_arms(info.annotation)}]
     if field in fields:
         return field
     by_last = {name.rsplit(".", 1)[-1]: name for name in fields}
@@ -235,19 +233,3 @@ def _check_altitudes(
                 change_scenario(
                     scenario, {field: value, other: lowest_scan if other == H_S else values(H_C, scenario)[0]}
                 )
-
-
-def _numeric_fields(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    for name, field in model.model_fields.items():
-        kinds = _arms(field.annotation)
-        if any(isinstance(kind, type) and issubclass(kind, BaseModel) for kind in kinds):
-            inner = next(k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel))
-            yield from _numeric_fields(inner, f"{prefix}{name}.")
-        elif float in kinds or int in kinds:
-            yield f"{prefix}{name}"
-
-
-def _arms(annotation: Any) -> tuple[Any, ...]:
-    """The arms of a union, or the annotation itself."""
-    is_union = typing.get_origin(annotation) in (typing.Union, types.UnionType)
-    return typing.get_args(annotation) if is_union else (annotation,)

@@ -28,6 +28,7 @@ from skysweep.results.reporting.statistics import (
     paired_tests,
     resampled_means,
 )
+from skysweep.results.reporting.symbols import number
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
 
@@ -135,7 +136,7 @@ def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Candidate]:
     order = best_first([t.flown(many) for t in finished], problem.rules)[:FINALISTS]
     candidates = [Candidate(f"trial {finished[k].number}", finished[k].values) for k in order]
     candidates.append(Candidate("own values", {}))
-    candidates += [Candidate(f"own, n_c = {_number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
+    candidates += [Candidate(f"own, n_c = {number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
     named: dict[str, Candidate] = {}
     for candidate in candidates:
         key = "".join(dump_scenario(change_scenario(s, candidate.changes)) for s in problem.scenarios)
@@ -154,7 +155,7 @@ def matters_candidates(scenario: Scenario) -> list[Candidate]:
         for d_c_m in nearby_distances_m(scenario)
         if math.isinf(d_c_m) or not _checks_at_once(n_c, scenario)
     ]
-    return [Candidate(f"n_c = {_number(n)}, d_c = {_number(d)}", {N_C: n, D_C: d}) for n, d in cells]
+    return [Candidate(f"n_c = {number(n)}, d_c = {number(d)}", {N_C: n, D_C: d}) for n, d in cells]
 
 
 def fly_candidates(
@@ -288,7 +289,3 @@ def _fly(flight: _Flight) -> Outcome:
 
 def _distinct(values: Iterable[float | None]) -> list[float]:
     return sorted({value for value in values if value is not None})
-
-
-def _number(value: float) -> str:
-    return "∞" if math.isinf(value) else f"{value:g}"

@@ -228,13 +228,8 @@ def _rank_sum_chances(ranks: NDArray[np.int64]) -> F64:
     return chances
 
 
-def smallest_p(n_pairs: int) -> float:
-    """The smallest p that a signed-rank test of ``n_pairs`` can give: all differences of one sign."""
-    return min(1.0, 2.0 ** (1 - n_pairs))
-
-
 def pairs_needed(family: int) -> int:
-    """The fewest pairs whose smallest p stays below 5 % after Holm's correction for ``family`` tests."""
+    """The fewest pairs n whose smallest p, 2^(1 - n), stays below 5 % after Holm's correction."""
     return math.ceil(1 + math.log2(max(family, 1) / SIGNIFICANCE))
 
 

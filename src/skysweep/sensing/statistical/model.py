@@ -16,11 +16,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from skysweep.detection.model_files import existing_model_file, sha256_of
 from skysweep.errors import UserError
-from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_yaml
+from skysweep.files.models import validated
+from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
 from skysweep.sensing.statistical.factors import NAMES
@@ -213,10 +214,6 @@ class StatisticalModel(_Part):
         try:
             status = source.stat()
             return _read(source, status.st_mtime_ns, status.st_size)
-        except ValidationError as error:
-            first = error.errors()[0]
-            message = first["msg"].removeprefix("Value error, ")
-            reason = ": ".join([*(str(part) for part in first["loc"]), message])
         except OSError as error:
             reason = str(error.strerror)
         except UserError as error:
@@ -264,7 +261,8 @@ def model_for(scenario: Scenario) -> StatisticalModel:
 @lru_cache(maxsize=8)
 def _read(source: Path, _changed_ns: int, _size: int) -> StatisticalModel:
     text = read_text_limited(source, MAX_YAML_BYTES)
-    return StatisticalModel.model_validate(parse_yaml(text, str(source)))
+    fields = parse_fields(text, str(source), "sensor model", "detector, camera, kinds")
+    return validated(StatisticalModel, fields, str(source))
 
 
 def _other_detector(made_for: Detecting, model: str) -> str | None:

@@ -80,7 +80,7 @@ class Log:
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class FlownManoeuvre:
     """What one flight of a manoeuvre came to."""
 
     time_s: float  # until 0.5 m before the target along the way (single leg), or until the last leg ended
@@ -158,7 +158,7 @@ def _mean_slope(time_s: F64, values: F64) -> F64:
     return np.asarray((at(after_s) - at(before_s)) / (after_s - before_s)[:, None])
 
 
-def fly_again(log: Log) -> tuple[Flown, Flown]:
+def fly_again(log: Log) -> tuple[FlownManoeuvre, FlownManoeuvre]:
     """(PX4, ours): the logged flight, and the embedded vehicle's under its setpoints and estimation errors.
 
     Ours starts where the log starts. A pattern's next leg begins as the logged one's did: near the last
@@ -236,7 +236,7 @@ def _arrival(log: Log, leg: slice) -> tuple[float, float]:
     return earliest_s, _SQUARE_ACCEPTANCE_M if log.name.startswith("square") else _LAWNMOWER_ACCEPTANCE_M
 
 
-def _measure(log: Log, times_s: F64, positions_enu_m: F64, speeds_mps: F64, tilts_deg: F64) -> Flown:
+def _measure(log: Log, times_s: F64, positions_enu_m: F64, speeds_mps: F64, tilts_deg: F64) -> FlownManoeuvre:
     if len(log.legs) > 1:
         time_s, sphere_time_s = float(times_s[-1]), np.nan
     else:
@@ -245,7 +245,7 @@ def _measure(log: Log, times_s: F64, positions_enu_m: F64, speeds_mps: F64, tilt
         left_m = target - positions_enu_m
         time_s = _first(times_s, left_m @ way < _ENTERED_M)
         sphere_time_s = _first(times_s, np.linalg.norm(left_m, axis=1) < _ENTERED_M)
-    return Flown(time_s, sphere_time_s, float(speeds_mps.max()), float(tilts_deg.max()))
+    return FlownManoeuvre(time_s, sphere_time_s, float(speeds_mps.max()), float(tilts_deg.max()))
 
 
 def _first(times_s: F64, arrived: NDArray[np.bool_]) -> float:

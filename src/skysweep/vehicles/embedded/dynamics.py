@@ -1,8 +1,8 @@
 """One compiled 250 Hz step of the multirotor: PX4's control cascade, the airframe, the gimbal, the air.
 
-The whole simulation is three flat arrays, so that a call costs nothing and a snapshot is two lists:
-``x`` (N_STATE,) what changes, ``q`` (N_PARAMETERS,) what does not, ``rng`` (1,) uint64. The constants
-below name their places. ENU metres and FLU body throughout; quaternions are (w, x, y, z).
+The whole simulation is two records, ``x`` (STATE) that changes and ``q`` (PARAMETERS) that does not, and
+``rng`` (1,) uint64. What is called from outside takes the records as arrays of their floats, which pass into
+compiled code at a third of the cost. ENU metres and FLU body throughout; quaternions are (w, x, y, z).
 
 Sources. Control: PX4 v1.17 PositionControl and AttitudeControl (user guide, "Controller diagrams"; the
 constants carry the parameters' names), after Brescianini, Hehn & D'Andrea, "Nonlinear quadrocopter
@@ -13,6 +13,7 @@ lengths, with first-order spectra.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -22,54 +23,61 @@ F64 = NDArray[np.float64]
 U64 = NDArray[np.uint64]
 Quaternion = tuple[float, float, float, float]
 Entries = tuple[float, ...]
+Record = Any  # of STATE or PARAMETERS
 
 STEP_S = 0.004
 NOISE_STEPS = 5  # gusts and estimation errors move at 50 Hz
 
-# ---- places in x -------------------------------------------------------------------------------------
-STEPS = 0  # steps flown
-MODE = 1
-AIRBORNE = 2
-POSITION = 3  # (3,) true
-VELOCITY = 6  # (3,)
-ATTITUDE = 9  # (4,) body -> ENU
-RATES = 13  # (3,) body, rad/s
-ANGULAR_ACCELERATION = 16  # (3,) body, that the motors produce
-THRUST = 19  # m/s2 along body z
-VELOCITY_INTEGRAL = 20  # (3,)
-VELOCITY_SLOPE = 23  # (3,) filtered derivative of the believed velocity
-LAST_VELOCITY = 26  # (3,) believed
-GUST = 29  # (3,)
-POSITION_ERROR = 32  # (3,) believed minus true
-VELOCITY_ERROR = 35  # (3,)
-ATTITUDE_ERROR = 38  # (3,) rotation vector in ENU, believed minus true
-CAMERA = 41  # (4,) camera optical -> ENU, true
-CAMERA_RATES = 45  # (3,) ENU, rad/s
-BELIEVED_YAW = 48
-ENERGY_WH = 49
-TARGET_POSITION = 50  # (3,)
-TARGET_VELOCITY = 53  # (3,) feed-forward
-TARGET_SPEED = 56
-TARGET_YAW = 57
-MODE_TIME = 58  # seconds since the mode began
-CONTACT_TIME = 59  # seconds on the ground while landing
-GROUND_HEIGHT = 60  # below the vehicle
-LEAN_ERROR = 61  # (2,) how much farther east and north it takes its up axis to lean than it does
-N_STATE = 63
+# What changes. All are floats, so that a snapshot is one list.
+STATE = np.dtype(
+    [
+        ("steps", float),  # flown
+        ("mode", float),
+        ("airborne", float),
+        ("position", float, 3),  # true
+        ("velocity", float, 3),
+        ("attitude", float, 4),  # body -> ENU
+        ("rates", float, 3),  # body, rad/s
+        ("angular_acceleration", float, 3),  # body, that the motors produce
+        ("thrust", float),  # m/s2 along body z
+        ("velocity_integral", float, 3),
+        ("velocity_slope", float, 3),  # filtered derivative of the believed velocity
+        ("last_velocity", float, 3),  # believed
+        ("gust", float, 3),
+        ("position_error", float, 3),  # believed minus true
+        ("velocity_error", float, 3),
+        ("attitude_error", float, 3),  # rotation vector in ENU, believed minus true
+        ("camera", float, 4),  # camera optical -> ENU, true
+        ("camera_rates", float, 3),  # ENU, rad/s
+        ("believed_yaw", float),
+        ("energy_wh", float),
+        ("target_position", float, 3),
+        ("target_velocity", float, 3),  # feed-forward
+        ("target_speed", float),
+        ("target_yaw", float),
+        ("mode_time", float),  # seconds since the mode began
+        ("contact_time", float),  # seconds on the ground while landing
+        ("ground_height", float),  # below the vehicle
+        ("lean_error", float, 2),  # how much farther east and north it takes its up axis to lean than it does
+    ]
+)
 
-# ---- places in q -------------------------------------------------------------------------------------
-DRAG_PER_MASS = 0  # 1/s
-CLIMB_SPEED = 1
-DESCENT_SPEED = 2
-WIND = 3  # (3,) mean, ENU
-GUST_STD = 6  # horizontal, per axis
-POSITION_STD = 7
-ATTITUDE_STD = 8  # rad
-GIMBAL_PITCH = 9  # rad above the horizon
-GIMBAL_RATE = 10  # rad/s
-GIMBAL_LAG = 11  # s
-HOVER_POWER = 12  # W
-N_PARAMETERS = 13
+# What does not.
+PARAMETERS = np.dtype(
+    [
+        ("drag_per_mass", float),  # 1/s
+        ("climb_speed", float),
+        ("descent_speed", float),
+        ("wind", float, 3),  # mean, ENU
+        ("gust_std", float),  # horizontal, per axis
+        ("position_std", float),
+        ("attitude_std", float),  # rad
+        ("gimbal_pitch", float),  # rad above the horizon
+        ("gimbal_rate", float),  # rad/s
+        ("gimbal_lag", float),  # s
+        ("hover_power", float),  # W
+    ]
+)
 
 # ---- modes -------------------------------------------------------------------------------------------
 ON_GROUND, TAKEOFF, OFFBOARD, LAND = 0.0, 1.0, 2.0, 3.0
@@ -155,16 +163,15 @@ def _turn(vx: float, vy: float, vz: float) -> Quaternion:
 
 
 @_inlined
-def _four(x: F64, at: int) -> Quaternion:
-    """The quaternion that begins at ``at``."""
-    return x[at], x[at + 1], x[at + 2], x[at + 3]
+def _entries(quaternion: F64) -> Quaternion:
+    return quaternion[0], quaternion[1], quaternion[2], quaternion[3]
 
 
 @_inlined
-def _set_unit(x: F64, at: int, quaternion: Entries) -> None:
+def _set_unit(out: F64, quaternion: Entries) -> None:
     a, b, c, d = quaternion
     n = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
-    x[at], x[at + 1], x[at + 2], x[at + 3] = a * n, b * n, c * n, d * n
+    out[0], out[1], out[2], out[3] = a * n, b * n, c * n, d * n
 
 
 @_inlined
@@ -205,65 +212,64 @@ def camera_quaternion(yaw_rad: float, pitch_rad: float) -> Quaternion:
 
 
 @njit(cache=True, error_model="numpy")
-def start(x: F64, rng: U64, q: F64) -> None:
+def start(state: F64, rng: U64, parameters: F64) -> None:
     """Draws the slow errors from their stationary distributions and points the camera."""
-    std = q[POSITION_STD]
+    x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
+    std = q.position_std
     for i in range(3):
         share = VERTICAL_POSITION_ERROR if i == 2 else 1.0
-        x[POSITION_ERROR + i] = std * share * _normal(rng)
-        x[VELOCITY_ERROR + i] = std * share * 2.0 / POSITION_ERROR_TIME_S * _normal(rng)
+        x.position_error[i] = std * share * _normal(rng)
+        x.velocity_error[i] = std * share * 2.0 / POSITION_ERROR_TIME_S * _normal(rng)
     _believe_yaw(x)
-    _set_unit(x, CAMERA, camera_quaternion(x[BELIEVED_YAW], q[GIMBAL_PITCH]))
+    _set_unit(x.camera, camera_quaternion(x.believed_yaw, q.gimbal_pitch))
 
 
 @njit(cache=True, error_model="numpy")
-def _move_air_and_errors(x: F64, rng: U64, q: F64) -> None:
+def _move_air_and_errors(x: Record, rng: U64, q: Record) -> None:
     """Gauss-Markov steps of the gusts (first order), GNSS (second order) and attitude errors (first)."""
     dt = STEP_S * NOISE_STEPS
 
-    feet = max((x[POSITION + 2] - x[GROUND_HEIGHT]) / FOOT_M, 10.0)
+    feet = max((x.position[2] - x.ground_height) / FOOT_M, 10.0)
     shape = 0.177 + 0.000823 * min(feet, 1000.0)
     airspeed = 1.0
     for i in range(3):
-        airspeed += (x[VELOCITY + i] - q[WIND + i]) ** 2
+        airspeed += (x.velocity[i] - q.wind[i]) ** 2
     airspeed = math.sqrt(airspeed)
     keep = math.exp(-dt * airspeed / (FOOT_M * feet / shape**1.2))
-    fresh = q[GUST_STD] * math.sqrt(1.0 - keep * keep)
-    x[GUST] = keep * x[GUST] + fresh * _normal(rng)
-    x[GUST + 1] = keep * x[GUST + 1] + fresh * _normal(rng)
+    fresh = q.gust_std * math.sqrt(1.0 - keep * keep)
+    x.gust[0] = keep * x.gust[0] + fresh * _normal(rng)
+    x.gust[1] = keep * x.gust[1] + fresh * _normal(rng)
     keep = math.exp(-dt * airspeed / (FOOT_M * feet))
-    fresh = q[GUST_STD] * shape**0.4 * math.sqrt(1.0 - keep * keep)
-    x[GUST + 2] = keep * x[GUST + 2] + fresh * _normal(rng)
+    fresh = q.gust_std * shape**0.4 * math.sqrt(1.0 - keep * keep)
+    x.gust[2] = keep * x.gust[2] + fresh * _normal(rng)
 
     w = 2.0 / POSITION_ERROR_TIME_S
     for i in range(3):
         draw = _normal(rng)  # always, so that the gusts do not depend on the errors
-        if q[POSITION_STD] > 0.0:
-            std = q[POSITION_STD] * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
+        if q.position_std > 0.0:
+            std = q.position_std * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
             push = 2.0 * w * std * math.sqrt(w * dt) * draw
-            x[VELOCITY_ERROR + i] += (
-                -dt * (w * w * x[POSITION_ERROR + i] + 2.0 * w * x[VELOCITY_ERROR + i]) + push
-            )
-            x[POSITION_ERROR + i] += dt * x[VELOCITY_ERROR + i]
+            x.velocity_error[i] += -dt * (w * w * x.position_error[i] + 2.0 * w * x.velocity_error[i]) + push
+            x.position_error[i] += dt * x.velocity_error[i]
 
     keep = math.exp(-dt / ATTITUDE_ERROR_TIME_S)
     for i in range(3):
-        fresh = q[ATTITUDE_STD] * math.sqrt(1.0 - keep * keep) * _normal(rng)
-        x[ATTITUDE_ERROR + i] = keep * x[ATTITUDE_ERROR + i] + fresh
+        fresh = q.attitude_std * math.sqrt(1.0 - keep * keep) * _normal(rng)
+        x.attitude_error[i] = keep * x.attitude_error[i] + fresh
 
 
 @_inlined
-def _vertical_limits(x: F64, q: F64) -> tuple[float, float]:
+def _vertical_limits(x: Record, q: Record) -> tuple[float, float]:
     """Fastest climb and descent now, m/s, both positive; a negative climb keeps it on the ground."""
-    agl = x[POSITION + 2] - x[GROUND_HEIGHT]
-    up, down = q[CLIMB_SPEED], q[DESCENT_SPEED]
-    if x[MODE] == TAKEOFF:
+    agl = x.position[2] - x.ground_height
+    up, down = q.climb_speed, q.descent_speed
+    if x.mode == TAKEOFF:
         if agl < MPC_LAND_ALT1:
             up = min(up, MPC_TKO_SPEED)
-        ramp = _clip((x[MODE_TIME] - SPOOLUP_S) / MPC_TKO_RAMP_T, 0.0, 1.0)
+        ramp = _clip((x.mode_time - SPOOLUP_S) / MPC_TKO_RAMP_T, 0.0, 1.0)
         held = -G / MPC_Z_VEL_P
         up = min(up, held + ramp * (up - held))
-    elif x[MODE] == LAND:
+    elif x.mode == LAND:
         low = min(MPC_LAND_SPEED, down)
         share = _clip((agl - MPC_LAND_ALT2) / (MPC_LAND_ALT1 - MPC_LAND_ALT2), 0.0, 1.0)
         down = low + share * (down - low)
@@ -285,41 +291,41 @@ def _limited_xy(px: float, py: float, fx: float, fy: float, limit: float) -> tup
 
 
 @_inlined
-def _velocity_setpoint(x: F64, q: F64) -> tuple[float, float, float]:
+def _velocity_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
     ex, ey, ez = (
-        x[TARGET_POSITION] - x[POSITION] - x[POSITION_ERROR],
-        x[TARGET_POSITION + 1] - x[POSITION + 1] - x[POSITION_ERROR + 1],
-        x[TARGET_POSITION + 2] - x[POSITION + 2] - x[POSITION_ERROR + 2],
+        x.target_position[0] - x.position[0] - x.position_error[0],
+        x.target_position[1] - x.position[1] - x.position_error[1],
+        x.target_position[2] - x.position[2] - x.position_error[2],
     )
     vx, vy = _limited_xy(
-        MPC_XY_P * ex, MPC_XY_P * ey, x[TARGET_VELOCITY], x[TARGET_VELOCITY + 1], x[TARGET_SPEED]
+        MPC_XY_P * ex, MPC_XY_P * ey, x.target_velocity[0], x.target_velocity[1], x.target_speed
     )
     up, down = _vertical_limits(x, q)
-    if x[MODE] == LAND:
+    if x.mode == LAND:
         vz = -down
     else:
-        vz = (TAKEOFF_Z_P if x[MODE] == TAKEOFF else MPC_Z_P) * ez + x[TARGET_VELOCITY + 2]
+        vz = (TAKEOFF_Z_P if x.mode == TAKEOFF else MPC_Z_P) * ez + x.target_velocity[2]
     return vx, vy, min(max(vz, -down), up)
 
 
 @_inlined
-def _thrust_setpoint(x: F64, q: F64) -> tuple[float, float, float]:
+def _thrust_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
     """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2.
 
     It comes out turned by what the vehicle errs in its own lean, as the attitude loop then turns the body.
     """
     vx, vy, vz = _velocity_setpoint(x, q)
-    bx = x[VELOCITY] + x[VELOCITY_ERROR]
-    by = x[VELOCITY + 1] + x[VELOCITY_ERROR + 1]
-    bz = x[VELOCITY + 2] + x[VELOCITY_ERROR + 2]
+    bx = x.velocity[0] + x.velocity_error[0]
+    by = x.velocity[1] + x.velocity_error[1]
+    bz = x.velocity[2] + x.velocity_error[2]
     for i, b in enumerate((bx, by, bz)):
-        gradient = (b - x[LAST_VELOCITY + i]) / STEP_S
-        x[VELOCITY_SLOPE + i] += SLOPE_BLEND * (gradient - x[VELOCITY_SLOPE + i])
-        x[LAST_VELOCITY + i] = b
+        gradient = (b - x.last_velocity[i]) / STEP_S
+        x.velocity_slope[i] += SLOPE_BLEND * (gradient - x.velocity_slope[i])
+        x.last_velocity[i] = b
     ex, ey, ez = vx - bx, vy - by, vz - bz
-    ax = MPC_XY_VEL_P * ex + x[VELOCITY_INTEGRAL] - MPC_XY_VEL_D * x[VELOCITY_SLOPE]
-    ay = MPC_XY_VEL_P * ey + x[VELOCITY_INTEGRAL + 1] - MPC_XY_VEL_D * x[VELOCITY_SLOPE + 1]
-    az = MPC_Z_VEL_P * ez + x[VELOCITY_INTEGRAL + 2]
+    ax = MPC_XY_VEL_P * ex + x.velocity_integral[0] - MPC_XY_VEL_D * x.velocity_slope[0]
+    ay = MPC_XY_VEL_P * ey + x.velocity_integral[1] - MPC_XY_VEL_D * x.velocity_slope[1]
+    az = MPC_Z_VEL_P * ez + x.velocity_integral[2]
 
     # Decoupled: the tilt follows from the horizontal demand against gravity alone.
     a_xy = math.hypot(ax, ay)
@@ -335,22 +341,22 @@ def _thrust_setpoint(x: F64, q: F64) -> tuple[float, float, float]:
     if share < 1.0:
         ex -= 2.0 / MPC_XY_VEL_P * (ax - tx)
         ey -= 2.0 / MPC_XY_VEL_P * (ay - ty)
-    x[VELOCITY_INTEGRAL] += MPC_XY_VEL_I * ex * STEP_S
-    x[VELOCITY_INTEGRAL + 1] += MPC_XY_VEL_I * ey * STEP_S
-    x[VELOCITY_INTEGRAL + 2] = _clip(x[VELOCITY_INTEGRAL + 2] + MPC_Z_VEL_I * ez * STEP_S, -G, G)
-    lx, ly = x[LEAN_ERROR], x[LEAN_ERROR + 1]
+    x.velocity_integral[0] += MPC_XY_VEL_I * ex * STEP_S
+    x.velocity_integral[1] += MPC_XY_VEL_I * ey * STEP_S
+    x.velocity_integral[2] = _clip(x.velocity_integral[2] + MPC_Z_VEL_I * ez * STEP_S, -G, G)
+    lx, ly = x.lean_error[0], x.lean_error[1]
     return tx - lx * lift, ty - ly * lift, lift + lx * tx + ly * ty
 
 
 @_inlined
-def _turn_towards(x: F64, R: Entries, tx: float, ty: float, tz: float) -> float:
-    """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves RATES and ATTITUDE."""
+def _turn_towards(x: Record, R: Entries, tx: float, ty: float, tz: float) -> float:
+    """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves rates and attitude."""
     T = math.sqrt(tx * tx + ty * ty + tz * tz)
     dx = (R[0] * tx + R[3] * ty + R[6] * tz) / T
     dy = (R[1] * tx + R[4] * ty + R[7] * tz) / T
     dz = (R[2] * tx + R[5] * ty + R[8] * tz) / T
     k = TILT_P / math.sqrt(max(0.5 * (1.0 + dz), 1e-6))
-    yaw_error = _wrap(x[TARGET_YAW] - math.atan2(R[3], R[0]))
+    yaw_error = _wrap(x.target_yaw - math.atan2(R[3], R[0]))
     yaw_rate = MC_YAW_P * 2.0 * math.sin(0.5 * MC_YAW_WEIGHT * yaw_error) / MC_YAW_WEIGHT
     wanted = (
         _clip(-k * dy, -MC_TILT_RATE_MAX, MC_TILT_RATE_MAX),
@@ -358,8 +364,8 @@ def _turn_towards(x: F64, R: Entries, tx: float, ty: float, tz: float) -> float:
         _clip(yaw_rate, -MC_YAW_RATE_MAX, MC_YAW_RATE_MAX),
     )
     for i in range(3):
-        rate = x[RATES + i]
-        produced = x[ANGULAR_ACCELERATION + i]
+        rate = x.rates[i]
+        produced = x.angular_acceleration[i]
         net = produced - ROTATION_DRAG * rate
         if i < 2:
             push = RATE_GAIN_TILT * (wanted[i] - rate) - RATE_DAMPING_TILT * net
@@ -367,115 +373,118 @@ def _turn_towards(x: F64, R: Entries, tx: float, ty: float, tz: float) -> float:
         else:
             push = RATE_GAIN_YAW * (wanted[i] - rate)
             push = _clip(push, -ANGULAR_ACCELERATION_MAX_YAW, ANGULAR_ACCELERATION_MAX_YAW)
-        x[ANGULAR_ACCELERATION + i] = produced + MOTOR_BLEND * (push - produced)
-        x[RATES + i] = rate + net * STEP_S
-    step = _turn(x[RATES] * STEP_S, x[RATES + 1] * STEP_S, x[RATES + 2] * STEP_S)
-    _set_unit(x, ATTITUDE, _multiply(_four(x, ATTITUDE), step))
+        x.angular_acceleration[i] = produced + MOTOR_BLEND * (push - produced)
+        x.rates[i] = rate + net * STEP_S
+    step = _turn(x.rates[0] * STEP_S, x.rates[1] * STEP_S, x.rates[2] * STEP_S)
+    _set_unit(x.attitude, _multiply(_entries(x.attitude), step))
     return T
 
 
 @_inlined
-def _move_body(x: F64, q: F64, R: Entries) -> None:
+def _move_body(x: Record, q: Record, R: Entries) -> None:
     """Thrust, linear drag against the air, gravity, and the ground."""
     along = (R[2], R[5], R[8])
     for i in range(3):
-        air = q[WIND + i] + x[GUST + i]
-        force = x[THRUST] * along[i] - q[DRAG_PER_MASS] * (x[VELOCITY + i] - air)
-        x[VELOCITY + i] += (force - (G if i == 2 else 0.0)) * STEP_S
-        x[POSITION + i] += x[VELOCITY + i] * STEP_S
-    floor = x[GROUND_HEIGHT] + LEG_HEIGHT_M
-    if x[POSITION + 2] <= floor:
-        x[POSITION + 2] = floor
+        air = q.wind[i] + x.gust[i]
+        force = x.thrust * along[i] - q.drag_per_mass * (x.velocity[i] - air)
+        x.velocity[i] += (force - (G if i == 2 else 0.0)) * STEP_S
+        x.position[i] += x.velocity[i] * STEP_S
+    floor = x.ground_height + LEG_HEIGHT_M
+    if x.position[2] <= floor:
+        x.position[2] = floor
         _stand(x, R)
-        x[CONTACT_TIME] += STEP_S
+        x.contact_time += STEP_S
     else:
-        x[AIRBORNE] = 1.0
-        x[CONTACT_TIME] = 0.0
+        x.airborne = 1.0
+        x.contact_time = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _stand(x: F64, R: Entries) -> None:
+def _stand(x: Record, R: Entries) -> None:
     """Level and still, facing where it faced."""
     yaw = math.atan2(R[3], R[0])
-    _set_unit(x, ATTITUDE, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
-    for at in (RATES, ANGULAR_ACCELERATION, VELOCITY, VELOCITY_INTEGRAL, VELOCITY_SLOPE):
-        x[at : at + 3] = 0.0
+    _set_unit(x.attitude, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
+    for i in range(3):
+        x.rates[i] = x.angular_acceleration[i] = 0.0
+        x.velocity[i] = x.velocity_integral[i] = x.velocity_slope[i] = 0.0
 
 
 @_inlined
-def _believe_yaw(x: F64) -> None:
-    R = _rotation(_four(x, ATTITUDE))
-    east = R[0] + x[ATTITUDE_ERROR + 1] * R[6] - x[ATTITUDE_ERROR + 2] * R[3]
-    north = R[3] + x[ATTITUDE_ERROR + 2] * R[0] - x[ATTITUDE_ERROR] * R[6]
-    x[BELIEVED_YAW] = math.atan2(north, east)
+def _believe_yaw(x: Record) -> None:
+    R = _rotation(_entries(x.attitude))
+    east = R[0] + x.attitude_error[1] * R[6] - x.attitude_error[2] * R[3]
+    north = R[3] + x.attitude_error[2] * R[0] - x.attitude_error[0] * R[6]
+    x.believed_yaw = math.atan2(north, east)
 
 
 @_inlined
-def _move_gimbal(x: F64, R: Entries, pitch: float, rate_max: float, gain: float) -> None:
+def _move_gimbal(x: Record, R: Entries, pitch: float, rate_max: float, gain: float) -> None:
     """The body carries the camera along; the joints turn it back with a first-order lag and a rate limit."""
     _believe_yaw(x)
-    e = _turn(-x[ATTITUDE_ERROR], -x[ATTITUDE_ERROR + 1], -x[ATTITUDE_ERROR + 2])
-    wanted = _multiply(e, camera_quaternion(x[BELIEVED_YAW], pitch))
-    camera = _four(x, CAMERA)
+    e = _turn(-x.attitude_error[0], -x.attitude_error[1], -x.attitude_error[2])
+    wanted = _multiply(e, camera_quaternion(x.believed_yaw, pitch))
+    camera = _entries(x.camera)
     error = _multiply(wanted, (camera[0], -camera[1], -camera[2], -camera[3]))
     sine = math.sqrt(error[1] ** 2 + error[2] ** 2 + error[3] ** 2)
     angle = 2.0 * math.atan2(sine, abs(error[0]))
     joint_rate = min(angle * gain, rate_max)
     k = math.copysign(joint_rate / sine, error[0]) if sine > 1e-12 else 0.0
     for i in range(3):
-        carried = R[3 * i] * x[RATES] + R[3 * i + 1] * x[RATES + 1] + R[3 * i + 2] * x[RATES + 2]
-        x[CAMERA_RATES + i] = carried + k * error[1 + i]
-    step = _turn(x[CAMERA_RATES] * STEP_S, x[CAMERA_RATES + 1] * STEP_S, x[CAMERA_RATES + 2] * STEP_S)
-    _set_unit(x, CAMERA, _multiply(step, camera))
+        carried = R[3 * i] * x.rates[0] + R[3 * i + 1] * x.rates[1] + R[3 * i + 2] * x.rates[2]
+        x.camera_rates[i] = carried + k * error[1 + i]
+    step = _turn(x.camera_rates[0] * STEP_S, x.camera_rates[1] * STEP_S, x.camera_rates[2] * STEP_S)
+    _set_unit(x.camera, _multiply(step, camera))
 
 
 @njit(cache=True, error_model="numpy")
-def fly(x: F64, rng: U64, q: F64, steps: int) -> None:
+def fly(state: F64, rng: U64, parameters: F64, steps: int) -> None:
     """Moves the simulation by ``steps`` of STEP_S."""
-    pitch, rate_max = q[GIMBAL_PITCH], q[GIMBAL_RATE]
-    gain = (1.0 - math.exp(-STEP_S / max(q[GIMBAL_LAG], 1e-6))) / STEP_S
+    x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
+    pitch, rate_max = q.gimbal_pitch, q.gimbal_rate
+    gain = (1.0 - math.exp(-STEP_S / max(q.gimbal_lag, 1e-6))) / STEP_S
     for _ in range(steps):
-        if int(x[STEPS]) % NOISE_STEPS == 0:
+        if int(x.steps) % NOISE_STEPS == 0:
             _move_air_and_errors(x, rng, q)
-        x[STEPS] += 1.0
-        x[MODE_TIME] += STEP_S
-        R = _rotation(_four(x, ATTITUDE))
+        x.steps += 1.0
+        x.mode_time += STEP_S
+        R = _rotation(_entries(x.attitude))
         power = AVIONICS_W
-        if x[MODE] != ON_GROUND:
+        if x.mode != ON_GROUND:
             tx, ty, tz = _thrust_setpoint(x, q)
             thrust = _turn_towards(x, R, tx, ty, tz)
-            x[THRUST] += MOTOR_BLEND * (thrust - x[THRUST])
+            x.thrust += MOTOR_BLEND * (thrust - x.thrust)
             _move_body(x, q, R)
-            load = x[THRUST] / G
-            power += q[HOVER_POWER] * load * math.sqrt(load)
-            if x[MODE] == LAND and x[CONTACT_TIME] >= LANDED_AFTER_S:
-                x[MODE] = ON_GROUND
-                x[AIRBORNE] = 0.0
-                x[THRUST] = 0.0
+            load = x.thrust / G
+            power += q.hover_power * load * math.sqrt(load)
+            if x.mode == LAND and x.contact_time >= LANDED_AFTER_S:
+                x.mode = ON_GROUND
+                x.airborne = 0.0
+                x.thrust = 0.0
         _move_gimbal(x, R, pitch, rate_max, gain)
-        x[ENERGY_WH] += power * STEP_S / 3600.0
+        x.energy_wh += power * STEP_S / 3600.0
 
 
 @njit(cache=True, error_model="numpy")
-def poses(x: F64, q: F64, out: F64) -> None:
+def poses(state: F64, parameters: F64, out: F64) -> None:
     """What the vehicle believes and what is so, as rows of 3 in ``out`` (18, 3).
 
     Believed: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.
     True: 9-11 R_body_to_enu, 12 camera position, 13-15 R_camera_to_enu, 16 camera velocity in camera axes,
     17 camera rates in camera axes.
     """
-    e = _turn(x[ATTITUDE_ERROR], x[ATTITUDE_ERROR + 1], x[ATTITUDE_ERROR + 2])
-    attitude = _four(x, ATTITUDE)
+    x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
+    e = _turn(x.attitude_error[0], x.attitude_error[1], x.attitude_error[2])
+    attitude = _entries(x.attitude)
     B = _rotation(_multiply(e, attitude))
-    C = _rotation(camera_quaternion(x[BELIEVED_YAW], q[GIMBAL_PITCH]))
+    C = _rotation(camera_quaternion(x.believed_yaw, q.gimbal_pitch))
     R = _rotation(attitude)
-    K = _rotation(_four(x, CAMERA))
-    wx, wy = x[RATES], x[RATES + 1]
+    K = _rotation(_entries(x.camera))
+    wx, wy = x.rates[0], x.rates[1]
     for i in range(3):
-        out[0, i] = x[POSITION + i] + x[POSITION_ERROR + i]
-        out[1, i] = x[VELOCITY + i] + x[VELOCITY_ERROR + i]
+        out[0, i] = x.position[i] + x.position_error[i]
+        out[1, i] = x.velocity[i] + x.velocity_error[i]
         out[5, i] = out[0, i] - CAMERA_BELOW_M * B[3 * i + 2]
-        out[12, i] = x[POSITION + i] - CAMERA_BELOW_M * R[3 * i + 2]
+        out[12, i] = x.position[i] - CAMERA_BELOW_M * R[3 * i + 2]
         for j in range(3):
             out[2 + i, j] = B[3 * i + j]
             out[6 + i, j] = C[3 * i + j]
@@ -487,5 +496,5 @@ def poses(x: F64, q: F64, out: F64) -> None:
         for i in range(3):
             # rates x (0, 0, -CAMERA_BELOW_M), turned to ENU
             swing = CAMERA_BELOW_M * (-R[3 * i] * wy + R[3 * i + 1] * wx)
-            out[16, j] += K[3 * i + j] * (x[VELOCITY + i] + swing)
-            out[17, j] += K[3 * i + j] * x[CAMERA_RATES + i]
+            out[16, j] += K[3 * i + j] * (x.velocity[i] + swing)
+            out[17, j] += K[3 * i + j] * x.camera_rates[i]

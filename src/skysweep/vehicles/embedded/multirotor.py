@@ -52,31 +52,31 @@ class Multirotor:
     ) -> None:
         airframe = airframe or Airframe()
         heading = np.radians(wind.from_heading_deg)
-        q = np.zeros(d.N_PARAMETERS)
-        q[d.DRAG_PER_MASS] = airframe.drag_n_per_mps / airframe.mass_kg
-        q[d.CLIMB_SPEED], q[d.DESCENT_SPEED] = limits.climb_speed_mps, limits.descent_speed_mps
-        q[d.WIND : d.WIND + 2] = -wind.mean_speed_mps * np.array([np.sin(heading), np.cos(heading)])
-        q[d.GUST_STD] = wind.gust_std_mps
-        q[d.POSITION_STD] = limits.position_noise_m
-        q[d.ATTITUDE_STD] = np.radians(limits.attitude_noise_deg)
-        q[d.GIMBAL_PITCH] = np.radians(camera.gimbal.pitch_deg)
-        q[d.GIMBAL_RATE] = np.radians(camera.gimbal.max_rate_dps)
-        q[d.GIMBAL_LAG] = camera.gimbal.lag_s
-        q[d.HOVER_POWER] = limits.hover_power_w
-        self._q = q
-        self._wind_enu_mps = np.array([*q[d.WIND : d.WIND + 2], 0.0])
+        self._q, self._parameters = _record(d.PARAMETERS)
+        q = self._q
+        q["drag_per_mass"] = airframe.drag_n_per_mps / airframe.mass_kg
+        q["climb_speed"], q["descent_speed"] = limits.climb_speed_mps, limits.descent_speed_mps
+        q["wind"][:2] = -wind.mean_speed_mps * np.array([np.sin(heading), np.cos(heading)])
+        q["gust_std"] = wind.gust_std_mps
+        q["position_std"] = limits.position_noise_m
+        q["attitude_std"] = np.radians(limits.attitude_noise_deg)
+        q["gimbal_pitch"] = np.radians(camera.gimbal.pitch_deg)
+        q["gimbal_rate"] = np.radians(camera.gimbal.max_rate_dps)
+        q["gimbal_lag"] = camera.gimbal.lag_s
+        q["hover_power"] = limits.hover_power_w
+        self._wind_enu_mps = q["wind"].copy()
         self._battery_wh = limits.battery_wh
         self._ground_height_m = ground_height_m
         seeds = np.random.SeedSequence([seed, _VEHICLE_STREAM])
         self._rng: NDArray[np.uint64] = seeds.generate_state(1, np.uint64).astype(np.uint64)
         self._time_s = 0.0
         self._ground_at_step = 0
-        self._x = np.zeros(d.N_STATE)
+        self._x, self._state = _record(d.STATE)
         self._place(np.asarray(home_enu_m, dtype=float), np.zeros(3), 0.0)
         self._look_at_ground()
-        floor = self._x[d.GROUND_HEIGHT] + d.LEG_HEIGHT_M
-        self._x[d.POSITION + 2] = max(self._x[d.POSITION + 2], floor)
-        d.start(self._x, self._rng, self._q)
+        position = self._x["position"]
+        position[2] = max(position[2], self._x["ground_height"] + d.LEG_HEIGHT_M)
+        d.start(self._state, self._rng, self._parameters)
         self._known_poses: F64 | None = None  # of this moment, once somebody has asked
         self._followed: Setpoint | None = None
         self.truth: Truth | None = self
@@ -89,16 +89,16 @@ class Multirotor:
         Its estimate of the mean wind is exact.
         """
         x, p = self._x, self._poses()
-        energy_wh = x.item(d.ENERGY_WH)
+        energy_wh = x["energy_wh"].item()
         return VehicleState(
-            x.item(d.STEPS) * d.STEP_S,
+            x["steps"].item() * d.STEP_S,
             p[0],
             p[1],
             p[2:5],
             CameraPose(p[5], p[6:9]),
             max(0.0, 1.0 - energy_wh / self._battery_wh),
             energy_wh,
-            x.item(d.AIRBORNE) != 0.0,
+            x["airborne"].item() != 0.0,
             0.0,
             0.0,
             self._wind_enu_mps,
@@ -112,30 +112,30 @@ class Multirotor:
         if setpoint is self._followed:
             return
         x = self._x
-        if x.item(d.MODE) == d.ON_GROUND:
+        if x["mode"] == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
         if not math.isfinite(sum(setpoint.position_enu_m.tolist())):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         feed_forward = setpoint.velocity_enu_mps
         self._set_mode(d.OFFBOARD)
-        x[d.TARGET_POSITION : d.TARGET_POSITION + 3] = setpoint.position_enu_m
-        x[d.TARGET_VELOCITY : d.TARGET_VELOCITY + 3] = 0.0 if feed_forward is None else feed_forward
-        x[d.TARGET_SPEED] = setpoint.speed_mps
-        x[d.TARGET_YAW] = setpoint.yaw_rad
+        x["target_position"] = setpoint.position_enu_m
+        x["target_velocity"] = 0.0 if feed_forward is None else feed_forward
+        x["target_speed"] = setpoint.speed_mps
+        x["target_yaw"] = setpoint.yaw_rad
         self._followed = setpoint
 
     def advance(self, duration_s: float) -> None:
         """Lets time pass, in steps of 4 ms; the rest of a step is kept for the next call."""
         x = self._x
         self._time_s += duration_s
-        flown = int(x.item(d.STEPS))
+        flown = int(x["steps"].item())
         left = round(self._time_s / d.STEP_S) - flown
         while left > 0:
-            near_ground = x.item(d.MODE) != d.OFFBOARD
+            near_ground = x["mode"].item() != d.OFFBOARD
             if near_ground or flown - self._ground_at_step >= _GROUND_EVERY_STEPS:
                 self._look_at_ground()
             steps = min(left, _GROUND_EVERY_STEPS)
-            d.fly(x, self._rng, self._q, steps)
+            d.fly(self._state, self._rng, self._parameters, steps)
             self._known_poses = None
             flown += steps
             left -= steps
@@ -144,8 +144,8 @@ class Multirotor:
         """Arms and climbs straight up to ``altitude_agl_m`` above the ground below, then waits there."""
         self._look_at_ground()
         self._hold_here()
-        self._x[d.TARGET_POSITION + 2] = self._x[d.GROUND_HEIGHT] + altitude_agl_m
-        self._set_mode(d.OFFBOARD if self._x[d.AIRBORNE] else d.TAKEOFF)
+        self._x["target_position"][2] = self._x["ground_height"] + altitude_agl_m
+        self._set_mode(d.OFFBOARD if self._x["airborne"] else d.TAKEOFF)
 
     def land(self) -> None:
         """Descends where it is, slower near the ground; not airborne a second after touchdown."""
@@ -154,13 +154,13 @@ class Multirotor:
 
     def hold(self) -> None:
         """Hovers where it is; stays on the ground where it stands there."""
-        if self._x[d.MODE] != d.ON_GROUND:
+        if self._x["mode"] != d.ON_GROUND:
             self._hold_here()
             self._set_mode(d.OFFBOARD)
 
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal above (+) or below the horizon, at its own rate; yaw stays the body's."""
-        self._q[d.GIMBAL_PITCH] = pitch_rad
+        self._q["gimbal_pitch"] = pitch_rad
         self._known_poses = None
 
     # ---- to resume -----------------------------------------------------------------------------------
@@ -168,20 +168,20 @@ class Multirotor:
     def snapshot(self) -> dict[str, Any]:
         """Everything that changes, as plain lists and numbers."""
         return {
-            "state": self._x.tolist(),
+            "state": self._state.tolist(),
             "random": int(self._rng[0]),
             "time_s": self._time_s,
             "ground_at_step": self._ground_at_step,
-            "gimbal_pitch_rad": float(self._q[d.GIMBAL_PITCH]),
+            "gimbal_pitch_rad": float(self._q["gimbal_pitch"]),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continues, bit for bit, from ``snapshot`` of a vehicle built with the same arguments."""
-        self._x[:] = snapshot["state"]
+        self._state[:] = snapshot["state"]
         self._rng[0] = snapshot["random"]
         self._time_s = snapshot["time_s"]
         self._ground_at_step = snapshot["ground_at_step"]
-        self._q[d.GIMBAL_PITCH] = snapshot["gimbal_pitch_rad"]
+        self._q["gimbal_pitch"] = snapshot["gimbal_pitch_rad"]
         self._known_poses = self._followed = None
 
     # ---- simulation only -----------------------------------------------------------------------------
@@ -192,15 +192,13 @@ class Multirotor:
             np.asarray(position_enu_m, dtype=float), np.asarray(velocity_enu_mps, dtype=float), yaw_rad
         )
         x = self._x
-        x[d.THRUST], x[d.AIRBORNE] = d.G, 1.0
+        x["thrust"], x["airborne"] = d.G, 1.0
         self._look_at_ground()
-        d.start(x, self._rng, self._q)
+        d.start(self._state, self._rng, self._parameters)
         self._known_poses = None
         self._hold_here()
         self._set_mode(d.OFFBOARD)
-        x[d.LAST_VELOCITY : d.LAST_VELOCITY + 3] = (
-            x[d.VELOCITY : d.VELOCITY + 3] + x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3]
-        )
+        x["last_velocity"] = x["velocity"] + x["velocity_error"]
 
     def misjudge(self, velocity_error_enu_mps: ArrayLike, lean_error: ArrayLike) -> None:
         """Flies by wrong estimates from now on, as an autopilot does whose estimator errs (calibration).
@@ -208,35 +206,24 @@ class Multirotor:
         Its velocity by (3,) m/s, its position not; its up axis by (2,) rad farther east and north than so.
         For a vehicle without errors of its own (``position_noise_m = 0``).
         """
-        self._x[d.VELOCITY_ERROR : d.VELOCITY_ERROR + 3] = velocity_error_enu_mps
-        self._x[d.LEAN_ERROR : d.LEAN_ERROR + 2] = lean_error
+        self._x["velocity_error"] = velocity_error_enu_mps
+        self._x["lean_error"] = lean_error
         self._known_poses = None
 
     @property
     def true_position_enu_m(self) -> F64:
         """(3,) of the body origin."""
-        return self._x[d.POSITION : d.POSITION + 3].copy()
+        return self._x["position"].copy()
 
     @property
     def true_velocity_enu_mps(self) -> F64:
         """(3,)."""
-        return self._x[d.VELOCITY : d.VELOCITY + 3].copy()
+        return self._x["velocity"].copy()
 
     @property
     def true_R_body_to_enu(self) -> F64:
         """(3, 3)."""
         return self._poses()[9:12]
-
-    @property
-    def true_body_rates(self) -> F64:
-        """(3,) rad/s about the FLU axes."""
-        return self._x[d.RATES : d.RATES + 3].copy()
-
-    @property
-    def tilt_rad(self) -> float:
-        """Angle between the body's up axis and the vertical."""
-        i, j = self._x[d.ATTITUDE + 1], self._x[d.ATTITUDE + 2]
-        return float(2.0 * np.arcsin(min(1.0, np.hypot(i, j))))
 
     def true_camera_pose(self) -> CameraPose:
         """Where the camera is and how it looks, the gimbal's error included."""
@@ -253,33 +240,38 @@ class Multirotor:
     def _poses(self) -> F64:
         if self._known_poses is None:
             self._known_poses = np.empty((18, 3))
-            d.poses(self._x, self._q, self._known_poses)
+            d.poses(self._state, self._parameters, self._known_poses)
         return self._known_poses
 
     def _place(self, position_enu_m: F64, velocity_enu_mps: F64, yaw_rad: float) -> None:
-        x, steps = self._x, self._x[d.STEPS]
-        x[:] = 0.0
-        x[d.STEPS] = steps
-        x[d.POSITION : d.POSITION + 3] = position_enu_m
-        x[d.VELOCITY : d.VELOCITY + 3] = velocity_enu_mps
-        x[d.ATTITUDE], x[d.ATTITUDE + 3] = np.cos(0.5 * yaw_rad), np.sin(0.5 * yaw_rad)
+        x, steps = self._x, self._x["steps"].item()
+        self._state[:] = 0.0
+        x["steps"] = steps
+        x["position"] = position_enu_m
+        x["velocity"] = velocity_enu_mps
+        x["attitude"] = np.cos(0.5 * yaw_rad), 0.0, 0.0, np.sin(0.5 * yaw_rad)
         self._known_poses = None
 
     def _hold_here(self) -> None:
         self._followed = None
         x = self._x
-        believed = x[d.POSITION : d.POSITION + 3] + x[d.POSITION_ERROR : d.POSITION_ERROR + 3]
-        x[d.TARGET_POSITION : d.TARGET_POSITION + 3] = believed
-        x[d.TARGET_VELOCITY : d.TARGET_VELOCITY + 3] = 0.0
-        x[d.TARGET_SPEED] = d.MPC_XY_VEL_MAX
-        x[d.TARGET_YAW] = x[d.BELIEVED_YAW]
+        x["target_position"] = x["position"] + x["position_error"]
+        x["target_velocity"] = 0.0
+        x["target_speed"] = d.MPC_XY_VEL_MAX
+        x["target_yaw"] = x["believed_yaw"]
 
     def _set_mode(self, mode: float) -> None:
-        if self._x.item(d.MODE) != mode:
-            self._x[d.MODE] = mode
-            self._x[d.MODE_TIME] = self._x[d.CONTACT_TIME] = 0.0
+        if self._x["mode"] != mode:
+            self._x["mode"] = mode
+            self._x["mode_time"] = self._x["contact_time"] = 0.0
 
     def _look_at_ground(self) -> None:
         x = self._x
-        x[d.GROUND_HEIGHT] = self._ground_height_m(x[d.POSITION : d.POSITION + 2][None])[0]
-        self._ground_at_step = int(x[d.STEPS])
+        x["ground_height"] = self._ground_height_m(x["position"][None, :2])[0]
+        self._ground_at_step = int(x["steps"])
+
+
+def _record(layout: np.dtype[np.void]) -> tuple[NDArray[np.void], F64]:
+    """A record of zeros, and the same memory as its floats, one after another."""
+    floats = np.zeros(layout.itemsize // 8)
+    return floats.view(layout).reshape(()), floats

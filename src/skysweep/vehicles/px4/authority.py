@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 
 from skysweep.vehicles.mavlink.modes import Mode
-from skysweep.vehicles.px4.link import Link
+from skysweep.vehicles.px4.link import PX4Link
 from skysweep.vehicles.px4.telemetry import SILENCE_S, PxMode, Telemetry, mode_name
 
 RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints again
@@ -24,14 +24,14 @@ _NO_STICKS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}  # COM_OBL_RC_ACT that
 _STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
 
 
-class Authority:
+class FlightAuthority:
     """Judges, with every message, whether setpoints may be sent and orders given.
 
     ``wanted`` is the mode that this program ordered; None: none yet. ``theirs`` says who flies it instead,
     in words, and stays until ``regain``: only a person gives the vehicle back.
     """
 
-    def __init__(self, link: Link, telemetry: Telemetry, on_loss: int | None) -> None:
+    def __init__(self, link: PX4Link, telemetry: Telemetry, on_loss: int | None) -> None:
         self._link, self._told, self._on_loss = link, telemetry, on_loss
         self._lock = threading.RLock()
         self.wanted: Mode | None = None

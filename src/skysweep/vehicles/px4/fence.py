@@ -11,13 +11,13 @@ from mavsdk.plugins.mission_raw.mission_raw import MissionItem, MissionRaw
 
 from skysweep.errors import UserError
 from skysweep.planning.qgc import QgcPlan
-from skysweep.vehicles.px4.link import Link
+from skysweep.vehicles.px4.link import PX4Link
 
 _TRIES = 3
 _NEAR_E7 = 2  # of degrees x 1e7: what a round trip may change
 
 
-def upload_fence_and_rally(link: Link, plan: QgcPlan) -> tuple[int, int]:
+def upload_fence_and_rally(link: PX4Link, plan: QgcPlan) -> tuple[int, int]:
     """Sends what the plan has of them; how many corners and circles, how many rally points.
 
     What the plan has none of stays in the vehicle as it is. Raises UserError when the vehicle does not keep

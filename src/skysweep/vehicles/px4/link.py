@@ -71,7 +71,7 @@ _ACCEPTED = 0  # MAV_RESULT
 _RESULTS = {1: "not now", 2: "denied", 3: "unsupported", 4: "failed"}  # MAV_RESULT
 
 
-class Link:
+class PX4Link:
     """Hears one vehicle and speaks to it.
 
     ``url``: ``udpin://0.0.0.0:14540``, ``tcpout://HOST:PORT``, ``serial:///dev/ttyUSB0:57600``. Messages are

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from skysweep.geometry.frames import heading_from_yaw, ned_from_enu
 from skysweep.types import Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.px4.link import Link
+from skysweep.vehicles.px4.link import PX4Link
 from skysweep.vehicles.px4.telemetry import Anchor, Telemetry
 
 F64 = NDArray[np.float64]
@@ -38,11 +38,11 @@ def horizontal_velocity_enu_mps(setpoint: Setpoint, position_enu_m: F64, gain_pe
     return velocity * (setpoint.speed_mps / speed) if speed > setpoint.speed_mps else None
 
 
-class Offboard:
+class SetpointStream:
     """Streams the newest setpoint from ``start`` to ``stop``, while ``may_stream``."""
 
     def __init__(
-        self, link: Link, telemetry: Telemetry, may_stream: Callable[[], bool], gain_per_s: float
+        self, link: PX4Link, telemetry: Telemetry, may_stream: Callable[[], bool], gain_per_s: float
     ) -> None:
         self._link, self._telemetry, self._may_stream = link, telemetry, may_stream
         self._gain_per_s = gain_per_s

@@ -20,7 +20,7 @@ from skysweep.geometry.frames import (
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import Mode, mode_of
-from skysweep.vehicles.px4.link import Fields, Link
+from skysweep.vehicles.px4.link import Fields, PX4Link
 
 F64 = NDArray[np.float64]
 PxMode = tuple[int, int]  # PX4's main and sub mode
@@ -80,7 +80,7 @@ class Battery:
 class Telemetry:
     """Keeps what the link hears. ``gimbal_pitch_rad`` is where a gimbal looks that does not report."""
 
-    def __init__(self, link: Link, gimbal_pitch_rad: float, battery_wh: float) -> None:
+    def __init__(self, link: PX4Link, gimbal_pitch_rad: float, battery_wh: float) -> None:
         self._link = link
         self.gimbal_pitch_rad = gimbal_pitch_rad
         self._battery_wh = battery_wh

@@ -21,9 +21,9 @@ from skysweep.scenarios.model import Home, Scenario
 from skysweep.types import Setpoint, Truth, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import Mode
-from skysweep.vehicles.px4.authority import Authority, is_free
-from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, Link, message_id
-from skysweep.vehicles.px4.offboard import Offboard
+from skysweep.vehicles.px4.authority import FlightAuthority, is_free
+from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, PX4Link, message_id
+from skysweep.vehicles.px4.offboard import SetpointStream
 from skysweep.vehicles.px4.telemetry import SILENCE_S, Anchor, Telemetry, mode_name
 
 F64 = NDArray[np.float64]
@@ -86,7 +86,7 @@ class Px4Vehicle:
         ground_height_m: Callable[[F64], F64],
         timeout_s: float = CONNECT_S,
         system_id: int | None = None,
-        open_link: Callable[[str, float, int | None], Link] = Link,
+        open_link: Callable[[str, float, int | None], PX4Link] = PX4Link,
     ) -> None:
         self.scenario = scenario
         self.truth: Truth | None = None
@@ -108,9 +108,10 @@ class Px4Vehicle:
             self.gimbal = self._take_gimbal()
             self._since_boot_s = self.telemetry.boot_s
             on_loss = self.link.parameter("COM_OBL_RC_ACT")
-            self.authority = Authority(self.link, self.telemetry, None if on_loss is None else int(on_loss))
+            loss_act = None if on_loss is None else int(on_loss)
+            self.authority = FlightAuthority(self.link, self.telemetry, loss_act)
             gain = self.link.parameter("MPC_XY_P") or _POSITION_GAIN
-            self._offboard = Offboard(self.link, self.telemetry, self.authority.may_stream, gain)
+            self._offboard = SetpointStream(self.link, self.telemetry, self.authority.may_stream, gain)
         except BaseException:
             self.link.close()
             raise

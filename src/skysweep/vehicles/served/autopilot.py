@@ -8,12 +8,12 @@ import numpy as np
 
 from skysweep.types import Setpoint, Vehicle
 from skysweep.vehicles.mavlink.modes import F64, STICK_MODES, Mode, Refused, Site
-from skysweep.vehicles.served.failsafes import CRITICAL_BATTERY, Action, Failsafes, Health, why_not
-from skysweep.vehicles.served.items import NO_FENCE, Fence
+from skysweep.vehicles.served.failsafes import CRITICAL_BATTERY, Failsafes, Health, Reaction, why_not
+from skysweep.vehicles.served.items import NO_FENCE, UploadedFence
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold, Land, Return, TakeOff
 from skysweep.vehicles.served.mission_run import MissionRun
-from skysweep.vehicles.served.offboard import Offboard
+from skysweep.vehicles.served.offboard import OffboardControl
 from skysweep.vehicles.served.parameters import Parameters
 from skysweep.vehicles.served.pilot import Manoeuvre
 from skysweep.vehicles.served.sticks import ByStick, Sticks
@@ -55,10 +55,10 @@ class Autopilot:
         self.setpoint: Setpoint | None = None
         self.home_enu_m: F64 = self.state.position_enu_m
         self.speed_mps: float | None = None  # of automatic modes, where it was changed
-        self.fence: Fence = NO_FENCE
+        self.fence: UploadedFence = NO_FENCE
         self.rally_enu_m: tuple[F64, ...] = ()
         self.mission = MissionRun()
-        self.offboard = Offboard()
+        self.offboard = OffboardControl()
         self.sticks = Sticks()
         self.gnss_lost = False
         self.battery_share: float | None = None
@@ -119,7 +119,7 @@ class Autopilot:
     @property
     def failsafe(self) -> bool:
         """Whether a failsafe flies."""
-        return self._failsafes.action > Action.WARN
+        return self._failsafes.action > Reaction.WARN
 
     @property
     def battery_remaining(self) -> float:
@@ -200,7 +200,7 @@ class Autopilot:
         intended = failsafes.update(self.armed, self.intended, asked, sticks, self._health(), elapsed_s)
         if intended is not self.intended:
             self._intend(intended)
-        if failsafes.action is Action.DISARM:
+        if failsafes.action is Reaction.DISARM:
             self.disarm(forced=True)
             return
         mode = failsafes.mode(intended)

@@ -15,11 +15,11 @@ from skysweep.vehicles.served.autopilot import Autopilot
 from skysweep.vehicles.served.commands import Commands
 from skysweep.vehicles.served.items import FENCE, MISSION, RALLY, Item, fence_of
 from skysweep.vehicles.served.link import Address, Sender, status_texts
-from skysweep.vehicles.served.offboard import Target, target_from_global, target_from_local
+from skysweep.vehicles.served.offboard import OffboardSetpoint, setpoint_from_global, setpoint_from_local
 from skysweep.vehicles.served.parameters import Parameters
 from skysweep.vehicles.served.payload import Payload
 from skysweep.vehicles.served.peers import Peers
-from skysweep.vehicles.served.telemetry import Picture, Streams, reports
+from skysweep.vehicles.served.telemetry import Moment, Streams, reports
 from skysweep.vehicles.served.transfer import Transfers
 
 _SILENT_S = 5.0  # on the wall, of a program; heartbeats come every second
@@ -109,19 +109,19 @@ class Face:
 
     def _follow_local(self, message: Message, sender: Sender) -> None:
         pilot = self.pilot
-        self._follow(sender, lambda: target_from_local(message, pilot.site, pilot.yaw_rad))
+        self._follow(sender, lambda: setpoint_from_local(message, pilot.site, pilot.yaw_rad))
 
     def _follow_global(self, message: Message, sender: Sender) -> None:
         pilot = self.pilot
-        self._follow(sender, lambda: target_from_global(message, pilot.site, pilot.home_enu_m))
+        self._follow(sender, lambda: setpoint_from_global(message, pilot.site, pilot.home_enu_m))
 
-    def _follow(self, sender: Sender, target: Callable[[], Target]) -> None:
+    def _follow(self, sender: Sender, setpoint: Callable[[], OffboardSetpoint]) -> None:
         pilot = self.pilot
         idle = Mode.OFFBOARD not in (pilot.mode, pilot.intended)
         if idle and pilot.offboard.owner != sender.key and self.authority.commands(sender.key):
             pilot.offboard.owner = None
         try:
-            pilot.offboard.follow(sender.key, target(), pilot)
+            pilot.offboard.follow(sender.key, setpoint(), pilot)
         except Refused as why:
             if pilot.time_s >= self._refused.get(sender.key, 0.0):
                 if len(self._refused) >= _REFUSALS_REMEMBERED:
@@ -216,8 +216,8 @@ class Face:
             for message in next(listener.parameters, ()):
                 peer.send(message)
 
-    def _picture(self) -> Picture:
-        return Picture(self.pilot, self._power_w, self._unix_start_s)
+    def _picture(self) -> Moment:
+        return Moment(self.pilot, self._power_w, self._unix_start_s)
 
     def _measure_power(self) -> None:
         if self.pilot.time_s >= self._power_next_s:

@@ -21,7 +21,7 @@ _NEED_POSITION = (Mode.POSITION, Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RET
 _STICKS_OPTIONAL = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.TAKEOFF: 2, Mode.OFFBOARD: 4}  # COM_RCL_EXCEPT
 
 
-class Action(IntEnum):
+class Reaction(IntEnum):
     """What a failsafe does, the worse the higher."""
 
     NONE = 0
@@ -38,59 +38,59 @@ class Action(IntEnum):
 
 
 _MODES = {
-    Action.POSITION: Mode.POSITION,
-    Action.ALTITUDE: Mode.ALTITUDE,
-    Action.STABILIZED: Mode.STABILIZED,
-    Action.HOLD: Mode.HOLD,
-    Action.RETURN: Mode.RETURN,
-    Action.LAND: Mode.LAND,
-    Action.DESCEND: Mode.LAND,  # what PX4 shows for it
-    Action.TERMINATE: Mode.TERMINATION,
+    Reaction.POSITION: Mode.POSITION,
+    Reaction.ALTITUDE: Mode.ALTITUDE,
+    Reaction.STABILIZED: Mode.STABILIZED,
+    Reaction.HOLD: Mode.HOLD,
+    Reaction.RETURN: Mode.RETURN,
+    Reaction.LAND: Mode.LAND,
+    Reaction.DESCEND: Mode.LAND,  # what PX4 shows for it
+    Reaction.TERMINATE: Mode.TERMINATION,
 }
 
 
 class Response(NamedTuple):
     """What a cause asks for."""
 
-    action: Action
+    action: Reaction
     latched: bool = False  # stays after the cause is gone, until the mode is changed or it is disarmed
     waits: bool = True  # in Hold for COM_FAIL_ACT_T, before an action worse than that
     mode_only: bool = False  # ended by a mode command, not by sticks
 
 
 _PILOT_LOST = {  # NAV_RCL_ACT; 4 is nothing
-    1: Response(Action.HOLD, latched=True),
-    2: Response(Action.RETURN, latched=True),
-    3: Response(Action.LAND, latched=True),
-    5: Response(Action.TERMINATE),
-    6: Response(Action.DISARM),
+    1: Response(Reaction.HOLD, latched=True),
+    2: Response(Reaction.RETURN, latched=True),
+    3: Response(Reaction.LAND, latched=True),
+    5: Response(Reaction.TERMINATE),
+    6: Response(Reaction.DISARM),
 }
 _FENCE_CROSSED = {  # GF_ACTION
-    1: Response(Action.WARN),
-    2: Response(Action.HOLD, latched=True, waits=False, mode_only=True),
-    3: Response(Action.RETURN, latched=True),
-    4: Response(Action.TERMINATE),
-    5: Response(Action.LAND, latched=True),
+    1: Response(Reaction.WARN),
+    2: Response(Reaction.HOLD, latched=True, waits=False, mode_only=True),
+    3: Response(Reaction.RETURN, latched=True),
+    4: Response(Reaction.TERMINATE),
+    5: Response(Reaction.LAND, latched=True),
 }
 CRITICAL_BATTERY = 2  # level
 _BATTERY_TEXTS = ("", "battery low", "battery critical", "battery nearly empty")
 _BATTERY = {  # COM_LOW_BAT_ACT, then by level
-    0: (Action.NONE, Action.WARN, Action.WARN, Action.WARN),
-    1: (Action.NONE, Action.WARN, Action.RETURN, Action.RETURN),
-    2: (Action.NONE, Action.WARN, Action.LAND, Action.LAND),
-    3: (Action.NONE, Action.WARN, Action.RETURN, Action.LAND),
+    0: (Reaction.NONE, Reaction.WARN, Reaction.WARN, Reaction.WARN),
+    1: (Reaction.NONE, Reaction.WARN, Reaction.RETURN, Reaction.RETURN),
+    2: (Reaction.NONE, Reaction.WARN, Reaction.LAND, Reaction.LAND),
+    3: (Reaction.NONE, Reaction.WARN, Reaction.RETURN, Reaction.LAND),
 }
 _OFFBOARD_LOST = {  # COM_OBL_RC_ACT
-    0: Action.POSITION,
-    1: Action.ALTITUDE,
-    2: Action.STABILIZED,
-    3: Action.RETURN,
-    4: Action.LAND,
-    5: Action.HOLD,
-    6: Action.TERMINATE,
-    7: Action.DISARM,
+    0: Reaction.POSITION,
+    1: Reaction.ALTITUDE,
+    2: Reaction.STABILIZED,
+    3: Reaction.RETURN,
+    4: Reaction.LAND,
+    5: Reaction.HOLD,
+    6: Reaction.TERMINATE,
+    7: Reaction.DISARM,
 }
-_AT_ONCE = (Action.NONE, Action.HOLD, Action.DISARM, Action.TERMINATE)  # whatever waits
+_AT_ONCE = (Reaction.NONE, Reaction.HOLD, Reaction.DISARM, Reaction.TERMINATE)  # whatever waits
 _SHORTEST_WAIT_S = 0.1
 _STICKS_LOST, _OUTSIDE = "manual control lost", "geofence crossed"
 _NO_OFFBOARD, _NO_POSITION = "offboard control lost", "no position"
@@ -126,7 +126,7 @@ class Failsafes:
     """``action`` is what is done now; ``say(text, severity)`` tells everybody why."""
 
     def __init__(self, parameters: Parameters, say: Callable[[str, int], None]) -> None:
-        self.action = Action.NONE
+        self.action = Reaction.NONE
         self.taken_over = False
         self._parameters, self._say = parameters, say
         self._active: dict[str, _Active] = {}
@@ -160,7 +160,7 @@ class Failsafes:
         self._armed = armed
         self._wait_s = max(self._wait_s - dt_s, 0.0)
         warned = self._look(self._causes(intended, health) if armed else {})
-        if self.action > Action.HOLD or health.position_lost or self.taken_over:
+        if self.action > Reaction.HOLD or health.position_lost or self.taken_over:
             self._wait_s = 0.0
         before = self.action
         cause, delayed, self._intended = self._choose(intended, asked, sticks, health)
@@ -190,14 +190,14 @@ class Failsafes:
             found[why] = Response(self._instead_of(intended, health), waits=False)
         return {cause: response for cause, response in found.items() if response is not None}
 
-    def _instead_of(self, mode: Mode, health: Health) -> Action:
+    def _instead_of(self, mode: Mode, health: Health) -> Reaction:
         """The action for a mode that cannot be flown, NONE for one that can."""
         why = why_not(mode, health)
         if why is None:
-            return Action.NONE
+            return Reaction.NONE
         if why == _NO_OFFBOARD:
             return _OFFBOARD_LOST[int(self._parameters["COM_OBL_RC_ACT"])]
-        return Action.ALTITUDE if mode is Mode.POSITION else Action.RETURN
+        return Reaction.ALTITUDE if mode is Mode.POSITION else Reaction.RETURN
 
     def _look(self, causes: dict[str, Response]) -> bool:
         """Brings what is under way up to date; whether a warning was added."""
@@ -213,46 +213,48 @@ class Failsafes:
                 continue
             waits = response.waits and hold_s > _SHORTEST_WAIT_S
             self._active[cause] = _Active(response, response.mode_only or (response.waits and not waits))
-            warned |= response.action is Action.WARN
-            if waits and response.action is not Action.WARN and self._wait_s == 0.0:
+            warned |= response.action is Reaction.WARN
+            if waits and response.action is not Reaction.WARN and self._wait_s == 0.0:
                 self._wait_s = max(hold_s - self._waited_s, 0.0)
-            if response.action >= Action.HOLD:
+            if response.action >= Reaction.HOLD:
                 self.taken_over = False
         return warned
 
-    def _choose(self, intended: Mode, asked: bool, sticks: bool, health: Health) -> tuple[str, Action, Mode]:
+    def _choose(
+        self, intended: Mode, asked: bool, sticks: bool, health: Health
+    ) -> tuple[str, Reaction, Mode]:
         """Sets the action; its cause, the action that waits behind a Hold, and the intended mode."""
-        before, delayed = self.action, Action.NONE
-        if intended is Mode.TERMINATION or before is Action.TERMINATE:
-            self.action = Action.TERMINATE
+        before, delayed = self.action, Reaction.NONE
+        if intended is Mode.TERMINATION or before is Reaction.TERMINATE:
+            self.action = Reaction.TERMINATE
             return "flight terminated", delayed, intended
         if not self._active:
-            self.action, self.taken_over = Action.NONE, False
+            self.action, self.taken_over = Reaction.NONE, False
             return "", delayed, intended
         cause, worst = max(self._active.items(), key=lambda item: item[1].response.action)
         action, mode_only = worst.response.action, any(a.mode_only for a in self._active.values())
         if self._wait_s > 0.0 and not self.taken_over and action not in _AT_ONCE:
-            delayed, action, mode_only = action, Action.HOLD, True
-        over = self.taken_over or (asked and before > Action.WARN) or (sticks and not mode_only)
-        over &= Action.HOLD <= action <= Action.DESCEND
+            delayed, action, mode_only = action, Reaction.HOLD, True
+        over = self.taken_over or (asked and before > Reaction.WARN) or (sticks and not mode_only)
+        over &= Reaction.HOLD <= action <= Reaction.DESCEND
         if over:
             if sticks and not self.taken_over:
                 intended = Mode.POSITION
                 self._say("pilot took over with sticks", NOTICE)
-            delayed, action = Action.NONE, max(Action.WARN, self._instead_of(intended, health))
+            delayed, action = Reaction.NONE, max(Reaction.WARN, self._instead_of(intended, health))
         self.taken_over = over
-        if Action.POSITION <= action < Action.DESCEND:
-            worse = [a for a in _MODES if action <= a < Action.DESCEND]
-            action = next((a for a in worse if why_not(_MODES[a], health) is None), Action.DESCEND)
+        if Reaction.POSITION <= action < Reaction.DESCEND:
+            worse = [a for a in _MODES if action <= a < Reaction.DESCEND]
+            action = next((a for a in worse if why_not(_MODES[a], health) is None), Reaction.DESCEND)
         on_its_way = intended in (Mode.LAND, Mode.RETURN) and why_not(intended, health) is None
-        if on_its_way and Action.RETURN in (action, delayed):
-            delayed, action = Action.NONE, Action.WARN
+        if on_its_way and Reaction.RETURN in (action, delayed):
+            delayed, action = Reaction.NONE, Reaction.WARN
         self.action = action
         return cause, delayed, intended
 
-    def _tell(self, cause: str, delayed: Action) -> None:
+    def _tell(self, cause: str, delayed: Reaction) -> None:
         text, severity = cause.capitalize(), WARNING
-        if self.action > Action.WARN:
+        if self.action > Reaction.WARN:
             text, severity = f"{text}: {self.action.name.lower()}", CRITICAL
         if delayed:
             text += f", {delayed.name.lower()} in {self._wait_s:.0f} s"

@@ -121,7 +121,7 @@ def refusal(item: Item, kind: int) -> int | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Fence:
+class UploadedFence:
     """Where the vehicle may be, in plan view."""
 
     inside: tuple[shapely.Geometry, ...]
@@ -135,10 +135,10 @@ class Fence:
         )
 
 
-NO_FENCE = Fence((), ())
+NO_FENCE = UploadedFence((), ())
 
 
-def fence_of(items: tuple[Item, ...], site: Site) -> Fence:
+def fence_of(items: tuple[Item, ...], site: Site) -> UploadedFence:
     """The fence that its items draw. Raises Refused where they draw none."""
     shapes: dict[bool, list[shapely.Geometry]] = {True: [], False: []}
     left = list(items)
@@ -158,7 +158,7 @@ def fence_of(items: tuple[Item, ...], site: Site) -> Fence:
         shapely.prepare(shape)
         shapes[(_CIRCLES | _CORNERS)[first.command]].append(shape)
         del left[:count]
-    return Fence(tuple(shapes[True]), tuple(shapes[False]))
+    return UploadedFence(tuple(shapes[True]), tuple(shapes[False]))
 
 
 def _xy(item: Item, site: Site) -> F64:

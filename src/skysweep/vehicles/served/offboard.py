@@ -29,7 +29,7 @@ _SHORTEST_HOLD_S = 1.0  # of the control, however short COM_OF_LOSS_T is
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class OffboardSetpoint:
     """A setpoint in ENU; NaN on an axis that it leaves open."""
 
     position_enu_m: F64  # (3,)
@@ -38,24 +38,24 @@ class Target:
     yaw_rate_radps: float
 
 
-class Offboard:
+class OffboardControl:
     """Who owns the control, its newest setpoint, and flying to it."""
 
     def __init__(self) -> None:
         self.owner: Key | None = None
-        self._target: Target | None = None
+        self._setpoint: OffboardSetpoint | None = None
         self._heard_s = -np.inf
         self._yaw_rad = 0.0
 
-    def follow(self, key: Key, target: Target, pilot: Pilot) -> None:
+    def follow(self, key: Key, setpoint: OffboardSetpoint, pilot: Pilot) -> None:
         """Takes a setpoint. Raises Refused where another program owns the control."""
         if not self.may_control(key, pilot):
             raise Refused("Offboard denied: another program is in control")
         if self.owner != key:
             self.owner, self._yaw_rad = key, pilot.yaw_rad
-        self._target, self._heard_s = target, pilot.time_s
-        if target.yaw_rad is not None:
-            self._yaw_rad = target.yaw_rad
+        self._setpoint, self._heard_s = setpoint, pilot.time_s
+        if setpoint.yaw_rad is not None:
+            self._yaw_rad = setpoint.yaw_rad
 
     def may_control(self, key: Key, pilot: Pilot) -> bool:
         """Whether nobody else is in control."""
@@ -66,32 +66,33 @@ class Offboard:
     def release(self, key: Key) -> None:
         """The owner gives it up."""
         if self.owner == key:
-            self.owner, self._target = None, None
+            self.owner, self._setpoint = None, None
 
     def is_fresh(self, pilot: Pilot) -> bool:
         """Whether setpoints are coming in."""
-        return self._target is not None and pilot.time_s - self._heard_s <= pilot.parameters["COM_OF_LOSS_T"]
+        silent_s = pilot.time_s - self._heard_s
+        return self._setpoint is not None and silent_s <= pilot.parameters["COM_OF_LOSS_T"]
 
     def step(self, pilot: Pilot) -> None:
-        target = self._target
-        if target is None or pilot.taking_off:
+        setpoint = self._setpoint
+        if setpoint is None or pilot.taking_off:
             return
         here = pilot.state.position_enu_m
         if not pilot.flying:
-            up = target.position_enu_m[2] - here[2]
-            if up > _LIFT_OFF_M or target.velocity_enu_mps[2] > _LIFT_OFF_MPS:
+            up = setpoint.position_enu_m[2] - here[2]
+            if up > _LIFT_OFF_M or setpoint.velocity_enu_mps[2] > _LIFT_OFF_MPS:
                 pilot.lift_off(float(here[2] + (up if up > _LIFT_OFF_M else 1.0)))
             return
-        if target.yaw_rad is None:
-            self._yaw_rad += target.yaw_rate_radps * TICK_S
-        velocity = np.nan_to_num(target.velocity_enu_mps)
+        if setpoint.yaw_rad is None:
+            self._yaw_rad += setpoint.yaw_rate_radps * TICK_S
+        velocity = np.nan_to_num(setpoint.velocity_enu_mps)
         # Half a tick ahead: where an axis has no position, the position controller pulls neither way.
         drifting = here + 0.5 * TICK_S * velocity
-        position = np.where(np.isnan(target.position_enu_m), drifting, target.position_enu_m)
+        position = np.where(np.isnan(setpoint.position_enu_m), drifting, setpoint.position_enu_m)
         pilot.fly_to(position, self._yaw_rad, np.inf, velocity)
 
 
-def target_from_local(message: Message, site: Site, yaw_rad: float) -> Target:
+def setpoint_from_local(message: Message, site: Site, yaw_rad: float) -> OffboardSetpoint:
     """From SET_POSITION_TARGET_LOCAL_NED. Raises Refused for what PX4's position control does not follow."""
     position = _axes(message, 0, (message.x, message.y, message.z), _FARTHEST_M)
     velocity = _axes(message, 3, (message.vx, message.vy, message.vz), _FASTEST_MPS)
@@ -101,13 +102,13 @@ def target_from_local(message: Message, site: Site, yaw_rad: float) -> Target:
         c, s = np.cos(yaw_rad), np.sin(yaw_rad)
         forward, right, down = np.nan_to_num(velocity)
         velocity_enu = np.array([c * forward + s * right, s * forward - c * right, -down])
-        return _target(message, _OPEN, velocity_enu)
+        return _setpoint(message, _OPEN, velocity_enu)
     if message.coordinate_frame != m.MAV_FRAME_LOCAL_NED:
         raise Refused("Offboard denied: this frame is not supported")
-    return _target(message, _in_enu(position, site.enu_from_ned), _in_enu(velocity, enu_from_ned))
+    return _setpoint(message, _in_enu(position, site.enu_from_ned), _in_enu(velocity, enu_from_ned))
 
 
-def target_from_global(message: Message, site: Site, home_enu_m: F64) -> Target:
+def setpoint_from_global(message: Message, site: Site, home_enu_m: F64) -> OffboardSetpoint:
     """From SET_POSITION_TARGET_GLOBAL_INT. Raises Refused likewise."""
     if message.coordinate_frame not in {m.MAV_FRAME_GLOBAL, m.MAV_FRAME_GLOBAL_INT, *ABOVE_HOME}:
         raise Refused("Offboard denied: this frame is not supported")
@@ -117,7 +118,7 @@ def target_from_global(message: Message, site: Site, home_enu_m: F64) -> Target:
         above = site.geodetic(home_enu_m)[2] if message.coordinate_frame in ABOVE_HOME else 0.0
         position = site.enu(message.lat_int * 1e-7, message.lon_int * 1e-7, above + message.alt)
     velocity = _axes(message, 3, (message.vx, message.vy, message.vz), _FASTEST_MPS)
-    return _target(message, position, _in_enu(velocity, enu_from_ned))
+    return _setpoint(message, position, _in_enu(velocity, enu_from_ned))
 
 
 def _axes(message: Message, first_bit: int, values: tuple[float, ...], largest: float) -> F64:
@@ -135,11 +136,11 @@ def _in_enu(axes_ned: F64, convert: Callable[[F64], F64]) -> F64:
     return np.where(swapped, np.nan, convert(np.nan_to_num(axes_ned)))
 
 
-def _target(message: Message, position_enu_m: F64, velocity_enu_mps: F64) -> Target:
+def _setpoint(message: Message, position_enu_m: F64, velocity_enu_mps: F64) -> OffboardSetpoint:
     if np.isnan(position_enu_m).all() and np.isnan(velocity_enu_mps).all():
         raise Refused("Offboard denied: neither position nor velocity")
     yaw = None
     if not message.type_mask & _YAW_IGNORED and finite(message.yaw):
         yaw = yaw_from_heading(float(np.degrees(message.yaw)))
     turns = not message.type_mask & _YAW_RATE_IGNORED and abs(message.yaw_rate) <= 2.0 * np.pi
-    return Target(position_enu_m, velocity_enu_mps, yaw, -message.yaw_rate if turns else 0.0)
+    return OffboardSetpoint(position_enu_m, velocity_enu_mps, yaw, -message.yaw_rate if turns else 0.0)

@@ -60,7 +60,7 @@ _NONE_U16, _MAX_I16 = 65535, 32767
 _HORIZONTAL_M, _VERTICAL_M = 0.3, 0.15
 
 
-class Picture:
+class Moment:
     """The vehicle at one moment, in MAVLink's frames; each part is worked out when it is first asked for."""
 
     def __init__(self, pilot: Autopilot, power_w: float, unix_start_s: float) -> None:
@@ -115,7 +115,7 @@ class Picture:
         return round(min(max(self.power_w / self.volts * 100.0, 0.0), _MAX_I16))
 
 
-def _heartbeat(p: Picture) -> Message:
+def _heartbeat(p: Moment) -> Message:
     pilot = p.pilot
     if pilot.mode is Mode.TERMINATION:
         status = m.MAV_STATE_FLIGHT_TERMINATION
@@ -133,24 +133,24 @@ def _heartbeat(p: Picture) -> Message:
     )
 
 
-def _current_mode(p: Picture) -> Message:
+def _current_mode(p: Moment) -> Message:
     mode, intended = p.pilot.mode, p.pilot.intended
     return m.MAVLink_current_mode_message(mode.standard_mode, mode.custom_mode, intended.custom_mode)
 
 
-def _attitude(p: Picture) -> Message:
+def _attitude(p: Moment) -> Message:
     return m.MAVLink_attitude_message(p.boot_ms, *p.euler, 0.0, 0.0, 0.0)
 
 
-def _attitude_quaternion(p: Picture) -> Message:
+def _attitude_quaternion(p: Moment) -> Message:
     return m.MAVLink_attitude_quaternion_message(p.boot_ms, *quaternion(*p.euler), 0.0, 0.0, 0.0)
 
 
-def _local_position(p: Picture) -> Message:
+def _local_position(p: Moment) -> Message:
     return m.MAVLink_local_position_ned_message(p.boot_ms, *p.ned, *p.velocity_ned)
 
 
-def _global_position(p: Picture) -> Message:
+def _global_position(p: Moment) -> Message:
     latitude, longitude, altitude = p.geodetic
     return m.MAVLink_global_position_int_message(
         p.boot_ms,
@@ -163,7 +163,7 @@ def _global_position(p: Picture) -> Message:
     )
 
 
-def _gps(p: Picture) -> Message:
+def _gps(p: Moment) -> Message:
     latitude, longitude, altitude = p.geodetic
     course = np.degrees(np.arctan2(p.velocity_ned[1], p.velocity_ned[0])) % 360.0
     return m.MAVLink_gps_raw_int_message(
@@ -183,7 +183,7 @@ def _gps(p: Picture) -> Message:
     )
 
 
-def _home(p: Picture) -> Message:
+def _home(p: Moment) -> Message:
     home = p.pilot.home_enu_m
     latitude, longitude, altitude = p.pilot.site.geodetic(home)
     place = [float(v) for v in p.pilot.site.ned_from_enu(home)]
@@ -194,12 +194,12 @@ def _home(p: Picture) -> Message:
     )
 
 
-def _origin(p: Picture) -> Message:
+def _origin(p: Moment) -> Message:
     latitude, longitude, altitude = p.pilot.site.geodetic(p.pilot.site.origin_enu_m)
     return m.MAVLink_gps_global_origin_message(e7(latitude), e7(longitude), round(altitude * 1e3), p.boot_us)
 
 
-def _battery(p: Picture) -> Message:
+def _battery(p: Moment) -> Message:
     cell = round(p.volts / _CELLS * 1e3)
     return m.MAVLink_battery_status_message(
         0,
@@ -214,7 +214,7 @@ def _battery(p: Picture) -> Message:
     )
 
 
-def _sys_status(p: Picture) -> Message:
+def _sys_status(p: Moment) -> Message:
     # As with PX4, a missing pilot counts as a sensor that is needed and does not work.
     without, pilot = p.pilot.sticks.lost, m.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     return m.MAVLink_sys_status_message(
@@ -234,7 +234,7 @@ def _sys_status(p: Picture) -> Message:
     )
 
 
-def _extended_state(p: Picture) -> Message:
+def _extended_state(p: Moment) -> Message:
     pilot = p.pilot
     if not pilot.flying or not pilot.state.airborne:
         landed = m.MAV_LANDED_STATE_ON_GROUND
@@ -247,7 +247,7 @@ def _extended_state(p: Picture) -> Message:
     return m.MAVLink_extended_sys_state_message(m.MAV_VTOL_STATE_UNDEFINED, landed)
 
 
-def _hud(p: Picture) -> Message:
+def _hud(p: Moment) -> Message:
     climb = -p.velocity_ned[2]
     return m.MAVLink_vfr_hud_message(
         p.ground_speed_mps,
@@ -259,24 +259,24 @@ def _hud(p: Picture) -> Message:
     )
 
 
-def _altitude(p: Picture) -> Message:
+def _altitude(p: Moment) -> Message:
     nan = float("nan")
     altitude = p.geodetic[2]
     return m.MAVLink_altitude_message(p.boot_us, altitude, altitude, -p.ned[2], p.above_home_m, nan, nan)
 
 
-def _system_time(p: Picture) -> Message:
+def _system_time(p: Moment) -> Message:
     return m.MAVLink_system_time_message(p.unix_us, p.boot_ms)
 
 
-def _estimator(p: Picture) -> Message:
+def _estimator(p: Moment) -> Message:
     known = _ESTIMATES_WITHOUT_POSITION if p.pilot.position_lost else _ESTIMATES
     return m.MAVLink_estimator_status_message(
         p.boot_us, known, 0.1, 0.1, 0.1, 0.1, 0.0, 0.0, _HORIZONTAL_M, _VERTICAL_M
     )
 
 
-def _position_target(p: Picture) -> Message | None:
+def _position_target(p: Moment) -> Message | None:
     setpoint = p.pilot.setpoint
     if setpoint is None:
         return None
@@ -295,7 +295,7 @@ def _position_target(p: Picture) -> Message | None:
     )
 
 
-def _mission_current(p: Picture) -> Message:
+def _mission_current(p: Moment) -> Message:
     run = p.pilot.mission
     if not run.items:
         state = m.MISSION_STATE_NO_MISSION
@@ -310,7 +310,7 @@ def _mission_current(p: Picture) -> Message:
     return m.MAVLink_mission_current_message(run.current, total, state, flown)
 
 
-def _version(_: Picture) -> Message:
+def _version(_: Moment) -> Message:
     return m.MAVLink_autopilot_version_message(
         _CAPABILITIES, _PX4_VERSION, _PX4_VERSION, 0, 0, [0] * 8, [0] * 8, [0] * 8, 0, 0, _UID
     )
@@ -320,7 +320,7 @@ def _version(_: Picture) -> Message:
 class Report:
     """One kind of message: how it is made, how often unless asked otherwise (0: never), and by whom."""
 
-    make: Callable[[Picture], Message | None]
+    make: Callable[[Moment], Message | None]
     rate_hz: float
     component: int = AUTOPILOT
 
@@ -395,13 +395,13 @@ class Streams:
         period = self._periods_s.get(kind)
         return round(period * 1e6) if period is not None else -1 if kind in self._messages else 0
 
-    def send_due(self, peer: Peer, picture: Picture) -> None:
-        """Sends what is due at the picture's time."""
-        now = picture.state.time_s + 1e-6
+    def send_due(self, peer: Peer, moment: Moment) -> None:
+        """Sends what is due at that moment."""
+        now = moment.state.time_s + 1e-6
         for kind, period in self._periods_s.items():
             if now >= self._next_s[kind]:
                 self._next_s[kind] = max(self._next_s[kind] + period, now)
                 report = self._messages[kind]
-                message = picture.message(kind, report)
+                message = moment.message(kind, report)
                 if message is not None:
                     peer.send(message, report.component)

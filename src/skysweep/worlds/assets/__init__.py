@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from skysweep.worlds.assets import boats, people, signs, things
-from skysweep.worlds.assets.looks import Looks
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh
 
-_MAKERS: dict[str, Callable[[Looks, float, str], Mesh]] = {
+_MAKERS: dict[str, Callable[[Appearance, float, str], Mesh]] = {
     "stop sign": signs.stop_sign,
     "red round sign": signs.round_sign,
     "person": people.person,
@@ -33,4 +33,4 @@ def object_mesh(kind: str, size_m: float, pose: str, variant: int) -> Mesh:
     ``pose`` is one of face-up, standing, lying, floating and sitting; kinds ignore those that mean
     nothing for them. Raises KeyError for an unknown kind.
     """
-    return _MAKERS[kind](Looks.of(kind, variant), size_m, pose)
+    return _MAKERS[kind](Appearance.of(kind, variant), size_m, pose)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Looks
-from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, tube
+from skysweep.worlds.assets.looks import F64, RGB, Appearance
+from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, skin_faces, tube
 from skysweep.worlds.textures import Layer
 
 _HULL: list[RGB] = [
@@ -26,7 +26,7 @@ GLASS = (0.10, 0.13, 0.17)
 DARK = (0.12, 0.12, 0.13)
 
 
-def boat(looks: Looks, size_m: float, pose: str) -> Mesh:
+def boat(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A boat ``size_m`` long, bow towards +x."""
     if size_m < 3.6:
         makers = [_canoe, _rowing_boat, _rowing_boat, _inflatable]
@@ -78,30 +78,20 @@ def _hull(
     v = np.stack(loop, axis=1)  # (S, 2R, 3)
     colours = np.array([inside] * 4 + [outside] * 6 + [inside] * 4)
     stations, n, _ = v.shape
-    i = np.arange(n)
-    j = (i + 1) % n
-    faces = []
-    for s in range(stations - 1):
-        a, b = s * n, (s + 1) * n
-        faces += [np.column_stack([a + i, a + j, b + j]), np.column_stack([a + i, b + j, b + i])]
-
-    skin = make_mesh(
-        v.reshape(-1, 3), np.concatenate(faces), np.tile(colours, (stations, 1)), layer, 1.5, flat=True
-    )
+    faces = skin_faces(stations, n)
+    skin = make_mesh(v.reshape(-1, 3), faces, np.tile(colours, (stations, 1)), layer, 1.5, flat=True)
     y, z = half[0], sheer[0]
     transom = prism([(-y, -0.25), (y, -0.25), (y, z), (-y, z)], 0.0, 0.06, outside, layer=layer)
     upright = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
     return merge([skin, transom.moved((x[0], 0, 0), upright)])
 
 
-def _deck(
-    x: F64, half: F64, sheer: F64, first: int, last: int, colour: F64, layer: int, drop: float = 0.03
-) -> Mesh:
+def _deck(x: F64, half: F64, sheer: F64, first: int, last: int, colour: F64, layer: int) -> Mesh:
     """A closed deck between stations ``first`` and ``last``."""
     s = slice(first, last + 1)
     v = np.concatenate(
         [
-            np.column_stack([x[s], w * half[s], sheer[s] - drop + 0.05 * half[s] * (1 - w * w)])
+            np.column_stack([x[s], w * half[s], sheer[s] - 0.03 + 0.05 * half[s] * (1 - w * w)])
             for w in (-1.0, 0.0, 1.0)
         ]
     )
@@ -117,7 +107,7 @@ def _engine(x: float, z: float, colour: F64) -> Mesh:
     return merge([cowl, box((0.14, 0.1, 0.5), DARK).moved((x - 0.2, 0, z - 0.4))])
 
 
-def _rowing_boat(looks: Looks, size_m: float) -> Mesh:
+def _rowing_boat(looks: Appearance, size_m: float) -> Mesh:
     wooden = looks.chance(0.5)
     outside = looks.pick(_WOOD, _WOOD) if wooden else looks.pick(_HULL, _HULL_HELD_OUT)
     inside = looks.pick(_WOOD, _WOOD) if wooden or looks.chance(0.3) else looks.pick(_DECK, _DECK_HELD_OUT)
@@ -146,7 +136,7 @@ def _rowing_boat(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _canoe(looks: Looks, size_m: float) -> Mesh:
+def _canoe(looks: Appearance, size_m: float) -> Mesh:
     outside = looks.pick(
         [(200, 40, 30), (240, 180, 30), (40, 90, 60), (30, 80, 150), (236, 120, 30)],
         [(150, 60, 130), (60, 170, 160), (180, 196, 60)],
@@ -168,7 +158,7 @@ def _canoe(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _inflatable(looks: Looks, size_m: float) -> Mesh:
+def _inflatable(looks: Appearance, size_m: float) -> Mesh:
     colour = looks.pick(_TUBES, _TUBES_HELD_OUT)
     r = 0.05 * size_m**0.8 + 0.07
     beam = size_m * looks.between(0.36, 0.44)
@@ -206,7 +196,7 @@ def _inflatable(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _cruiser(looks: Looks, size_m: float) -> Mesh:
+def _cruiser(looks: Appearance, size_m: float) -> Mesh:
     outside, deck = looks.pick(_HULL, _HULL_HELD_OUT), looks.pick(_DECK, _DECK_HELD_OUT)
     beam = size_m * looks.between(0.31, 0.38)
     x, half, sheer = _hull_sections(size_m, beam, 0.12 * size_m**0.75 + 0.3, looks.between(2.4, 3.4), 0.85)
@@ -245,7 +235,7 @@ def _cruiser(looks: Looks, size_m: float) -> Mesh:
     return merge(parts)
 
 
-def _yacht(looks: Looks, size_m: float) -> Mesh:
+def _yacht(looks: Appearance, size_m: float) -> Mesh:
     outside, deck = looks.pick(_HULL, _HULL_HELD_OUT), looks.pick(_DECK, _DECK_HELD_OUT)
     beam = size_m * looks.between(0.26, 0.32)
     x, half, sheer = _hull_sections(size_m, beam, 0.08 * size_m + 0.35, looks.between(1.8, 2.4), 0.6)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import RGB, Looks
+from skysweep.worlds.assets.looks import RGB, Appearance
 from skysweep.worlds.meshes import Mesh, box, make_mesh, merge
 from skysweep.worlds.textures import Layer
 
@@ -23,7 +23,7 @@ EAVES_M = 0.4
 
 def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) -> Mesh:
     """A house of length (x) and width (y) with eaves at ``height_m``; the ridge runs along the length."""
-    looks = Looks.of("building", variant)
+    looks = Appearance.of("building", variant)
     wall, roof = looks.pick(_WALL, _WALL), looks.pick(_ROOF, _ROOF)
     x, y = size_m[0] / 2, size_m[1] / 2
     rise = y * looks.between(0.45, 0.8)

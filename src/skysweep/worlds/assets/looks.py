@@ -15,7 +15,7 @@ RGB = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
-class Looks:
+class Appearance:
     """The random choices of one asset, the same for the same kind and variant."""
 
     kind: str
@@ -23,7 +23,7 @@ class Looks:
     rng: np.random.Generator
 
     @classmethod
-    def of(cls, kind: str, variant: int) -> Looks:
+    def of(cls, kind: str, variant: int) -> Appearance:
         return cls(kind, variant, np.random.default_rng([crc32(kind.encode()), variant]))
 
     @property

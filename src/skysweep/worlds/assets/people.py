@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Looks
+from skysweep.worlds.assets.looks import F64, RGB, Appearance
 from skysweep.worlds.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
 from skysweep.worlds.textures import Layer
 
@@ -61,7 +61,7 @@ class Skeleton:
     legs: tuple[F64, F64]  # each (4, 3): hip, knee, ankle, toe
 
 
-def person(looks: Looks, size_m: float, pose: str) -> Mesh:
+def person(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A person of body height ``size_m``: standing, lying (the default), sitting or floating in water."""
     if pose == "standing":
         body = _dress(looks, _standing(looks))
@@ -74,7 +74,7 @@ def person(looks: Looks, size_m: float, pose: str) -> Mesh:
     return body.moved(scale=size_m).grounded(0.3, 0.7)
 
 
-def _floating(looks: Looks, size_m: float) -> Mesh:
+def _floating(looks: Appearance, size_m: float) -> Mesh:
     """Upright in the water to the chest, arms out, or on the back with the face up."""
     if looks.chance(0.3):
         skeleton = _stretched(looks, knees=0.05)
@@ -91,7 +91,7 @@ def _floating(looks: Looks, size_m: float) -> Mesh:
     return _dress(looks, skeleton, swimmer=True).moved((0, 0, -0.775), R).moved(scale=size_m)
 
 
-def _lying(looks: Looks, size_m: float) -> Mesh:
+def _lying(looks: Appearance, size_m: float) -> Mesh:
     """Stretched out on the back or the belly, or curled up on the side."""
     if looks.chance(0.25):
         right_side_down = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -113,7 +113,7 @@ def _limb(start: F64, direction: F64, bend: F64, first: float, second: float) ->
     return np.stack([start, knee, knee + second * bend / np.linalg.norm(bend)])
 
 
-def _upright(looks: Looks, spread: F64, forward: F64, elbow: F64) -> Skeleton:
+def _upright(looks: Appearance, spread: F64, forward: F64, elbow: F64) -> Skeleton:
     """Standing straight, the arms ``spread`` rad from hanging, ``forward`` rad ahead, elbows bent."""
     hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
     arms, legs = [], []
@@ -140,7 +140,7 @@ def _upright(looks: Looks, spread: F64, forward: F64, elbow: F64) -> Skeleton:
     )
 
 
-def _standing(looks: Looks) -> Skeleton:
+def _standing(looks: Appearance) -> Skeleton:
     spread = looks.rng.uniform(0.06, 0.4, 2)
     if looks.chance(0.35):  # waves
         spread[0] = looks.rng.uniform(2.0, 2.9)
@@ -149,7 +149,7 @@ def _standing(looks: Looks) -> Skeleton:
     return _upright(looks, spread, looks.rng.uniform(-0.3, 0.4, 2), looks.rng.uniform(0.0, 0.7, 2))
 
 
-def _stretched(looks: Looks, knees: float) -> Skeleton:
+def _stretched(looks: Appearance, knees: float) -> Skeleton:
     """Stretched out in the plane of the body, limbs spread sideways."""
     hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
     arms, legs = [], []
@@ -185,7 +185,7 @@ def _stretched(looks: Looks, knees: float) -> Skeleton:
     )
 
 
-def _sitting(looks: Looks, curled: bool = False) -> Skeleton:
+def _sitting(looks: Appearance, curled: bool = False) -> Skeleton:
     hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
     lean = looks.between(-0.25, 0.3) if not curled else looks.between(0.3, 0.7)
     up = np.array([np.sin(lean), 0, np.cos(lean)])
@@ -212,7 +212,7 @@ def _sitting(looks: Looks, curled: bool = False) -> Skeleton:
     return Skeleton(pelvis, neck, neck + 0.095 * up + [0.012, 0, 0], (arms[0], arms[1]), (legs[0], legs[1]))
 
 
-def _dress(looks: Looks, bones: Skeleton, swimmer: bool = False) -> Mesh:
+def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
     """Flesh and clothes on a skeleton, in body heights."""
     skin = looks.pick(_SKIN, _SKIN_HELD_OUT)
     hair = looks.pick(_HAIR, _HAIR_HELD_OUT)

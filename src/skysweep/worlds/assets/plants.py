@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Looks
+from skysweep.worlds.assets.looks import F64, RGB, Appearance
 from skysweep.worlds.meshes import Mesh, icosphere, lathe, loft, lumpy, make_mesh, merge
 from skysweep.worlds.textures import Layer
 
@@ -26,10 +26,10 @@ _TRUNK: list[RGB] = [(92, 76, 60), (112, 98, 82), (80, 66, 52)]
 def tree_meshes(kind: str, shape: int) -> tuple[Mesh, ...]:
     """Unit mesh ``shape`` (0 .. SHAPES - 1) of a tree kind (broadleaf, conifer or bush), coarse to fine."""
     make = {"broadleaf": _broadleaf, "conifer": _conifer, "bush": _bush}[kind]
-    return tuple(make(Looks.of(kind, shape), detail) for detail in range(DETAILS))
+    return tuple(make(Appearance.of(kind, shape), detail) for detail in range(DETAILS))
 
 
-def _crown(looks: Looks, colour: F64, detail: int, lumps: int) -> Mesh:
+def _crown(looks: Appearance, colour: F64, detail: int, lumps: int) -> Mesh:
     """A lumpy unit sphere, darker in its hollows and below; coarse ones are subsets of the finest."""
     v, _ = icosphere(DETAILS)
     radius = lumpy(v, looks.rng, lumps, 0.42)
@@ -43,7 +43,7 @@ def _crown(looks: Looks, colour: F64, detail: int, lumps: int) -> Mesh:
     return make_mesh(p[:n], faces, colours[:n], Layer.LEAVES)
 
 
-def _broadleaf(looks: Looks, detail: int) -> Mesh:
+def _broadleaf(looks: Appearance, detail: int) -> Mesh:
     colour = looks.pick(_BROADLEAF, _BROADLEAF)
     trunk = lathe(
         [(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK
@@ -52,12 +52,12 @@ def _broadleaf(looks: Looks, detail: int) -> Mesh:
     return merge([crown, trunk])
 
 
-def _bush(looks: Looks, detail: int) -> Mesh:
+def _bush(looks: Appearance, detail: int) -> Mesh:
     colour = looks.pick(_BROADLEAF, _BROADLEAF) * 0.92
     return _crown(looks, colour, detail, 16).moved((0, 0, 0.42), scale=(1.0, 1.0, 0.58))
 
 
-def _conifer(looks: Looks, detail: int) -> Mesh:
+def _conifer(looks: Appearance, detail: int) -> Mesh:
     """Tiers of drooping branches with ragged edges."""
     colour = looks.pick(_CONIFER, _CONIFER)
     parts = [lathe([(0.10, -0.05), (0.03, 0.9)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, Looks
+from skysweep.worlds.assets.looks import F64, Appearance
 from skysweep.worlds.meshes import Mesh, circle, merge, plate, prism, tube
 from skysweep.worlds.textures import Decal, decal_layer
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M
@@ -12,19 +12,19 @@ from skysweep.worlds.world import STANDING_SIGN_EDGE_M
 STEEL = (0.62, 0.63, 0.64)
 
 
-def stop_sign(looks: Looks, size_m: float, pose: str) -> Mesh:
+def stop_sign(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """An octagon ``size_m`` across the flats, lying a little tilted or standing on a post."""
     a = np.pi / 8 + np.arange(8) * np.pi / 4
     corners = np.column_stack([np.cos(a), np.sin(a)]) * size_m / 2 / np.cos(np.pi / 8)
     return _sign(looks, size_m, pose, corners, Decal.STOP_SIGN, size_m / 2 / np.cos(np.pi / 8))
 
 
-def round_sign(looks: Looks, size_m: float, pose: str) -> Mesh:
+def round_sign(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A disc ``size_m`` in diameter."""
     return _sign(looks, size_m, pose, circle(28) * size_m / 2, Decal.ROUND_SIGN, size_m / 2)
 
 
-def _sign(looks: Looks, size_m: float, pose: str, outline: F64, decal: Decal, radius_m: float) -> Mesh:
+def _sign(looks: Appearance, size_m: float, pose: str, outline: F64, decal: Decal, radius_m: float) -> Mesh:
     layer = decal_layer(decal, looks.variant)
     top = 0.02
     face = merge([prism(outline, 0.0, top, STEEL), plate(outline, top + 0.002, (1, 1, 1), layer, radius_m)])

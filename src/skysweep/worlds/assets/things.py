@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import RGB, Looks
+from skysweep.worlds.assets.looks import RGB, Appearance
 from skysweep.worlds.meshes import (
     Mesh,
     circle,
@@ -43,7 +43,7 @@ _BUOY: list[RGB] = [(230, 90, 20), (214, 40, 30), (240, 120, 30)]
 _BUOY_HELD_OUT: list[RGB] = [(236, 70, 50), (224, 130, 20), (190, 30, 40)]
 
 
-def bucket(looks: Looks, size_m: float, pose: str) -> Mesh:
+def bucket(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A red bucket ``size_m`` in diameter, open at the top, with its handle hanging to one side."""
     red = looks.pick(_BUCKET, _BUCKET_HELD_OUT)
     r, h = size_m / 2, size_m * looks.between(0.8, 1.15)
@@ -65,7 +65,7 @@ def bucket(looks: Looks, size_m: float, pose: str) -> Mesh:
     return merge([shell.grounded(0.3 * h, 0.7), handle])
 
 
-def rock(looks: Looks, size_m: float, pose: str) -> Mesh:
+def rock(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A boulder about ``size_m`` long, sunk a little."""
     v, f = icosphere(3)
     rng = looks.rng
@@ -83,7 +83,7 @@ def rock(looks: Looks, size_m: float, pose: str) -> Mesh:
     return mesh.grounded(0.25 * size_m, 0.65)
 
 
-def stump(looks: Looks, size_m: float, pose: str) -> Mesh:
+def stump(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A cut tree ``size_m`` in diameter: bark, root flare, growth rings on top."""
     bark = looks.pick(_BARK, _BARK_HELD_OUT)
     n, h = 22, size_m * looks.between(0.35, 0.8)
@@ -101,7 +101,7 @@ def stump(looks: Looks, size_m: float, pose: str) -> Mesh:
     return merge([side, top])
 
 
-def clothing(looks: Looks, size_m: float, pose: str) -> Mesh:
+def clothing(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A jacket or a pair of trousers ``size_m`` long, dropped and crumpled."""
     colour = looks.pick(_CLOTH, _CLOTH_HELD_OUT)
     jacket = looks.chance(0.55)
@@ -131,7 +131,7 @@ def clothing(looks: Looks, size_m: float, pose: str) -> Mesh:
     return merge(parts)
 
 
-def _heap(looks: Looks, line: np.ndarray, half_m: float, colour: np.ndarray, height_m: float) -> Mesh:
+def _heap(looks: Appearance, line: np.ndarray, half_m: float, colour: np.ndarray, height_m: float) -> Mesh:
     """A rumpled strip of cloth along a line (S, 2)."""
     s = np.linspace(0, len(line) - 1, 14)
     p = np.column_stack([np.interp(s, np.arange(len(line)), line[:, c]) for c in (0, 1)])
@@ -155,7 +155,7 @@ def _heap(looks: Looks, line: np.ndarray, half_m: float, colour: np.ndarray, hei
     return make_mesh(v, faces, colour * shade, Layer.FABRIC, 0.5)
 
 
-def buoy(looks: Looks, size_m: float, pose: str) -> Mesh:
+def buoy(looks: Appearance, size_m: float, pose: str) -> Mesh:
     """A mooring buoy ``size_m`` in diameter, half afloat and leaning a little, with an eye on top."""
     colour = looks.pick(_BUOY, _BUOY_HELD_OUT)
     r, squash = size_m / 2, looks.between(0.85, 1.15)

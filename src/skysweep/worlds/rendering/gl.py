@@ -19,7 +19,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
 from skysweep.worlds.rendering.gl_batches import Plants, Tiles, ground_blocks, solid_blocks
-from skysweep.worlds.rendering.projection import View
+from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Scene
 from skysweep.worlds.textures import LAYER_PX
 
@@ -71,7 +71,7 @@ class GLRenderer:
         with self._context as gl:
             self._aim_shadow(lens, pose)
             target = self._target(lens)
-            view = View.of(lens, pose)
+            view = Projection.of(lens, pose)
             self._shadow.use(4)
             for name in ("ground", "solid", "plant"):
                 _set(self._programs[name], view_projection=view.matrix, eye=pose.position_enu_m)
@@ -95,7 +95,7 @@ class GLRenderer:
         """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context:
             target = self._target(lens)
-            view = View.of(lens, pose)
+            view = Projection.of(lens, pose)
             target.resolved.use()
             target.resolved.clear(0.0, 0.0, 0.0, 0.0)
             for name in ("ground", "solid", "plant"):
@@ -104,7 +104,7 @@ class GLRenderer:
             rgba = target.read_rgba().astype(np.int32)
         return np.asarray(rgba[..., 0] + 256 * rgba[..., 1])
 
-    def _draw(self, suffix: str, view: View, occluders: bool = True) -> None:
+    def _draw(self, suffix: str, view: Projection, occluders: bool = True) -> None:
         self._objects.draw(self._programs["solid" + suffix], view)
         if occluders:
             self._buildings.draw(self._programs["solid" + suffix], view)
@@ -112,7 +112,7 @@ class GLRenderer:
                 plants.draw(self._programs["plant" + suffix], view)
             self._ground.draw(self._programs["ground" + suffix], view)
 
-    def _rugged(self, lens: Lens, pose: CameraPose, view: View) -> Rectangle | None:
+    def _rugged(self, lens: Lens, pose: CameraPose, view: Projection) -> Rectangle | None:
         """The part of the picture in which there are edges.
 
         Elsewhere is flat ground, which one sample a pixel shows as well as four (but for rounding) in two
@@ -183,7 +183,7 @@ class GLRenderer:
             _set(self._programs[name + "_depth"], view_projection=matrix)
         self._shadow_target.use()
         self._shadow_target.clear()
-        self._draw("_depth", View(matrix, None, SHADOW_PX / span))
+        self._draw("_depth", Projection(matrix, None, SHADOW_PX / span))
 
 
 class _Target:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.worlds.meshes import Mesh, merge
-from skysweep.worlds.rendering.projection import View
+from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Planting, Solid
 
 F32 = NDArray[np.float32]
@@ -98,7 +98,7 @@ class Tiles:
         self._firsts = np.cumsum([0, *self._counts[:-1]]).tolist()
         self._arrays: dict[int, moderngl.VertexArray] = {}
 
-    def draw(self, program: moderngl.Program, view: View) -> None:
+    def draw(self, program: moderngl.Program, view: Projection) -> None:
         if not self._counts:
             return
         array = self._arrays.get(program.glo)
@@ -108,11 +108,11 @@ class Tiles:
         for k in self._seen(view).tolist():
             array.render(vertices=self._counts[k], first=self._firsts[k])
 
-    def corners(self, view: View) -> F64:
+    def corners(self, view: Projection) -> F64:
         """Of the boxes around what is in sight, (N, 3)."""
         return self._boxes[self._seen(view)][:, _CORNERS, range(3)].reshape(-1, 3)
 
-    def _seen(self, view: View) -> NDArray[np.intp]:
+    def _seen(self, view: Projection) -> NDArray[np.intp]:
         return np.flatnonzero(view.sees(self._centres, self._radii))
 
 
@@ -135,10 +135,10 @@ class Plants:
         self._radii = np.hypot(0.55 * height, radius)
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
 
-    def is_in_sight(self, view: View) -> bool:
+    def is_in_sight(self, view: Projection) -> bool:
         return bool(view.sees(self._centres, self._radii).any())
 
-    def draw(self, program: moderngl.Program, view: View) -> None:
+    def draw(self, program: moderngl.Program, view: Projection) -> None:
         seen = np.flatnonzero(view.sees(self._centres, self._radii))
         if len(seen) == 0:
             return

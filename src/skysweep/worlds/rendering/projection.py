@@ -30,7 +30,7 @@ def view_projection(lens: Lens, pose: CameraPose) -> F64:
     return projection @ view
 
 
-class View:
+class Projection:
     """What is in sight of a clip matrix, and how large."""
 
     def __init__(self, matrix: F64, eye: F64 | None, focal_px: float) -> None:
@@ -43,7 +43,7 @@ class View:
         self._planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
 
     @classmethod
-    def of(cls, lens: Lens, pose: CameraPose) -> View:
+    def of(cls, lens: Lens, pose: CameraPose) -> Projection:
         return cls(view_projection(lens, pose), pose.position_enu_m, lens.focal_px)
 
     def sees(self, centres: F64, radii: F64) -> NDArray[np.bool_]:
