@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu, rotation_from_euler
-from skysweep.types import Setpoint, VehicleState
+from skysweep.types import Setpoint, Truth, VehicleState
 
 
 class PointVehicle:
@@ -24,6 +24,7 @@ class PointVehicle:
         self._airborne = False
         self._time_s = 0.0
         self._energy_wh = 0.0
+        self.truth: Truth | None = None
 
     def state(self) -> VehicleState:
         camera = CameraPose(self._position.copy(), rotation_camera_to_enu(self._target.yaw_rad, -np.pi / 2))
