@@ -34,6 +34,7 @@ from skysweep.results.run_folder import (
     load_flown,
     refuse_links,
 )
+from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
@@ -63,7 +64,7 @@ def fly_to_folder(
     operator: Operator = lambda: None,
     detector: Detector | None = None,
     say: Say = lambda _words: None,
-) -> dict[str, Any]:
+) -> RunSummary:
     """Fly one mission, write its run folder and return its summary.
 
     ``vehicle``, ``camera``, ``detector`` and ``operator`` are as in ``build_mission`` and ``fly``; ``say``
@@ -103,7 +104,7 @@ def begin(
         )
 
 
-def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> dict[str, Any]:
+def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> Summary:
     """Fly one mission and return its summary; nothing is written."""
     started = time.perf_counter()
     mission = build_mission(scenario, seed, sensor_name, threads=1)
@@ -189,7 +190,7 @@ def _is_simulated(mission: Mission) -> bool:
     return drawn or isinstance(vehicle, Multirotor)
 
 
-def finish(folder: Path, started: float | None) -> dict[str, Any]:
+def finish(folder: Path, started: float | None) -> RunSummary:
     """Write the results of a flown mission; its summary.
 
     ``started`` is when flying began by ``time.perf_counter``; None: nobody knows.

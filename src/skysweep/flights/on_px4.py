@@ -22,6 +22,7 @@ from skysweep.flights.resume import resume_folder
 from skysweep.mission.mission import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
+from skysweep.results.summary import RunSummary
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.cameras.video import VideoCamera
 from skysweep.strategies import strategy_spec
@@ -136,7 +137,7 @@ class Px4Flight:
         watch: Watch,
         operator: Operator,
         say: Say = lambda _words: None,
-    ) -> dict[str, Any]:
+    ) -> RunSummary:
         """Arm, fly the mission and land; the summary of its run folder."""
         refuse_other_mission(out)
         self._keep_record(out)
@@ -166,7 +167,7 @@ class Px4Flight:
         operator: Operator,
         say: Say = lambda _words: None,
         from_sound_lines: bool = False,
-    ) -> dict[str, Any]:
+    ) -> RunSummary:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder.
 
         ``from_sound_lines`` is as in ``resume_folder``.

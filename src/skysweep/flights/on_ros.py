@@ -15,6 +15,7 @@ from skysweep.flights.build import build_mission, make_detector
 from skysweep.flights.fly import Watch, begin, finish, fly_in
 from skysweep.mission.journal import FileJournal
 from skysweep.results.run_folder import JOURNAL_FILE
+from skysweep.results.summary import RunSummary
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import Link
 from skysweep.ros.parts import PublishedDetector, RosCamera, RosDetector, RosPoseVehicle
@@ -49,7 +50,7 @@ def fly_on_ros(
     arguments: tuple[str, ...] = (),
     watch: Watch = lambda _state, _mode, _new: None,
     say: Callable[[str], None] = lambda _words: None,
-) -> dict[str, Any]:
+) -> RunSummary:
     """Fly one mission with everything on topics; write its run folder and return its summary.
 
     ``changes`` are to the scenario's fields; ``arguments`` ROS arguments, whose parameters win over

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from skysweep import __version__
 from skysweep.errors import UserError
@@ -30,6 +30,7 @@ from skysweep.results.run_folder import (
     refuse_links,
     summary_of_complete,
 )
+from skysweep.results.summary import RunSummary
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.imaging import ImagingSensor
@@ -53,7 +54,7 @@ def resume_folder(
     camera: Camera | None = None,
     operator: Operator = lambda: None,
     say: Say = lambda _words: None,
-) -> dict[str, Any]:
+) -> RunSummary:
     """Go on with the mission of a run folder where it was broken off; its summary.
 
     A simulated mission ends as if it had never been broken off, but for the wall time. One that a ``vehicle``
@@ -68,7 +69,7 @@ def resume_folder(
     started = time.perf_counter()
     summary = summary_of_complete(folder, from_sound_lines)
     if summary is not None:
-        return dict(summary)
+        return cast("RunSummary", dict(summary))
     path = _begun_journal(folder)
     with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
         begun = _begun(folder, journal.records)
