@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar, cast
 
@@ -11,6 +12,7 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from skysweep.errors import UserError
+from skysweep.files.locking import lock
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -70,6 +72,11 @@ class Folder:
         return content
 
     @_told
+    def exists(self, name: str = "") -> bool:
+        """Whether there is such a file or folder in it; of no name, whether it is there itself."""
+        return bool(self._files.exists(self._path(name)))
+
+    @_told
     def write(self, name: str, content: bytes) -> None:
         """Make or replace a file, whole or not at all."""
         path = self._path(name)
@@ -107,5 +114,15 @@ class Folder:
         if self._files.exists(self._path(folder)):
             self._files.rm(self._path(folder), recursive=True)
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Nobody else who asks for it has this folder, of this computer, meanwhile. Raises UserError."""
+        descriptor = os.open(self._root, os.O_RDONLY)
+        try:
+            lock(descriptor, self.url)
+            yield
+        finally:
+            os.close(descriptor)
+
     def _path(self, name: str) -> str:
-        return f"{self._root.rstrip('/')}/{name}"
+        return f"{self._root.rstrip('/')}/{name}".rstrip("/")

@@ -23,11 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-
-try:
-    import fcntl
-except ImportError:  # only POSIX has it; elsewhere nobody is kept from writing twice
-    fcntl = None  # type: ignore[assignment]
+from skysweep.files.locking import lock
 
 Record = Mapping[str, Any]
 
@@ -93,7 +89,7 @@ class LineFile:
                 f"{path}: cannot be written ({reason}); choose another place or mend its rights"
             ) from None
         try:
-            self._lock()
+            lock(self._file.fileno(), path)
             self._held = read_sound_lines(path)
             if set_aside is None:
                 self._held.refuse_damaged(path, remedy)
@@ -151,19 +147,6 @@ class LineFile:
     def close(self) -> None:
         """Close the file; others may write it."""
         self._file.close()
-
-    def _lock(self) -> None:
-        if fcntl is None:
-            return
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                raise UserError(
-                    f"{self._path}: another skysweep is writing it; wait until that one has ended, or stop it"
-                ) from None
-            if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
-                raise
 
 
 def read_lines(path: Path, remedy: str) -> list[dict[str, Any]]:

@@ -1,0 +1,28 @@
+"""One writer at a time. A lock goes with the process that holds it: a kill leaves nothing to clean up."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+from skysweep.errors import UserError
+
+try:
+    import fcntl
+except ImportError:  # only POSIX has it; elsewhere nobody is kept from writing twice
+    fcntl = None  # type: ignore[assignment]
+
+
+def lock(descriptor: int, path: Path | str) -> None:
+    """Lock an open file or folder until it is closed. Raises UserError where another process holds it."""
+    if fcntl is None:
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise UserError(
+                f"{path}: another skysweep is writing it; wait until that one has ended, or stop it"
+            ) from None
+        if error.errno not in (errno.EBADF, errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):  # disks without locks
+            raise
