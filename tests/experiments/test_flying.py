@@ -16,6 +16,7 @@ from skysweep.experiments.store import MissionStore, row_of, summary_of
 from skysweep.experiments.sweep.missions import METRICS
 from skysweep.experiments.tune.race import outcome_of
 from skysweep.files.folder import Folder
+from skysweep.files.locking import locked
 from skysweep.flights.fly import fly_in_memory
 from skysweep.results.summary import Summary
 
@@ -107,8 +108,9 @@ def test_a_mission_that_fails_ends_it_with_its_sentence(tmp_path):
 
 HOLD = """
 import sys
-from skysweep.files.folder import Folder
-with Folder(sys.argv[1]).alone():
+from pathlib import Path
+from skysweep.files.locking import locked
+with locked(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -121,7 +123,7 @@ def test_a_second_comparison_into_the_same_folder_is_refused(tmp_path):
         with pytest.raises(UserError, match="another skysweep is writing it; wait until that one has ended"):
             fly_missing([matrix()], fly_nothing, tmp_path, 1)
         first.kill()
-    with Folder(tmp_path).alone():
+    with locked(tmp_path):
         pass
 
 
@@ -134,3 +136,11 @@ def test_a_folder_that_holds_something_else_is_refused_and_stays(tmp_path, name,
     with pytest.raises(UserError, match=f"{tmp_path}: holds {said}.*; write another --out"):
         fly_missing([matrix()], fly_nothing, tmp_path, 1)
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_parts_of_a_sweep_that_lost_its_spec_are_refused(tmp_path):
+    job = matrix(1).job(0)
+    for rows in ([row_of(job.label, job.config_hash, None, "no")], [row_of(job.label, "other", fly(job))]):
+        MissionStore(Folder(tmp_path)).append(rows)
+        with pytest.raises(UserError, match="holds a sweep"):
+            fly_missing([matrix()], fly_nothing, tmp_path, 1)

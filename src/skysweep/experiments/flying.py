@@ -12,14 +12,9 @@ import polars as pl
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine
 from skysweep.experiments.matrix import Matrix, MissionJob
-from skysweep.experiments.store import (
-    OLDER_FILE,
-    MissionStore,
-    PartWriter,
-    row_of,
-    summary_of,
-)
+from skysweep.experiments.store import OLDER_FILE, MissionStore, row_of
 from skysweep.files.folder import Folder
+from skysweep.files.locking import locked
 from skysweep.files.writing import make_folder
 from skysweep.results.summary import Summary
 
@@ -42,17 +37,14 @@ def fly_missing(
     into it.
     """
     make_folder(out)
-    folder = Folder(out)
-    with folder.alone():
-        store = MissionStore(folder)
-        if store.spec() is not None:
-            raise UserError(f"{out}: holds a sweep; write another --out")
-        if folder.exists(OLDER_FILE):
-            raise UserError(
-                f"{out}: holds the missions of an older skysweep ({OLDER_FILE}), which this one does not "
-                "read; write another --out"
-            )
-        summaries = {row["config_hash"]: summary_of(row) for row in store.outcomes().iter_rows(named=True)}
+    if (out / OLDER_FILE).exists():
+        raise UserError(
+            f"{out}: holds the missions of an older skysweep ({OLDER_FILE}), which this one does not read; "
+            "write another --out"
+        )
+    store = MissionStore(Folder(out))
+    with locked(out):
+        summaries = store.summaries()
         jobs = {job.config_hash: job for matrix in matrices for job in matrix.jobs()}
         held = [job for key, job in jobs.items() if key in summaries]
         todo = sorted((job for key, job in jobs.items() if key not in summaries), key=lambda job: job.seed)
@@ -62,10 +54,10 @@ def fly_missing(
             asked = pl.concat([matrix.table() for matrix in matrices], how="diagonal")
             with (
                 closing(LocalEngine(workers).run(fly, todo)) as results,
-                PartWriter(lambda rows: store.append(rows, asked), time.monotonic()) as parts,
+                store.parts(time.monotonic(), matrix=asked) as take,
             ):
                 for job, summary in results:
-                    parts.add(row_of(job.label, job.config_hash, summary))
+                    take(row_of(job.label, job.config_hash, summary))
                     summaries[job.config_hash] = summary
                     on_done(job, summary)
         if not store.is_complete():

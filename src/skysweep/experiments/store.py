@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, cast, get_args, get_type_hints
 
 import polars as pl
@@ -42,6 +43,7 @@ _PART_S = 1.0, 30.0  # a part is written after a twentieth of the time so far, w
 _PART_SHARE = 0.05
 _PART_ROWS = 2000
 
+Row = dict[str, Any]
 _Schema = dict[str, pl.DataType | type[pl.DataType]]
 
 
@@ -67,9 +69,9 @@ _SCHEMA: _Schema = {
 }
 
 
-def row_of(label: str, config_hash: str, summary: Summary | None, error: str | None = None) -> dict[str, Any]:
+def row_of(label: str, config_hash: str, summary: Summary | None, error: str | None = None) -> Row:
     """The row of a mission: its summary flattened, or all nulls and the error."""
-    row: dict[str, Any] = dict.fromkeys(_SCHEMA)
+    row: Row = dict.fromkeys(_SCHEMA)
     if summary is not None:
         curve = summary["pos_curve"] or ()
         flat = summary | {"pos_time_s": [t for t, _ in curve], "pos_value": [p for _, p in curve]}
@@ -78,7 +80,7 @@ def row_of(label: str, config_hash: str, summary: Summary | None, error: str | N
     return row | {"scenario": label, "config_hash": config_hash, "error": error}
 
 
-def summary_of(row: Mapping[str, Any]) -> Summary:
+def summary_of(row: Row) -> Summary:
     """The summary that a row of a comparison was made of."""
     curve = [list(point) for point in zip(row["pos_time_s"], row["pos_value"], strict=True)]
     limits = {key: finite_or_inf(row[key]) for key in ("n_c", "d_c_m")}
@@ -112,6 +114,14 @@ class MissionStore:
         """Scenario, config_hash and error of every mission that is finished."""
         return self.outcomes([*KEY, "error"])
 
+    def summaries(self) -> dict[str, Summary]:
+        """Those of a comparison, by config_hash. Raises UserError where the missions are a sweep's."""
+        rows = self.outcomes()
+        told = "strategy" in rows.columns and not rows["error"].count()
+        if self.spec() is not None or (len(rows) and not told):
+            raise UserError(f"{self._folder}: holds a sweep; write another --out")
+        return {row["config_hash"]: summary_of(row) for row in rows.iter_rows(named=True)}
+
     def has_table(self) -> bool:
         """Whether missions were complete once."""
         return self._folder.exists(TABLE_FILE)
@@ -124,13 +134,39 @@ class MissionStore:
         """Whether the table is there and nothing waits to join it."""
         return self.has_table() and not self.has_parts()
 
-    def append(self, rows: Sequence[dict[str, Any]], matrix: pl.DataFrame | None = None) -> None:
+    def append(self, rows: Sequence[Row], matrix: pl.DataFrame | None = None) -> None:
         """Write finished missions down, as one part; what ``matrix`` tells of them stands there, too."""
         part = pl.DataFrame(rows, schema=_SCHEMA, orient="row")
         if matrix is not None:
             part = matrix.drop("job").join(part, on=KEY, how="inner")
         content = _parquet(part)
         self._folder.write(f"{PARTS}/{sha256(content)}.parquet", content)
+
+    @contextmanager
+    def parts(
+        self, started: float, rows: Sequence[Row] = (), matrix: pl.DataFrame | None = None
+    ) -> Iterator[Callable[[Row], None]]:
+        """Takes rows; appends what it has from time to time and when the block ends, however it ends.
+
+        ``started`` is when their flying began by ``time.monotonic``, ``rows`` what was flown since.
+        """
+        waiting, written = list(rows), started
+
+        def take(row: Row) -> None:
+            nonlocal written
+            waiting.append(row)
+            now = time.monotonic()
+            pause = min(max(_PART_SHARE * (now - started), _PART_S[0]), _PART_S[1])
+            if now - written >= pause or len(waiting) >= _PART_ROWS:
+                self.append(waiting, matrix)
+                waiting.clear()
+                written = now
+
+        try:
+            yield take
+        finally:
+            if waiting:
+                self.append(waiting, matrix)
 
     def finish(self, matrix: pl.DataFrame) -> None:
         """Make the table from the parts and remove them. ``matrix`` has one row for each mission.
@@ -204,41 +240,6 @@ class MissionStore:
         for name, content in contents.items():
             self._folder.write(name, content)
         self._folder.write(SUMS_FILE, dump_sums({**sums, **new}))
-
-
-class PartWriter:
-    """Hands rows to ``append`` from time to time, and at the end of its block what is left, whatever ends it.
-
-    ``started`` is when their flying began by ``time.monotonic``, ``rows`` what was flown since.
-    """
-
-    def __init__(
-        self,
-        append: Callable[[Sequence[dict[str, Any]]], None],
-        started: float,
-        rows: Sequence[dict[str, Any]] = (),
-    ) -> None:
-        self._append, self._started, self._written, self._rows = append, started, started, list(rows)
-
-    def __enter__(self) -> PartWriter:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._flush()
-
-    def add(self, row: dict[str, Any]) -> None:
-        """Take one more row."""
-        self._rows.append(row)
-        now = time.monotonic()
-        pause = min(max(_PART_SHARE * (now - self._started), _PART_S[0]), _PART_S[1])
-        if now - self._written >= pause or len(self._rows) >= _PART_ROWS:
-            self._flush()
-            self._written = now
-
-    def _flush(self) -> None:
-        if self._rows:
-            self._append(self._rows)
-            self._rows = []
 
 
 def _parameters(table: pl.DataFrame) -> list[str]:

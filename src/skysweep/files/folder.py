@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar, cast
 
@@ -12,7 +11,6 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from skysweep.errors import UserError
-from skysweep.files.locking import lock
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -113,16 +111,6 @@ class Folder:
         """Remove a folder and what is in it."""
         if self._files.exists(self._path(folder)):
             self._files.rm(self._path(folder), recursive=True)
-
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """Nobody else who asks for it has this folder, of this computer, meanwhile. Raises UserError."""
-        descriptor = os.open(self._root, os.O_RDONLY)
-        try:
-            lock(descriptor, self.url)
-            yield
-        finally:
-            os.close(descriptor)
 
     def _path(self, name: str) -> str:
         return f"{self._root.rstrip('/')}/{name}".rstrip("/")

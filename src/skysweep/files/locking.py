@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from skysweep.errors import UserError
@@ -13,8 +16,22 @@ except ImportError:  # only POSIX has it; elsewhere nobody is kept from writing 
     fcntl = None  # type: ignore[assignment]
 
 
-def lock(descriptor: int, path: Path | str) -> None:
-    """Lock an open file or folder until it is closed. Raises UserError where another process holds it."""
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """A folder that no other process locks meanwhile. Raises UserError where another one holds it."""
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        lock(descriptor, folder)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def lock(descriptor: int, path: Path) -> None:
+    """Lock an open file until it is closed. Raises UserError where another process holds it."""
     if fcntl is None:
         return
     try:

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
 
 import polars as pl
 import yaml
@@ -15,7 +14,7 @@ import yaml
 from skysweep.errors import UserError
 from skysweep.experiments.engines import Engine
 from skysweep.experiments.matrix import MissionJob
-from skysweep.experiments.store import KEY, SPEC_FILE, TABLE_FILE, MissionStore, PartWriter, row_of
+from skysweep.experiments.store import KEY, SPEC_FILE, TABLE_FILE, MissionStore, Row, row_of
 from skysweep.experiments.sweep.spec import SweepSpec, differences, dump_spec, matrix_of
 from skysweep.files.folder import Folder
 from skysweep.flights.build import refuse_unseeable
@@ -119,7 +118,7 @@ class Sweep:
         count = max(_FIRST, 2 * engine.workers)
         first = _spread(self._todo[: max(self.configurations, count)], count)
         rest = sorted(set(self._todo).difference(first))
-        rows: list[dict[str, Any]] = []
+        rows: list[Row] = []
         with closing(engine.run(fly_job, self._matrix.jobs([*first, *rest]))) as results:
             try:
                 for _, row in results:
@@ -136,9 +135,9 @@ class Sweep:
             if left := len(self._todo) - len(rows):
                 confirm(Outlook(left, min(engine.workers, left), _mission_s(rows, engine.workers)))
             self._store.write_spec(dump_spec(self._spec))
-            with PartWriter(self._store.append, started, rows) as parts:
+            with self._store.parts(started, rows) as take:
                 for _, row in results:
-                    parts.add(row)
+                    take(row)
                     on_done(row["error"])
 
     def _known(self) -> pl.DataFrame:
@@ -158,7 +157,7 @@ class Sweep:
         )
 
 
-def fly_job(job: MissionJob) -> dict[str, Any]:
+def fly_job(job: MissionJob) -> Row:
     """The row of one mission. What goes wrong in it is its error."""
     try:
         return row_of(job.label, job.config_hash, fly_in_memory(job.scenario, job.seed, job.sensor))
@@ -173,7 +172,7 @@ def _spread(numbers: list[int], count: int) -> list[int]:
     return numbers[:: -(-len(numbers) // count)]
 
 
-def _mission_s(rows: list[dict[str, Any]], workers: int) -> float:
+def _mission_s(rows: list[Row], workers: int) -> float:
     """Mean time of a mission. The first of each worker also loads the program: left out where others are."""
     times = [row["wall_time_s"] for row in rows if row["wall_time_s"] is not None]
     if len(times) > workers:
