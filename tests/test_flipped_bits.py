@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +26,16 @@ from typer.testing import CliRunner
 from skysweep.cli import app
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine
-from skysweep.experiments.ledger import fly_missing
+from skysweep.experiments.flying import fly_missing
+from skysweep.experiments.matrix import Matrix
 from skysweep.experiments.paper.report import drawn_runs
-from skysweep.experiments.paper.run import MISSIONS_FILE, PaperJob, fly_paper_job
+from skysweep.experiments.paper.run import fly_paper_job, row_scenario
 from skysweep.experiments.paper.tables import compare_rows
-from skysweep.experiments.sweep.matrix import Matrix
+from skysweep.experiments.store import MissionStore
 from skysweep.experiments.sweep.missions import load_missions
 from skysweep.experiments.sweep.run import Sweep, fly_job
-from skysweep.experiments.sweep.spec import dump_spec, parse_spec
-from skysweep.experiments.sweep.store import SweepStore
-from skysweep.experiments.tune.race import Flown, Rules
+from skysweep.experiments.sweep.spec import dump_spec, matrix_of, parse_spec
+from skysweep.experiments.tune.race import Outcomes, Rules
 from skysweep.experiments.tune.run import Problem, family_of, search
 from skysweep.experiments.tune.space import CHECK_SPEED, N_C, TUNED, changed_space, default_space
 from skysweep.experiments.tune.study import TuningStudy
@@ -44,9 +45,9 @@ from skysweep.files.folder import Folder
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.results.evidence import picture_name
-from skysweep.results.metrics import Summary
 from skysweep.results.picture_files import write_picture
 from skysweep.results.run_folder import load_run
+from skysweep.results.summary import Summary
 from skysweep.scenarios.files import dump_scenario, write_scenario
 from skysweep.scenarios.model import Scenario
 
@@ -71,7 +72,7 @@ parameters:
   search.n_c: [1, .inf]
 seeds: 3
 """
-READ_BACK = ("config.yaml", "journal.jsonl", "summary.json", MISSIONS_FILE, "study.db")
+READ_BACK = ("config.yaml", "journal.jsonl", "summary.json", "study.db")
 TRIALS, SEEDS, FRESH_SEEDS = 5, 4, 3
 RANGES = ("search.n_c=1,5,inf", "search.check_speed_mps=2:4")
 FIXED = tuple(field for field in TUNED if field not in (N_C, CHECK_SPEED))
@@ -113,7 +114,7 @@ def swept(folder: Path, complete: bool) -> Path:
     if complete:
         Sweep(spec, folder).fly(LocalEngine(1))
         return folder
-    matrix, store = Matrix.of(spec), SweepStore(Folder(folder))
+    matrix, store = matrix_of(spec), MissionStore(Folder(folder))
     store.write_spec(dump_spec(spec))
     for jobs in ((0, 1), (2, 4)):
         store.append([fly_job(matrix.job(k)) for k in jobs])
@@ -128,15 +129,10 @@ def compared(folder: Path) -> Path:
 
 def compare(folder: Path) -> list[Summary]:
     """Two rows of ``compare paper``, a seed with a run folder and one without."""
-    some = [(n_c, seed) for n_c in (1.0, np.inf) for seed in (0, 1)]
-    jobs = [
-        PaperJob("sparse", n_c, seed, "statistical", None if seed else folder / "runs" / f"nc{n_c}")
-        for n_c, seed in some
-    ]
-    by_key = {job.key: job for job in jobs}
-    return list(
-        fly_missing(fly_paper_job, by_key, folder / MISSIONS_FILE, 1, lambda _job, _summary: None).values()
-    )
+    rows = [row_scenario("sparse", n_c, {}) for n_c in (1.0, np.inf)]
+    matrix = Matrix.of(rows, range(2), "statistical", ["search.n_c"])
+    flown = fly_missing([matrix], partial(fly_paper_job, out=folder), folder, 1)
+    return [flown[job.config_hash] for job in matrix.jobs()]
 
 
 def problem() -> Problem:
@@ -180,7 +176,7 @@ def half_tuned(whole: Path, folder: Path) -> Path:
     for k in range(14):
         trial = study.ask(99)
         later = [mission | {"mission_time_s": mission["mission_time_s"] + k} for mission in missions]
-        trial.close(later, Flown.of(later, 1), None, None)
+        trial.close(later, Outcomes.of(later, 1), None, None)
     list(run_jobs(ask_and_die, [folder], 1))
     return folder
 
@@ -204,7 +200,7 @@ def told_of_run(folder: Path) -> Any:
 
 def told_of_sweep(folder: Path) -> Any:
     """What ``report`` makes its statistics from, and what ``sweep`` goes on from."""
-    missions = load_missions(str(folder), lambda text: Matrix.of(parse_spec(text, "spec.yaml")).table())
+    missions = load_missions(str(folder), lambda text: matrix_of(parse_spec(text, "spec.yaml")).table())
     flight = Sweep(parse_spec(SPEC, "spec.yaml"), folder)
     return str(missions.table.to_dicts()), missions.finished, missions.spec, flight.left, flight.errors()
 

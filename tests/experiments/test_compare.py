@@ -13,8 +13,10 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.paper.report import drawn_runs
-from skysweep.experiments.paper.run import fly_paper_job, paper_jobs
+from skysweep.experiments.paper.run import fly_paper_job, folder_of, paper_matrices
 from skysweep.experiments.paper.tables import PAPER, compare_rows
+from skysweep.experiments.store import MissionStore
+from skysweep.files.folder import Folder
 
 COMMAND = [
     sys.executable,
@@ -85,76 +87,69 @@ def test_eight_rows_scan_only_three_tables_and_a_report(whole):
 def test_killed_and_continued_it_ends_with_the_same_rows(whole, tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen([*COMMAND, "--workers", "1", "--out", str(out)], stderr=subprocess.DEVNULL)
-    ledger = out / "missions.jsonl"
     deadline = time.monotonic() + 120
-    while not (ledger.exists() and ledger.read_text().count("\n") >= 2):
+    while not list(out.glob("parts/*.parquet")):
         assert process.poll() is None, "it ended before it could be killed"
         assert time.monotonic() < deadline
-        time.sleep(0.05)
+        time.sleep(0.01)
     children = psutil.Process(process.pid).children(recursive=True)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not _alive_after(children, 20.0), "workers end with the command that was killed"
-    before = ledger.read_text().splitlines()[:2]
+    before = wall_times_s(out)
     subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
-    assert ledger.read_text().splitlines()[:2] == before, "finished missions are not flown again"
+    after = wall_times_s(out)
+    assert 0 < len(before) < len(after) == 11
+    assert before.items() <= after.items(), "finished missions are not flown again"
     assert rows(out) == rows(whole[0])
     assert rows(out, "baselines") == rows(whole[0], "baselines")
+    assert (out / "missions.parquet").read_bytes() == (whole[0] / "missions.parquet").read_bytes()
 
 
-@pytest.mark.slow
-def test_a_ledger_of_eight_rows_counts_and_only_scan_only_is_flown(whole, tmp_path):
-    out = tmp_path / "out"
-    lines = (whole[0] / "missions.jsonl").read_text().splitlines()
-    eight = [line for line in lines if json.loads(line)["summary"]["strategy"] == "scan-check"]
-    assert len(lines) == 11
-    assert len(eight) == 8
-    out.mkdir()
-    (out / "missions.jsonl").write_text("\n".join(eight) + "\n")
-    subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
-    after = (out / "missions.jsonl").read_text().splitlines()
-    assert after[:8] == eight
-    assert [json.loads(line)["summary"]["strategy"] for line in after[8:]] == ["scan-only"] * 3
-    assert rows(out) == rows(whole[0])
-    assert rows(out, "baselines") == rows(whole[0], "baselines")
+def wall_times_s(out):
+    held = MissionStore(Folder(out)).outcomes()
+    return dict(zip(held["config_hash"], held["wall_time_s"], strict=True))
 
 
-def test_scan_only_keeps_the_rows_settings_and_the_keys_of_the_others(tmp_path):
-    jobs = paper_jobs(2, "statistical", tmp_path, {"wind.mean_speed_mps": 4.0})
-    assert len(jobs) == len({job.key for job in jobs}) == 22
-    only = [job.config for job in jobs if job.n_c is None]
-    assert {config.search.strategy for config in only} == {"scan-only"}
-    assert {config.wind.mean_speed_mps for config in only} == {4.0}
-    rows = [(job.scenario, job.n_c) for job in jobs if job.n_c is not None and job.seed == 0]
-    assert rows == [(row.scenario, row.n_c) for row in PAPER]
+def jobs_of(seeds, changes=None):
+    return [job for matrix in paper_matrices(seeds, "statistical", changes) for job in matrix.jobs()]
+
+
+def test_scan_only_keeps_the_rows_settings_and_the_keys_of_the_others():
+    jobs = jobs_of(2, {"wind.mean_speed_mps": 4.0})
+    assert len(jobs) == len({job.config_hash for job in jobs}) == 22
+    only = [job.scenario for job in jobs if job.scenario.search.strategy == "scan-only"]
+    assert [scenario.name for scenario in only] == 2 * SCENARIOS
+    assert {scenario.wind.mean_speed_mps for scenario in only} == {4.0}
+    others = [job for job in jobs if job.scenario not in only and job.seed == 0]
+    assert [(job.label, job.scenario.search.n_c) for job in others] == [(r.scenario, r.n_c) for r in PAPER]
 
 
 def test_missions_along_another_plan_are_flown_again(tmp_path):
     keys = set()
     for drawn in ("one", "another"):
         (tmp_path / "field.plan").write_text(drawn)
-        jobs = paper_jobs(1, "statistical", tmp_path, {"search.plan": str(tmp_path / "field.plan")})
-        keys |= {job.key for job in jobs}
+        jobs = jobs_of(1, {"search.plan": str(tmp_path / "field.plan")})
+        keys |= {job.config_hash for job in jobs}
     assert len(keys) == 2 * len(jobs)
 
 
 def test_on_a_full_disk_nothing_is_left_of_a_mission(tmp_path):
     """A limit on the size of files is what a full disk looks like to one process."""
-    job = paper_jobs(1, "statistical", tmp_path)[-1]
+    job = jobs_of(1)[-1]
+    folder = folder_of(job, tmp_path)
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, unlimited[1]))
     try:
-        with pytest.raises(
-            UserError, match=rf"{job.folder}: cannot be written whole; make room, then give the"
-        ):
-            fly_paper_job(job)
+        with pytest.raises(UserError, match=rf"{folder}: cannot be written whole; make room, then give the"):
+            fly_paper_job(job, tmp_path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
     assert list((tmp_path / "runs").iterdir()) == []
 
 
 def test_what_a_kill_leaves_of_a_mission_is_not_drawn(tmp_path):
-    summary = fly_paper_job(paper_jobs(1, "statistical", tmp_path)[-1])
+    summary = fly_paper_job(jobs_of(1)[-1], tmp_path)
     killed = tmp_path / "runs" / "sparse-scan-only-seed0-x.part"
     shutil.copytree(tmp_path / "runs" / "sparse-scan-only-seed0", killed)
     (killed / "journal.jsonl").write_bytes(b"")

@@ -16,10 +16,9 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine, make_engine
-from skysweep.experiments.sweep.matrix import Matrix
-from skysweep.experiments.sweep.run import Estimate, Sweep
-from skysweep.experiments.sweep.spec import parse_spec
-from skysweep.experiments.sweep.store import METRICS, TIMINGS
+from skysweep.experiments.store import SUMMARY_COLUMNS, TIMINGS
+from skysweep.experiments.sweep.run import Outlook, Sweep
+from skysweep.experiments.sweep.spec import matrix_of, parse_spec
 from skysweep.files.folder import Folder
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
@@ -109,12 +108,12 @@ def test_one_row_a_mission_with_its_summary(whole):
     assert sorted(p.name for p in whole.iterdir()) == FILES
     assert table.columns == [
         *("job", "scenario", "strategy", "seed", "sensor", "param.search.n_c", "config_hash"),
-        *METRICS,
+        *SUMMARY_COLUMNS,
         "error",
     ]
     assert table["job"].to_list() == list(range(30))
     assert table["error"].null_count() == 30
-    matrix = Matrix.of(spec())
+    matrix = matrix_of(spec())
     job, row = matrix.job(4), table.row(4, named=True)
     summary = fly_in_memory(job.scenario, job.seed, job.sensor)
     assert (row["strategy"], row["seed"], row["param.search.n_c"]) == ("scan-check", 1, np.inf)
@@ -195,10 +194,10 @@ def test_another_detector_file_is_another_sweep(tmp_path):
     wanted = parse_spec(
         SPEC.replace("search: {", f"detector: {{model: {detector}}}\n      search: {{"), "spec.yaml"
     )
-    first = Matrix.of(wanted).job(0).config_hash
-    assert Matrix.of(wanted).job(0).config_hash == first
+    first = matrix_of(wanted).job(0).config_hash
+    assert matrix_of(wanted).job(0).config_hash == first
     detector.write_bytes(b"another")
-    assert Matrix.of(wanted).job(0).config_hash != first
+    assert matrix_of(wanted).job(0).config_hash != first
 
 
 def test_a_failed_mission_is_a_row_and_can_be_flown_again(tmp_path, monkeypatch):
@@ -220,7 +219,7 @@ def test_a_failed_mission_is_a_row_and_can_be_flown_again(tmp_path, monkeypatch)
         ("brittle", 2.0, s) for s in (0, 1)
     ]
     assert set(failed["error"]) == {"ZeroDivisionError: the wing fell off"}
-    assert all(failed[metric].null_count() == 2 for metric in METRICS)
+    assert all(failed[metric].null_count() == 2 for metric in SUMMARY_COLUMNS)
     assert table["mission_time_s"].null_count() == 2
     assert flight.errors() == failed["error"].to_list()
     again = Sweep(wanted, tmp_path / "out", retry_failed=True)
@@ -324,7 +323,7 @@ def test_it_asks_with_an_estimate_before_anything_is_written(tmp_path):
     assert estimates[0].workers == 1
     assert 0.01 < estimates[0].mission_s < 60
     assert not (tmp_path / "out").exists()
-    assert Estimate(7200, 2, 3.0).seconds == 10_800
+    assert Outlook(7200, 2, 3.0).seconds == 10_800
 
 
 def test_stopped_before_the_estimate_it_keeps_what_was_flown(tmp_path):
@@ -433,7 +432,7 @@ def test_a_worker_that_is_killed_ends_the_sweep_with_a_sentence():
 def test_the_same_seed_is_the_same_world_and_noise_for_every_strategy_and_parameter():
     """Common random numbers: neither strategy nor parameters shift a random stream."""
     wanted = spec(**{"search.n_c": "[1, .inf]\n  search.scan_altitude_agl_m: [8, 14]"})
-    jobs = [j for j in Matrix.of(wanted).jobs(range(10)) if j.seed == 0]
+    jobs = [j for j in matrix_of(wanted).jobs(range(10)) if j.seed == 0]
     assert len(jobs) == 5
     worlds = [[(*o.position_enu_m, o.variant) for o in _world(j).objects] for j in jobs]
     assert all(world == worlds[0] for world in worlds)

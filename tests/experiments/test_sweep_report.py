@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import io
-import json
 import math
 import re
-from contextlib import closing
 from pathlib import Path
 
 import fsspec
@@ -22,9 +20,10 @@ from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.errors import UserError
+from skysweep.experiments.matrix import Matrix
+from skysweep.experiments.store import MissionStore
 from skysweep.experiments.sweep import figures as sweep_figures
 from skysweep.experiments.sweep.analysis import analyse, best_rule, sensitivity, verdict
-from skysweep.experiments.sweep.matrix import Matrix
 from skysweep.experiments.sweep.missions import (
     MISSION_TIME,
     Configuration,
@@ -36,10 +35,8 @@ from skysweep.experiments.sweep.missions import (
 )
 from skysweep.experiments.sweep.report import write_sweep_report
 from skysweep.experiments.sweep.run import fly_job
-from skysweep.experiments.sweep.spec import dump_spec, parse_spec
-from skysweep.experiments.sweep.store import SweepStore
+from skysweep.experiments.sweep.spec import dump_spec, matrix_of, parse_spec
 from skysweep.files.folder import Folder
-from skysweep.files.line_file import LineFile
 from skysweep.results.checksums import sha256
 from skysweep.results.reporting.statistics import holm, pairs_needed
 from skysweep.results.reporting.symbols import field_name, field_unit
@@ -249,8 +246,8 @@ def test_what_the_sweep_command_has_so_far(tmp_path):
         ),
         "x.yaml",
     )
-    matrix = Matrix.of(spec)
-    store = SweepStore(Folder(tmp_path / "sweep"))
+    matrix = matrix_of(spec)
+    store = MissionStore(Folder(tmp_path / "sweep"))
     store.write_spec(dump_spec(spec))
     store.append([fly_job(matrix.job(k)) for k in (0, 1)])
     store.append([fly_job(matrix.job(k)) for k in (2,)])
@@ -282,66 +279,32 @@ def test_a_sweep_without_truth_reports_its_times(tmp_path):
     assert (tmp_path / "report" / "report.html").is_file()
 
 
-def test_a_comparison_with_the_paper(table, tmp_path):
-    lines = []
-    for row in table.filter(pl.col("scenario") == "calm").iter_rows(named=True):
-        summary = {k: v for k, v in row.items() if not k.startswith("param.")}
-        summary["n_c"] = "inf" if math.isinf(row["n_c"]) else int(row["n_c"])
-        summary["pos_curve"] = [list(p) for p in zip(row["pos_time_s"], row["pos_value"], strict=True)]
-        lines.append(json.dumps({"key": str(len(lines)), "summary": summary}))
-    ledger = tmp_path / "missions.jsonl"
-    ledger.write_text("\n".join(lines) + '\n{"key": "torn", "summ')
-    flown_there = by_scenario(load_missions(str(tmp_path)))["calm"]
-    flown_here = by_scenario(load_missions_of(table))["calm"]
-    assert verdict_of(*flown_there) == verdict_of(*flown_here)
-    assert all((a.pos[0] == b.pos[0]).all() for a, b in zip(flown_there, flown_here, strict=True))
-    ledger.write_text("\n".join([*lines, lines[0]]) + "\n")
-    with pytest.raises(UserError, match="different parameters"):
-        load_missions(str(tmp_path))
-
-
-def test_a_damaged_line_of_a_ledger_is_named_and_no_number_of_it_is_used(tmp_path):
-    base = {
-        "scenario": "calm",
-        "strategy": "scan-check",
-        "n_c": 5,
-        "sensor": "statistical",
-        "completed": True,
-    }
-    base |= {"recall": 1.0, "false_positives": 0, "pos_curve": [[0.0, 0.0], [9.0, 1.0]]}
-    path = tmp_path / "missions.jsonl"
-    with closing(LineFile(path, "")) as ledger:
-        for seed in range(10):
-            summary = base | {"seed": seed, "mission_time_s": 100.0 + seed}
-            ledger.append({"key": str(seed), "summary": summary}, sync=False)
-    sound = path.read_bytes()
-    for wrong, number in (
-        (sound.replace(b"104.0", b"94.0"), 5),
-        (sound.replace(b'"seed": 9', b'"seed": 8'), 10),
-    ):
-        path.write_bytes(wrong)
-        with pytest.raises(
-            UserError, match=rf"missions\.jsonl: line {number} is damaged.*; delete that line"
-        ):
-            load_missions(str(tmp_path))
-    path.write_bytes(b"".join(sound.splitlines(keepends=True)[1:]))
-    assert len(load_missions(str(tmp_path)).table) == 9
-
-
-def test_a_comparison_tells_scan_only_from_the_n_c_of_its_scenario(tmp_path):
-    base = {"scenario": "calm", "sensor": "statistical", "completed": True, "recall": 1.0}
-    base |= {"false_positives": 0, "pos_curve": [[0.0, 0.0], [9.0, 1.0]]}
-    ways = (("scan-check", 5), ("scan-check", "inf"), ("scan-only", 5))
-    summaries = [
-        base | {"strategy": strategy, "n_c": n_c, "seed": seed, "mission_time_s": 100.0 + seed}
-        for strategy, n_c in ways
-        for seed in range(3)
-    ]
-    lines = [json.dumps({"key": str(k), "summary": s}) for k, s in enumerate(summaries)]
-    (tmp_path / "missions.jsonl").write_text("\n".join(lines) + "\n")
-    flown_there = by_scenario(load_missions(str(tmp_path)))["calm"]
+def test_a_comparison_that_was_interrupted_is_told_so_far_and_tells_scan_only_from_n_c(tmp_path):
+    ways = [("scan-check", 5.0), ("scan-check", math.inf), ("scan-only", 5.0)]
+    scenarios = [tiny_scenario(search={"strategy": strategy, "n_c": n_c}) for strategy, n_c in ways]
+    matrix = Matrix.of([("tiny", s) for s in scenarios], range(3), "statistical", ["search.n_c"])
+    store = MissionStore(Folder(tmp_path))
+    for jobs in ((4, 7, 2), (8, 6), (5, 3)):
+        store.append([fly_job(matrix.job(k)) for k in jobs], matrix.table())
+    so_far = load_missions(str(tmp_path))
+    assert not so_far.finished
+    flown_there = by_scenario(so_far)["tiny"]
     assert [f.label for f in flown_there] == ["scan-check, n_c = 5", "scan-check, n_c = ∞", "scan-only"]
-    assert [f.n for f in flown_there] == [3, 3, 3]
+    assert [f.seeds.tolist() for f in flown_there] == [[1, 2], [1, 2], [0, 1, 2]]
+    store.finish_all()
+    whole = load_missions(str(tmp_path))
+    assert whole.finished
+    assert by_scenario(whole)["tiny"][2].values["recall"].tolist() == flown_there[2].values["recall"].tolist()
+
+
+def test_comparisons_with_different_parameters_are_not_mixed(tmp_path):
+    store = MissionStore(Folder(tmp_path))
+    for wind_mps in (1.0, 2.0):
+        scenario = tiny_scenario(wind={"mean_speed_mps": wind_mps})
+        matrix = Matrix.of([("tiny", scenario)], [0], "statistical", ["search.n_c"])
+        store.append([fly_job(matrix.job(0))], matrix.table())
+    with pytest.raises(UserError, match="a comparison with other parameters another --out"):
+        load_missions(str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -354,7 +317,7 @@ def test_a_comparison_tells_scan_only_from_the_n_c_of_its_scenario(tmp_path):
         (lambda f, t: store(t.drop("recall"), f), "no column 'recall'"),
         (lambda f, t: store(t.with_columns(seed=pl.lit(1)), f), "is in the table twice"),
         (lambda f, t: (f.mkdir(), (f / "missions.parquet").write_text("?")), "is no Parquet table"),
-        (lambda f, t: (f.mkdir(), (f / "missions.jsonl").write_text("")), "holds no missions"),
+        (lambda f, t: (f.mkdir(), (f / "missions.jsonl").write_text("")), "of an older skysweep"),
     ],
 )
 def test_bad_folders_are_one_sentence(prepare, says, table, tmp_path):

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.sweep.matrix import Matrix
-from skysweep.experiments.sweep.spec import dump_spec, load_spec, parse_spec
+from skysweep.experiments.sweep.spec import dump_spec, load_spec, matrix_of, parse_spec
 
 SPEC = """
 name: demo
@@ -29,11 +28,11 @@ first_seed: 100
 
 def test_the_example_is_ten_thousand_missions():
     example = Path(__file__).parents[2] / "examples" / "when-to-check.yaml"
-    assert len(Matrix.of(load_spec(example))) == 3 * 17 * 197 > 10_000
+    assert len(matrix_of(load_spec(example))) == 3 * 17 * 197 > 10_000
 
 
 def test_every_combination_flies_every_seed():
-    matrix = Matrix.of(parse_spec(SPEC, "spec.yaml"))
+    matrix = matrix_of(parse_spec(SPEC, "spec.yaml"))
     table = matrix.table()
     assert len(matrix) == len(table) == 2 * (3 * 2 + 1 + 2) * 10
     assert table["scenario"].unique(maintain_order=True).to_list() == ["clusters", "clusters-windy"]
@@ -53,14 +52,14 @@ def test_every_combination_flies_every_seed():
 
 
 def test_without_strategies_each_scenario_has_its_own():
-    matrix = Matrix.of(parse_spec("{name: a, scenarios: [clusters], seeds: [7, 3]}", "spec.yaml"))
+    matrix = matrix_of(parse_spec("{name: a, scenarios: [clusters], seeds: [7, 3]}", "spec.yaml"))
     assert matrix.table().select("strategy", "seed").rows() == [("scan-check", 7), ("scan-check", 3)]
 
 
 def test_combinations_that_come_out_the_same_are_one():
     values = "parameters: {search.n_c: [1, 1.0]}, points: [{search.n_c: 1}]"
     text = f"{{name: a, scenarios: [clusters], {values}, seeds: 1}}"
-    assert len(Matrix.of(parse_spec(text, "spec.yaml"))) == 1
+    assert len(matrix_of(parse_spec(text, "spec.yaml"))) == 1
 
 
 def test_generators_are_changes_of_a_scenario():
@@ -73,7 +72,7 @@ scenarios:
       generators: [{class: stop sign, pattern: uniform, count: 30, seed: null}]
 seeds: 1
 """
-    scenario = Matrix.of(parse_spec(text, "spec.yaml")).job(0).scenario
+    scenario = matrix_of(parse_spec(text, "spec.yaml")).job(0).scenario
     assert not scenario.targets
     assert scenario.generators[0].count == 30
 
@@ -85,7 +84,7 @@ def test_a_written_spec_comes_back_and_needs_no_other_file(tmp_path):
     (tmp_path / "mine.yaml").unlink()
     again = parse_spec(dump_spec(spec), "spec.yaml")
     assert again == spec
-    assert Matrix.of(again).job(1) == Matrix.of(spec).job(1)
+    assert matrix_of(again).job(1) == matrix_of(spec).job(1)
 
 
 def test_a_description_keeps_unicodes_own_line_ends():

@@ -24,7 +24,7 @@ import skysweep
 from skysweep.errors import UserError
 from skysweep.experiments.tune import study as tune_study
 from skysweep.experiments.tune.race import (
-    Flown,
+    Outcomes,
     Rules,
     best_first,
     blocks,
@@ -107,7 +107,7 @@ def flown(times_s, recall=1.0, false_positives=0.0, targets=8, completed=1.0):
             np.zeros(n),
         ]
     )
-    return Flown(rows[:, None, :])
+    return Outcomes(rows[:, None, :])
 
 
 # the space
@@ -415,10 +415,10 @@ def test_the_command_end_to_end(tmp_path, scenario_file):
         [*run, "--sensor", "statistical", "--out", tmp_path / "run"], capture_output=True, text=True
     )
     assert flight.returncode == 0, flight.stderr
-    ledger = (folder / "missions.jsonl").read_bytes()
+    missions = (folder / "missions.parquet").read_bytes()
     again = tune(*arguments, "--workers", 1)
     assert again.stdout == result.stdout
-    assert (folder / "missions.jsonl").read_bytes() == ledger, "nothing is flown twice"
+    assert (folder / "missions.parquet").read_bytes() == missions, "nothing is flown twice"
     other = tune(*arguments[:-2], "--out", out, "--min-recall", 0.5)
     assert other.returncode == 2
     assert "another problem" in other.stderr

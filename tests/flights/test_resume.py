@@ -251,7 +251,7 @@ def test_a_sealed_line_that_no_mission_writes_is_refused(whole, tmp_path, number
     lines = read_journal(whole / "journal.jsonl")[:40]
     lines[number - 1] |= change
     (folder / "journal.jsonl").unlink()
-    with closing(LineFile(folder / "journal.jsonl", "", chained=True)) as file:
+    with closing(LineFile(folder / "journal.jsonl", "")) as file:
         for line in lines:
             file.append(line, sync=False)
     for go_on in (resume_folder, begun_scenario):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -27,6 +27,8 @@ from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
+    from skysweep.experiments.matrix import MissionJob
+    from skysweep.results.summary import Summary
     from skysweep.sensing.statistical.model import HeldOut
 
 app = typer.Typer()
@@ -151,16 +153,14 @@ def validate(
         skysweep calibrate validate --seeds 5 --scenario clusters --n-c 5 --out quick
     """
     from skysweep.experiments.calibration.tiers import (
-        HEADER,
         N_C,
         SCENARIOS,
         STATISTICAL_TIMES,
+        TIER_HEADER,
         compare_tiers,
         validation_text,
     )
-    from skysweep.experiments.paper.run import PaperJob
 
-    make_folder(out)
     scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)
     missions = len(scenarios) * len(values) * seeds
     with Progress(
@@ -176,11 +176,11 @@ def validate(
             "imaging": progress.add_task("with pictures", total=missions),
         }
 
-        def on_done(job: PaperJob, _summary: dict[str, Any]) -> None:
+        def on_done(job: MissionJob, _summary: Summary) -> None:
             progress.advance(tasks[job.sensor])
 
         cells = compare_tiers(seeds, out, scenarios, values, workers, on_done)
-    table = Table(*HEADER)
+    table = Table(*TIER_HEADER)
     for cell in cells:
         table.add_row(*cell.row)
     show(table)

@@ -33,6 +33,8 @@ from skysweep.errors import UserError
 from skysweep.text import printable
 
 if TYPE_CHECKING:
+    from skysweep.experiments.matrix import MissionJob
+    from skysweep.results.summary import RunSummary, Summary
     from skysweep.worlds.rendering.renderer import Backend
 
 
@@ -199,7 +201,7 @@ def free_folder(parent: Path, name: str) -> Path:
     return next(c for c in candidates if not c.exists())
 
 
-def print_summary(summary: dict[str, Any]) -> None:
+def print_summary(summary: RunSummary) -> None:
     """The figures of a mission as a table; what is not known is left out."""
     judged = summary["n_targets"] is not None
     confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
@@ -255,18 +257,19 @@ def compare_paper_command(
         skysweep compare paper --sensor statistical --seeds 30 --set camera.gimbal.lag_s=0.06 --out lag-60
     """
     from skysweep.experiments.paper.report import write_compare_report
-    from skysweep.experiments.paper.run import ROWS, PaperJob, compare_paper
-    from skysweep.experiments.paper.tables import choice, print_tables
+    from skysweep.experiments.paper.run import N_ROWS, compare_paper, folder_of
+    from skysweep.experiments.paper.tables import choice, choice_of, print_tables
 
     with bar() as progress:
-        task = progress.add_task("missions", total=seeds * len(ROWS))
+        task = progress.add_task("missions", total=seeds * N_ROWS)
 
-        def on_done(job: PaperJob, summary: dict[str, Any]) -> None:
+        def on_done(job: MissionJob, summary: Summary) -> None:
             progress.advance(task)
-            if job.folder is not None:
+            if (folder := folder_of(job, out)) is not None:
                 progress.console.print(
-                    f"{job.scenario} {choice(job.n_c)} seed {job.seed}: {summary['mission_time_s']:.0f} s, "
-                    f"recall {summary['recall']:.2f}, picture {job.folder / 'map.png'}",
+                    f"{job.label} {choice(choice_of(summary))} seed {job.seed}: "
+                    f"{summary['mission_time_s']:.0f} s, recall {summary['recall']:.2f}, "
+                    f"picture {folder / 'map.png'}",
                     soft_wrap=True,
                     highlight=False,
                 )

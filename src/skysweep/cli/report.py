@@ -59,10 +59,9 @@ def report(
 
         skysweep report s3://bucket/my-sweep --out my-report
     """
-    from skysweep.experiments.sweep.matrix import Matrix
     from skysweep.experiments.sweep.missions import load_missions
     from skysweep.experiments.sweep.report import REPORT_FILE, write_sweep_report
-    from skysweep.experiments.sweep.spec import parse_spec
+    from skysweep.experiments.sweep.spec import matrix_of, parse_spec
     from skysweep.results.run_folder import JOURNAL_FILE
 
     target, here = out, local_folder(folder)
@@ -75,7 +74,7 @@ def report(
         if here is None:
             raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
         target = here / "report"
-    missions = load_missions(folder, lambda spec: Matrix.of(parse_spec(spec, f"{folder}/spec.yaml")).table())
+    missions = load_missions(folder, lambda spec: matrix_of(parse_spec(spec, f"{folder}/spec.yaml")).table())
     with bar() as progress:
         task = progress.add_task("report", total=None)
         sentences = write_sweep_report(

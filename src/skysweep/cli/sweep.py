@@ -13,7 +13,7 @@ from skysweep.cli.common import WorkersOption, bar, errors, friendly, local_fold
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
-    from skysweep.experiments.sweep.run import Estimate
+    from skysweep.experiments.sweep.run import Outlook
 
 ASK_ABOVE_S = 3600.0
 
@@ -76,16 +76,16 @@ def sweep(
             failed += error is not None
             progress.update(task, advance=1, description=f"missions ({failed} failed)" if failed else None)
 
-        def confirm(estimate: Estimate) -> None:
+        def confirm(outlook: Outlook) -> None:
             _say(
-                f"about {_duration(estimate.seconds)} for {estimate.missions:,} missions on "
-                f"{estimate.workers} workers ({estimate.mission_s:.2g} s each)"
+                f"about {_duration(outlook.seconds)} for {outlook.missions:,} missions on "
+                f"{outlook.workers} workers ({outlook.mission_s:.2g} s each)"
             )
-            if estimate.seconds <= ASK_ABOVE_S or yes:
+            if outlook.seconds <= ASK_ABOVE_S or yes:
                 return
             if not sys.stdin.isatty():
                 raise UserError(
-                    f"the sweep would take about {_duration(estimate.seconds)}; add --yes to start it"
+                    f"the sweep would take about {_duration(outlook.seconds)}; add --yes to start it"
                 )
             progress.stop()
             if not typer.confirm("Start?", err=True):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -150,11 +149,6 @@ def tune(
                 matters,
                 workers,
             )
-    except BrokenProcessPool:
-        raise UserError(
-            "a worker process was killed, perhaps for its memory; what was finished is kept: "
-            "give the same command again to go on, with fewer --workers if it was memory"
-        ) from None
     except KeyboardInterrupt:
         errors.print(f"stopped; what was finished is kept in {out}; the same command goes on", soft_wrap=True)
         raise typer.Exit(130) from None

@@ -70,6 +70,11 @@ class Folder:
         return content
 
     @_told
+    def exists(self, name: str = "") -> bool:
+        """Whether there is such a file or folder in it; of no name, whether it is there itself."""
+        return bool(self._files.exists(self._path(name)))
+
+    @_told
     def write(self, name: str, content: bytes) -> None:
         """Make or replace a file, whole or not at all."""
         path = self._path(name)
@@ -108,4 +113,4 @@ class Folder:
             self._files.rm(self._path(folder), recursive=True)
 
     def _path(self, name: str) -> str:
-        return f"{self._root.rstrip('/')}/{name}"
+        return f"{self._root.rstrip('/')}/{name}".rstrip("/")

@@ -1,8 +1,8 @@
-"""Files of JSON lines that know when they are damaged: the format of journals and ledgers.
+"""Files of JSON lines that know when they are damaged: the format of journals.
 
-Every line is an object whose last field is a checksum, a CRC-32 (that of zlib) in hexadecimal. ``crc`` is
-that of the line without it. ``chain`` goes on from the checksum of the line before, so that a line that is
-missing, doubled or in another place is found too. A file is only ever appended to. Its last line may be
+Every line is an object whose last field is a checksum, a CRC-32 (that of zlib) in hexadecimal. ``chain`` goes
+on from the checksum of the line before, so that a line that is missing, doubled or in another place is found
+too; ``crc``, in older files, is that of the line alone. A file is only ever appended to. Its last line may be
 torn, because its writer was killed or the disk was full: such a line has no end, is left out, and cut off
 before the next one is written.
 """
@@ -23,11 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-
-try:
-    import fcntl
-except ImportError:  # only POSIX has it; elsewhere nobody is kept from writing twice
-    fcntl = None  # type: ignore[assignment]
+from skysweep.files.locking import lock
 
 Record = Mapping[str, Any]
 
@@ -75,16 +71,15 @@ class LineFile:
 
     ``records`` is what it held when it was opened. Nothing in the file changes before the first line is
     written or ``mend`` is called. With ``set_aside`` a file that is damaged is copied there then, and cut off
-    before the damage. The lines of a ``chained`` file follow one another; those of another one may be removed
-    one by one.
+    before the damage.
 
     Raises:
         UserError: it cannot be opened, is a link or no file, somebody is writing it, or it is damaged;
             ``remedy`` then says what to do.
     """
 
-    def __init__(self, path: Path, remedy: str, set_aside: Path | None = None, chained: bool = False) -> None:
-        self._path, self._set_aside, self._chained = path, set_aside, chained
+    def __init__(self, path: Path, remedy: str, set_aside: Path | None = None) -> None:
+        self._path, self._set_aside = path, set_aside
         try:
             self._file = os.fdopen(os.open(path, _OPEN_FLAGS, 0o666), "a+b", buffering=0)
         except OSError as error:
@@ -93,7 +88,7 @@ class LineFile:
                 f"{path}: cannot be written ({reason}); choose another place or mend its rights"
             ) from None
         try:
-            self._lock()
+            lock(self._file.fileno(), path)
             self._held = read_sound_lines(path)
             if set_aside is None:
                 self._held.refuse_damaged(path, remedy)
@@ -113,7 +108,7 @@ class LineFile:
         Raises UserError where the disk takes no more; the file is then what it was before.
         """
         self.mend()
-        line, seal = _encode(record, self._seal if self._chained else None)
+        line, seal = _encode(record, self._seal)
         try:
             left = memoryview(line)
             while left:
@@ -151,19 +146,6 @@ class LineFile:
     def close(self) -> None:
         """Close the file; others may write it."""
         self._file.close()
-
-    def _lock(self) -> None:
-        if fcntl is None:
-            return
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                raise UserError(
-                    f"{self._path}: another skysweep is writing it; wait until that one has ended, or stop it"
-                ) from None
-            if error.errno not in (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):
-                raise
 
 
 def read_lines(path: Path, remedy: str) -> list[dict[str, Any]]:
@@ -215,15 +197,14 @@ def read_sound_lines(path: Path) -> Lines:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
 
 
-def _encode(record: Record, before: int | None) -> tuple[bytes, int]:
+def _encode(record: Record, before: int) -> tuple[bytes, int]:
     """A record as its line, chained to the checksum of the one ``before``, and its own checksum.
 
     Raises ValueError on infinities and NaN.
     """
     text = json.dumps(record, allow_nan=False)
-    seal = zlib.crc32(text.encode(), before or 0)
-    name = "crc" if before is None else "chain"
-    return f'{text[:-1]}, "{name}": "{seal:08x}"}}\n'.encode(), seal
+    seal = zlib.crc32(text.encode(), before)
+    return f'{text[:-1]}, "chain": "{seal:08x}"}}\n'.encode(), seal
 
 
 def _decode(text: bytes) -> dict[str, Any] | None:

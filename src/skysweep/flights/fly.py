@@ -35,6 +35,7 @@ from skysweep.results.run_folder import (
     load_flown,
     refuse_links,
 )
+from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
@@ -43,7 +44,7 @@ SETUP = "setup"  # kind of a journal's first line
 GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it
 
 
-def fly_to_folder(scenario: Scenario, seed: int, out: Path, rig: Rig = DEFAULT_RIG) -> dict[str, Any]:
+def fly_to_folder(scenario: Scenario, seed: int, out: Path, rig: Rig = DEFAULT_RIG) -> RunSummary:
     """Fly one mission, write its run folder and return its summary.
 
     Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
@@ -81,7 +82,7 @@ def begin(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> Non
         )
 
 
-def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> dict[str, Any]:
+def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> Summary:
     """Fly one mission and return its summary; nothing is written."""
     started = time.perf_counter()
     mission = build_mission(scenario, seed, Rig(sensor_name, threads=1))
@@ -159,7 +160,7 @@ def _is_simulated(mission: Mission) -> bool:
     return pictures is None or pictures.camera.renderer is not None or mission.vehicle.truth is not None
 
 
-def finish(folder: Path, started: float | None) -> dict[str, Any]:
+def finish(folder: Path, started: float | None) -> RunSummary:
     """Write the results of a flown mission; its summary.
 
     ``started`` is when flying began by ``time.perf_counter``; None: nobody knows.

@@ -23,6 +23,7 @@ from skysweep.flights.rig import Rig
 from skysweep.mission.mission import Operator
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
+from skysweep.results.summary import RunSummary
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.cameras.video import VideoCamera
 from skysweep.strategies import strategy_spec
@@ -133,7 +134,7 @@ class Px4Flight:
         out: Path,
         camera_source: str,
         rig: Rig,
-    ) -> dict[str, Any]:
+    ) -> RunSummary:
         """Arm, fly the mission with this vehicle and land; the summary of its run folder."""
         refuse_other_mission(out)
         self._keep_record(out)
@@ -148,7 +149,7 @@ class Px4Flight:
         camera_source: str,
         rig: Rig,
         from_sound_lines: bool = False,
-    ) -> dict[str, Any]:
+    ) -> RunSummary:
         """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder.
 
         ``from_sound_lines`` is as in ``resume_folder``.

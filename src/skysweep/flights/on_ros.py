@@ -13,6 +13,7 @@ from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.mission.mission import Mission, Watch
 from skysweep.results.run_folder import JOURNAL_FILE
+from skysweep.results.summary import RunSummary
 from skysweep.ros.face import MissionFace, RealTime
 from skysweep.ros.link import RosLink
 from skysweep.ros.parts import RosCamera, RosDetector, RosPoseVehicle
@@ -45,7 +46,7 @@ def fly_on_ros(
     arguments: tuple[str, ...] = (),
     watch: Watch = lambda _state, _mode, _new: None,
     say: Callable[[str], None] = lambda _words: None,
-) -> dict[str, Any]:
+) -> RunSummary:
     """Fly one mission with everything on topics; write its run folder and return its summary.
 
     ``changes`` are to the scenario's fields; ``arguments`` ROS arguments, whose parameters win over

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from skysweep import __version__
 from skysweep.errors import UserError
@@ -32,6 +32,7 @@ from skysweep.results.run_folder import (
     refuse_links,
     summary_of_complete,
 )
+from skysweep.results.summary import RunSummary
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.model import Scenario
 from skysweep.types import EventKind
@@ -50,7 +51,7 @@ def resume_folder(
     folder: Path,
     rig: Rig = DEFAULT_RIG,
     from_sound_lines: bool = False,
-) -> dict[str, Any]:
+) -> RunSummary:
     """Go on with the mission of a run folder where it was broken off; its summary.
 
     A simulated mission ends as if it had never been broken off, but for the wall time. One that a vehicle
@@ -65,7 +66,7 @@ def resume_folder(
     started = time.perf_counter()
     summary = summary_of_complete(folder, from_sound_lines)
     if summary is not None:
-        return dict(summary)
+        return cast("RunSummary", dict(summary))
     path = _begun_journal(folder)
     with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
         begun = _begun(folder, journal.records)

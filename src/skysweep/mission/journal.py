@@ -46,7 +46,7 @@ class FileJournal:
     def __init__(self, path: Path, set_aside: Path | None = None) -> None:
         self.path = path
         self.listeners: list[Callable[[Mapping[str, Any]], None]] = []
-        self._file = LineFile(path, journal_remedy(path), set_aside, chained=True)
+        self._file = LineFile(path, journal_remedy(path), set_aside)
 
     @property
     def records(self) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import shapely
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skysweep.results.run_folder import CandidateStory, Run
+from skysweep.results.summary import Limit, Summary
 from skysweep.types import Doubt
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
 from skysweep.worlds.world import WorldObject
 
 F64 = NDArray[np.float64]
-Summary = dict[str, Any]  # what summary.json holds
 
 MATCH_DISTANCE_M = 3.0
 _NEEDS_TRUTH = (
@@ -92,11 +92,7 @@ def compute_summary(
     wall_time_s: float | None = None,
     real_time_factor: float | None = None,
 ) -> Summary:
-    """The numbers of ``summary.json``; keys are defined in docs/results.md.
-
-    Infinite ``n_c`` and ``d_c_m`` are the string ``"inf"`` as JSON has no infinity; None: does not apply.
-    Without truth nothing is judged: ``n_confirmed`` counts every confirmed candidate.
-    """
+    """The numbers of a mission. Without truth ``n_confirmed`` counts every confirmed candidate."""
     search = run.scenario.search
     targets = run.world.targets
     matches = match(run)
@@ -113,6 +109,7 @@ def compute_summary(
     if real_time_factor is None and wall_time_s:
         real_time_factor = (total_time_s - run.resumed_s) / wall_time_s
     searching = run.states.time_s <= mission_time_s
+    clearance = _clearance(run)
     path_m, vertical_m = travelled_m(run.states.position_enu_m[searching])
     seen_m2 = seen_m2_of(run)
     summary: Summary = {
@@ -148,7 +145,8 @@ def compute_summary(
         "energy_wh": _last(run.states.energy_wh[searching]),
         "total_energy_wh": _last(run.states.energy_wh),
         "battery_remaining": _last(run.states.battery),
-        **_clearance(run),
+        "collisions": clearance["collisions"],
+        "min_clearance_m": clearance["min_clearance_m"],
         "area_m2": round(run.scenario.area_enu_m.area, 1),
         "area_covered": round(seen_m2 / run.scenario.area_enu_m.area, 4),
         "area_covered_m2": round(seen_m2, 1),
@@ -156,7 +154,7 @@ def compute_summary(
         "real_time_factor": _rounded(real_time_factor),
     }
     if not run.has_truth:
-        summary |= dict.fromkeys(_NEEDS_TRUTH)
+        summary.update(cast("Summary", dict.fromkeys(_NEEDS_TRUTH)))
         summary["n_confirmed"] = sum(c.verdict == "confirmed" for c in run.candidates)
     return summary
 
@@ -271,7 +269,7 @@ def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> flo
     return float(np.linalg.norm(candidate.position_enu_m[:2] - target.position_enu_m[:2]))
 
 
-def finite_or_inf(value: float) -> float | str:
+def finite_or_inf(value: float) -> Limit:
     """The number itself, as an int where it is whole, or the string ``"inf"``."""
     if math.isinf(value):
         return "inf"

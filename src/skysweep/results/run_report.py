@@ -11,10 +11,11 @@ import numpy as np
 from skysweep.mission.safety import OUTSIDE
 from skysweep.results.evidence import evidence
 from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
-from skysweep.results.metrics import MATCH_DISTANCE_M, Summary, horizontal_distance_m, match
+from skysweep.results.metrics import MATCH_DISTANCE_M, horizontal_distance_m, match
 from skysweep.results.reporting.html import Grid, Section, picture, write_page
 from skysweep.results.reporting.wording import clock, definitions, parameters, safety_words
 from skysweep.results.run_folder import Run
+from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import dump_scenario
 
 _EVIDENCE = {
@@ -25,7 +26,7 @@ _EVIDENCE = {
 }
 
 
-def write_run_report(run: Run, summary: Summary, folder: Path) -> Path:
+def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
     """Write ``report.html`` of one mission; ``map.png`` of the folder and the run's pictures go inside."""
     found, unchecked = found_targets(run), unchecked_targets(run)
     sections = [
@@ -297,7 +298,7 @@ def _strategy(run: Run) -> str:
     return f"Strategy scan-check: candidates are checked {' or '.join([*when, 'at the end of the scan'])}."
 
 
-def _numbers(summary: Summary) -> Grid:
+def _numbers(summary: RunSummary) -> Grid:
     rows = []
     for key, value in summary.items():
         if key not in ("pos_curve", "time_to_confirm_s"):

@@ -9,14 +9,15 @@ from skysweep.files.writing import whole_files
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.exports import write_exports
 from skysweep.results.figures import run_map
-from skysweep.results.metrics import Summary, compute_summary
+from skysweep.results.metrics import compute_summary
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import SUMMARY_FILE, Run
 from skysweep.results.run_report import write_run_report
+from skysweep.results.summary import RunSummary
 from skysweep.results.summary_file import write_summary
 
 
-def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summary:
+def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> RunSummary:
     """Write summary, map, positions, recording and report of a mission into ``out``, whole or not at all.
 
     The mission may have been broken off, or still fly: then ``ended`` is false in the summary.
@@ -27,8 +28,8 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> Summ
     Raises:
         CannotWriteError: ``out`` cannot be written to.
     """
-    summary = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
-    summary |= {"ended": run.ended, "n_unchecked": len(run.unchecked)}
+    numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
+    summary: RunSummary = {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked)}
     with whole_files(out) as unfinished:
         run_map(run, unfinished / "map.png")
         write_exports(run, unfinished)

@@ -9,29 +9,31 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
 
-from skysweep.experiments.ledger import fly_missing
-from skysweep.experiments.paper.run import MISSIONS_FILE, PaperJob, fly_paper_job
-from skysweep.files.writing import make_folder, whole_files
+from skysweep.experiments.flying import OnDone, fly_missing
+from skysweep.experiments.matrix import Matrix, MissionJob
+from skysweep.experiments.paper.run import SWEPT, row_scenario
+from skysweep.files.writing import whole_files
+from skysweep.flights.fly import fly_in_memory
 from skysweep.results.reporting.tables import markdown
+from skysweep.results.summary import Summary, value_of
 
 SCENARIOS = ("clusters", "abundance", "sparse")
 N_C = (1.0, 5.0, math.inf)
-METRICS = ("mission_time_s", "recall", "false_scans")
+TIER_METRICS = ("mission_time_s", "recall", "false_scans")
 STATISTICAL_TIMES = 4  # as many seeds without pictures as with
 TOLERANCE_PERCENT = 5.0
-HEADER = ("scenario", "n_c", "mean of", "pictures", "95 % CI", "statistical", "difference", "agrees")
+TIER_HEADER = ("scenario", "n_c", "mean of", "pictures", "95 % CI", "statistical", "difference", "agrees")
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class TierMeans:
     """One metric of one scenario and n_c in both tiers."""
 
     scenario: str
@@ -60,7 +62,7 @@ class Cell:
 
     @property
     def row(self) -> tuple[str, ...]:
-        """As the tables print it, in the order of HEADER."""
+        """As the tables print it, in the order of TIER_HEADER."""
         low, high = self.rendered_ci95
         digits = 1 if self.metric == "mission_time_s" else 3
         return (
@@ -81,51 +83,45 @@ def compare_tiers(
     scenarios: Sequence[str] = SCENARIOS,
     n_c: Sequence[float] = N_C,
     workers: int | None = None,
-    on_done: Callable[[PaperJob, dict[str, Any]], None] = lambda _job, _summary: None,
-) -> list[Cell]:
+    on_done: OnDone = lambda _job, _summary: None,
+) -> list[TierMeans]:
     """Fly what ``out`` does not hold yet, write ``validate.json`` and ``validate.md``, return the cells.
 
-    Missions are kept in ``missions.jsonl``; those flown with another detector or another sensor model are
-    flown again. Raises UserError when the sensor model does not fit a scenario.
+    Missions flown with another detector or another sensor model are flown again. Raises UserError when the
+    sensor model does not fit a scenario.
     """
-    jobs = {
-        (scenario, value, sensor): [
-            PaperJob(scenario, value, seed, sensor, None) for seed in range(seeds * times)
-        ]
-        for sensor, times in (("statistical", STATISTICAL_TIMES), ("imaging", 1))
-        for scenario in scenarios
-        for value in n_c
-    }
-    key_of = {job: job.key for some in jobs.values() for job in some}
-    make_folder(out)
-    by_key = {key: job for job, key in sorted(key_of.items(), key=lambda item: item[0].seed)}
-    flown = fly_missing(fly_paper_job, by_key, out / MISSIONS_FILE, workers, on_done)
-    summaries = {job: flown[key] for job, key in key_of.items()}
+    rows = [(scenario, value, row_scenario(scenario, value, {})) for scenario in scenarios for value in n_c]
+    rendered = [Matrix.of([row], range(seeds), "imaging", [SWEPT]) for *_, row in rows]
+    statistical = [
+        Matrix.of([row], range(seeds * STATISTICAL_TIMES), "statistical", [SWEPT]) for *_, row in rows
+    ]
+    flown = fly_missing([*statistical, *rendered], _fly, out, workers, on_done)
     cells = [
-        _cell(
-            scenario,
-            value,
-            metric,
-            [summaries[job][metric] for job in jobs[scenario, value, "imaging"]],
-            [summaries[job][metric] for job in jobs[scenario, value, "statistical"]],
-        )
-        for scenario in scenarios
-        for value in n_c
-        for metric in METRICS
+        _means(scenario, value, metric, *(_values(flown, matrix, metric) for matrix in tiers))
+        for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True)
+        for metric in TIER_METRICS
     ]
     _write(cells, out)
     return cells
 
 
-def _cell(
+def _fly(job: MissionJob) -> Summary:
+    return fly_in_memory(job.scenario, job.seed, job.sensor)
+
+
+def _values(flown: Mapping[str, Summary], matrix: Matrix, metric: str) -> list[float]:
+    return [value_of(flown[job.config_hash], metric) for job in matrix.jobs()]
+
+
+def _means(
     scenario: str, n_c: float, metric: str, rendered: Sequence[float], statistical: Sequence[float]
-) -> Cell:
+) -> TierMeans:
     n, mean = len(rendered), float(np.mean(rendered))
     half = float(student.ppf(0.975, n - 1) * np.std(rendered, ddof=1) / math.sqrt(n))
-    return Cell(scenario, n_c, metric, n, mean, (mean - half, mean + half), float(np.mean(statistical)))
+    return TierMeans(scenario, n_c, metric, n, mean, (mean - half, mean + half), float(np.mean(statistical)))
 
 
-def validation_text(cells: Sequence[Cell]) -> str:
+def validation_text(cells: Sequence[TierMeans]) -> str:
     """One line that sums up and the table, in Markdown."""
     agree = sum(cell.agrees != "no" for cell in cells)
     summary = (
@@ -135,10 +131,10 @@ def validation_text(cells: Sequence[Cell]) -> str:
     caption = (
         f"Missions with pictures ({cells[0].seeds} seeds) and without ({cells[0].seeds * STATISTICAL_TIMES})"
     )
-    return f"{summary}\n\n{markdown(caption, HEADER, [cell.row for cell in cells], left=3)}"
+    return f"{summary}\n\n{markdown(caption, TIER_HEADER, [cell.row for cell in cells], left=3)}"
 
 
-def _write(cells: Sequence[Cell], out: Path) -> None:
+def _write(cells: Sequence[TierMeans], out: Path) -> None:
     rows = [
         {**asdict(cell), "difference_percent": cell.difference_percent, "agrees": cell.agrees}
         for cell in cells

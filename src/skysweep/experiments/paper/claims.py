@@ -17,9 +17,9 @@ from skysweep.experiments.paper.tables import (
     paired,
     paired_differences,
 )
-from skysweep.results.metrics import Summary
 from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import MeanCI, mean_ci95
+from skysweep.results.summary import Summary
 
 TIME_TOLERANCE = 0.15
 RECALL_GOAL = 0.95

@@ -12,12 +12,12 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from skysweep.results.metrics import Summary, finite_or_inf
+from skysweep.results.metrics import finite_or_inf
 from skysweep.results.reporting.statistics import MeanCI, mean_ci95
 from skysweep.results.reporting.symbols import number
 from skysweep.results.reporting.tables import markdown, one_line
+from skysweep.results.summary import Limit, Summary, value_of
 
-Limit = float | str  # n_c; infinity is the string "inf", as in summary.json
 Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only
 
 BASELINE = "scan-only"  # the same transects without a descent: what Algorithm 1 is measured against
@@ -171,8 +171,8 @@ def by_seed(summaries: Iterable[Summary], key: str) -> dict[tuple[str, Choice], 
     """Scenario and choice -> seed -> a number of the summary, where it has one."""
     values: dict[tuple[str, Choice], dict[int, float]] = {}
     for s in summaries:
-        if s[key] is not None:
-            values.setdefault((s["scenario"], choice_of(s)), {})[s["seed"]] = s[key]
+        if (value := value_of(s, key)) is not None:
+            values.setdefault((s["scenario"], choice_of(s)), {})[s["seed"]] = value
     return values
 
 

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-import fsspec
 import numpy as np
 import polars as pl
-from fsspec import AbstractFileSystem
 from numpy.typing import NDArray
 
 from skysweep.errors import UserError
-from skysweep.experiments.paper.tables import choice_of
-from skysweep.files.line_file import scan_lines
-from skysweep.results.checksums import SUMS_FILE, read_sums, refuse_changed, refuse_misnamed
+from skysweep.experiments.store import KEY, OLDER_FILE, TABLE_FILE, MissionStore, numbered
+from skysweep.files.folder import Folder
 from skysweep.results.reporting.symbols import field_name, value_text
 
 F64 = NDArray[np.float64]
 Value = float | str | bool
 
 PARAMETER = "param."
-FINAL_TABLE, PARTS, LEDGER, SPEC = "missions.parquet", "parts", "missions.jsonl", "spec.yaml"
 _NEEDED = ("scenario", "strategy", "seed", "completed", "mission_time_s", "recall", "false_positives")
 _WRITERS = "give a folder that 'skysweep run', 'skysweep sweep' or 'skysweep compare paper' wrote"
 
@@ -115,7 +109,7 @@ class Flown:
 def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = None) -> Missions:
     """The missions below a folder or fsspec URL.
 
-    Reads the table of a finished sweep, what a running one has so far, or the ledger of a comparison.
+    Reads the table of a finished sweep, what a running one has so far, or those of a comparison.
 
     Args:
         folder: path or URL.
@@ -127,89 +121,44 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
         UserError: no such folder, no missions in it, not readable, damaged, or not one mission without
             an error.
     """
+    kept = Folder(folder)
+    store = MissionStore(kept)
     try:
-        files, path = fsspec.core.url_to_fs(folder)
-        root = path.rstrip("/")
-        if not files.exists(root):
+        if not kept.exists():
             raise UserError(f"{folder}: there is no such folder; {_WRITERS}")
-        sums = None
-        if files.exists(f"{root}/{SUMS_FILE}"):
-            sums = read_sums(files.cat_file(f"{root}/{SUMS_FILE}"), f"{folder}/{SUMS_FILE}")
-        kept = {}
-        for name in (SPEC, FINAL_TABLE):
-            if files.exists(f"{root}/{name}"):
-                kept[name] = files.cat_file(f"{root}/{name}")
-                refuse_changed(sums, name, kept[name], f"{folder}/{name}")
-        spec = kept.get(SPEC, b"").decode("utf-8")
-        tables = [_parquet(kept[FINAL_TABLE], f"{folder}/{FINAL_TABLE}")] if FINAL_TABLE in kept else []
-        parts = sorted(files.ls(f"{root}/{PARTS}", detail=False)) if files.exists(f"{root}/{PARTS}") else []
-        parts = [name for name in parts if name.endswith(".parquet")]
-        if parts and matrix is not None:
-            table = _so_far(matrix(spec), tables + [_part(files, path) for path in parts], folder)
-        elif tables:
-            table = tables[0]
-        elif files.exists(f"{root}/{LEDGER}"):
-            table = _from_ledger(files.cat_file(f"{root}/{LEDGER}"), folder)
+        if kept.exists(OLDER_FILE):
+            raise UserError(
+                f"{folder}: holds the missions of an older skysweep ({OLDER_FILE}), which this one does not "
+                "read; report them with that one, or fly them again into another folder"
+            )
+        spec = store.spec()
+        finished = not store.has_parts()
+        if not finished and spec is not None and matrix is not None:
+            table = _so_far(matrix(spec), store.outcomes(), folder)
+        elif not finished:
+            table = numbered(store.outcomes())
+        elif store.has_table():
+            table = store.table()
         else:
-            raise UserError(f"{folder}: holds no missions ({FINAL_TABLE}); {_WRITERS}")
+            raise UserError(f"{folder}: holds no missions ({TABLE_FILE}); {_WRITERS}")
     except UserError:
         raise
     except Exception as error:  # a store raises what it likes
         reason = " ".join(str(error).split()) or type(error).__name__
         raise UserError(f"{folder}: cannot be read ({reason}); {_WRITERS}") from None
-    return Missions(folder, _checked(table, folder), not parts, spec)
+    return Missions(folder, _checked(table, folder), finished, spec or "")
 
 
-def _so_far(jobs: pl.DataFrame, tables: Sequence[pl.DataFrame], folder: str) -> pl.DataFrame:
-    """Those of the missions asked for that are flown; of two attempts the one that did not fail."""
-    key = ["scenario", "config_hash"]
-    known = [name for name in jobs.columns if name not in key]
-    flown = pl.concat([t.drop(known, strict=False) for t in tables], how="diagonal_relaxed")
-    flown = flown.sort(pl.col("error").is_not_null(), maintain_order=True).unique(key, keep="first")
-    table = jobs.join(flown, on=key, how="inner")
+def _so_far(jobs: pl.DataFrame, flown: pl.DataFrame, folder: str) -> pl.DataFrame:
+    """Those of the missions asked for that are flown."""
+    known = [name for name in jobs.columns if name not in KEY]
+    table = jobs.join(flown.drop(known, strict=False), on=KEY, how="inner")
     if not len(table):
         raise UserError(
             f"{folder}: the sweep is not finished, and what it has flown so far is of another version of "
             "skysweep or of its specification; give the sweep again"
         )
     return table
-
-
-def _part(files: AbstractFileSystem, path: str) -> pl.DataFrame:
-    content: bytes = files.cat_file(path)
-    refuse_misnamed(path, content, path)
-    return _parquet(content, path)
-
-
-def _parquet(content: bytes, where: str) -> pl.DataFrame:
-    try:
-        return pl.read_parquet(io.BytesIO(content))
-    except pl.exceptions.PolarsError:
-        raise UserError(f"{where}: is no Parquet table; delete it and give the sweep again") from None
-
-
-def _from_ledger(text: bytes, folder: str) -> pl.DataFrame:
-    """A table of what ``skysweep compare paper`` flew: n_c is the swept field of Algorithm 1."""
-    lines = scan_lines(text)
-    lines.refuse_damaged(f"{folder}/{LEDGER}", "delete that line, and fly what it held again")
-    summaries: list[dict[str, Any]] = [line["summary"] for line in lines.records if "summary" in line]
-    if not summaries:
-        raise UserError(f"{folder}: {LEDGER} holds no missions; {_WRITERS}")
-    rows = [
-        {key: s.get(key) for key in ("scenario", "strategy", "seed", "sensor", "completed")}
-        | {f"{PARAMETER}search.n_c": None if (n_c := choice_of(s)) is None else float(n_c), "error": None}
-        | {metric.key: s.get(metric.key) for metric in METRICS}
-        | {"pos_time_s": [p[0] for p in s["pos_curve"]], "pos_value": [p[1] for p in s["pos_curve"]]}
-        for s in summaries
-    ]
-    table = pl.DataFrame(rows, infer_schema_length=None)
-    key = ["scenario", "strategy", f"{PARAMETER}search.n_c", "seed"]
-    if table.select(key).is_duplicated().any():
-        raise UserError(
-            f"{folder}: holds comparisons with different parameters, which must not be mixed; "
-            "fly each into an --out of its own"
-        )
-    return table.sort(key)
 
 
 def _checked(table: pl.DataFrame, folder: str) -> pl.DataFrame:
@@ -234,8 +183,8 @@ def _checked(table: pl.DataFrame, folder: str) -> pl.DataFrame:
     if table.select(key).is_duplicated().any():
         row = table.filter(table.select(key).is_duplicated()).row(0, named=True)
         raise UserError(
-            f"{folder}: {row['scenario']}, {row['strategy']}, seed {row['seed']} is in the table twice; "
-            "give each scenario of the sweep a name of its own"
+            f"{folder}: {row['scenario']}, {row['strategy']}, seed {row['seed']} is in the table twice; give "
+            "each scenario of a sweep a name of its own, and a comparison with other parameters another --out"
         )
     return table
 

@@ -7,31 +7,27 @@ import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
 
 import polars as pl
 import yaml
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import Engine
-from skysweep.experiments.sweep.matrix import Matrix, SweepJob
-from skysweep.experiments.sweep.spec import SweepSpec, differences, dump_spec
-from skysweep.experiments.sweep.store import KEY, TABLE_FILE, SweepStore, outcome
+from skysweep.experiments.matrix import MissionJob
+from skysweep.experiments.store import KEY, SPEC_FILE, TABLE_FILE, MissionStore, Row, row_of
+from skysweep.experiments.sweep.spec import SweepSpec, differences, dump_spec, matrix_of
 from skysweep.files.folder import Folder
 from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import fly_in_memory
 
 _FIRST = 16  # missions at least that the estimate is made from, of as many configurations
 _FIRST_S = 20.0  # and after this long no more of them than needed
-_PART_S = 1.0, 30.0  # a part is written after a twentieth of the time so far, within these limits
-_PART_SHARE = 0.05
-_PART_ROWS = 2000
 _MAX_ERROR = 500  # characters
 _MAX_DIFFERENCES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Outlook:
     """How long a sweep will take, from the missions that it flew first."""
 
     missions: int  # that are left
@@ -55,8 +51,8 @@ class Sweep:
 
     def __init__(self, spec: SweepSpec, out: str | os.PathLike[str], retry_failed: bool = False) -> None:
         self._spec, self._folder = spec, Folder(out)
-        self._store = SweepStore(self._folder)
-        self._matrix = Matrix.of(spec)
+        self._store = MissionStore(self._folder)
+        self._matrix = matrix_of(spec)
         self._table = self._matrix.table()
         known = self._known()
         if retry_failed:
@@ -86,7 +82,7 @@ class Sweep:
     def fly(
         self,
         engine: Engine,
-        confirm: Callable[[Estimate], None] = lambda _estimate: None,
+        confirm: Callable[[Outlook], None] = lambda _outlook: None,
         on_done: Callable[[str | None], None] = lambda _error: None,
     ) -> None:
         """Fly what is left and make the table.
@@ -116,13 +112,13 @@ class Sweep:
         return known["error"].drop_nulls().to_list()
 
     def _fly(
-        self, engine: Engine, confirm: Callable[[Estimate], None], on_done: Callable[[str | None], None]
+        self, engine: Engine, confirm: Callable[[Outlook], None], on_done: Callable[[str | None], None]
     ) -> None:
         started = time.monotonic()
         count = max(_FIRST, 2 * engine.workers)
         first = _spread(self._todo[: max(self.configurations, count)], count)
         rest = sorted(set(self._todo).difference(first))
-        rows: list[dict[str, Any]] = []
+        rows: list[Row] = []
         with closing(engine.run(fly_job, self._matrix.jobs([*first, *rest]))) as results:
             try:
                 for _, row in results:
@@ -137,25 +133,18 @@ class Sweep:
                     self._store.append(rows)
                 raise
             if left := len(self._todo) - len(rows):
-                confirm(Estimate(left, min(engine.workers, left), _mission_s(rows, engine.workers)))
+                confirm(Outlook(left, min(engine.workers, left), _mission_s(rows, engine.workers)))
             self._store.write_spec(dump_spec(self._spec))
-            written = started
-            try:
+            with self._store.parts(started, rows) as take:
                 for _, row in results:
-                    rows.append(row)
+                    take(row)
                     on_done(row["error"])
-                    now = time.monotonic()
-                    pause = min(max(_PART_SHARE * (now - started), _PART_S[0]), _PART_S[1])
-                    if now - written >= pause or len(rows) >= _PART_ROWS:
-                        self._store.append(rows)
-                        rows, written = [], now
-            finally:
-                if rows:
-                    self._store.append(rows)
 
     def _known(self) -> pl.DataFrame:
         """What the folder holds already. Raises UserError where that is not of this sweep."""
         stored = self._store.spec()
+        if stored is None and self._store.has_table():
+            raise UserError(f"{self._folder}: holds a {TABLE_FILE} and no {SPEC_FILE}; write another --out")
         known = self._store.known()
         if known.join(self._table, on=KEY, how="anti").is_empty():
             return known
@@ -168,14 +157,14 @@ class Sweep:
         )
 
 
-def fly_job(job: SweepJob) -> dict[str, Any]:
+def fly_job(job: MissionJob) -> Row:
     """The row of one mission. What goes wrong in it is its error."""
     try:
-        return outcome(job.label, job.config_hash, fly_in_memory(job.scenario, job.seed, job.sensor), None)
+        return row_of(job.label, job.config_hash, fly_in_memory(job.scenario, job.seed, job.sensor))
     except Exception as error:
         reason = " ".join(str(error).split())[:_MAX_ERROR]
         kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
-        return outcome(job.label, job.config_hash, None, kind + reason)
+        return row_of(job.label, job.config_hash, None, kind + reason)
 
 
 def _spread(numbers: list[int], count: int) -> list[int]:
@@ -183,7 +172,7 @@ def _spread(numbers: list[int], count: int) -> list[int]:
     return numbers[:: -(-len(numbers) // count)]
 
 
-def _mission_s(rows: list[dict[str, Any]], workers: int) -> float:
+def _mission_s(rows: list[Row], workers: int) -> float:
     """Mean time of a mission. The first of each worker also loads the program: left out where others are."""
     times = [row["wall_time_s"] for row in rows if row["wall_time_s"] is not None]
     if len(times) > workers:

@@ -14,6 +14,7 @@ import yaml
 from pydantic import Field, field_validator, model_validator
 
 from skysweep.errors import UserError
+from skysweep.experiments.matrix import RESULTS_VERSION, Matrix
 from skysweep.files.models import leaf_fields, validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields, parse_yaml
 from skysweep.files.reading import read_text_limited
@@ -23,9 +24,6 @@ from skysweep.strategies import strategy_spec
 
 MAX_MISSIONS = 1_000_000
 MAX_SEED = 2**32 - 1
-
-# A change of this number says: missions of the same scenario and seed end otherwise than they did.
-RESULTS_VERSION = 2
 
 Value = bool | int | Annotated[float, Field(allow_inf_nan=True)] | str
 Parameters = dict[str, Annotated[list[Value], Field(min_length=1)]]
@@ -206,6 +204,13 @@ def scenarios_of(spec: SweepSpec) -> Iterator[tuple[str, Scenario]]:
             chosen = {"search.strategy": strategy}
             for values in _combinations(parameters, points):
                 yield _label(variant, base), change_scenario(base, chosen | values)
+
+
+def matrix_of(spec: SweepSpec) -> Matrix:
+    """The missions of the sweep. Raises UserError as ``scenarios_of``."""
+    return Matrix.of(
+        scenarios_of(spec), seeds_of(spec), spec.sensor, swept_fields(spec), spec.results_version
+    )
 
 
 def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:

@@ -51,24 +51,24 @@ def outcome_of(summary: Mapping[str, Any]) -> Outcome:
 
 
 @dataclass(frozen=True)
-class Flown:
+class Outcomes:
     """The missions of one candidate: ``values`` (seeds, scenarios, quantities in the order of ``_KEYS``)."""
 
     values: F64
 
     @staticmethod
-    def of(outcomes: Iterable[Outcome], scenarios: int) -> Flown:
+    def of(outcomes: Iterable[Outcome], scenarios: int) -> Outcomes:
         """From outcomes in the order seed by seed, scenario by scenario."""
         rows = [[outcome[key] for key in _KEYS] for outcome in outcomes]
-        return Flown(np.array(rows, dtype=float).reshape(-1, scenarios, len(_KEYS)))
+        return Outcomes(np.array(rows, dtype=float).reshape(-1, scenarios, len(_KEYS)))
 
     @property
     def seeds(self) -> int:
         return len(self.values)
 
-    def first(self, seeds: int) -> Flown:
+    def first(self, seeds: int) -> Outcomes:
         """The same candidate after its first ``seeds`` only."""
-        return Flown(self.values[:seeds])
+        return Outcomes(self.values[:seeds])
 
     def per_seed(self, key: str) -> F64:
         """(seeds,) of a quantity, the mean over the scenarios."""
@@ -103,25 +103,25 @@ class Rules:
     min_recall: float | None = 0.95
     false_positive_cost_s: float = 60.0
 
-    def cost_s(self, flown: Flown) -> F64:
+    def cost_s(self, flown: Outcomes) -> F64:
         """(seeds,) mission time with every false positive counted as this many seconds more."""
         return flown.per_seed("mission_time_s") + self.false_positive_cost_s * flown.per_seed(
             "false_positives"
         )
 
-    def objectives(self, flown: Flown) -> tuple[float, ...]:
+    def objectives(self, flown: Outcomes) -> tuple[float, ...]:
         """To be minimised: mission time s, false positives, and 1 - recall where it is an objective."""
         values = (flown.mean("mission_time_s"), flown.mean("false_positives"))
         return values if self.min_recall is not None else (*values, 1.0 - flown.mean("recall"))
 
-    def violations(self, flown: Flown) -> tuple[float, ...]:
+    def violations(self, flown: Outcomes) -> tuple[float, ...]:
         """Positive where a constraint is broken: every scenario's recall, and missions left unfinished."""
         lacking = (
             () if self.min_recall is None else tuple(self.min_recall - r for r in flown.recalls.tolist())
         )
         return (*lacking, flown.unfinished)
 
-    def feasible(self, flown: Flown) -> bool:
+    def feasible(self, flown: Outcomes) -> bool:
         return all(violation <= 1e-12 for violation in self.violations(flown))
 
 
@@ -135,7 +135,7 @@ def blocks(seeds: int) -> list[int]:
     return [*ends, seeds]
 
 
-def why_dropped(flown: Flown, incumbents: Sequence[Flown], rules: Rules) -> str | None:
+def why_dropped(flown: Outcomes, incumbents: Sequence[Outcomes], rules: Rules) -> str | None:
     """Why this candidate is clearly not the one, or None: it deserves more seeds."""
     if flown.unfinished > 0:
         return "missions ended before the search was finished"
@@ -160,7 +160,7 @@ def clearly_worse_by_s(cost_s: F64, best_s: F64) -> float:
     return float(difference.mean() - stats.t.ppf(DROP_CONFIDENCE, n - 1) * spread)
 
 
-def incumbents(finished: Sequence[Flown], rules: Rules) -> list[Flown]:
+def incumbents(finished: Sequence[Outcomes], rules: Rules) -> list[Outcomes]:
     """Who a newcomer has to beat: the cheapest that keeps the constraints; with recall as an objective, all
     that nobody dominates in cost and recall. ``finished`` flew all seeds."""
     feasible = [flown for flown in finished if rules.feasible(flown)]
@@ -172,7 +172,7 @@ def incumbents(finished: Sequence[Flown], rules: Rules) -> list[Flown]:
     return [flown for flown, best in zip(feasible, pareto_front(scores), strict=True) if best]
 
 
-def best_first(candidates: Sequence[Flown], rules: Rules) -> list[int]:
+def best_first(candidates: Sequence[Outcomes], rules: Rules) -> list[int]:
     """Indices of candidates from the best to the worst.
 
     The cheapest of those that keep the constraints come first. Where recall is no constraint, or nobody keeps

@@ -16,9 +16,10 @@ from itertools import repeat
 from typing import Any
 
 from skysweep import __version__
+from skysweep.experiments.engines import LocalEngine
 from skysweep.experiments.tune.race import (
-    Flown,
     Outcome,
+    Outcomes,
     Rules,
     blocks,
     incumbents,
@@ -27,7 +28,6 @@ from skysweep.experiments.tune.race import (
 )
 from skysweep.experiments.tune.space import N_C, Parameter, value_at
 from skysweep.experiments.tune.study import OpenTrial, Trial, TuningStudy
-from skysweep.experiments.workers import run_jobs
 from skysweep.flights.fly import digests_of_files, fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
@@ -121,7 +121,7 @@ def search(
     job = _SearchJob(problem, storage, study_name, trials, deadline)
     missing = max(0, trials - len(known))
     if missing:
-        for _job, trial in run_jobs(_fly_trial, repeat(job, missing), workers):
+        for _job, trial in LocalEngine(workers).run(_fly_trial, repeat(job, missing)):
             if trial is not None:
                 on_trial(trial)
     return study.trials()
@@ -150,12 +150,12 @@ def _race(problem: Problem, study: TuningStudy, trial: OpenTrial) -> Trial:
             return trial.close(known.missions, known.flown(many), known.dropped, known.number)
     scenarios = [change_scenario(scenario, trial.values) for scenario in problem.scenarios]
     missions: list[Outcome] = []
-    flown, dropped = Flown.of([], many), None
+    flown, dropped = Outcomes.of([], many), None
     for end in blocks(problem.seeds):
         for seed in range(flown.seeds, end):
             missions += [outcome_of(fly_in_memory(scenario, seed)) for scenario in scenarios]
             trial.sign_of_life()
-        flown = Flown.of(missions, many)
+        flown = Outcomes.of(missions, many)
         if end < problem.seeds:
             finished = [t.flown(many) for t in study.trials() if t.dropped is None]
             dropped = why_dropped(flown, incumbents(finished, problem.rules), problem.rules)

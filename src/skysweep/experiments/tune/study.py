@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.experiments.tune.race import Flown, Outcome, Rules
+from skysweep.experiments.tune.race import Outcome, Outcomes, Rules
 from skysweep.experiments.tune.space import Parameter
 
 try:
@@ -47,8 +47,8 @@ class Trial:
     dropped: str | None  # why it was not worth all seeds
     same_as: int | None  # an earlier trial with the same values, whose missions it takes
 
-    def flown(self, scenarios: int) -> Flown:
-        return Flown.of(self.missions, scenarios)
+    def flown(self, scenarios: int) -> Outcomes:
+        return Outcomes.of(self.missions, scenarios)
 
 
 class TuningStudy:
@@ -271,7 +271,9 @@ class OpenTrial:
         """Tell other processes that somebody works on it."""
         self._trial.set_user_attr("alive_unix_s", time.time())
 
-    def close(self, missions: list[Outcome], flown: Flown, dropped: str | None, same_as: int | None) -> Trial:
+    def close(
+        self, missions: list[Outcome], flown: Outcomes, dropped: str | None, same_as: int | None
+    ) -> Trial:
         """Write down how it fared."""
         self._trial.set_user_attr("violations", self._rules.violations(flown))
         self._trial.set_user_attr("missions", missions)

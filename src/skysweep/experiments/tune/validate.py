@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from skysweep import __version__
-from skysweep.experiments.ledger import fly_missing
-from skysweep.experiments.tune.race import F64, Flown, Outcome, Rules, best_first, outcome_of
+from skysweep.experiments.flying import fly_missing
+from skysweep.experiments.matrix import Matrix, MissionJob
+from skysweep.experiments.tune.race import F64, Outcomes, Rules, best_first, outcome_of
 from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
-from skysweep.files.writing import make_folder
-from skysweep.flights.fly import digests_of_files, fly_in_memory
+from skysweep.flights.fly import fly_in_memory
 from skysweep.results.reporting.statistics import (
     SIGNIFICANCE,
     Estimate,
@@ -29,11 +27,11 @@ from skysweep.results.reporting.statistics import (
     resampled_means,
 )
 from skysweep.results.reporting.symbols import number
+from skysweep.results.summary import Summary
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
 
 FIRST_VALIDATION_SEED = 1_000_000  # tuning never comes this far
-LEDGER_FILE = "missions.jsonl"
 FINALISTS = 4
 MATTERS_N_C = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
 
@@ -64,7 +62,7 @@ class Standing:
     """A candidate on the validation seeds, and how it compares with the recommended one."""
 
     candidate: Candidate
-    flown: Flown
+    flown: Outcomes
     mission_time_s: Estimate
     recall: Estimate
     false_positives: Estimate
@@ -83,7 +81,7 @@ class Cell:
 
     n_c: float
     d_c_m: float | None
-    flown: Flown
+    flown: Outcomes
     mission_time_s: Estimate
     time_over_best_s: Paired | None  # None: the fastest
     p_corrected: float  # of that difference, Holm's over all cells; 1 for the fastest
@@ -122,13 +120,6 @@ class Effect:
         return min(self.p_corrected) < SIGNIFICANCE
 
 
-@dataclass(frozen=True)
-class _Flight:
-    key: str
-    scenario: Scenario
-    seed: int
-
-
 def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Candidate]:
     """The best of the search that flew all seeds, the scenario's own values, and the paper's n_c."""
     many = len(problem.scenarios)
@@ -165,35 +156,31 @@ def fly_candidates(
     folder: Path,
     workers: int | None = None,
     on_mission: Callable[[int, int], None] = lambda _done, _of: None,
-) -> list[Flown]:
-    """Every candidate on the same fresh seeds. What ``folder``'s ledger holds is not flown again.
+) -> list[Outcomes]:
+    """Every candidate on the same fresh seeds. What ``folder`` holds is not flown again.
 
     ``on_mission`` hears how many missions of how many are there.
     """
-    make_folder(folder)
-    flights = [
-        [
-            [_Flight(_key(told, seed), changed, seed) for changed, told in configs]
-            for seed in range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + seeds)
-        ]
-        for configs in (_configs(scenarios, candidate) for candidate in candidates)
+    fields = sorted({field for candidate in candidates for field in candidate.changes})
+    fresh = range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + seeds)
+    matrices = [
+        Matrix.of(
+            ((s.name, change_scenario(s, candidate.changes)) for s in scenarios), fresh, "statistical", fields
+        )
+        for candidate in candidates
     ]
-    wanted = {flight.key: flight for per_seed in zip(*flights, strict=True) for c in per_seed for flight in c}
-    done = count(1)
-    on_mission(0, len(wanted))
-    outcomes = fly_missing(
-        _fly,
-        wanted,
-        folder / LEDGER_FILE,
-        workers,
-        lambda _flight, _outcome: on_mission(next(done), len(wanted)),
+    wanted, done = len({job.config_hash for matrix in matrices for job in matrix.jobs()}), count(1)
+    on_mission(0, wanted)
+    flown = fly_missing(
+        matrices, _fly, folder, workers, lambda _job, _summary: on_mission(next(done), wanted)
     )
     return [
-        Flown.of([outcomes[flight.key] for one in mine for flight in one], len(scenarios)) for mine in flights
+        Outcomes.of([outcome_of(flown[job.config_hash]) for job in matrix.jobs()], len(scenarios))
+        for matrix in matrices
     ]
 
 
-def standings(candidates: Sequence[Candidate], flown: Sequence[Flown], rules: Rules) -> list[Standing]:
+def standings(candidates: Sequence[Candidate], flown: Sequence[Outcomes], rules: Rules) -> list[Standing]:
     """From the recommended to the worst."""
     order = best_first(flown, rules)
     best_cost_s = rules.cost_s(flown[order[0]])
@@ -212,7 +199,9 @@ def standings(candidates: Sequence[Candidate], flown: Sequence[Flown], rules: Ru
     ]
 
 
-def matters_table(candidates: Sequence[Candidate], flown: Sequence[Flown], scenario: Scenario) -> list[Cell]:
+def matters_table(
+    candidates: Sequence[Candidate], flown: Sequence[Outcomes], scenario: Scenario
+) -> list[Cell]:
     """Mission time of every n_c and d_c against the fastest, pair by pair.
 
     The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. The test is
@@ -273,18 +262,8 @@ def _checks_at_once(n_c: float, scenario: Scenario) -> bool:
     return n_c == 1 and scenario.search.strategy == "scan-check"
 
 
-def _configs(scenarios: Sequence[Scenario], candidate: Candidate) -> list[tuple[Scenario, str]]:
-    """What is flown, and all that decides how it ends but the seed."""
-    changed = [change_scenario(scenario, candidate.changes) for scenario in scenarios]
-    return [(s, f"{dump_scenario(s)}|{digests_of_files(s, 'statistical')}") for s in changed]
-
-
-def _key(told: str, seed: int) -> str:
-    return hashlib.sha256(f"{__version__}|{told}|{seed}".encode()).hexdigest()[:16]
-
-
-def _fly(flight: _Flight) -> Outcome:
-    return outcome_of(fly_in_memory(flight.scenario, flight.seed))
+def _fly(job: MissionJob) -> Summary:
+    return fly_in_memory(job.scenario, job.seed)
 
 
 def _distinct(values: Iterable[float | None]) -> list[float]:

@@ -1,4 +1,4 @@
-"""The missions of a sweep, numbered."""
+"""Many missions, numbered: configurations and the seeds that each of them flies."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ import polars as pl
 
 import skysweep
 from skysweep.detection.model_files import sha256_of
-from skysweep.experiments.sweep.spec import SweepSpec, scenarios_of, seeds_of, swept_fields
 from skysweep.scenarios.model import Scenario
+
+# A change of this number says: missions of the same scenario and seed end otherwise than they did.
+RESULTS_VERSION = 2
 
 _PACKAGE = Path(skysweep.__file__).parent
 _SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical/default.yaml"}
 
 
 @dataclass(frozen=True, slots=True)
-class Configuration:
-    """One cell of the matrix, which every seed flies."""
+class LabelledScenario:
+    """A scenario that every seed flies."""
 
     label: str  # of its scenario
     scenario: Scenario
@@ -31,47 +33,54 @@ class Configuration:
 
 
 @dataclass(frozen=True, slots=True)
-class SweepJob:
-    """One mission of a sweep."""
+class MissionJob:
+    """One mission of many."""
 
     label: str
     scenario: Scenario
     seed: int
     sensor: str
-    config_hash: str
+    config_hash: str  # of everything that decides how it ends
 
 
 @dataclass(frozen=True)
 class Matrix:
     """Every configuration with every seed. All configurations fly one seed before the next seed's turn."""
 
-    configurations: tuple[Configuration, ...]
+    configurations: tuple[LabelledScenario, ...]
     seeds: Sequence[int]
     sensor: str
-    fields: tuple[str, ...]  # dotted, that the sweep varies
+    fields: tuple[str, ...]  # dotted, in which the configurations differ
 
     @classmethod
-    def of(cls, spec: SweepSpec) -> Matrix:
-        """The missions of ``spec``; combinations that come out the same are one."""
-        cells = {
-            (label, digest): Configuration(label, scenario, digest)
-            for label, scenario in scenarios_of(spec)
-            for digest in [_digest(scenario, spec.sensor, spec.results_version)]
+    def of(
+        cls,
+        scenarios: Iterable[tuple[str, Scenario]],
+        seeds: Sequence[int],
+        sensor: str,
+        fields: Iterable[str],
+        results_version: int = RESULTS_VERSION,
+    ) -> Matrix:
+        """The missions of ``scenarios`` (label and scenario); those that come out the same are one."""
+        configurations = {
+            (label, digest): LabelledScenario(label, scenario, digest)
+            for label, scenario in scenarios
+            for digest in [_digest(scenario, sensor, results_version)]
         }
-        return cls(tuple(cells.values()), seeds_of(spec), spec.sensor, tuple(swept_fields(spec)))
+        return cls(tuple(configurations.values()), seeds, sensor, tuple(fields))
 
     def __len__(self) -> int:
         return len(self.configurations) * len(self.seeds)
 
-    def job(self, number: int) -> SweepJob:
+    def job(self, number: int) -> MissionJob:
         """The mission with this number, counted from 0."""
-        turn, cell = divmod(number, len(self.configurations))
-        c, seed = self.configurations[cell], self.seeds[turn]
-        return SweepJob(c.label, c.scenario, seed, self.sensor, _config_hash(c.digest, seed))
+        turn, place = divmod(number, len(self.configurations))
+        c, seed = self.configurations[place], self.seeds[turn]
+        return MissionJob(c.label, c.scenario, seed, self.sensor, _config_hash(c.digest, seed))
 
-    def jobs(self, numbers: Iterable[int]) -> Iterator[SweepJob]:
-        """These missions, made as they are asked for."""
-        return (self.job(number) for number in numbers)
+    def jobs(self, numbers: Iterable[int] | None = None) -> Iterator[MissionJob]:
+        """These missions, or all, made as they are asked for."""
+        return (self.job(number) for number in (range(len(self)) if numbers is None else numbers))
 
     def table(self) -> pl.DataFrame:
         """One row a mission: job, scenario, strategy, seed, sensor, param.<field> ..., config_hash."""

@@ -1,0 +1,62 @@
+"""The numbers of one mission, by name. docs/results.md says what each means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypedDict, cast
+
+Limit = float | str  # n_c or d_c; JSON has no infinity: it is the string "inf"
+
+
+class Summary(TypedDict):
+    """What a mission achieved. None: does not apply; without truth nothing is judged."""
+
+    scenario: str
+    strategy: str
+    seed: int
+    sensor: str | None
+    n_c: Limit
+    d_c_m: Limit
+    completed: bool
+    end_reason: str
+    mission_time_s: float
+    scan_only_time_s: float | None
+    return_time_s: float | None
+    total_time_s: float
+    n_targets: int | None
+    n_confirmed: int
+    recall: float | None
+    time_to_confirm_s: list[float | None] | None  # by target
+    pos_curve: list[list[float]] | None  # steps of time s and share confirmed
+    n_scanned: int
+    n_checks: int
+    n_checked: int
+    false_scans: int | None
+    false_positives: int | None
+    duplicates: int | None
+    wrong_rejections: int | None
+    median_localisation_error_m: float | None
+    path_length_m: float
+    vertical_m: float
+    energy_wh: float | None
+    total_energy_wh: float | None
+    battery_remaining: float | None
+    area_m2: float
+    area_covered: float
+    area_covered_m2: float
+    collisions: int | None
+    min_clearance_m: float | None
+    wall_time_s: float | None
+    real_time_factor: float | None
+
+
+class RunSummary(Summary):
+    """What ``summary.json`` holds beside its checksums; the mission may still fly."""
+
+    ended: bool
+    n_unchecked: int
+
+
+def value_of(summary: Summary, key: str) -> Any:
+    """A number of a summary whose name is not written out."""
+    return cast("Mapping[str, Any]", summary)[key]
