@@ -251,6 +251,7 @@ def number(value: float) -> str:
 
 
 def with_unit(field: str, value: float) -> str:
+    """A value of a scenario's dotted field as reports print it; infinity has no unit."""
     return number(value) + ("" if math.isinf(value) else _UNITS.get(field, ""))
 
 

@@ -84,10 +84,10 @@ def draw_look(
     scores: F64,
     rows: I64,
 ) -> tuple[int, int]:
-    """Write what is reported into ``boxes``, ``scores`` and ``rows``; return how many objects, and how many
-    with what is reported where nothing is.
+    """Write what is reported into ``boxes``, ``scores`` and ``rows``.
 
-    ``places`` and ``pass_state`` are the memory from look to look.
+    Return how many objects, and how many with what is reported where nothing is. ``places`` and
+    ``pass_state`` are the memory from look to look.
     """
     focal, width, height = optics[0], optics[1], optics[2]
     g, n = len(log_pixels), 0
