@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Sets skysweep up for development and runs every check:  tools/test.sh
-# With arguments pytest gets them and ROS is left out:  tools/test.sh tests/planning -x
+# With arguments pytest gets them, and what else takes long is left out (coverage, ROS, the wheel):
+#   tools/test.sh tests/planning -x
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -24,7 +25,7 @@ ros_tests() {
 }
 
 passed=true
-.venv/bin/python -m pytest -n 2 || passed=false
+.venv/bin/python -m pytest -n 2 --cov --cov-report=term:skip-covered || passed=false
 tools/try-wheel.sh || passed=false
 ros_tests || passed=false
 $passed

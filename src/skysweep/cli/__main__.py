@@ -1,3 +1,5 @@
+"""``python -m skysweep.cli``: the command line."""
+
 from skysweep.cli import app
 
 app()

@@ -93,6 +93,7 @@ def _say(kind: str, style: str, sentence: str) -> None:
 
 
 def number_or_inf(text: str) -> float:
+    """An option's number, which may be infinite; what is none, and nan, is a typer.BadParameter."""
     try:
         value = float(text)
     except ValueError:

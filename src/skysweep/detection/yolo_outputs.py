@@ -201,8 +201,10 @@ def _detr(probe: Probe) -> Layout | None:
 
 
 def _boxes_and_scores(probe: Probe) -> Layout | None:
-    """Decoded corners and class scores apart: (1, N, 1, 4), shares of the picture, and (1, N, C): YOLOv4;
-    (1, N, 4), pixels, and (1, N, C): YOLO-NAS."""
+    """Decoded corners and class scores apart: YOLOv4 and YOLO-NAS.
+
+    (1, N, 1, 4), shares of the picture, and (1, N, C): YOLOv4; (1, N, 4), pixels, and (1, N, C): YOLO-NAS.
+    """
     if len(probe.outputs) != 2:
         return None
     for boxes, scores in (tuple(probe.outputs), tuple(probe.outputs)[::-1]):
@@ -222,8 +224,10 @@ def _decode_pair(boxes: str, scores: str, outputs: Outputs, input_hw: Size, *, s
 
 
 def _anchored_rows(probe: Probe) -> Layout | None:
-    """(1, N, 5 + C) with three rows a cell, decoded: YOLOv5, YOLOv7 and decoded YOLOv3/v4. Other outputs of
-    such a file (raw grids) say the same again."""
+    """(1, N, 5 + C) with three rows a cell, decoded: YOLOv5, YOLOv7 and decoded YOLOv3/v4.
+
+    Other outputs of such a file (raw grids) say the same again.
+    """
     for name, rows, columns in _rows(probe):
         if columns > 5 and _strides(probe, rows, 3):
             return Layout("YOLOv5", columns - 5, partial(_decode_objectness, name))
@@ -286,8 +290,11 @@ def _decode_yolox(name: str, strides: tuple[int, ...], outputs: Outputs, input_h
 
 
 def _final_rows(probe: Probe) -> Layout | None:
-    """(1, K, 6): x0, y0, x1, y1, score, class: YOLOv10 and exports with NMS; or (1, K, 4 + C): centre and
-    size as shares of the picture, class scores: RT-DETR by Ultralytics. K is no number of cells."""
+    """Rows that need no suppression: YOLOv10, exports with NMS, RT-DETR by Ultralytics.
+
+    (1, K, 6): x0, y0, x1, y1, score, class: YOLOv10 and exports with NMS; or (1, K, 4 + C): centre and size
+    as shares of the picture, class scores: RT-DETR. K is no number of cells.
+    """
     if len(probe.outputs) != 1 or not _rows(probe):
         return None
     name, rows, columns = _rows(probe)[0]

@@ -120,8 +120,11 @@ def _is_whole(box_xyxy_px: NDArray[np.float64], lens: Lens) -> bool:
 
 
 def labelled(picture: Image, found: Detections, own: int | None, words: str) -> Image:
-    """The whole picture (H, W, 3) RGB, enlarged where it is small, with a box, class and confidence for every
-    detection, that with index ``own`` bold, and ``words`` at its lower edge."""
+    """The whole picture (H, W, 3) RGB with every detection, and ``words`` at its lower edge.
+
+    It is enlarged where it is small. Detections have box, class and confidence; that with index ``own`` is
+    bold.
+    """
     scale = max(1, round(_LABEL_WIDTH_PX / picture.shape[1]))
     image: Any = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
     for k, (box, name, confidence) in enumerate(

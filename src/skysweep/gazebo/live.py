@@ -58,8 +58,10 @@ class LiveCamera:
             raise
 
     def capture(self, state: VehicleState) -> Frame:
-        """The newest picture; connects again where Gazebo was started again. Raises ConnectionError when
-        none comes within FRESH_S."""
+        """The newest picture; connects again where Gazebo was started again.
+
+        Raises ConnectionError when none comes within FRESH_S.
+        """
         try:
             image = self._newest(FRESH_S)
         except TransportError:

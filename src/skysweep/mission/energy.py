@@ -74,8 +74,10 @@ class ReturnEnergy:
 
 
 class Charge:
-    """What the battery still holds: what the vehicle says, and while it says nothing at most what it said
-    last, or a full battery, less what is measured and at least what flying takes.
+    """What the battery still holds.
+
+    That is what the vehicle says, and while it says nothing at most what it said last, or a full battery,
+    less what is measured and at least what flying takes.
     """
 
     def __init__(self, energy: ReturnEnergy, battery_wh: float) -> None:

@@ -108,8 +108,10 @@ class Looks:
         self.newest_s = self._excused_s = time_s
 
     def take(self, now_s: float, detections: Detections) -> bool:
-        """Whether an answer counts: not one that came before, with a wrong clock or place, or to a picture
-        that is not trusted."""
+        """Whether an answer counts.
+
+        One does not that came before, with a wrong clock or place, or to a picture that is not trusted.
+        """
         exposed_s = detections.time_s
         if exposed_s > now_s + _CLOCK_SLACK_S or exposed_s < now_s - self.dead_age_s:
             self.failure = f"its picture is dated {exposed_s - now_s:+.0f} s from now"

@@ -203,8 +203,10 @@ class Guard:
     def refusal(
         self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
     ) -> Alarm | None:
-        """Why a waypoint must not be flown to; None where it may. ``flown_to`` is the place that it is looked
-        at from, or it itself; None: there is none. What was allowed once is not asked again.
+        """Why a waypoint must not be flown to; None where it may.
+
+        ``flown_to`` is the place that it is looked at from, or it itself; None: there is none. What was
+        allowed once is not asked again.
         """
         if flown_to is not None and self._was_allowed(flown_to):
             return None
@@ -435,8 +437,10 @@ class Guard:
             yield Alarm(Action.RETURN if near else Action.CONTINUE, "height", sentence)
 
     def _to_be_measured_m(self, state: VehicleState) -> tuple[float, float]:
-        """The least and the most that a rangefinder measures at the believed height: its beam, which leans
-        with the vehicle, meets anything between the highest known top and the lowest ground around.
+        """The least and the most that a rangefinder measures at the believed height.
+
+        Its beam, which leans with the vehicle, meets anything between the highest known top and the lowest
+        ground around.
         """
         x, y, z = state.position_enu_m.tolist()
         R = state.R_body_to_enu

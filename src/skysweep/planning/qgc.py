@@ -166,6 +166,8 @@ class FencePolygon(_Object):
 
 
 class Circle(_Object):
+    """About a point; its radius is in metres."""
+
     center: LatLon
     radius: Annotated[float, Field(gt=0)]
 
@@ -179,6 +181,8 @@ class FenceCircle(_Object):
 
 
 class GeoFence(_Object):
+    """Where the vehicle may fly: within each inclusion, outside of each exclusion."""
+
     version: Literal[2] = 2
     circles: list[FenceCircle] = Field(default_factory=list)
     polygons: list[FencePolygon] = Field(default_factory=list)

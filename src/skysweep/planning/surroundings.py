@@ -14,10 +14,10 @@ from skysweep.scenarios.model import Scenario
 def surroundings(
     scenario: Scenario, path_xy_enu_m: NDArray[np.float64], flown_round: Sequence[shapely.Polygon] = ()
 ) -> shapely.Polygon | None:
-    """The convex hull of area, path (N, 2) and home, wider by ``safety.fence_margin_m``; None where that is
-    null.
+    """The convex hull of area, path (N, 2) and home, wider by ``safety.fence_margin_m``.
 
-    What is ``flown_round`` and reaches into it is taken in whole: there has to be room for the way round.
+    None where that is null. What is ``flown_round`` and reaches into it is taken in whole: there has to be
+    room for the way round.
     """
     margin_m = scenario.safety.fence_margin_m
     if margin_m is None:

@@ -71,8 +71,9 @@ def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
 
 
 def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """A copy with other values at dotted fields, such as ``search.n_c``; None leaves a field as it is.
-    ``area.file`` is read.
+    """A copy with other values at dotted fields, such as ``search.n_c``; ``area.file`` is read.
+
+    None leaves a field as it is.
 
     Raises:
         UserError: the change makes no valid scenario.

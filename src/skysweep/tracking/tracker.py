@@ -196,10 +196,10 @@ def _measure(
     angle_std: float,
     position_std: float,
 ) -> None:
-    """Write the ``covariances`` (N, 2, 2) of ``points`` (N, 3): the angular error spread over the ground,
-    stretched where the ray is oblique.
+    """Write the ``covariances`` (N, 2, 2) of ``points`` (N, 3).
 
-    Points whose boxes span less or more on the ground than ``extents_m`` (N, 2) allow become NaN.
+    That is the angular error spread over the ground, stretched where the ray is oblique. Points whose boxes
+    span less or more on the ground than ``extents_m`` (N, 2) allow become NaN.
     """
     for k in range(len(points)):
         x, y, z = points[k, 0] - eye[0], points[k, 1] - eye[1], points[k, 2] - eye[2]

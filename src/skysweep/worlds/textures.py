@@ -67,8 +67,10 @@ def layer_image(layer: int) -> U8:
 
 
 def noise(n: int, rng: np.random.Generator, slope: float = 1.0, low: float = 1.0, high: float = 1e9) -> F64:
-    """Tileable noise (n, n) in 0..1, mean 0.5: amplitude falls as frequency ** -slope within [low, high]
-    cycles a tile."""
+    """Tileable noise (n, n) in 0..1, mean 0.5.
+
+    Its amplitude falls as frequency ** -slope within [low, high] cycles a tile.
+    """
     f = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None]) * n
     amplitude = np.where((f >= low) & (f <= high), np.maximum(f, 1.0) ** -slope, 0.0)
     field = np.fft.irfft2(np.fft.rfft2(rng.normal(size=(n, n))) * amplitude, s=(n, n))

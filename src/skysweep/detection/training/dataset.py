@@ -319,8 +319,7 @@ def _inside_something(world: World, position: F64) -> bool:
 
 
 def develop(picture: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """What lens and sensor do to a picture, drawn more widely than any one camera: motion blur, defocus,
-    exposure and noise."""
+    """Motion blur, defocus, exposure and noise of a picture, drawn more widely than any one camera's."""
     p = picture.astype(np.float32)
     if rng.random() < 0.4:
         length, angle = rng.uniform(0.5, 4.0), rng.uniform(0, np.pi)

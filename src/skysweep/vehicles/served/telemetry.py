@@ -372,8 +372,9 @@ class Streams:
         self._next_s = dict.fromkeys(self._periods_s, 0.0)
 
     def set_interval(self, kind: int, interval_us: float) -> bool:
-        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default. False for the heartbeat, whose rate
-        PX4 fixes, and for what is not streamed.
+        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default.
+
+        False for the heartbeat, whose rate PX4 fixes, and for what is not streamed.
         """
         report = self._messages.get(kind)
         if report is None or kind == m.MAVLINK_MSG_ID_HEARTBEAT or not abs(interval_us) < 1e10:
