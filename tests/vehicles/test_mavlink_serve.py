@@ -137,6 +137,7 @@ def test_a_ground_station_connects_reads_writes_and_ends(serve):
     assert station.command(m.MAV_CMD_NAV_RETURN_TO_LAUNCH) == 0
     station.hear("EXTENDED_SYS_STATE", landed_state=m.MAV_LANDED_STATE_LANDING)
     station.hear("EXTENDED_SYS_STATE", landed_state=m.MAV_LANDED_STATE_ON_GROUND)
+    station.link.close()
 
     process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=30)[1]
@@ -156,6 +157,7 @@ def test_with_a_key_only_signed_frames_count(serve, tmp_path):
     station.link.disable_signing()
     station.link.mav.command_long_send(1, 1, m.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, *[0.0] * 6)
     assert station.link.recv_match(type="COMMAND_ACK", blocking=True, timeout=1.0) is None
+    station.link.close()
 
 
 @pytest.mark.parametrize(
@@ -197,6 +199,7 @@ def test_a_client_may_call_the_server_instead():
         link = mavutil.mavlink_connection(url, source_system=255, dialect="common")
         link.mav.heartbeat_send(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE)
         assert link.recv_match(type="HEARTBEAT", blocking=True, timeout=20.0) is not None
+        link.close()
 
 
 def test_names_of_this_computer():
