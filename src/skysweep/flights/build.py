@@ -46,7 +46,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
     plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
-    vehicle = rig.vehicle or _embedded(scenario, world, seed)
+    vehicle = rig.vehicle or _embedded(scenario, world, seed, rig.unit)
     obstacles = Obstacles(world.terrain, world.trees, world.buildings)
     truth = vehicle.truth
     witness = Witness(truth, obstacles) if truth is not None and obstacles.exist else None
@@ -66,6 +66,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
             scenario.detector.confidence_min,
             seed,
             model_for(scenario),
+            rig.unit,
         )
     else:
         from skysweep.sensing.camera_watch import CameraWatch
@@ -101,10 +102,13 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
     )
 
 
-def _embedded(scenario: Scenario, world: World, seed: int) -> Vehicle:
+def _embedded(scenario: Scenario, world: World, seed: int, unit: int) -> Vehicle:
     home_xy = np.array(scenario.home.position_enu_m, dtype=float)
     home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
-    return Multirotor(scenario.vehicle, scenario.wind, scenario.camera, home, world.terrain.height_m, seed)
+    ground_height_m = world.terrain.height_m
+    return Multirotor(
+        scenario.vehicle, scenario.wind, scenario.camera, home, ground_height_m, seed, unit=unit
+    )
 
 
 class _Believed:

@@ -51,6 +51,7 @@ class Rig:
     camera: Camera | None = None
     detector: Detector | None = None
     strategy: StrategySpec | None = None
+    unit: int = 0  # which of several in one world: errors and looks of each are its own
     watch: Watch = _watch  # sees every tick
     operator: Operator = _operator  # as in ``mission.loop.Flight``
     say: Say = _say  # takes a sentence for each find and alarm as it is made

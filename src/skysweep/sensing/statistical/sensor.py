@@ -50,7 +50,8 @@ _NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
 class StatisticalSensor:
     """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
 
-    ``eye`` knows where the camera is at this moment; ``classes`` are those that the mission searches for.
+    ``eye`` knows where the camera is at this moment; ``classes`` are those that the mission searches for. Of
+    several sensors in one world each is another ``unit``: it draws its own looks of the same objects.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class StatisticalSensor:
         confidence_min: float,
         seed: int,
         model: StatisticalModel | None = None,
+        unit: int = 0,
     ) -> None:
         self._model = model or StatisticalModel.load()
         self._ground_at_m = world.terrain.height_at_m
@@ -75,7 +77,8 @@ class StatisticalSensor:
         once = np.random.default_rng([seed, 29])
         self._things = self._tabulate_objects(world, classes, once)
         self._ghosts = self._tabulate_ghosts(world, classes, once)
-        self._key, self._look_number = int(np.random.default_rng([seed, 31]).integers(2**62)), 0
+        of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
+        self._key, self._look_number = int(of_looks.integers(2**62)), 0
         room = len(self._row_names) + _MAX_GHOSTS
         self._reports = Reports(np.empty((room, 4)), np.empty(room), np.empty(room, dtype=np.int64))
         self._last = Pass(np.full((len(self._things.places), 3), np.nan), np.zeros(len(self._row_names)))

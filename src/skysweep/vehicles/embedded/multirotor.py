@@ -37,7 +37,7 @@ class Multirotor:
     """A multirotor that flies PX4 offboard setpoints at 250 Hz inside; implements ``types.Vehicle``.
 
     Starts landed at ``home_enu_m`` (3,). ``ground_height_m`` maps (N, 2) ENU metres to (N,) heights.
-    The same arguments and the same calls give the same bits.
+    The same arguments and the same calls give the same bits; another ``unit`` has other errors and gusts.
     """
 
     def __init__(
@@ -49,6 +49,7 @@ class Multirotor:
         ground_height_m: Callable[[F64], F64],
         seed: int,
         airframe: Airframe | None = None,
+        unit: int = 0,
     ) -> None:
         airframe = airframe or Airframe()
         heading = np.radians(wind.from_heading_deg)
@@ -67,7 +68,7 @@ class Multirotor:
         self._wind_enu_mps = q["wind"].copy()
         self._battery_wh = limits.battery_wh
         self._ground_height_m = ground_height_m
-        seeds = np.random.SeedSequence([seed, _VEHICLE_STREAM])
+        seeds = np.random.SeedSequence([seed, _VEHICLE_STREAM, unit] if unit else [seed, _VEHICLE_STREAM])
         self._rng: NDArray[np.uint64] = seeds.generate_state(1, np.uint64).astype(np.uint64)
         self._time_s = 0.0
         self._ground_at_step = 0
