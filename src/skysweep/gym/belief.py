@@ -1,0 +1,181 @@
+"""Where something unseen may still be: a raster over the search area, brought up to date look by look.
+
+A cell's value is the chance that a target there would have gone unseen so far, which is also the probability
+that something unseen is there, in units of what it was before the first look (exact where targets are rare).
+
+What a look would have seen is taken from the statistical sensor's own model: pixels on target at this depth,
+the angle of view, the ground, lapses, the threshold of confidence. A target's luck, its own and that of a
+pass, is the same in all looks, as if there were one pass: that makes the raster fall too slowly rather than
+too fast. Targets are of the searched classes, of the smallest size, in every pose that was measured alike.
+What the mission does not know is not taken into account: heading, colour, blur, the camera's true pose.
+A place below a crown or a roof is never seen; what these hide beside them is taken for open.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.polynomial.hermite_e import hermegauss
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from skysweep.geometry.camera import CameraPose
+from skysweep.gym.spaces import Chart
+from skysweep.mission.mission import Mission
+from skysweep.scenarios.model import Scenario
+from skysweep.sensing.statistical.model import (
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    VIEW_MAX,
+    KindModel,
+    StatisticalModel,
+    model_for,
+    score_of,
+)
+from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, apparent_size
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_LUCKS = 5  # that a target may have: nodes of Gauss and Hermite
+_DEPTHS_M = np.geomspace(1.0, 512.0, 73)
+_VIEWS = np.linspace(0.0, 1.0, 21)  # squares of the sine of the angle off the vertical
+_LOOKS_TO_COVER = 2
+_LEAST = 1e-12  # nothing is surer than that, and smaller numbers are slow
+_TOO_SMALL = 0.8  # of the smallest size in pixels that was measured
+_SHAPES = {"standing": STANDING, "floating": FLOATING}
+
+
+class Belief:
+    """``unseen`` (rows south to north, columns west to east): 1 before the first look, 0 outside the area."""
+
+    def __init__(self, scenario: Scenario, mission: Mission, chart: Chart, cells: int) -> None:
+        xy = chart.places_of_cells(cells)
+        inside = shapely.contains_xy(scenario.area_enu_m, xy).reshape(-1)
+        if not inside.any():
+            inside[:] = True  # an area thinner than a cell
+        cell = np.flatnonzero(inside)
+        places = np.array([(x, y, mission.ground_at_m(x, y)) for x, y in xy[cell].tolist()])
+        roofed = mission.obstacles.top_within_m(places[:, :2], 0.0) > places[:, 2]
+        lens, (chances, weights) = scenario.camera.lens, chances_of_look(scenario)
+        self._cell, self._places, self._roofed = cell, places, roofed
+        self._optics = np.array([lens.focal_px, lens.width_px, lens.height_px])
+        self._chances, self._weights = chances, weights
+        self._missed = np.ones((len(cell), _LUCKS))
+        self._looks = np.zeros(len(cell), dtype=np.int64)
+        self._n_covered = 0
+        self.unseen: F32 = inside.astype(np.float32).reshape(cells, cells)
+
+    @property
+    def covered(self) -> float:
+        """Share of the area that lay in two pictures or more."""
+        return self._n_covered / len(self._looks)
+
+    def look(self, camera: CameraPose) -> None:
+        """Take in one look from where the camera is believed to have been."""
+        self._n_covered += _look(
+            self._optics,
+            *camera,
+            self._places,
+            self._roofed,
+            self._chances,
+            self._weights,
+            self._missed,
+            self._looks,
+            self._cell,
+            self.unseen.ravel(),
+        )
+
+
+def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
+    """The chance (D, V, L) that one look reports a target, and the weights (L,) of its lucks.
+
+    Over ``_DEPTHS_M``, ``_VIEWS`` and the lucks that a target may have, best last. Raises UserError as
+    ``model_for``.
+    """
+    model = model_for(scenario)
+    lucks, weights = hermegauss(_LUCKS)
+    kinds = [k for k in model.kinds if k.kind == k.reported_as and k.kind in scenario.target_classes]
+    chances = np.mean([_chances(model, kind, scenario, lucks) for kind in kinds], axis=0)
+    return np.ascontiguousarray(chances), weights / weights.sum()
+
+
+def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:
+    shape, size_m = _SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
+    apparent_m = np.array([apparent_size(shape, size_m, math.sqrt(view)) for view in _VIEWS])
+    pixels = scenario.camera.lens.focal_px * apparent_m / _DEPTHS_M[:, None]
+    at, grid = np.log(pixels), np.log(model.pixels)
+    surface = scenario.terrain.surface
+    contrast = next((c for c in model.contrasts if (c.kind, c.pose) == (kind.kind, kind.pose)), None)
+    mean, _ = contrast.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if contrast else (CONTRAST_USUAL, 0.0)
+    score = (
+        np.interp(at, grid, kind.score)
+        + kind.grounds.get(surface, 0.0)
+        + kind.view * np.minimum(_VIEWS, VIEW_MAX)
+        + kind.contrast * np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
+    )
+    spread = np.interp(at, grid, kind.spread)
+    luck = kind.object_share + kind.pass_share
+    missing = score_of(scenario.detector.confidence_min) - score
+    z = (spread[..., None] * math.sqrt(luck) * lucks - missing[..., None]) / (
+        spread[..., None] * math.sqrt(max(1.0 - luck, 1e-6))
+    )
+    chances = (1.0 - np.interp(at, grid, kind.lapse))[..., None] * ndtr(z)
+    return np.asarray(np.where((pixels < _TOO_SMALL * model.pixels[0])[..., None], 0.0, chances))
+
+
+_FIRST_DEPTH, _DEPTH_STEP = math.log(_DEPTHS_M[0]), math.log(_DEPTHS_M[1] / _DEPTHS_M[0])
+
+
+@njit(cache=True)
+def _look(
+    optics: F64,  # focal length, width, height (px)
+    eye: F64,
+    R: F64,
+    places: F64,
+    roofed: NDArray[np.bool_],
+    chances: F64,
+    weights: F64,
+    missed: F64,
+    looks: I64,
+    cell: I64,
+    unseen: F32,
+) -> int:
+    """Bring ``missed``, ``looks`` and ``unseen`` up to date for the cells in the picture.
+
+    Returns how many cells that covers.
+    """
+    focal, half_width, half_height = optics[0], optics[1] / 2.0, optics[2] / 2.0
+    n_depths, n_views, n_lucks = chances.shape
+    covered = 0
+    for i in range(len(places)):
+        dx, dy, dz = places[i, 0] - eye[0], places[i, 1] - eye[1], places[i, 2] - eye[2]
+        depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+        if depth <= 0.1:
+            continue
+        if abs(R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) * focal > half_width * depth:
+            continue
+        if abs(R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) * focal > half_height * depth:
+            continue
+        looks[i] += 1
+        covered += looks[i] == _LOOKS_TO_COVER
+        if roofed[i]:
+            continue
+        across = dx * dx + dy * dy
+        d = min(max((math.log(depth) - _FIRST_DEPTH) / _DEPTH_STEP, 0.0), n_depths - 1.001)
+        v = min(across / (across + dz * dz) * (n_views - 1), n_views - 1.001)
+        j, k = int(d), int(v)
+        d, v = d - j, v - k
+        left = 0.0
+        for n in range(n_lucks):
+            near = chances[j, k, n] + v * (chances[j, k + 1, n] - chances[j, k, n])
+            far = chances[j + 1, k, n] + v * (chances[j + 1, k + 1, n] - chances[j + 1, k, n])
+            missed[i, n] = max(missed[i, n] * (1.0 - (near + d * (far - near))), _LEAST)
+            left += weights[n] * missed[i, n]
+        unseen[cell[i]] = left
+    return covered

@@ -1,0 +1,98 @@
+"""A search by several vehicles as a PettingZoo parallel environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike
+from pettingzoo import ParallelEnv
+
+from skysweep.errors import UserError
+from skysweep.gym.env import PICTURES, checked
+from skysweep.gym.picture import U8, draw
+from skysweep.gym.spaces import Observed, action_space, observation_space
+from skysweep.gym.team import Result, Rules, Team
+from skysweep.scenarios.model import Scenario
+
+Infos = dict[str, dict[str, Any]]
+
+
+class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no types
+    """Several UAVs search the whole area of one scenario.
+
+    Each has a mission, a sensor and candidates of its own. They share the belief raster and know where the
+    others are. They start from the same home and do not collide: nothing keeps them apart. Arguments as of
+    ``SearchEnv``; ``n`` vehicles, at least 2.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "name": "skysweep_search_v0",
+        "render_modes": list(PICTURES),
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "clusters",
+        n: int = 2,
+        render_mode: str | None = None,
+        **rules: Any,
+    ) -> None:
+        if n < 2:
+            raise UserError(f"n: is {n!r}; write at least 2, or take skysweep/Search-v0 for one vehicle")
+        self._team = Team(scenario, Rules.of(rules), n)
+        self._rng = np.random.default_rng()
+        self.render_mode = checked(render_mode)
+        self.possible_agents = [f"uav_{k}" for k in range(n)]
+        self.agents: list[str] = []
+        r = self._team.rules
+        self.observation_spaces = {
+            a: observation_space(r.cells, r.slots, n - 1) for a in self.possible_agents
+        }
+        self.action_spaces = {a: action_space() for a in self.possible_agents}
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """The same object at every call."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """The same object at every call."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Observed], Infos]:
+        """All take off; the search begins."""
+        if seed is not None:
+            self._rng = np.random.default_rng(seed)
+        self.agents = list(self.possible_agents)
+        begun = dict(zip(self.agents, self._team.begin(self._rng, options), strict=True))
+        return {a: r.observation for a, r in begun.items()}, {a: r.info for a, r in begun.items()}
+
+    def step(
+        self, actions: dict[str, ArrayLike]
+    ) -> tuple[dict[str, Observed], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """All do what they are told for ``period_s``; who has ended its search is no agent any more."""
+        units = {self.possible_agents.index(a): actions[a] for a in self.agents}
+        results: dict[str, Result] = {
+            self.possible_agents[k]: result for k, result in self._team.step(units).items()
+        }
+        self.agents = [a for a in self.agents if not (results[a].terminated or results[a].truncated)]
+        return (
+            {a: r.observation for a, r in results.items()},
+            {a: r.reward for a, r in results.items()},
+            {a: r.terminated for a, r in results.items()},
+            {a: r.truncated for a, r in results.items()},
+            {a: r.info for a, r in results.items()},
+        )
+
+    def render(self) -> U8 | None:
+        """The map, north up, (H, W, 3)."""
+        return draw(self._team) if self.render_mode is not None else None
+
+    def close(self) -> None:
+        """Let go of the missions."""
+        self._team.close()

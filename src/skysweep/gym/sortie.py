@@ -1,0 +1,205 @@
+"""One vehicle's mission, from take-off to landing, flown a decision at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from skysweep.errors import UserError
+from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
+from skysweep.gym.belief import Belief
+from skysweep.gym.follower import Follower, Order
+from skysweep.gym.spaces import CANDIDATE, EMPTY, F32, OPEN, Chart, Observed, as_numbers
+from skysweep.mission.journal import MemoryJournal, line_of
+from skysweep.mission.loop import Flight
+from skysweep.mission.mission import Mission
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.results.metrics import Matches, compute_summary, match
+from skysweep.results.run_folder import Run
+from skysweep.scenarios.model import Scenario
+from skysweep.strategies import StrategySpec
+from skysweep.types import Candidate, EventKind, Mode, VehicleState
+from skysweep.worlds.world import World, build_world
+
+LEARNER = "learner"  # the strategy's name, in summaries
+_EPS_S = 1e-6
+_MANY_LOOKS = 10.0
+_NO_ROW = np.zeros(0, dtype=np.float32)
+
+
+class Sortie:
+    """One mission with the statistical sensor and the order that it follows. It begins at the scan altitude.
+
+    ``unit`` is which of several in the same world; ``belief_of`` gives the belief that its looks change.
+    Raises UserError where the mission cannot be flown.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        chart: Chart,
+        belief_of: Callable[[Mission], Belief],
+        unit: int = 0,
+    ) -> None:
+        search = scenario.search.model_copy(update={"strategy": LEARNER})
+        self._scenario, self._seed = scenario.model_copy(update={"search": search}), seed
+        self._chart = chart
+        spec = StrategySpec(lambda s, _f, look_s: Follower(s, look_s), lambda s: s.scan_altitude_agl_m)
+        mission = build_mission(self._scenario, seed, Rig("statistical", strategy=spec, unit=unit))
+        assert isinstance(mission.strategy, Follower)
+        self._follower = mission.strategy
+        self.plan = np.array([chart.on_square(x, y) for x, y in mission.waypoints_xy_enu_m.tolist()])
+        self.belief = belief_of(mission)
+        self._logbook = _Logbook()
+        self._word: str | None = None
+        self._rows: dict[int, tuple[Candidate | None, F32]] = {}  # of candidates, as they were told
+        self.searches = self.is_over = False
+        self._open = ExitStack()
+        self._open.callback(mission.sensor.close)
+        self._flight = self._open.enter_context(Flight(mission, self._logbook, self._operator))
+        for tick in self._flight:
+            self.state: VehicleState = tick.state
+            if tick.mode == Mode.SCAN:
+                self.searches = True
+                break
+        if not self.searches:
+            self.close()
+            why = " ".join(self._logbook.alarms)
+            raise UserError(f"scenario {scenario.name}: the mission ends before its search begins; {why}")
+
+    def fly(self, order: Order, duration_s: float) -> float:
+        """Follow an order for so long, or home and down where that ends the search; seconds searched."""
+        self._follower.follow(order)
+        began_s = ended_s = self.state.time_s
+        for tick in self._flight:
+            self.state = tick.state
+            if tick.mode in (Mode.RETURN, Mode.LAND):
+                self.searches = False
+            if not self.searches:
+                continue
+            ended_s = tick.state.time_s
+            if tick.detections is not None:
+                self.belief.look(tick.detections.camera)
+            if ended_s >= began_s + duration_s - _EPS_S:
+                return ended_s - began_s
+        self.searches, self.is_over = False, True
+        return ended_s - began_s
+
+    def call_home(self) -> None:
+        """The search ends at the next tick."""
+        self._word = "return"
+
+    def close(self) -> None:
+        """Let go of the mission, wherever it is."""
+        self._open.close()
+
+    @property
+    def mode(self) -> Mode:
+        """What it does as it follows the order."""
+        return Mode.CHECK if self._follower.checks else Mode.SCAN
+
+    def alarms(self) -> list[str]:
+        """What safety said since the last call."""
+        said, self._logbook.alarms = self._logbook.alarms, []
+        return said
+
+    def matches(self) -> Matches:
+        """What was confirmed so far, against the truth."""
+        return match(Run(self._scenario, tuple(self._logbook.verdicts), known_world=self._world))
+
+    @property
+    def n_confirmed(self) -> int:
+        """How many candidates were confirmed so far."""
+        return self._logbook.n_confirmed
+
+    def summary(self) -> dict[str, Any]:
+        """As ``summary.json``: the truth, for the end."""
+        run = Run(self._scenario, tuple(self._logbook.lines), known_world=self._world)
+        return compute_summary(run, scan_only_time_s=plan_scenario(self._scenario)[1].search_time_s)
+
+    @cached_property
+    def _world(self) -> World:
+        return build_world(self._scenario, self._seed)
+
+    def _operator(self) -> str | None:
+        word, self._word = self._word, None
+        return word
+
+    def observe(self, slots: int, time_limit_s: float) -> Observed:
+        """What docs/gym.md says, of this vehicle."""
+        seen = self._follower.seen
+        assert seen is not None
+        state, search = self.state, self._scenario.search
+        x, y, _ = state.position_enu_m.tolist()
+        vehicle = (
+            *self._chart.on_square(x, y),
+            seen.altitude_agl_m / search.scan_altitude_agl_m,
+            *(state.velocity_enu_mps / search.scan_speed_mps).tolist(),
+            state.battery_remaining,
+            state.time_s / time_limit_s,
+            self.belief.covered,
+            float(self._follower.checks),
+        )
+        candidates = np.zeros((slots, len(CANDIDATE)), dtype=np.float32)
+        status = np.full(slots, EMPTY)
+        for slot, (number, what) in enumerate(self._shown(slots)):
+            candidates[slot], status[slot] = self._row(seen.candidates[number]), what
+        return {
+            "belief": self.belief.unseen.copy(),
+            "vehicle": as_numbers(vehicle),
+            "candidates": candidates,
+            "candidate_status": status,
+            "candidate_mask": (status != EMPTY).astype(np.int8),
+        }
+
+    def _shown(self, slots: int) -> list[tuple[int, int]]:
+        """Number and status of the candidates that have a slot: too many, and the oldest settled ones go."""
+        listed = self._follower.listed
+        too_many = max(0, len(listed) - slots)
+        gone = set(sorted(listed, key=lambda k: (listed[k] == OPEN, k))[:too_many]) if too_many else set()
+        return [(k, what) for k, what in listed.items() if k not in gone]
+
+    def _row(self, candidate: Candidate) -> F32:
+        """What a slot says of a candidate; made again when it was sighted again."""
+        known, row = self._rows.get(candidate.id, (None, _NO_ROW))
+        if known is not candidate:
+            x, y, _ = candidate.position_enu_m.tolist()
+            (east_m2, across_m2), (_, north_m2) = candidate.covariance_m2.tolist()
+            seen = candidate.confidences
+            looks = len(seen) / _MANY_LOOKS
+            place = self._chart.on_square(x, y)
+            row = as_numbers((*place, east_m2, across_m2, north_m2, max(seen), seen[-1], looks))
+            self._rows[candidate.id] = candidate, row
+        return row
+
+
+class _Logbook(MemoryJournal):
+    """Also keeps at hand what is asked for in flight: the alarms, and what verdicts are judged by."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.alarms: list[str] = []
+        self.verdicts: list[dict[str, Any]] = []  # the start, and each verdict after its newest sighting
+        self.n_confirmed = 0
+        self._sighted: dict[int, tuple[float, dict[str, Any]]] = {}
+
+    def write(self, time_s: float, kind: str, **fields: Any) -> None:
+        """Keep one line."""
+        super().write(time_s, kind, **fields)
+        if kind == "sighting":
+            self._sighted[fields["candidate"]] = time_s, fields
+        elif kind == "safety":
+            self.alarms.append(fields["sentence"])
+        elif kind == "start":
+            self.verdicts.append(line_of(time_s, kind, fields))
+        elif kind in (EventKind.CONFIRMED, EventKind.REJECTED):
+            sighted_s, sighting = self._sighted[fields["candidate"]]
+            self.verdicts.append(line_of(sighted_s, "sighting", sighting))
+            self.verdicts.append(line_of(time_s, kind, fields))
+            self.n_confirmed += kind == EventKind.CONFIRMED
