@@ -9,6 +9,7 @@ from skysweep.cli import (
     calibrate,
     detection,
     fly,
+    gym,
     missions,
     planning,
     report,
@@ -55,4 +56,5 @@ detect.command("evaluate")(detection.detect_evaluate)
 app.add_typer(detect, name="detect")
 app.add_typer(calibrate.app, name="calibrate")
 app.command()(bench.bench)
+app.command()(gym.gym)
 app.add_typer(world.app, name="world")
