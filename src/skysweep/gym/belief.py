@@ -26,17 +26,9 @@ from skysweep.geometry.camera import CameraPose
 from skysweep.gym.spaces import Chart
 from skysweep.mission.mission import Mission
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.statistical.model import (
-    CONTRAST_LIMITS,
-    CONTRAST_UNIT,
-    CONTRAST_USUAL,
-    VIEW_MAX,
-    KindModel,
-    StatisticalModel,
-    model_for,
-    score_of,
-)
-from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, apparent_size
+from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL, VIEW_MAX
+from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
+from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -107,8 +99,11 @@ def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
 
 def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:
     shape, size_m = _SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
-    apparent_m = np.array([apparent_size(shape, size_m, math.sqrt(view)) for view in _VIEWS])
-    pixels = scenario.camera.lens.focal_px * apparent_m / _DEPTHS_M[:, None]
+    focal_px = scenario.camera.lens.focal_px
+    across, up = np.sqrt(_VIEWS), np.sqrt(1.0 - _VIEWS)
+    rays = zip(across.tolist(), up.tolist(), strict=True)
+    at_1_m = np.array([pixels_on_target(focal_px, shape, size_m, a, 0.0, u, 1.0) for a, u in rays])
+    pixels = at_1_m / _DEPTHS_M[:, None]
     at, grid = np.log(pixels), np.log(model.pixels)
     surface = scenario.terrain.surface
     contrast = next((c for c in model.contrasts if (c.kind, c.pose) == (kind.kind, kind.pose)), None)

@@ -21,6 +21,7 @@ from skysweep.mission.mission import Mission
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import Matches, compute_summary, match
 from skysweep.results.run_folder import Run
+from skysweep.results.summary import Summary
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies import StrategySpec
 from skysweep.types import Candidate, EventKind, Mode, VehicleState
@@ -118,7 +119,7 @@ class Sortie:
         """How many candidates were confirmed so far."""
         return self._logbook.n_confirmed
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """As ``summary.json``: the truth, for the end."""
         run = Run(self._scenario, tuple(self._logbook.lines), known_world=self._world)
         return compute_summary(run, scan_only_time_s=plan_scenario(self._scenario)[1].search_time_s)
