@@ -41,7 +41,9 @@ if TYPE_CHECKING:
 @friendly
 def run(
     scenario: ScenarioArg,
-    strategy: Annotated[str | None, typer.Option(help="scan-check, scan-only, low-only, ...")] = None,
+    strategy: Annotated[
+        str | None, typer.Option(help="scan-check, scan-only, low-only, ..., or your own: MODULE:NAME.")
+    ] = None,
     n_c: Annotated[
         float | None,
         typer.Option(
@@ -82,6 +84,8 @@ def run(
         skysweep run person-wilderness --n-c 3 --d-c 60 --seed 7 --out my-run
 
         skysweep run my-scenario.yaml --strategy low-only --sensor statistical
+
+        skysweep run clusters --strategy my_module:MyStrategy
 
         skysweep run clusters --camera gazebo
 
@@ -197,6 +201,7 @@ def say(words: str) -> None:
 
 def free_folder(parent: Path, name: str) -> Path:
     """A folder of that name, or with a number behind it, that is not there yet."""
+    name = name.replace(":", ".")  # of a user's own strategy, which not every file system takes
     candidates = [parent / name] + [parent / f"{name}-{k}" for k in range(2, 10_000)]
     return next(c for c in candidates if not c.exists())
 

@@ -15,6 +15,7 @@ import polars as pl
 import skysweep
 from skysweep.detection.model_files import sha256_of
 from skysweep.scenarios.model import Scenario
+from skysweep.strategies.given import source_of
 
 # A change of this number says: missions of the same scenario and seed end otherwise than they did.
 RESULTS_VERSION = 2
@@ -119,7 +120,8 @@ def _config_hash(digest: str, seed: int) -> str:
 def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
     """Of the resolved scenario, the sensor, the files that its missions read, and the results' version."""
     fields = scenario.model_dump(by_alias=True)
-    named = [scenario.search.plan, *scenario.detector.model_dump().values()]
+    own = source_of(scenario.search.strategy)
+    named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
     files = [
         str(_PACKAGE / _SHIPPED_FILE[sensor]),
         *(n for n in named if isinstance(n, str) and os.path.isfile(n)),

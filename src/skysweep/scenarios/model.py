@@ -317,7 +317,8 @@ class Search(Model):
     """Strategy and its parameters (Algorithm 1 of the paper). ``n_c`` and ``d_c_m`` may be ``.inf``."""
 
     strategy: str = Field(
-        "scan-check", description="Name of a strategy: scan-check, scan-only, low-only or an installed one"
+        "scan-check",
+        description="scan-check, scan-only, low-only, an installed one, or your own as MODULE:NAME",
     )
     n_c: PositiveOrInf = Field(5.0, description="Check after this many candidates")
     d_c_m: PositiveOrInf = Field(math.inf, description="Check when this far from where the last one was seen")
