@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.camera import CameraPose
 
@@ -42,6 +41,8 @@ class DelayedPose:
         w = min(max((t - t0) / (t1 - t0), 0.0), 1.0)
         if w < _SAME:
             return a
+        from scipy.spatial.transform import Rotation  # imported late: it takes half a second
+
         turn = Rotation.from_matrix(b.R_camera_to_enu @ a.R_camera_to_enu.T).as_rotvec()
         return CameraPose(
             (1 - w) * a.position_enu_m + w * b.position_enu_m,

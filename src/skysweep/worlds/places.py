@@ -7,7 +7,6 @@ import math
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from skysweep.scenarios.model import Generator
 from skysweep.types import XY
@@ -106,6 +105,8 @@ def scattered(xy: XY, scatter_m: float, area: Ground, rng: np.random.Generator) 
 
 def _sparse(area: Ground, count: int, rng: np.random.Generator) -> F64:
     """Positions (count, 2) by Mitchell's best candidate sampling."""
+    from scipy.spatial import KDTree  # imported late: it takes half a second
+
     placed = area.draw(1, rng)
     while len(placed) < count:
         tries = area.draw(min(10 * len(placed) + 10, _SPARSE_TRIES), rng)
