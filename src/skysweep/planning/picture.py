@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,13 @@ _WIDTH_IN = 8.0
 
 def draw_plan(path_png: str | Path, scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -> Path:
     """Write a PNG (200 dpi) of ``plan`` over the scenario's area, north up."""
+    path = Path(path_png)
+    path.write_bytes(plan_png(scenario, plan, estimate))
+    return path
+
+
+def plan_png(scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -> bytes:
+    """The same picture as bytes."""
     altitude = scenario.search.scan_altitude_agl_m
     figure = Figure(dpi=200, layout="constrained")
     axes = figure.add_subplot()
@@ -43,9 +51,9 @@ def draw_plan(path_png: str | Path, scenario: Scenario, plan: CoveragePlan, esti
     axes.set_title(f"{scenario.name}\n", loc="left", fontsize=12, fontweight="bold", color=_INK, pad=18)
     axes.set_title(_figures(plan, estimate, altitude), loc="right", fontsize=8, color=_INK)
     figure.legend(loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-    path = Path(path_png)
-    FigureCanvasAgg(figure).print_png(str(path))  # type: ignore[no-untyped-call]
-    return path
+    content = BytesIO()
+    FigureCanvasAgg(figure).print_png(content)  # type: ignore[no-untyped-call]
+    return content.getvalue()
 
 
 def _draw_ground(axes: Axes, scenario: Scenario, plan: CoveragePlan) -> None:

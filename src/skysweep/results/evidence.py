@@ -25,6 +25,12 @@ def picture_name(candidate: int, time_s: float) -> str:
     return f"candidate-{candidate}-{time_s:.1f}s.jpg"
 
 
+def told_by_name(path: Path) -> tuple[int, float] | None:
+    """Candidate and mission time in seconds of a picture with such a name."""
+    told = _NAME.match(path.stem)
+    return None if told is None else (int(told[1]), float(told[2]))
+
+
 def evidence(run: Run) -> dict[str, list[Picture]]:
     """The pictures in the run's folder by verdict, each group in the order of its candidates' verdicts.
 

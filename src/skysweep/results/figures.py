@@ -36,6 +36,7 @@ from skysweep.results.reporting.style import (
     SERIES_COLOURS,
     SERIES_DASHES,
     VERMILLION,
+    figure_bytes,
     save_figure,
     step_values,
     style,
@@ -67,17 +68,13 @@ _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
 def run_map(run: Run, path: str | Path) -> Path:
     """Top view of one mission with its altitude profile below, as PNG, SVG or PDF (by suffix)."""
     with style():
-        west, east, south, north = extent = _extent([run])
-        height = min(max(0.78 * PAGE_IN * (north - south) / (east - west), 3.0), 8.0)
-        figure = Figure(figsize=(PAGE_IN, height + 2.6), layout="constrained")
-        above, below = figure.subplots(2, 1, height_ratios=[height, 1.6])
-        norm = _altitude_norm([run])
-        _top_view(above, run, norm, extent)
-        above.set_title(_title(run), loc="left")
-        figure.colorbar(_mappable(norm), ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
-        _profile(below, run, norm)
-        figure.legend(handles=_legend([run]), loc="outside lower center", ncols=4, frameon=False)
-        return save_figure(figure, path)
+        return save_figure(_map_of(run), path)
+
+
+def run_map_png(run: Run) -> bytes:
+    """The same as bytes."""
+    with style():
+        return figure_bytes(_map_of(run), "png")
 
 
 def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
@@ -140,6 +137,20 @@ def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
         axis.grid(lw=0.3, color="0.85")
         axis.legend(frameon=False)
         return save_figure(figure, path)
+
+
+def _map_of(run: Run) -> Figure:
+    west, east, south, north = extent = _extent([run])
+    height = min(max(0.78 * PAGE_IN * (north - south) / (east - west), 3.0), 8.0)
+    figure = Figure(figsize=(PAGE_IN, height + 2.6), layout="constrained")
+    above, below = figure.subplots(2, 1, height_ratios=[height, 1.6])
+    norm = _altitude_norm([run])
+    _top_view(above, run, norm, extent)
+    above.set_title(_title(run), loc="left")
+    figure.colorbar(_mappable(norm), ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
+    _profile(below, run, norm)
+    figure.legend(handles=_legend([run]), loc="outside lower center", ncols=4, frameon=False)
+    return figure
 
 
 def _top_view(

@@ -11,6 +11,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from skysweep.errors import UserError
+from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.summary import Limit, Summary
 from skysweep.types import Doubt
@@ -157,6 +159,22 @@ def compute_summary(
         summary.update(cast("Summary", dict.fromkeys(_NEEDS_TRUTH)))
         summary["n_confirmed"] = sum(c.verdict == "confirmed" for c in run.candidates)
     return summary
+
+
+def whole_summary(run: Run, wall_time_s: float | None = None) -> RunSummary:
+    """The same with what a run folder's has beside it: whether the mission ended, and what it left."""
+    numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
+    return {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked)}
+
+
+def _scan_only_time_s(run: Run) -> float | None:
+    """As planned; None where the plan was drawn elsewhere and its file is not here, or is another now."""
+    if not run.has_its_plan:
+        return None
+    try:
+        return plan_scenario(run.scenario)[1].search_time_s
+    except UserError:
+        return None
 
 
 def _clearance(run: Run) -> dict[str, Any]:

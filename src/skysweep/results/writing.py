@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
-from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.exports import write_exports
 from skysweep.results.figures import run_map
-from skysweep.results.metrics import compute_summary
+from skysweep.results.metrics import whole_summary
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import SUMMARY_FILE, Run
 from skysweep.results.run_report import write_run_report
@@ -28,8 +26,7 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> RunS
     Raises:
         CannotWriteError: ``out`` cannot be written to.
     """
-    numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
-    summary: RunSummary = {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked)}
+    summary = whole_summary(run, wall_time_s)
     with whole_files(out) as unfinished:
         run_map(run, unfinished / "map.png")
         write_exports(run, unfinished)
@@ -38,13 +35,3 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> RunS
     with whole_files(out) as unfinished:
         write_summary(unfinished / SUMMARY_FILE, summary, run.seal)
     return summary
-
-
-def _scan_only_time_s(run: Run) -> float | None:
-    """As planned; None where the plan was drawn elsewhere and its file is not here, or is another now."""
-    if not run.has_its_plan:
-        return None
-    try:
-        return plan_scenario(run.scenario)[1].search_time_s
-    except UserError:
-        return None

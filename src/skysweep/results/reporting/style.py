@@ -49,12 +49,16 @@ def style() -> Iterator[None]:
 def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure, the same bytes every time, as PNG, SVG or PDF (by suffix)."""
     path = Path(path)
-    stamp = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
-    content = BytesIO()  # what a full disk raises would be lost in Matplotlib
-    form = path.suffix.removeprefix(".")
-    figure.savefig(content, format=form, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
-    path.write_bytes(content.getvalue())
+    path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
     return path
+
+
+def figure_bytes(figure: Figure, form: str) -> bytes:
+    """What a figure's file holds: ``png``, ``svg`` or ``pdf``."""
+    stamp = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(form)
+    content = BytesIO()  # what a full disk raises would be lost in Matplotlib
+    figure.savefig(content, format=form, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
+    return content.getvalue()
 
 
 def step_values(steps: F64, time_s: F64) -> F64:
