@@ -73,11 +73,11 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         from skysweep.sensing.imaging import PATIENCE_S, ImagingSensor
 
         sensor = pictures = ImagingSensor(
-            rig.camera or _rendered_camera(scenario, world, eye, seed, rig.renderer),
+            _camera(scenario, world, eye, seed, rig),
             rig.detector or make_detector(scenario, rig.threads),
             exposures,
             camera_model.latency_s,
-            PATIENCE_S if rig.vehicle is None else 0.0,
+            PATIENCE_S if rig.vehicle is None or rig.vehicle_waits else 0.0,
             CameraWatch(obstacles),
         )
     look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
@@ -98,7 +98,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         obstacles,
         pictures,
         witness,
-        replays=rig.vehicle is None and rig.camera is None and rig.detector is None,
+        replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
     )
 
 
@@ -129,13 +129,17 @@ class _Believed:
         return CameraMotion(state.camera.R_camera_to_enu.T @ state.velocity_enu_mps, np.zeros(3))
 
 
-def _rendered_camera(scenario: Scenario, world: World, eye: Truth, seed: int, renderer: Backend) -> Camera:
-    """The renderer is imported here, so that missions without pictures stay small."""
+def _camera(scenario: Scenario, world: World, eye: Truth, seed: int, rig: Rig) -> Camera:
+    """The rig's, or one that renders: that is imported here, so that missions without pictures stay small."""
+    if rig.camera is not None:
+        return rig.camera
+    if rig.make_camera is not None:
+        return rig.make_camera(world, eye)
     from skysweep.sensing.cameras.rendered import RenderedCamera
     from skysweep.worlds.rendering.renderer import refuse_unrenderable
 
     refuse_unrenderable(scenario.camera)
-    return RenderedCamera(world, scenario.camera, eye, seed, _painter(scenario, world, renderer))
+    return RenderedCamera(world, scenario.camera, eye, seed, _painter(scenario, world, rig.renderer))
 
 
 def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | Painter:

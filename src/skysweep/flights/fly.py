@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from skysweep import __version__
 from skysweep.detection.model_files import fingerprint
@@ -39,6 +39,10 @@ from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
+from skysweep.strategies.given import digest_of_source
+
+if TYPE_CHECKING:
+    from skysweep.flights.pictures import PictureBook
 
 SETUP = "setup"  # kind of a journal's first line
 GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it
@@ -73,13 +77,15 @@ def begin(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> Non
     Raises UserError where the disk does not take that.
     """
     write_scenario(mission.scenario, folder / CONFIG_FILE)
-    given = GIVEN_DETECTOR if rig.detector else {}
-    setup = setup_of(mission, rig.threads) | given | {CONFIG: digest_of_config(folder)}
-    journal.write(0.0, SETUP, **setup)
+    journal.write(0.0, SETUP, **_begun_with(mission, rig), **{CONFIG: digest_of_config(folder)})
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and nothing was flown; make room, then give the same command again"
         )
+
+
+def _begun_with(mission: Mission, rig: Rig) -> dict[str, Any]:
+    return setup_of(mission, rig.threads) | (GIVEN_DETECTOR if rig.detector is not None else {})
 
 
 def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> Summary:
@@ -97,6 +103,34 @@ def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical
     )
 
 
+def fly_unwritten(scenario: Scenario, seed: int, rig: Rig, pictures: Path) -> Run:
+    """Fly one mission as ``fly_to_folder`` does, with its journal in memory; what can be told of it.
+
+    ``pictures`` is a folder for the best picture of every candidate. Raises UserError as ``build_mission``.
+    """
+    scenario = with_paths_beside(scenario, Path.cwd())
+    mission = build_mission(scenario, seed, rig)
+    journal = MemoryJournal()
+    with closing(mission.sensor):
+        journal.write(0.0, SETUP, **_begun_with(mission, rig))
+        rig.prepare(mission)
+        mission, notes, _ = _with_pictures(mission, journal, pictures)
+        fly(mission, notes, rig.watch, rig.operator)
+    return Run(scenario, tuple(journal.lines), pictures=tuple(sorted(pictures.glob("*.jpg"))))
+
+
+def _with_pictures(
+    mission: Mission, notes: Journal, folder: Path, before: Sequence[Mapping[str, Any]] = ()
+) -> tuple[Mission, Journal, PictureBook | None]:
+    """Mission and journal as they take down what a detector says, and keep pictures in ``folder``."""
+    if mission.pictures is None:
+        return mission, notes, None
+    from skysweep.flights.pictures import PictureBook
+
+    book = PictureBook(notes, folder, mission.pictures, mission.ground_at_m, before)
+    return replace(mission, sensor=RecordedSensor(mission.sensor, book)), book, book
+
+
 def fly_in(
     folder: Path,
     mission: Mission,
@@ -111,14 +145,10 @@ def fly_in(
 
     Raises UserError when the disk was full; the vehicle has come home then.
     """
-    from skysweep.flights.pictures import PictureBook
-
     notes: Journal = ReplayJournal(journal, again) if again else journal
-    announcer = Announcer(mission.scenario, journal.records, rig.say)
-    if mission.pictures is not None:
-        notes = book = PictureBook(notes, folder / PICTURES, mission.pictures, mission.ground_at_m, before)
-        announcer = Announcer(mission.scenario, journal.records, rig.say, book.picture_of)
-        mission = replace(mission, sensor=RecordedSensor(mission.sensor, notes))
+    mission, notes, book = _with_pictures(mission, notes, folder / PICTURES, before)
+    picture_of = {} if book is None else {"picture_of": book.picture_of}
+    announcer = Announcer(mission.scenario, journal.records, rig.say, **picture_of)
     journal.listeners.append(announcer.hear)
     fly(mission, notes, rig.watch, rig.operator, before)
     if journal.failed is not None:
@@ -137,6 +167,7 @@ def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
         "renderer": mission.pictures.camera.renderer if mission.pictures is not None else None,
         "threads": threads,
         **digests_of_files(mission.scenario, mission.sensor_name),
+        **_digest_of_strategy(mission.scenario),
         "replays": mission.replays,
     } | ({} if _is_simulated(mission) else {"truth": False})
 
@@ -152,6 +183,12 @@ def digests_of_files(scenario: Scenario, sensor_name: str) -> dict[str, str | No
     else:
         model = hashlib.sha256(model_for(scenario).model_dump_json().encode()).hexdigest()
     return {"model": model, PLAN: digest_of_plan(scenario)}
+
+
+def _digest_of_strategy(scenario: Scenario) -> dict[str, str]:
+    """What tells apart the code of a user's own strategy; nothing for those with a version."""
+    digest = digest_of_source(scenario.search.strategy)
+    return {} if digest is None else {"strategy": digest}
 
 
 def _is_simulated(mission: Mission) -> bool:

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from skysweep.errors import UserError
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
-from skysweep.results.summary import Limit, Summary
+from skysweep.results.summary import Limit, RunSummary, Summary
 from skysweep.types import Doubt
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
