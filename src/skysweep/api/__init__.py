@@ -1,0 +1,1 @@
+"""What ``import skysweep`` offers, and nothing else of the package does: see docs/python.md."""

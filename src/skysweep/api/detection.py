@@ -1,0 +1,71 @@
+"""Detectors on their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skysweep.detection.yolo import YoloDetector
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.types import Detections, Frame
+
+
+def load_detector(
+    model: str | Path = "skysweep",
+    classes: Sequence[str] | None = None,
+    *,
+    confidence_min: float = 0.25,
+    tiles: int = 1,
+    threads: int = 1,
+) -> ImageDetector:
+    """The shipped detector, or an ONNX file of the YOLO family.
+
+    Args:
+        model: "skysweep" or the path of an ONNX file.
+        classes: names to keep; None keeps all.
+        confidence_min: weaker detections are dropped, 0..1.
+        tiles: split each picture into ``tiles`` x ``tiles`` enlarged parts: smaller things are found, at
+            ``tiles**2`` times the cost.
+        threads: CPU threads.
+
+    Raises:
+        UserError: the file is missing or broken, or has no such class.
+    """
+    if isinstance(classes, str):
+        raise UserError(f"classes: is '{classes}'; write a list, such as ['{classes}']")
+    return ImageDetector(
+        YoloDetector(model, classes, confidence_min=confidence_min, tiles=tiles, threads=threads)
+    )
+
+
+class ImageDetector:
+    """A detector of plain images; also one of frames, so that it can be given to a mission."""
+
+    def __init__(self, detector: YoloDetector) -> None:
+        self._detector = detector
+        self.class_names = detector.class_names
+
+    def detect(self, image: Any) -> Detections:
+        """Boxes, confidences and class names in an image (H, W, 3) RGB of bytes, or in a ``Frame``.
+
+        Raises UserError where it is neither.
+        """
+        return self._detector.detect(image if isinstance(image, Frame) else _frame_of(image))
+
+    def interrupt(self) -> None:
+        """Break off the look that another thread is taking."""
+        self._detector.interrupt()
+
+
+def _frame_of(image: Any) -> Frame:
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or not pixels.size:
+        raise UserError(
+            f"image: is an array {pixels.shape} of {pixels.dtype}; give (height, width, 3) of uint8, RGB"
+        )
+    height, width, _ = pixels.shape
+    return Frame(0.0, pixels, CameraPose(np.zeros(3), np.eye(3)), Lens(width, height, 1.0))

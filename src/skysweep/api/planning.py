@@ -1,0 +1,52 @@
+"""Plans of coverage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.api.scenarios import ScenarioLike, load_scenario
+from skysweep.planning.advice import warnings_for
+from skysweep.planning.coverage import CoveragePlan
+from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
+from skysweep.scenarios.model import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Where a scan of a scenario's area leads, and what it costs. Shown as a picture in notebooks."""
+
+    scenario: Scenario
+    coverage: CoveragePlan
+    estimate: FlightEstimate  # time, energy, batteries, pixels on target ...
+    advice: tuple[str, ...]  # what will probably spoil the mission, a sentence each
+
+    @property
+    def waypoints(self) -> NDArray[np.float64]:
+        """(N, 2) east and north in metres, in the order in which they are flown."""
+        return self.coverage.waypoints_xy_enu_m
+
+    def __repr__(self) -> str:
+        """One line."""
+        e = self.estimate
+        return (
+            f"Plan({self.scenario.name}: {e.n_transects} transects, {e.path_length_m:.0f} m, "
+            f"{e.time_s / 60:.1f} min, batteries: {e.batteries})"
+        )
+
+    def _repr_png_(self) -> bytes:
+        from skysweep.planning.picture import plan_png
+
+        return plan_png(self.scenario, self.coverage, self.estimate)
+
+
+def plan(scenario: ScenarioLike) -> Plan:
+    """Plan the scan of a scenario's area.
+
+    Raises:
+        UserError: there is no such scenario, or no flight is possible.
+    """
+    chosen = load_scenario(scenario)
+    return Plan(chosen, *plan_scenario(chosen), tuple(warnings_for(chosen)))

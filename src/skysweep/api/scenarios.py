@@ -1,0 +1,65 @@
+"""Scenarios for Python: loaded, built, changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from pydantic import BaseModel, ValidationError
+
+from skysweep.errors import UserError
+from skysweep.scenarios import files
+from skysweep.scenarios.model import Scenario
+
+ScenarioLike: TypeAlias = Scenario | str | Path  # itself, its name, or the path of its file
+
+
+def load_scenario(name_or_path: ScenarioLike) -> Scenario:
+    """A shipped scenario by its name, or one from a YAML file; a scenario is given back as it is.
+
+    Raises:
+        UserError: there is none, or the file is no valid scenario.
+    """
+    if isinstance(name_or_path, Scenario):
+        return name_or_path
+    if not isinstance(name_or_path, str | Path):
+        raise UserError(
+            f"scenario: is {name_or_path!r:.60}; give a name such as 'clusters', the path of a YAML file, or "
+            "a Scenario"
+        )
+    return files.load_scenario(name_or_path)
+
+
+def make_scenario(**fields: Any) -> Scenario:
+    """A scenario of these fields, which are those of a scenario file; parts may be dicts or objects.
+
+    Example:
+        >>> make_scenario(name="field", area={"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]}).name
+        'field'
+
+    Raises:
+        UserError: they make no valid scenario.
+    """
+    try:
+        return Scenario.model_validate({name: _plain(value) for name, value in fields.items()})
+    except ValidationError as error:
+        raise files.explain(error, str(fields.get("name", "scenario"))) from None
+
+
+def change_scenario(scenario: ScenarioLike, changes: Mapping[str, Any]) -> Scenario:
+    """A copy with other values at dotted fields, such as ``{"search.n_c": 3}``.
+
+    Raises:
+        UserError: there is no such field, or the change makes no valid scenario.
+    """
+    return files.change_scenario(load_scenario(scenario), {k: _plain(v) for k, v in changes.items()})
+
+
+def _plain(value: Any) -> Any:
+    """Without objects, so that everything is checked again."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(by_alias=True)
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return value

@@ -1,0 +1,174 @@
+"""A scenario's world on its own: what is there, how it looks, and what a detector would say to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skysweep.api.checks import whole_seed
+from skysweep.api.scenarios import ScenarioLike, load_scenario
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
+from skysweep.geometry.frames import rotation_camera_to_enu, yaw_from_heading
+from skysweep.scenarios.model import Scenario
+from skysweep.sensing.exposures import Exposures
+from skysweep.sensing.statistical.model import model_for
+from skysweep.sensing.statistical.sensor import StatisticalSensor
+from skysweep.types import Detections, VehicleState
+from skysweep.worlds import world as worlds
+
+if TYPE_CHECKING:
+    from skysweep.worlds.rendering.renderer import Backend, Renderer
+
+F64 = NDArray[np.float64]
+
+
+def camera_pose(
+    position_enu_m: ArrayLike, heading_deg: float = 0.0, pitch_deg: float = -90.0, roll_deg: float = 0.0
+) -> CameraPose:
+    """A camera at ``position_enu_m`` (3,): east, north and up of the scenario's origin.
+
+    ``heading_deg`` is a compass heading: where it looks, or with a pitch of -90, straight down, where the
+    picture's top points. ``pitch_deg`` is above the horizon; ``roll_deg`` turns the picture clockwise.
+
+    Raises:
+        UserError: the position is no three numbers, or an angle no number.
+    """
+    try:
+        position = np.asarray(position_enu_m, dtype=float)
+        pitch, roll = np.radians([float(pitch_deg), float(roll_deg)]).tolist()
+        yaw = yaw_from_heading(float(heading_deg))
+    except (TypeError, ValueError):
+        raise UserError("pose: write numbers: (east, north, up) in metres, and angles in degrees") from None
+    if position.shape != (3,) or not np.isfinite([*position, pitch, roll, yaw]).all():
+        raise UserError(
+            f"position_enu_m: is {position_enu_m!r:.60}; write three numbers: (east, north, up) in metres"
+        )
+    return CameraPose(position, rotation_camera_to_enu(yaw, pitch, roll))
+
+
+def build_world(scenario: ScenarioLike, seed: int = 0, renderer: Backend = "auto") -> World:
+    """The world that a mission of this scenario and seed flies in. ``renderer``: gl, embree or auto.
+
+    Raises:
+        UserError: there is no such scenario.
+    """
+    chosen = load_scenario(scenario)
+    return World(chosen, worlds.build_world(chosen, whole_seed(seed)), renderer)
+
+
+class World:
+    """What is out there: ground, trees, buildings, targets and what resembles them."""
+
+    def __init__(self, scenario: Scenario, contents: worlds.World, renderer: Backend = "auto") -> None:
+        self._scenario, self._contents, self._backend = scenario, contents, renderer
+
+    def __repr__(self) -> str:
+        """One line."""
+        c = self._contents
+        return (
+            f"World({self._scenario.name}, seed {c.seed}: {len(c.targets)} targets, "
+            f"{len(c.objects) - len(c.targets)} look-alikes, {len(c.trees)} trees, "
+            f"{len(c.buildings)} buildings)"
+        )
+
+    @property
+    def objects(self) -> tuple[worlds.WorldObject, ...]:
+        """Targets and what resembles them."""
+        return self._contents.objects
+
+    @property
+    def targets(self) -> tuple[worlds.WorldObject, ...]:
+        """What the mission searches for."""
+        return self._contents.targets
+
+    @property
+    def lens(self) -> Lens:
+        """That of the scenario's camera."""
+        return self._scenario.camera.lens
+
+    def ground_m(self, east_m: float, north_m: float) -> float:
+        """Height of the ground at a place, metres above that at the origin."""
+        return self._contents.terrain.height_at_m(float(east_m), float(north_m))
+
+    def render(self, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+        """The picture (H, W, 3) RGB of the scenario's camera from a pose, without noise or blur.
+
+        ``time_s`` moves the waves. Raises UserError where nothing can be rendered here.
+        """
+        return self._renderer.render(self.lens, _pose(pose), time_s)
+
+    def detect(self, pose: CameraPose, velocity_enu_mps: Sequence[float] = (0.0, 0.0, 0.0)) -> Detections:
+        """What the statistical sensor reports from a pose: another draw each time, the same in every process.
+
+        Raises UserError where its model was made for another detector or camera than the scenario's.
+        """
+        eye, sensor = self._statistical
+        eye.pose, eye.velocity_enu_mps = _pose(pose), np.asarray(velocity_enu_mps, dtype=float)
+        found = sensor.sense(eye.state())
+        assert found is not None
+        return found
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        from skysweep.worlds.rendering.renderer import make_renderer, refuse_unrenderable
+
+        refuse_unrenderable(self._scenario.camera)
+        return make_renderer(self._contents, self._backend)
+
+    @cached_property
+    def _statistical(self) -> tuple[_Eye, StatisticalSensor]:
+        eye, scenario = _Eye(), self._scenario
+        at_once = scenario.camera.model_copy(update={"latency_s": 0.0})
+        sensor = StatisticalSensor(
+            self._contents,
+            at_once,
+            eye,
+            _Always(),
+            scenario.target_classes,
+            scenario.detector.confidence_min,
+            self._contents.seed,
+            model_for(scenario),
+        )
+        return eye, sensor
+
+
+class _Eye:
+    """Where the camera is, and how it moves. Implements ``types.Truth``."""
+
+    pose: CameraPose
+    velocity_enu_mps: F64
+
+    @property
+    def true_position_enu_m(self) -> F64:
+        return self.pose.position_enu_m
+
+    def true_camera_pose(self) -> CameraPose:
+        return self.pose
+
+    def true_camera_motion(self) -> CameraMotion:
+        return CameraMotion(self.pose.R_camera_to_enu.T @ self.velocity_enu_mps, np.zeros(3))
+
+    def state(self) -> VehicleState:
+        position, R = self.pose
+        return VehicleState(0.0, position, self.velocity_enu_mps, R, self.pose, 1.0, 0.0, True)
+
+
+class _Always(Exposures):
+    """Every state is an exposure."""
+
+    def __init__(self) -> None:
+        super().__init__(rate_hz=1.0, pose_delay_s=0.0)
+
+    def due(self, state: VehicleState) -> CameraPose:
+        return state.camera
+
+
+def _pose(given: CameraPose) -> CameraPose:
+    if not isinstance(given, CameraPose):
+        raise UserError(f"pose: is {given!r:.60}; make one with camera_pose((east, north, up), heading_deg)")
+    return given
