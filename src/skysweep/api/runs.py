@@ -37,7 +37,7 @@ class KeptFrame:
         """(H, W, 3) RGB."""
         import cv2
 
-        decoded = cv2.imdecode(np.frombuffer(self._jpeg, np.uint8), cv2.IMREAD_COLOR)
+        decoded: Any = cv2.imdecode(np.frombuffer(self._jpeg, np.uint8), cv2.IMREAD_COLOR)
         return np.asarray(decoded[..., ::-1], dtype=np.uint8)
 
     def _repr_jpeg_(self) -> bytes:
