@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from skysweep.errors import UserError
+from skysweep.files.models import validated
 from skysweep.scenarios import files
 from skysweep.scenarios.model import Scenario
 
@@ -41,10 +42,8 @@ def make_scenario(**fields: Any) -> Scenario:
     Raises:
         UserError: they make no valid scenario.
     """
-    try:
-        return Scenario.model_validate({name: _plain(value) for name, value in fields.items()})
-    except ValidationError as error:
-        raise files.explain(error, str(fields.get("name", "scenario"))) from None
+    plain = {name: _plain(value) for name, value in fields.items()}
+    return validated(Scenario, plain, str(fields.get("name", "scenario")))
 
 
 def change_scenario(scenario: ScenarioLike, changes: Mapping[str, Any]) -> Scenario:
