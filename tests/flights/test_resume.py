@@ -42,8 +42,8 @@ RESULTS = ("journal.jsonl", "config.yaml", "targets.geojson", "targets.csv", "ma
 WALL = ("wall_time_s", "real_time_factor", "crc")  # the last one is of the others
 
 
-def fly_short(folder, sensor="statistical", watch=None):
-    return fly_to_folder(Scenario.model_validate(SHORT), 2, folder, Rig(sensor, watch=watch))
+def fly_short(folder, sensor="statistical", **people):
+    return fly_to_folder(Scenario.model_validate(SHORT), 2, folder, Rig(sensor, **people))
 
 
 @pytest.fixture(scope="module")
