@@ -59,6 +59,9 @@ class EventKind(_Word):
     FINISHED = "finished"
 
 
+SETTLING = (EventKind.CONFIRMED, EventKind.REJECTED, EventKind.UNCHECKED)  # what becomes of a candidate
+
+
 class VehicleState(NamedTuple):
     """What the vehicle believes about itself (its estimator's output, not the truth)."""
 

@@ -16,7 +16,7 @@ from skysweep.mission.journal import Journal
 from skysweep.results.evidence import picture_name
 from skysweep.results.picture_files import write_picture
 from skysweep.results.reporting.wording import clock
-from skysweep.types import Detections, Frame, PictureSensor
+from skysweep.types import Detections, EventKind, Frame, PictureSensor
 
 Image = NDArray[np.uint8]
 
@@ -51,7 +51,7 @@ class PictureBook:
         for record in before:
             if record["kind"] == "sighting":
                 self._is_better(**record, whole=True)
-            elif record["kind"] == "confirmed":
+            elif record["kind"] == EventKind.CONFIRMED:
                 self._confirmed.add(record["candidate"])
 
     @property
@@ -62,15 +62,15 @@ class PictureBook:
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         """Write the line, and keep the picture that it is about."""
         self._journal.write(time_s, kind, **fields)
-        if kind == "confirmed":
+        if kind == EventKind.CONFIRMED:
             self._confirmed.add(fields["candidate"])
-        if self._sensor.last_look is None or kind not in ("sighting", "rejected"):
+        if self._sensor.last_look is None or kind not in ("sighting", EventKind.REJECTED):
             return
         frame, found = self._sensor.last_look
         candidate = fields["candidate"]
         if candidate in self._confirmed:
             return
-        if kind == "rejected":
+        if kind == EventKind.REJECTED:
             _, altitude_agl_m = self._best.get(candidate, (0.0, np.inf))
             if altitude_agl_m > 2.0 * self._altitude_agl_m(frame):
                 self._save(candidate, frame, found, None)

@@ -12,11 +12,22 @@ from skysweep.mission.journal import Journal
 from skysweep.mission.mission import Mission
 from skysweep.mission.safety import OUTSIDE, OVER, Action, Alarm
 from skysweep.mission.witness import Witness
-from skysweep.types import XY, Candidate, Event, EventKind, Mode, Observation, Strategy, Tracker, VehicleState
+from skysweep.types import (
+    SETTLING,
+    XY,
+    Candidate,
+    Event,
+    EventKind,
+    Mode,
+    Observation,
+    Strategy,
+    Tracker,
+    VehicleState,
+)
 
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # the mission goes on after
-_SETTLING = (EventKind.CONFIRMED, EventKind.REJECTED, EventKind.UNCHECKED)
+OF_A_CANDIDATE = ("sighting", EventKind.SCANNED, *SETTLING)  # kinds of lines about one candidate
 
 
 class Notes:
@@ -54,7 +65,7 @@ class Notes:
     def go_on(self, before: Sequence[Mapping[str, Any]]) -> None:
         """The mission goes on from where it was broken off; ``before`` is what the journal holds."""
         for record in before:
-            if record["kind"] in _SETTLING:
+            if record["kind"] in SETTLING:
                 self._settled.add(record["candidate"])
             elif record["kind"] == EventKind.SCANNED:
                 self._listed.add(record["candidate"])
@@ -81,7 +92,7 @@ class Notes:
         for event in events:
             fields: dict[str, object] = {}
             if event.candidate_id is not None:
-                if event.kind in _SETTLING:
+                if event.kind in SETTLING:
                     self._settled.add(event.candidate_id)
                 else:
                     self._listed.add(event.candidate_id)

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from skysweep.mission.notes import OF_A_CANDIDATE
 from skysweep.results.exports import found_targets
 from skysweep.results.reporting.wording import clock, safety_words
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
+from skysweep.types import EventKind
 
 Record = Mapping[str, Any]
-
-_TOLD_OF = ("sighting", "scanned", "confirmed", "rejected", "unchecked")  # lines about one candidate
 
 
 class Announcer:
@@ -31,16 +31,16 @@ class Announcer:
         picture_of: Callable[[int], Path | None] = lambda _candidate: None,
     ) -> None:
         self._scenario, self._say, self._picture_of = scenario, say, picture_of
-        self._records = [r for r in before if r["kind"] in _TOLD_OF]
+        self._records = [r for r in before if r["kind"] in OF_A_CANDIDATE]
 
     def hear(self, record: Record) -> None:
         """One line of the journal."""
         kind = record["kind"]
-        if kind in _TOLD_OF:
+        if kind in OF_A_CANDIDATE:
             self._records.append(record)
-        if kind == "confirmed":
+        if kind == EventKind.CONFIRMED:
             self._say(self._found(record))
-        elif kind == "unchecked":
+        elif kind == EventKind.UNCHECKED:
             self._say(self._unchecked(record))
         elif kind in ("safety", "unsearched"):
             self._say(safety_words(record))

@@ -13,6 +13,7 @@ from skysweep.results.exports import found_targets, unchecked_targets
 from skysweep.results.reporting.html import Picture
 from skysweep.results.reporting.wording import clock
 from skysweep.results.run_folder import CandidateStory, Run
+from skysweep.types import EventKind
 
 SHOWN_WIDTH_PX = 640  # in a report; the folder has them whole
 _NAME = re.compile(r"candidate-(\d+)-(\d+\.\d)s$")
@@ -49,7 +50,7 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
     groups: dict[str, list[tuple[Path, str]]] = {verdict: [] for verdict in VERDICTS}
     for story in run.candidates:
         title = titles.get(story.id)
-        if story.verdict == "rejected":
+        if story.verdict == EventKind.REJECTED:
             title = f"Rejected {story.class_name or 'candidate'} (candidate {story.id})"
         if title is not None and story.id in pictures:
             path = pictures[story.id]

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from skysweep.results.run_folder import CandidateStory, Run
+from skysweep.types import EventKind
 
 _DECIMALS_DEG = 7  # 1 cm
 _SYMBOLS = {"confirmed": "Flag, Red", "unchecked": "Flag, Blue"}  # of GPX
@@ -33,7 +34,7 @@ class FoundTarget:
 
 def found_targets(run: Run) -> list[FoundTarget]:
     """Confirmed candidates in the order of their confirmation."""
-    confirmed = (c for c in run.candidates if c.verdict == "confirmed")
+    confirmed = (c for c in run.candidates if c.verdict == EventKind.CONFIRMED)
     return [_found(run, number, story) for number, story in enumerate(confirmed, start=1)]
 
 
@@ -119,7 +120,7 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
         radius_95_m=None if radius is None else round(radius, 2),
         confirmed_s=None if story.verdict_s is None else round(story.verdict_s, 1),
         sightings=story.n_sightings,
-        status=story.verdict or "unchecked",
+        status=story.verdict or EventKind.UNCHECKED,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
+from skysweep.mission.notes import OF_A_CANDIDATE
 from skysweep.mission.safety import Action
 
 _Place = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -106,7 +107,7 @@ _KNOWN: dict[str, TypeAdapter[Any]] = {
     "safety": TypeAdapter(_Safety),
     "unsearched": TypeAdapter(_Unsearched),
     "end": TypeAdapter(_End),
-    **dict.fromkeys(("sighting", "scanned", "confirmed", "rejected", "unchecked"), TypeAdapter(_OfCandidate)),
+    **dict.fromkeys(OF_A_CANDIDATE, TypeAdapter(_OfCandidate)),
 }
 
 _GONE_ON_WITH = _KNOWN | {

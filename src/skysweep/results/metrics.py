@@ -15,7 +15,7 @@ from skysweep.errors import UserError
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.summary import Limit, RunSummary, Summary
-from skysweep.types import Doubt
+from skysweep.types import Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
 from skysweep.worlds.world import WorldObject
@@ -72,8 +72,8 @@ def match(run: Run) -> Matches:
     Rejected candidates then share the targets that are left.
     """
     targets = run.world.targets
-    confirmed = [c for c in run.candidates if c.verdict == "confirmed"]
-    rejected = [c for c in run.candidates if c.verdict == "rejected"]
+    confirmed = [c for c in run.candidates if c.verdict == EventKind.CONFIRMED]
+    rejected = [c for c in run.candidates if c.verdict == EventKind.REJECTED]
     right = _assign(confirmed, targets, set(range(len(targets))))
     wrong = _assign(rejected, targets, set(range(len(targets))) - set(right.values()))
     distances = _distances_m(confirmed, targets)
@@ -134,8 +134,8 @@ def compute_summary(
         "pos_curve": [[0.0, 0.0]]
         + [[round(t, 3), (k + 1) / len(targets)] for k, t in enumerate(times)]
         + [[round(mission_time_s, 3), len(times) / len(targets) if targets else 0.0]],
-        "n_scanned": len({r["candidate"] for r in run.events("scanned")}),
-        "n_checks": len(run.events("check_started")),
+        "n_scanned": len({r["candidate"] for r in run.events(EventKind.SCANNED)}),
+        "n_checks": len(run.events(EventKind.CHECK_STARTED)),
         "n_checked": sum(c.verdict is not None for c in run.candidates),
         "false_scans": len(matches.false_scans),
         "false_positives": len(matches.false_positives),
@@ -157,7 +157,7 @@ def compute_summary(
     }
     if not run.has_truth:
         summary.update(cast("Summary", dict.fromkeys(_NEEDS_TRUTH)))
-        summary["n_confirmed"] = sum(c.verdict == "confirmed" for c in run.candidates)
+        summary["n_confirmed"] = sum(c.verdict == EventKind.CONFIRMED for c in run.candidates)
     return summary
 
 
@@ -247,7 +247,7 @@ def seen_m2_of(run: Run) -> float:
 def _scanning(run: Run) -> NDArray[np.bool_]:
     """Which states are of a SCAN that was not flown blind."""
     states = run.states
-    scanning = np.array([mode == "SCAN" for mode in states.mode], dtype=bool)
+    scanning = np.array([mode == Mode.SCAN for mode in states.mode], dtype=bool)
     for since_s, until_s in _blind_spans_s(run):
         scanning &= (states.time_s < since_s) | (states.time_s >= until_s)
     if run.keeps_looks:

@@ -17,12 +17,14 @@ from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
 from skysweep.files.line_file import read_sound_lines
 from skysweep.mission.journal import journal_remedy
+from skysweep.mission.notes import OF_A_CANDIDATE
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.text import printable
+from skysweep.types import EventKind, Mode
 from skysweep.worlds.world import World, build_world
 
 F64 = NDArray[np.float64]
@@ -134,7 +136,7 @@ class Run:
         return States(
             np.array([self.since_start(r) for r in rows], dtype=float),
             np.array([r["p"] for r in rows], dtype=float).reshape(n, 3),
-            tuple(str(r.get("mode", "SCAN")) for r in rows),
+            tuple(str(r.get("mode", Mode.SCAN)) for r in rows),
             np.array([r.get("battery", np.nan) for r in rows], dtype=float),
             np.array([r.get("energy_wh", np.nan) for r in rows], dtype=float),
             np.array([c["p"] for c in cameras], dtype=float).reshape(n, 3),
@@ -158,7 +160,7 @@ class Run:
         """Every candidate that was seen, in the order of their verdicts, those without one last."""
         told: dict[int, list[Record]] = {}
         for record in self.records:
-            if record["kind"] in ("sighting", "scanned", "confirmed", "rejected", "unchecked"):
+            if record["kind"] in OF_A_CANDIDATE:
                 identity = record.get("candidate")
                 if identity is not None:
                     told.setdefault(int(identity), []).append(record)
@@ -173,7 +175,7 @@ class Run:
 
         The mission's own list where it ended; else those that were scanned or seen at least twice.
         """
-        left = {record["candidate"] for record in self.events("unchecked")}
+        left = {record["candidate"] for record in self.events(EventKind.UNCHECKED)}
         if not self.ended:
             left |= {c.id for c in self.candidates if c.scanned_s is not None or c.n_sightings > 1}
         return tuple(c for c in self.candidates if c.verdict is None and c.id in left)
@@ -186,14 +188,14 @@ class Run:
     @property
     def finished_s(self) -> float | None:
         """When the last candidate had its verdict and F was empty; None for a mission broken off."""
-        return self._time_of("finished")
+        return self._time_of(EventKind.FINISHED)
 
     @property
     def search_end_s(self) -> float:
         """When the search ended: finished, or broken off for the way home, or the newest record."""
         if self.finished_s is not None:
             return self.finished_s
-        homeward = (r for r in self.records if r.get("mode") in ("RETURN", "LAND"))
+        homeward = (r for r in self.records if r.get("mode") in (Mode.RETURN, Mode.LAND))
         return next((self.since_start(r) for r in homeward), self.last_s)
 
     @property
@@ -232,9 +234,9 @@ class Run:
         return None if record is None else self.since_start(record)
 
     def _story(self, identity: int, records: list[Record]) -> CandidateStory:
-        verdict = next((r for r in records if r["kind"] in ("confirmed", "rejected")), None)
+        verdict = next((r for r in records if r["kind"] in (EventKind.CONFIRMED, EventKind.REJECTED)), None)
         known = records if verdict is None else records[: records.index(verdict) + 1]
-        scanned = next((r for r in known if r["kind"] == "scanned"), None)
+        scanned = next((r for r in known if r["kind"] == EventKind.SCANNED), None)
         sightings = [r for r in known if r["kind"] == "sighting"]
         named, classes = _newest(known, "class_name"), self.scenario.target_classes
         return CandidateStory(

@@ -17,6 +17,7 @@ from skysweep.results.reporting.wording import clock, definitions, parameters, s
 from skysweep.results.run_folder import Run
 from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import dump_scenario
+from skysweep.types import SETTLING, EventKind, Mode
 
 _EVIDENCE = {
     "Confirmed": "Pictures of confirmed targets",
@@ -115,7 +116,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     names = {target.candidate: target.name for target in named}
     search = run.scenario.search
     steps = [(0.0, "Take-off.")]
-    scanning = next((k for k, mode in enumerate(run.states.mode) if mode == "SCAN"), None)
+    scanning = next((k for k, mode in enumerate(run.states.mode) if mode == Mode.SCAN), None)
     if scanning is not None:
         height_m = run.altitudes_agl_m[scanning]
         steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
@@ -125,25 +126,25 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     started_s = 0.0
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
-        if kind == "check_started":
+        if kind == EventKind.CHECK_STARTED:
             check, started_s = [], time_s
         elif kind in ("safety", "unsearched"):
             steps.append((time_s, safety_words(record)))
-        elif kind == "unchecked" and record.get("reason") == OUTSIDE:
+        elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
             (outside if check is None else check).append(record)
-        elif kind == "unchecked" and not _is_refused(run, record):
+        elif kind == EventKind.UNCHECKED and not _is_refused(run, record):
             left.setdefault(time_s, []).append(record)
-        elif kind in ("confirmed", "rejected", "unchecked"):
+        elif kind in SETTLING:
             if check is None:
                 steps.append((time_s, _verdicts([record], names)))
             else:
                 check.append(record)
-        elif kind in ("scan_resumed", "finished", "end") and check is not None:
-            back = f" Back to the search at {clock(time_s)}." if kind == "scan_resumed" else ""
+        elif kind in (EventKind.SCAN_RESUMED, EventKind.FINISHED, "end") and check is not None:
+            back = f" Back to the search at {clock(time_s)}." if kind == EventKind.SCAN_RESUMED else ""
             steps.append((started_s, f"{_check_words(check, names, search.check_altitude_agl_m)}{back}"))
             check = None
-        if kind == "finished":
-            reachable = "reachable " if run.events("unchecked") else ""
+        if kind == EventKind.FINISHED:
+            reachable = "reachable " if run.events(EventKind.UNCHECKED) else ""
             steps.append(
                 (time_s, f"All transects flown, all {reachable}candidates checked: the way home begins.")
             )
@@ -162,16 +163,16 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
 
 
 def _check_words(records: Sequence[Any], names: dict[int, str], altitude_agl_m: float) -> str:
-    if records and all(r["kind"] == "unchecked" for r in records):
+    if records and all(r["kind"] == EventKind.UNCHECKED for r in records):
         return f"A check begins. {_verdicts(records, names)}"
     outcome = _verdicts(records, names) if records else "Broken off."
     return f"Down to {altitude_agl_m:g} m to check. {outcome}"
 
 
 def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
-    confirmed = [names[r["candidate"]] for r in records if r["kind"] == "confirmed"]
-    rejected = sum(r["kind"] == "rejected" for r in records)
-    unchecked = [_name(r, names) for r in records if r["kind"] == "unchecked"]
+    confirmed = [names[r["candidate"]] for r in records if r["kind"] == EventKind.CONFIRMED]
+    rejected = sum(r["kind"] == EventKind.REJECTED for r in records)
+    unchecked = [_name(r, names) for r in records if r["kind"] == EventKind.UNCHECKED]
     parts = []
     if confirmed:
         parts.append(f"confirmed {', '.join(confirmed)}")
@@ -210,7 +211,7 @@ def _is_refused(run: Run, record: Any) -> bool:
 
 
 def _why_unchecked(run: Run, candidate: int) -> str:
-    record = next((r for r in run.events("unchecked") if r["candidate"] == candidate), None)
+    record = next((r for r in run.events(EventKind.UNCHECKED) if r["candidate"] == candidate), None)
     if record is None:
         return "The mission had not come to it when the journal ends."
     if record.get("reason") == OUTSIDE:
