@@ -35,7 +35,7 @@ from skysweep.experiments.store import MissionStore
 from skysweep.experiments.sweep.missions import load_missions
 from skysweep.experiments.sweep.run import Sweep, fly_job
 from skysweep.experiments.sweep.spec import dump_spec, matrix_of, parse_spec
-from skysweep.experiments.tune.race import Outcomes, Rules
+from skysweep.experiments.tune.race import Outcomes, RaceRules
 from skysweep.experiments.tune.run import Problem, family_of, search
 from skysweep.experiments.tune.space import CHECK_SPEED, N_C, TUNED, changed_space, default_space
 from skysweep.experiments.tune.study import TuningStudy
@@ -139,7 +139,7 @@ def problem() -> Problem:
     """What is tuned."""
     scenario = Scenario.model_validate(SHORT)
     space, _ = changed_space(default_space([scenario]), [scenario], RANGES, FIXED)
-    return Problem("short", (family_of(scenario, None),), (scenario,), (), tuple(space), Rules(), SEEDS)
+    return Problem("short", (family_of(scenario, None),), (scenario,), (), tuple(space), RaceRules(), SEEDS)
 
 
 def tuned(folder: Path) -> Path:

@@ -25,7 +25,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.tune import study as tune_study
 from skysweep.experiments.tune.race import (
     Outcomes,
-    Rules,
+    RaceRules,
     best_first,
     blocks,
     clearly_worse_by_s,
@@ -88,7 +88,7 @@ def tune(*arguments):
 
 def problem(*space, scenario=None, **others):
     given_scenario = scenario or tiny()
-    settings = {"rules": Rules(), "seeds": 8} | others
+    settings = {"rules": RaceRules(), "seeds": 8} | others
     overlays = ({"scenario": "tiny", "set": {}},)
     return Problem("tiny", (family_of(given_scenario, None),), (given_scenario,), overlays, space, **settings)
 
@@ -222,7 +222,7 @@ def test_a_good_candidate_is_rarely_dropped_and_a_bad_one_soon():
 
 
 def test_why_dropped():
-    rules, best = Rules(), flown([300, 310, 290, 305, 300, 300, 300, 300])
+    rules, best = RaceRules(), flown([300, 310, 290, 305, 300, 300, 300, 300])
     assert why_dropped(flown([305, 300, 295, 300]), [best], rules) is None
     assert "clearly worse" in why_dropped(flown([400, 412, 385, 405]), [best], rules)
     assert "recall" in why_dropped(flown([200] * 4, recall=0.25), [best], rules)
@@ -230,11 +230,11 @@ def test_why_dropped():
     assert "before the search was finished" in why_dropped(flown([90] * 4, completed=0.0), [best], rules)
     costly = flown([290, 301, 282, 294], false_positives=2.0)
     assert "clearly worse" in why_dropped(costly, [best], rules)
-    assert why_dropped(costly, [best], Rules(false_positive_cost_s=0.0)) is None
+    assert why_dropped(costly, [best], RaceRules(false_positive_cost_s=0.0)) is None
 
 
 def test_with_recall_as_an_objective_a_slower_candidate_that_finds_more_stays():
-    rules = Rules(min_recall=None)
+    rules = RaceRules(min_recall=None)
     fast = flown([200, 210, 190, 205], recall=0.5)
     thorough = flown([300, 312, 288, 303], recall=1.0)
     assert why_dropped(thorough, [fast], rules) is None
@@ -246,10 +246,12 @@ def test_with_recall_as_an_objective_a_slower_candidate_that_finds_more_stays():
 def test_best_first_keeps_recall_before_time():
     slow, fast = flown([400.0] * 4), flown([200.0] * 4, recall=0.5)
     unfinished = flown([100.0] * 4, completed=0.0)
-    assert best_first([fast, unfinished, slow], Rules()) == [2, 0, 1]
-    assert incumbents([fast], Rules()) == []
+    assert best_first([fast, unfinished, slow], RaceRules()) == [2, 0, 1]
+    assert incumbents([fast], RaceRules()) == []
     poor, poorer = flown([400.0] * 4, recall=0.875), flown([100.0] * 4, recall=0.25)
-    assert best_first([poorer, poor], Rules()) == [1, 0], "nobody reaches 0.95: the most found comes first"
+    assert best_first([poorer, poor], RaceRules()) == [1, 0], (
+        "nobody reaches 0.95: the most found comes first"
+    )
 
 
 def test_paired_says_how_sure():
@@ -448,7 +450,7 @@ def test_killed_and_continued_it_keeps_what_was_finished(tmp_path, scenario_file
 def test_a_trial_that_was_never_claimed_does_not_use_up_the_budget(tmp_path, monkeypatch, locks):
     monkeypatch.setattr(tune_study, "_CLAIM_S", 0.2)
     path, space = f"sqlite:///{tmp_path}/study.db", default_space([tiny()])
-    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, Rules(0.95, 60.0), 0)
+    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, RaceRules(0.95, 60.0), 0)
     study._locks = locks
     study._study.ask()  # and the process dies
     trial = study.ask(1)
@@ -459,13 +461,13 @@ def test_a_trial_that_was_never_claimed_does_not_use_up_the_budget(tmp_path, mon
 
 
 def _first_number(path):
-    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, default_space([tiny()]), Rules(0.95, 60.0), 0)
+    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, default_space([tiny()]), RaceRules(0.95, 60.0), 0)
     return study.ask(100).number
 
 
 def test_processes_that_ask_at_once_are_given_different_trials(tmp_path):
     path, space = f"sqlite:///{tmp_path}/study.db", default_space([tiny()])
-    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, Rules(0.95, 60.0), 0)
+    study = tune_study.TuningStudy(path, "tiny", {"a": 1}, space, RaceRules(0.95, 60.0), 0)
     study.start([{p.field: p.values[k] for p in space} for k in range(3)])
     with multiprocessing.get_context("spawn").Pool(4) as pool:
         numbers = pool.map(_first_number, [path] * 12, chunksize=1)

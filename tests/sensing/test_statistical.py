@@ -21,7 +21,7 @@ from skysweep.sensing.statistical.model import (
     VERSION,
     BackgroundModel,
     BoxModel,
-    Camera,
+    CalibratedCamera,
     ContrastModel,
     Detecting,
     Experiment,
@@ -74,7 +74,7 @@ def model(*kinds, background=(), contrasts=(), fade_px=50.0):
     return StatisticalModel(
         version=VERSION,
         detector=Detecting(name="test", sha256="0" * 64),
-        camera=Camera(**CAMERA.model_dump(include=set(Camera.model_fields))),
+        camera=CalibratedCamera(**CAMERA.model_dump(include=set(CalibratedCamera.model_fields))),
         experiment=Experiment(pictures=1, seed=0, looks=1, confidence_floor=0.1),
         pixels=GRID,
         fade_px=fade_px,

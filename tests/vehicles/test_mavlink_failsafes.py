@@ -20,7 +20,7 @@ from mavlink_clients import (
 )
 from pymavlink.dialects.v20 import development as m
 
-from skysweep.vehicles.mavlink.modes import STICK_MODES, TICK_S, Mode
+from skysweep.vehicles.mavlink.modes import STICK_MODES, TICK_S, PX4Mode
 from skysweep.vehicles.served.failsafes import Failsafes, Health, Reaction, why_not
 from skysweep.vehicles.served.parameters import Parameters
 
@@ -498,7 +498,7 @@ ACTIONS = {
 STEPS = st.lists(
     st.tuples(
         HEALTH,
-        st.sampled_from([None, *Mode]),
+        st.sampled_from([None, *PX4Mode]),
         st.booleans(),
         st.sampled_from([0.0, 0.02, 1.0, 6.0]),
     ),
@@ -511,7 +511,7 @@ def test_what_is_flown_can_be_flown_and_only_people_change_what_is_intended(chos
     parameters = Parameters(scenario().vehicle)
     for name, value in chosen.items():
         assert parameters.set(name, value)
-    failsafes, intended = Failsafes(parameters, lambda *_: None), Mode.OFFBOARD
+    failsafes, intended = Failsafes(parameters, lambda *_: None), PX4Mode.OFFBOARD
     fine = Health(False, False, False, False, 0)
     failsafes.update(True, intended, True, False, fine, 0.02)
     terminated = False
@@ -519,7 +519,7 @@ def test_what_is_flown_can_be_flown_and_only_people_change_what_is_intended(chos
         wanted = asked or intended
         moved = sticks and failsafes.action > Reaction.WARN
         intended = failsafes.update(True, wanted, asked is not None, moved, health, elapsed_s)
-        assert intended is wanted or (intended is Mode.POSITION and moved)
+        assert intended is wanted or (intended is PX4Mode.POSITION and moved)
         terminated |= failsafes.action is Reaction.TERMINATE
         assert terminated == (failsafes.action is Reaction.TERMINATE)
         flown = failsafes.mode(intended)
@@ -529,7 +529,7 @@ def test_what_is_flown_can_be_flown_and_only_people_change_what_is_intended(chos
             assert flown is intended
     if not terminated:
         failsafes.update(False, intended, False, False, fine, 0.02)
-        assert failsafes.action is Reaction.NONE or intended is Mode.TERMINATION
+        assert failsafes.action is Reaction.NONE or intended is PX4Mode.TERMINATION
 
 
 @given(STEPS, st.sampled_from(STICK_MODES))

@@ -24,7 +24,7 @@ from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.types import Setpoint
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
-from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.px4.offboard import horizontal_velocity_enu_mps
 from skysweep.vehicles.px4.preflight import Demands, preflight
 from skysweep.vehicles.px4.telemetry import Anchor, Telemetry
@@ -294,13 +294,13 @@ def test_it_takes_off_flies_waits_lands_and_stands_by():
         assert np.linalg.norm(vehicle.state().position_enu_m - truth) < 2.0
         vehicle.hold()
         fly_until(vehicle, lambda s: np.linalg.norm(s.velocity_enu_mps) < 0.3)
-        assert pilot.mode is Mode.OFFBOARD
+        assert pilot.mode is PX4Mode.OFFBOARD
         vehicle.command(setpoint(20.0, 10.0, 8.0))
         fly_until(vehicle, lambda s: distance(s, 20.0, 10.0, 8.0) < 1.0)
         vehicle.land()
         fly_until(vehicle, lambda s: not s.airborne)
         assert vehicle.wait_disarmed(20.0)
-        assert pilot.mode is Mode.HOLD
+        assert pilot.mode is PX4Mode.HOLD
 
 
 def test_time_is_the_vehicles_and_advances_by_as_much_as_asked():
@@ -340,31 +340,31 @@ def test_whoever_takes_it_over_keeps_it_until_a_person_gives_it_back():
         hovering(vehicle)
         vehicle.command(setpoint(15.0, 0.0, 8.0))
         vehicle.advance(1.0)
-        pilot.change_mode(Mode.RETURN)
+        pilot.change_mode(PX4Mode.RETURN)
         fly_until(vehicle, lambda s: s.taken_over, 20.0)
         assert "Return" in vehicle.state().taken_over
         for order in (vehicle.hold, vehicle.land, lambda: vehicle.command(setpoint(15.0, 0.0, 8.0))):
             order()
             vehicle.advance(0.5)
-            assert pilot.mode in (Mode.RETURN, Mode.LAND)
+            assert pilot.mode in (PX4Mode.RETURN, PX4Mode.LAND)
         vehicle.regain()
         vehicle.advance(0.5)
-        assert (pilot.mode, vehicle.state().taken_over) == (Mode.OFFBOARD, "")
-        pilot.change_mode(Mode.RETURN)
+        assert (pilot.mode, vehicle.state().taken_over) == (PX4Mode.OFFBOARD, "")
+        pilot.change_mode(PX4Mode.RETURN)
         fly_until(vehicle, lambda s: s.taken_over, 20.0)
         vehicle.close()
         time.sleep(0.5)
-        assert pilot.mode in (Mode.RETURN, Mode.LAND)
+        assert pilot.mode in (PX4Mode.RETURN, PX4Mode.LAND)
 
 
 def test_a_hold_during_take_off_is_somebody_elses():
     with connected() as (vehicle, server):
         vehicle.takeoff(20.0)
-        server.face.pilot.change_mode(Mode.HOLD)
+        server.face.pilot.change_mode(PX4Mode.HOLD)
         fly_until(vehicle, lambda s: s.taken_over, 10.0)
         vehicle.command(setpoint(15.0, 0.0, 8.0))
         vehicle.advance(1.0)
-        assert server.face.pilot.mode is Mode.HOLD
+        assert server.face.pilot.mode is PX4Mode.HOLD
 
 
 def test_its_end_hands_over_to_hold():
@@ -373,9 +373,9 @@ def test_its_end_hands_over_to_hold():
         hovering(vehicle)
         vehicle.command(setpoint(50.0, 0.0, 8.0))
         vehicle.advance(0.5)
-        assert server.face.pilot.mode is Mode.OFFBOARD
+        assert server.face.pilot.mode is PX4Mode.OFFBOARD
         vehicle.close()
-        assert server.face.pilot.mode is Mode.HOLD
+        assert server.face.pilot.mode is PX4Mode.HOLD
         assert not server.face.pilot.failsafe
 
 
@@ -389,14 +389,14 @@ def test_a_link_that_is_lost_and_found_again():
         vehicle.command(setpoint(90.0, 0.0, 8.0))
         vehicle.advance(1.0)
         relay.open = False
-        wait(lambda: server.face.pilot.mode is Mode.HOLD)
+        wait(lambda: server.face.pilot.mode is PX4Mode.HOLD)
         before_s = vehicle.state().time_s
         wait(lambda: not vehicle.advance(0.1) and vehicle.state().silent_s > 1.5)
         assert vehicle.state().time_s - before_s < 3.0
         relay.open = True
         wait(lambda: not vehicle.advance(0.1) and vehicle.state().silent_s < 0.3)
         pilot = server.face.pilot
-        wait(lambda: not vehicle.command(setpoint(90.0, 0.0, 8.0)) and pilot.mode is Mode.OFFBOARD)
+        wait(lambda: not vehicle.command(setpoint(90.0, 0.0, 8.0)) and pilot.mode is PX4Mode.OFFBOARD)
         assert not vehicle.state().taken_over
         vehicle.close()
     relay.close()
@@ -485,7 +485,7 @@ def test_preflight_sees_a_pilot_whose_lost_sticks_would_stop_the_motors():
 
 @pytest.mark.parametrize(
     ("mode", "sticks", "passed"),
-    [(Mode.HOLD, False, True), (Mode.RETURN, False, False), (Mode.POSITION, True, False)],
+    [(PX4Mode.HOLD, False, True), (PX4Mode.RETURN, False, False), (PX4Mode.POSITION, True, False)],
 )
 def test_a_vehicle_that_somebody_flies_is_not_gone_on_with(mode, sticks, passed):
     there = LookAlike(5)
@@ -503,11 +503,11 @@ def test_a_vehicle_that_somebody_flies_is_not_gone_on_with(mode, sticks, passed)
 def test_a_vehicle_that_lost_its_program_is_gone_on_with():
     there = LookAlike(3)
     there.vehicle.takeoff(10.0)
-    while there.vehicle.telemetry.flown != Mode.OFFBOARD.value:
+    while there.vehicle.telemetry.flown != PX4Mode.OFFBOARD.value:
         there.wait(0.1)
     there.connect()
     there.wait(3.0)
-    assert there.flown()[0] == Mode.RETURN.value
+    assert there.flown()[0] == PX4Mode.RETURN.value
     plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
     (check,) = [c for c in preflight(there.vehicle, demands(plan), False, 1.0) if c.name == "control"]
     assert check.passed, check
@@ -526,10 +526,10 @@ def test_a_hold_before_it_left_the_ground_is_not_waited_for_in_silence():
     pilot, since = there.sky.pilot, []
 
     def hold_it():
-        if pilot.mode is Mode.TAKEOFF and not pilot.state.airborne:
+        if pilot.mode is PX4Mode.TAKEOFF and not pilot.state.airborne:
             since.append(there.now_s())
             if since[-1] - since[0] > 0.3:
-                there.command(m.MAV_CMD_DO_SET_MODE, 1, *Mode.HOLD.value)
+                there.command(m.MAV_CMD_DO_SET_MODE, 1, *PX4Mode.HOLD.value)
 
     there.vehicle.link.others.append(hold_it)
     with pytest.raises(UserError, match="did not take off: it is in Hold"):

@@ -20,7 +20,7 @@ from skysweep.flights.rig import Rig
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.files import write_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode
 
 SMALL = {
     "name": "small",
@@ -128,7 +128,7 @@ def test_ctrl_c_holds_and_a_second_one_returns_and_lands(file, tmp_path):
             text=True,
         )
         pilot = server.face.pilot
-        wait_for(lambda: pilot.mode is Mode.OFFBOARD, "never in Offboard")
+        wait_for(lambda: pilot.mode is PX4Mode.OFFBOARD, "never in Offboard")
         program.send_signal(signal.SIGINT)
         wait_for(lambda: np.linalg.norm(pilot.state.velocity_enu_mps) < 0.3, "no hold")
         held_s = pilot.time_s
@@ -156,10 +156,10 @@ def test_a_program_that_is_ended_leaves_the_vehicle_in_hold(file, tmp_path, numb
             preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # under nohup it is ignored
         )
         pilot = server.face.pilot
-        wait_for(lambda: pilot.mode is Mode.OFFBOARD, "never in Offboard")
+        wait_for(lambda: pilot.mode is PX4Mode.OFFBOARD, "never in Offboard")
         program.send_signal(number)
         program.wait(60)
-        wait_for(lambda: pilot.mode is Mode.HOLD, "no hold")
+        wait_for(lambda: pilot.mode is PX4Mode.HOLD, "no hold")
         assert pilot.armed
         assert pilot.failsafe == (number is signal.SIGKILL)
     assert (out / "journal.jsonl").exists()

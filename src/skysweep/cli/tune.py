@@ -97,7 +97,7 @@ def tune(
 
         skysweep tune clusters --storage postgresql://user@host/tuning   # on as many machines as there are
     """
-    from skysweep.experiments.tune.race import Rules
+    from skysweep.experiments.tune.race import RaceRules
     from skysweep.experiments.tune.run import Problem, family_of
     from skysweep.experiments.tune.space import changed_space, default_space
     from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario
@@ -116,7 +116,7 @@ def tune(
     names = [scenario.name for scenario in given]
     if len(set(names)) < len(names):
         raise UserError(f"two scenarios are both called '{max(names, key=names.count)}'; name each once")
-    rules = Rules(min_recall if recall == "constraint" else None, false_positive_cost_s)
+    rules = RaceRules(min_recall if recall == "constraint" else None, false_positive_cost_s)
     problems = []
     for group in [given] if together else [[scenario] for scenario in given]:
         space, settings = changed_space(default_space(group), group, ranges or [], fix or [])

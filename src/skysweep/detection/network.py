@@ -12,7 +12,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from skysweep.detection.coco import default_names
-from skysweep.detection.yolo_outputs import Boxes, Layout, PixelFormat, Probe, recognise
+from skysweep.detection.yolo_outputs import Boxes, OutputLayout, PixelFormat, Probe, recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
 
@@ -79,7 +79,7 @@ class Network:
             for o, a in zip(self._session.get_outputs(), answers, strict=True)
         }
 
-    def _recognise(self) -> Layout:
+    def _recognise(self) -> OutputLayout:
         input_hw = self._fixed_hw or PROBE_SIZE
         blank = np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8)
         try:

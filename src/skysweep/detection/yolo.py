@@ -13,7 +13,7 @@ from skysweep.detection.answers import refuse_nonsense
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.detection.network import letterbox, load_network
-from skysweep.detection.yolo_outputs import Boxes, Layout
+from skysweep.detection.yolo_outputs import Boxes, OutputLayout
 from skysweep.errors import UserError
 from skysweep.types import Detections, Frame
 
@@ -72,7 +72,7 @@ class YoloDetector:
         self._wanted = np.isin(self.model_class_names, self.class_names)
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> OutputLayout:
         """The output layout that was recognised."""
         return self._network.layout
 

@@ -1,8 +1,8 @@
 """Output layouts of the YOLO family: recognised from a model's answer to a blank picture, then decoded.
 
 Nobody has to say which YOLO a file holds. Each recogniser looks at the shapes (and, where shapes are
-ambiguous, at a few values) and returns a :class:`Layout` or None; the first that answers wins. Pixels are
-those of the model's input picture.
+ambiguous, at a few values) and returns an :class:`OutputLayout` or None; the first that answers wins. Pixels
+are those of the model's input picture.
 
 Sources: the export code or papers of YOLOv3 (arXiv:1804.02767), YOLOv4 (arXiv:2004.10934), YOLOv5/v8/v11
 (Ultralytics), YOLOv6 (arXiv:2209.02976), YOLOv7 (arXiv:2207.02696), YOLOv10 (arXiv:2405.14458), YOLOX
@@ -75,7 +75,7 @@ class Probe:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class OutputLayout:
     """A recognised output layout."""
 
     name: str
@@ -84,7 +84,7 @@ class Layout:
     pixels: PixelFormat = UNIT_RGB
 
 
-def recognise(probe: Probe) -> Layout | None:
+def recognise(probe: Probe) -> OutputLayout | None:
     """The layout of a model's outputs, or None when it is none of the known ones."""
     for recogniser in _RECOGNISERS:
         layout = recogniser(probe)
@@ -144,7 +144,7 @@ def _rows(probe: Probe) -> list[tuple[str, int, int]]:
     return [(k, v.shape[1], v.shape[2]) for k, v in probe.outputs.items() if v.ndim == 3 and v.shape[0] == 1]
 
 
-def _labelled_boxes(probe: Probe) -> Layout | None:
+def _labelled_boxes(probe: Probe) -> OutputLayout | None:
     """Boxes (1, K, 4), scores (1, K) and classes or labels (1, K), with or without a count of valid ones.
 
     YOLOv7 with TensorRT-style NMS, and RT-DETR, which is told the picture's size by a second input.
@@ -163,10 +163,10 @@ def _labelled_boxes(probe: Probe) -> Layout | None:
             outputs[classes].ravel()[:n].astype(np.int64),
         )
 
-    return Layout("YOLOv7 end-to-end" if count else "RT-DETR", probe.n_names or 80, decode)
+    return OutputLayout("YOLOv7 end-to-end" if count else "RT-DETR", probe.n_names or 80, decode)
 
 
-def _seven_columns(probe: Probe) -> Layout | None:
+def _seven_columns(probe: Probe) -> OutputLayout | None:
     """(K, 7): picture, x0, y0, x1, y1, class, score: YOLOv7 with ONNX NMS built in."""
     name, array = next(iter(probe.outputs.items()))
     if len(probe.outputs) != 1 or array.ndim != 2 or array.shape[1] != 7:
@@ -176,10 +176,10 @@ def _seven_columns(probe: Probe) -> Layout | None:
         rows = outputs[name]
         return Boxes(rows[:, 1:5], rows[:, 6], rows[:, 5].astype(np.int64))
 
-    return Layout("YOLOv7 with NMS", probe.n_names or 80, decode)
+    return OutputLayout("YOLOv7 with NMS", probe.n_names or 80, decode)
 
 
-def _detr(probe: Probe) -> Layout | None:
+def _detr(probe: Probe) -> OutputLayout | None:
     """Logits (1, Q, C [+ 1 for nothing]) and boxes (1, Q, 4), centre and size, as shares of the picture."""
     names = _find(probe, "boxes", "logits") or _find(probe, "dets", "labels")
     if names is None or any(probe.outputs[n].ndim != 3 for n in names):
@@ -197,10 +197,10 @@ def _detr(probe: Probe) -> Layout | None:
             scores = sigmoid(z)
         return _best_class(xyxy_from_cxcywh(outputs[boxes][0]) * _size_px(input_hw), scores)
 
-    return Layout("DETR", columns - softmax, decode, IMAGENET_RGB)
+    return OutputLayout("DETR", columns - softmax, decode, IMAGENET_RGB)
 
 
-def _boxes_and_scores(probe: Probe) -> Layout | None:
+def _boxes_and_scores(probe: Probe) -> OutputLayout | None:
     """Decoded corners and class scores apart: YOLOv4 and YOLO-NAS.
 
     (1, N, 1, 4), shares of the picture, and (1, N, C): YOLOv4; (1, N, 4), pixels, and (1, N, C): YOLO-NAS.
@@ -212,9 +212,9 @@ def _boxes_and_scores(probe: Probe) -> Layout | None:
         if len(s) != 3 or b[:2] != s[:2] or b[0] != 1:
             continue
         if b[2:] == (1, 4):
-            return Layout("YOLOv4 decoded", s[2], partial(_decode_pair, boxes, scores, shares=True))
+            return OutputLayout("YOLOv4 decoded", s[2], partial(_decode_pair, boxes, scores, shares=True))
         if b[2:] == (4,) and _strides(probe, b[1], 1):
-            return Layout("YOLO-NAS", s[2], partial(_decode_pair, boxes, scores, shares=False))
+            return OutputLayout("YOLO-NAS", s[2], partial(_decode_pair, boxes, scores, shares=False))
     return None
 
 
@@ -223,14 +223,14 @@ def _decode_pair(boxes: str, scores: str, outputs: Outputs, input_hw: Size, *, s
     return _best_class(corners * _size_px(input_hw) if shares else corners, outputs[scores][0])
 
 
-def _anchored_rows(probe: Probe) -> Layout | None:
+def _anchored_rows(probe: Probe) -> OutputLayout | None:
     """(1, N, 5 + C) with three rows a cell, decoded: YOLOv5, YOLOv7 and decoded YOLOv3/v4.
 
     Other outputs of such a file (raw grids) say the same again.
     """
     for name, rows, columns in _rows(probe):
         if columns > 5 and _strides(probe, rows, 3):
-            return Layout("YOLOv5", columns - 5, partial(_decode_objectness, name))
+            return OutputLayout("YOLOv5", columns - 5, partial(_decode_objectness, name))
     return None
 
 
@@ -243,7 +243,7 @@ def _objectness_rows(rows: F32) -> Boxes:
     return _best_class(xyxy_from_cxcywh(rows), rows[:, 4:5] * rows[:, 5:])
 
 
-def _cell_columns(probe: Probe) -> Layout | None:
+def _cell_columns(probe: Probe) -> OutputLayout | None:
     """(1, 4 + C, N) with one column a cell and no objectness: YOLOv8, v9, v11, v12; also transposed.
 
     Segmentation models add 32 mask coefficients, which a second output (1, 32, h, w) gives away.
@@ -252,10 +252,14 @@ def _cell_columns(probe: Probe) -> Layout | None:
     for name, rows, columns in _rows(probe):
         n_classes = rows - 4 - masks
         if _strides(probe, columns, 1) and n_classes > 0:
-            return Layout("YOLOv8", n_classes, partial(_decode_columns, name, n_classes, transposed=False))
+            return OutputLayout(
+                "YOLOv8", n_classes, partial(_decode_columns, name, n_classes, transposed=False)
+            )
         n_classes = columns - 4 - masks
         if _strides(probe, rows, 1) and n_classes == (probe.n_names or 80):
-            return Layout("YOLOv8", n_classes, partial(_decode_columns, name, n_classes, transposed=True))
+            return OutputLayout(
+                "YOLOv8", n_classes, partial(_decode_columns, name, n_classes, transposed=True)
+            )
     return None
 
 
@@ -264,7 +268,7 @@ def _decode_columns(name: str, n_classes: int, outputs: Outputs, _: Size, *, tra
     return _best_class(xyxy_from_cxcywh(p), p[:, 4 : 4 + n_classes])
 
 
-def _cell_rows(probe: Probe) -> Layout | None:
+def _cell_rows(probe: Probe) -> OutputLayout | None:
     """(1, N, 5 + C) with one row a cell: YOLOv6, whose objectness is always 1, or YOLOX, decoded or raw."""
     for name, rows, columns in _rows(probe):
         strides = _strides(probe, rows, 1)
@@ -272,12 +276,12 @@ def _cell_rows(probe: Probe) -> Layout | None:
             continue
         p = probe.outputs[name][0]
         if np.all(p[:, 4] == 1.0):
-            return Layout("YOLOv6", columns - 5, partial(_decode_objectness, name))
+            return OutputLayout("YOLOv6", columns - 5, partial(_decode_objectness, name))
         # A raw centre is a small offset from its own cell; a decoded one grows with the cell's place.
         cells, steps = cell_centres(probe.input_hw, strides)
         if np.median(np.abs(p[:, :2] - 0.5)) < np.median(np.abs(p[:, :2] / steps - cells - 0.5)):
-            return Layout("YOLOX raw", columns - 5, partial(_decode_yolox, name, strides), BYTE_BGR)
-        return Layout("YOLOX", columns - 5, partial(_decode_objectness, name), BYTE_BGR)
+            return OutputLayout("YOLOX raw", columns - 5, partial(_decode_yolox, name, strides), BYTE_BGR)
+        return OutputLayout("YOLOX", columns - 5, partial(_decode_objectness, name), BYTE_BGR)
     return None
 
 
@@ -289,7 +293,7 @@ def _decode_yolox(name: str, strides: tuple[int, ...], outputs: Outputs, input_h
     )
 
 
-def _final_rows(probe: Probe) -> Layout | None:
+def _final_rows(probe: Probe) -> OutputLayout | None:
     """Rows that need no suppression: YOLOv10, exports with NMS, RT-DETR by Ultralytics.
 
     (1, K, 6): x0, y0, x1, y1, score, class: YOLOv10 and exports with NMS; or (1, K, 4 + C): centre and size
@@ -306,7 +310,7 @@ def _final_rows(probe: Probe) -> Layout | None:
             p = outputs[name][0]
             return Boxes(p[:, :4], p[:, 4], p[:, 5].astype(np.int64))
 
-        return Layout("YOLOv10", probe.n_names or 80, decode)
+        return OutputLayout("YOLOv10", probe.n_names or 80, decode)
     if columns - 4 != (probe.n_names or 80):
         return None
 
@@ -314,7 +318,7 @@ def _final_rows(probe: Probe) -> Layout | None:
         p = outputs[name][0]
         return _best_class(xyxy_from_cxcywh(p) * _size_px(input_hw), p[:, 4:])
 
-    return Layout("RT-DETR rows", columns - 4, decode_shares)
+    return OutputLayout("RT-DETR rows", columns - 4, decode_shares)
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +353,7 @@ def _as_grid(name: str, shape: tuple[int, ...], input_hw: Size) -> _Grid | None:
     return None
 
 
-def _raw_grids(probe: Probe) -> Layout | None:
+def _raw_grids(probe: Probe) -> OutputLayout | None:
     """Two or three raw heads of three anchors: YOLOv3, v4 (4 or 5 axes), v5 and v7 (1, 3, h, w, 5 + C).
 
     Shapes do not tell v3 from v4, nor v5 from v7: the file's own names do; without a word the anchors are
@@ -390,10 +394,10 @@ def _raw_grids(probe: Probe) -> Layout | None:
             np.concatenate([p.reshape(-1, p.shape[-1]) for p in parts]).astype(np.float32)
         )
 
-    return Layout(name, grids[0].columns - 5, decode)
+    return OutputLayout(name, grids[0].columns - 5, decode)
 
 
-_RECOGNISERS: tuple[Callable[[Probe], Layout | None], ...] = (
+_RECOGNISERS: tuple[Callable[[Probe], OutputLayout | None], ...] = (
     _labelled_boxes,
     _detr,
     _seven_columns,

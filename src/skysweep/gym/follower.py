@@ -11,7 +11,7 @@ from skysweep.strategies.scan_check import ScanCheck
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
 
 
-class Order(NamedTuple):
+class AgentOrder(NamedTuple):
     """What a learner wants now."""
 
     mode: Mode  # SCAN or CHECK
@@ -31,7 +31,7 @@ class Follower(ScanCheck):
 
     def __init__(self, search: Search, look_s: float) -> None:
         super().__init__(search, (), look_s)
-        self._order: Order | None = None
+        self._order: AgentOrder | None = None
         self._asked: Waypoint | None = None  # newest
         self._waits: Waypoint | None = None  # there, as the order is refused
         self._chosen: int | None = None  # candidate, to check by this order
@@ -49,7 +49,7 @@ class Follower(ScanCheck):
         """Whether it comes down to a candidate."""
         return self._mode == Mode.CHECK
 
-    def follow(self, order: Order) -> None:
+    def follow(self, order: AgentOrder) -> None:
         """Do this from the next step on."""
         self._order, self._waits, self._chosen = order, None, None
 
@@ -62,7 +62,9 @@ class Follower(ScanCheck):
             if self._is_unknown(sighting.candidate_id):
                 self._scanned.append(sighting.candidate_id)
                 events.append(self._told(EventKind.SCANNED, sighting.candidate_id))
-        order = self._order or Order(Mode.SCAN, self._here(observation).xy_enu_m, self._search.scan_speed_mps)
+        order = self._order or AgentOrder(
+            Mode.SCAN, self._here(observation).xy_enu_m, self._search.scan_speed_mps
+        )
         self._turn_to(order, observation, events)
         if order.ends and self._mode == Mode.SCAN:
             self._close(observation, events)
@@ -70,14 +72,14 @@ class Follower(ScanCheck):
         self._asked = self._waypoint(observation) if self.checks else self._scan_to(order, observation)
         return Command(self._mode, self._asked, tuple(events))
 
-    def _scan_to(self, order: Order, seen: Observation) -> Waypoint:
+    def _scan_to(self, order: AgentOrder, seen: Observation) -> Waypoint:
         """Where to, unless that was refused just now: who asks for the same again ends the search."""
         to = Waypoint(order.xy_enu_m, self._search.scan_altitude_agl_m, order.speed_mps)
         if self._waits is None and seen.refused and to == self._asked:
             self._waits = self._here(seen)
         return self._waits or to
 
-    def _turn_to(self, order: Order, seen: Observation, events: list[Event]) -> None:
+    def _turn_to(self, order: AgentOrder, seen: Observation, events: list[Event]) -> None:
         """Which mode, and which candidate first."""
         left = [*self._to_check, *self._scanned]
         if order.mode == Mode.SCAN or not left:

@@ -13,7 +13,7 @@ from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.rig import Rig
 from skysweep.gym.belief import Belief
-from skysweep.gym.follower import Follower, Order
+from skysweep.gym.follower import AgentOrder, Follower
 from skysweep.gym.spaces import CANDIDATE, EMPTY, F32, OPEN, Chart, Observed, as_numbers
 from skysweep.mission.journal import MemoryJournal, line_of
 from skysweep.mission.loop import Flight
@@ -74,7 +74,7 @@ class Sortie:
             why = " ".join(self._logbook.alarms)
             raise UserError(f"scenario {scenario.name}: the mission ends before its search begins; {why}")
 
-    def fly(self, order: Order, duration_s: float) -> float:
+    def fly(self, order: AgentOrder, duration_s: float) -> float:
         """Follow an order for so long, or home and down where that ends the search; seconds searched."""
         self._follower.follow(order)
         began_s = ended_s = self.state.time_s

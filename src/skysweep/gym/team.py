@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from skysweep.errors import UserError
 from skysweep.gym.belief import Belief
-from skysweep.gym.follower import Order
+from skysweep.gym.follower import AgentOrder
 from skysweep.gym.sortie import Sortie
 from skysweep.gym.spaces import F32, Chart, Observed, as_numbers
 from skysweep.mission.mission import Mission
@@ -124,21 +124,21 @@ class Team:
             info |= {"summary": sortie.summary(), "found_by_all": len(self._found)}
         return reward, sortie.is_over and not late, sortie.is_over and late, info
 
-    def _order(self, sortie: Sortie, action: ArrayLike) -> Order:
+    def _order(self, sortie: Sortie, action: ArrayLike) -> AgentOrder:
         east, north, check = np.clip(np.asarray(action, dtype=float), -1.0, 1.0).tolist()
         if not math.isfinite(east + north + check):
             raise ValueError(f"an action must be finite, not {np.asarray(action)}")
         mode = Mode.CHECK if check > 0.0 else Mode.SCAN
         speed_mps, ends = self.scenario.search.scan_speed_mps, sortie.belief.covered >= _ENOUGH
         if self.rules.actions == "waypoint":
-            return Order(mode, self.chart.xy_enu_m(east, north), speed_mps, ends)
+            return AgentOrder(mode, self.chart.xy_enu_m(east, north), speed_mps, ends)
         x, y, _ = sortie.state.position_enu_m.tolist()
         share = math.hypot(east, north)
         if share < _STILL:
-            return Order(mode, (x, y), speed_mps, ends)
+            return AgentOrder(mode, (x, y), speed_mps, ends)
         ahead_m = speed_mps * min(share, 1.0) * (self.rules.period_s + _AHEAD_S)
         place = x + ahead_m * east / share, y + ahead_m * north / share
-        return Order(mode, place, speed_mps * min(share, 1.0), ends)
+        return AgentOrder(mode, place, speed_mps * min(share, 1.0), ends)
 
     def _score(self, unit: int) -> float:
         """What new verdicts are worth: a target counts for who finds it first."""

@@ -91,7 +91,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ScoreCurve:
     """One kind in one pose reported as one class, look by look."""
 
     mean: F64  # (G,)
@@ -160,7 +160,7 @@ def factors_of(looks: ScoredLooks) -> F64:
     return np.hstack([factors, np.eye(len(SURFACES))[looks.surface]])
 
 
-def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, Curve]:
+def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
     """Every kind and pose as every class that it is reported as, pooled."""
     keys = [
         (subject, c)
@@ -168,7 +168,7 @@ def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, Curve]:
         for c in range(len(CLASSES))
         if _is_reported(looks.where((looks.subject == subject) & (looks.confidences[:, c] > 0)), c)
     ]
-    priors, curves = FIRST_PRIORS, dict[Key, Curve]()
+    priors, curves = FIRST_PRIORS, dict[Key, ScoreCurve]()
     for _ in range(2):
         for subject, c in keys:
             rows = looks.subject == subject
@@ -196,7 +196,7 @@ def node_weights(pixels: F64) -> F64:
     return np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))], axis=1)
 
 
-def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRST_PRIORS) -> Curve:
+def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRST_PRIORS) -> ScoreCurve:
     """The curve that makes looks (N,) and priors most likely together; confidence 0 is no report."""
     seen = confidences > 0
     x = score_of(confidences[seen])
@@ -243,7 +243,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     usual = factors[:, len(FACTORS) :].mean(axis=0) @ shifts[len(FACTORS) :]
     mean += usual
     shifts[len(FACTORS) :] -= usual
-    return Curve(mean, best[_N:_FIRST_SHIFT], shifts, best[_LAPSE_AT:])
+    return ScoreCurve(mean, best[_N:_FIRST_SHIFT], shifts, best[_LAPSE_AT:])
 
 
 def _from_knots(knots_px: tuple[float, ...]) -> F64:
@@ -308,7 +308,7 @@ def both_below(a: F64, b: F64, correlation: F64) -> F64:
     return np.asarray(np.exp(log_ndtr(a) + log_ndtr(b)) + correlation / (4 * np.pi) * (density @ _WEIGHTS))
 
 
-def pairs_of(looks: ScoredLooks, factors: F64, curve: Curve, c: int) -> tuple[Pairs, Pairs]:
+def pairs_of(looks: ScoredLooks, factors: F64, curve: ScoreCurve, c: int) -> tuple[Pairs, Pairs]:
     """Pairs of looks at one object: of two passes, and of one pass one after the other."""
     mean, spread, lapse = curve.at(looks.pixels, factors)
     seen = looks.confidences[:, c] > 0
@@ -336,7 +336,7 @@ def pairs_of(looks: ScoredLooks, factors: F64, curve: Curve, c: int) -> tuple[Pa
 
 
 def fit_shares(
-    looks: ScoredLooks, factors: F64, curves: dict[Key, Curve]
+    looks: ScoredLooks, factors: F64, curves: dict[Key, ScoreCurve]
 ) -> tuple[dict[Key, tuple[float, float]], float]:
     """The shares of object and pass in each kind's variance, and the pixels over which the latter fades."""
     pairs = {
@@ -379,7 +379,7 @@ def _pooled(tables: dict[Key, list[float]], usual: float) -> dict[Key, float]:
 # ---- the rest of the model ---------------------------------------------------------------------------
 
 
-def kind_models(curves: dict[Key, Curve], shares: dict[Key, tuple[float, float]]) -> list[KindModel]:
+def kind_models(curves: dict[Key, ScoreCurve], shares: dict[Key, tuple[float, float]]) -> list[KindModel]:
     """As the model's file holds them."""
     models = []
     for (subject, c), curve in curves.items():

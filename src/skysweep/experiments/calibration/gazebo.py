@@ -27,7 +27,7 @@ _SLACK_PX = 1.0
 
 
 @dataclass(slots=True)
-class Score:
+class TransferScore:
     """Counts of one renderer at one altitude."""
 
     renderer: str
@@ -59,7 +59,7 @@ def transfer(
     pictures: int,
     seed: int,
     progress: Callable[[], None] = lambda: None,
-) -> list[Score]:
+) -> list[TransferScore]:
     """Recall at h_S and h_C on ``pictures`` views each, by our renderer and by Gazebo, from the same poses.
 
     Each view has one of the targets somewhere around its middle; every target that is seen whole counts. A
@@ -77,7 +77,7 @@ def transfer(
     scores = []
     try:
         for altitude in (search.scan_altitude_agl_m, search.check_altitude_agl_m):
-            pair = [Score(p.backend, altitude) for p in painters]
+            pair = [TransferScore(p.backend, altitude) for p in painters]
             scores += pair
             rng = np.random.default_rng([seed, round(altitude * 100), 59])
             noise = int(rng.integers(2**31))
@@ -126,7 +126,7 @@ def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> 
     return boxes
 
 
-def _count(score: Score, found: Detections, targets: list[_Seen], c_t: float) -> None:
+def _count(score: TransferScore, found: Detections, targets: list[_Seen], c_t: float) -> None:
     """Each target takes the most confident box in it, those that count first."""
     score.n_pictures += 1
     free = list(range(len(found)))

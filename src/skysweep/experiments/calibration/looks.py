@@ -64,7 +64,7 @@ _CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # so far from every object is background:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class WorldLayout:
     """What stands in a world, on a grid so wide that neighbours stay apart in every picture."""
 
     subjects: tuple[tuple[str, str], ...]  # kind and pose; one that stands here twice is seen twice as often
@@ -75,7 +75,7 @@ class Layout:
 
 
 LAYOUTS = (  # look-alikes twice: they are rarely reported
-    Layout(
+    WorldLayout(
         (
             ("stop sign", "face-up"),
             ("stop sign", "standing"),
@@ -90,7 +90,7 @@ LAYOUTS = (  # look-alikes twice: they are rarely reported
         16,
         0.7,
     ),
-    Layout(
+    WorldLayout(
         (
             ("person", "floating"),
             ("buoy", "face-up"),
@@ -102,7 +102,7 @@ LAYOUTS = (  # look-alikes twice: they are rarely reported
         13,
         0.18,
     ),
-    Layout((("boat", "face-up"),), ("water",), 26.0, 6, 0.12),
+    WorldLayout((("boat", "face-up"),), ("water",), 26.0, 6, 0.12),
 )
 SUBJECTS = tuple(dict.fromkeys(subject for layout in LAYOUTS for subject in layout.subjects))
 
@@ -156,7 +156,7 @@ class WorldJob:
 
     model_path: str
     camera: CameraModel
-    layout: Layout
+    layout: WorldLayout
     empty_share: float
     index: int
     n_pictures: int
@@ -242,7 +242,7 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     return scorer.packed(job)
 
 
-def _make_world(layout: Layout, rng: np.random.Generator) -> World:
+def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
     half = layout.columns * layout.spacing_m / 2
     bounds = (-_FAR_M, -_FAR_M, _FAR_M, _FAR_M)
     n = layout.columns**2
@@ -343,7 +343,7 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
             return CameraPose(position, R), float(depth)
 
 
-def _empty_view(layout: Layout, rng: np.random.Generator) -> tuple[CameraPose, float]:
+def _empty_view(layout: WorldLayout, rng: np.random.Generator) -> tuple[CameraPose, float]:
     """Of ground beside the objects, from any height; and that height."""
     height = float(np.exp(rng.uniform(*np.log([3.0, 120.0]))))
     away = 0.75 * layout.columns * layout.spacing_m + 2.5 * height

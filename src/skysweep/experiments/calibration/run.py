@@ -23,7 +23,13 @@ from skysweep.experiments.calibration.fit import (
 from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, ScoredLooks, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.statistical.model import VERSION, Camera, Detecting, Experiment, StatisticalModel
+from skysweep.sensing.statistical.model import (
+    VERSION,
+    CalibratedCamera,
+    Detecting,
+    Experiment,
+    StatisticalModel,
+)
 
 
 def calibrate(
@@ -82,7 +88,7 @@ def fit_sensor(
     model = StatisticalModel(
         version=VERSION,
         detector=detector,
-        camera=Camera(**camera.model_dump(include=set(Camera.model_fields))),
+        camera=CalibratedCamera(**camera.model_dump(include=set(CalibratedCamera.model_fields))),
         experiment=Experiment(
             pictures=pictures, seed=seed, looks=len(looks.pixels), confidence_floor=CONFIDENCE_FLOOR
         ),

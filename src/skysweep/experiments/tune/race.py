@@ -97,7 +97,7 @@ class Outcomes:
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class RaceRules:
     """What counts. ``min_recall`` None: recall is an objective of its own, not a constraint."""
 
     min_recall: float | None = 0.95
@@ -135,7 +135,7 @@ def blocks(seeds: int) -> list[int]:
     return [*ends, seeds]
 
 
-def why_dropped(flown: Outcomes, incumbents: Sequence[Outcomes], rules: Rules) -> str | None:
+def why_dropped(flown: Outcomes, incumbents: Sequence[Outcomes], rules: RaceRules) -> str | None:
     """Why this candidate is clearly not the one, or None: it deserves more seeds."""
     if flown.unfinished > 0:
         return "missions ended before the search was finished"
@@ -160,7 +160,7 @@ def clearly_worse_by_s(cost_s: F64, best_s: F64) -> float:
     return float(difference.mean() - stats.t.ppf(DROP_CONFIDENCE, n - 1) * spread)
 
 
-def incumbents(finished: Sequence[Outcomes], rules: Rules) -> list[Outcomes]:
+def incumbents(finished: Sequence[Outcomes], rules: RaceRules) -> list[Outcomes]:
     """Who a newcomer has to beat, among ``finished``, which flew all seeds.
 
     That is the cheapest that keeps the constraints; with recall as an objective, all that nobody dominates in
@@ -175,7 +175,7 @@ def incumbents(finished: Sequence[Outcomes], rules: Rules) -> list[Outcomes]:
     return [flown for flown, best in zip(feasible, pareto_front(scores), strict=True) if best]
 
 
-def best_first(candidates: Sequence[Outcomes], rules: Rules) -> list[int]:
+def best_first(candidates: Sequence[Outcomes], rules: RaceRules) -> list[int]:
     """Indices of candidates from the best to the worst.
 
     The cheapest of those that keep the constraints come first. Where recall is no constraint, or nobody keeps

@@ -14,7 +14,7 @@ import polars as pl
 import yaml
 
 from skysweep.experiments.tune.figures import draw_matters, draw_search
-from skysweep.experiments.tune.race import RECALL_SLACK, Rules
+from skysweep.experiments.tune.race import RECALL_SLACK, RaceRules
 from skysweep.experiments.tune.run import Problem
 from skysweep.experiments.tune.space import D_C, TUNED, value_at
 from skysweep.experiments.tune.study import Trial
@@ -131,7 +131,7 @@ def recommendation_sentence(tuned: Tuned) -> str:
     )
 
 
-def recommendation_rule(rules: Rules) -> str:
+def recommendation_rule(rules: RaceRules) -> str:
     """How the recommended candidate is chosen, in a sentence."""
     recall = (
         f"within {RECALL_SLACK:g} of the highest"

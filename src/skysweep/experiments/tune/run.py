@@ -20,7 +20,7 @@ from skysweep.experiments.engines import LocalEngine
 from skysweep.experiments.tune.race import (
     Outcome,
     Outcomes,
-    Rules,
+    RaceRules,
     blocks,
     incumbents,
     outcome_of,
@@ -45,7 +45,7 @@ class Problem:
     originals: tuple[Scenario, ...]  # as given
     overlays: tuple[dict[str, Any], ...]  # where each comes from: ``scenario``, and what was ``set``
     space: tuple[Parameter, ...]
-    rules: Rules
+    rules: RaceRules
     seeds: int = 32
     sampler_seed: int = 0
 

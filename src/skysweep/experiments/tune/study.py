@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
-from skysweep.experiments.tune.race import Outcome, Outcomes, Rules
+from skysweep.experiments.tune.race import Outcome, Outcomes, RaceRules
 from skysweep.experiments.tune.space import Parameter
 
 try:
@@ -74,7 +74,7 @@ class TuningStudy:
         name: str,
         problem: dict[str, Any],
         space: Sequence[Parameter],
-        rules: Rules,
+        rules: RaceRules,
         seed: int,
     ) -> None:
         self._optuna = _optuna()
@@ -262,7 +262,7 @@ class TuningStudy:
 class OpenTrial:
     """A trial that this process is flying."""
 
-    def __init__(self, study: Any, trial: Any, values: dict[str, float], rules: Rules) -> None:
+    def __init__(self, study: Any, trial: Any, values: dict[str, float], rules: RaceRules) -> None:
         self._study, self._trial, self._rules = study, trial, rules
         self.number: int = trial.number
         self.values = values

@@ -12,7 +12,7 @@ import numpy as np
 
 from skysweep.experiments.flying import fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
-from skysweep.experiments.tune.race import F64, Outcomes, Rules, best_first, outcome_of
+from skysweep.experiments.tune.race import F64, Outcomes, RaceRules, best_first, outcome_of
 from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
@@ -37,7 +37,7 @@ MATTERS_N_C = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Contender:
     """A way to fly the problem's scenarios: ``changes`` (dotted field -> value) to each of them."""
 
     label: str
@@ -61,7 +61,7 @@ class Paired:
 class Standing:
     """A candidate on the validation seeds, and how it compares with the recommended one."""
 
-    candidate: Candidate
+    candidate: Contender
     flown: Outcomes
     mission_time_s: Estimate
     recall: Estimate
@@ -120,25 +120,25 @@ class Effect:
         return min(self.p_corrected) < SIGNIFICANCE
 
 
-def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Candidate]:
+def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Contender]:
     """The best of the search that flew all seeds, the scenario's own values, and the paper's n_c."""
     many = len(problem.scenarios)
     finished = [t for t in trials if t.dropped is None and t.same_as is None]
     order = best_first([t.flown(many) for t in finished], problem.rules)[:FINALISTS]
-    candidates = [Candidate(f"trial {finished[k].number}", finished[k].values) for k in order]
-    candidates.append(Candidate("own values", {}))
-    candidates += [Candidate(f"own, n_c = {number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
-    named: dict[str, Candidate] = {}
+    candidates = [Contender(f"trial {finished[k].number}", finished[k].values) for k in order]
+    candidates.append(Contender("own values", {}))
+    candidates += [Contender(f"own, n_c = {number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
+    named: dict[str, Contender] = {}
     for candidate in candidates:
         key = "".join(dump_scenario(change_scenario(s, candidate.changes)) for s in problem.scenarios)
         if key in named:
             known = named[key]
-            candidate = Candidate(f"{known.label} ({candidate.label.removeprefix('own, ')})", known.changes)
+            candidate = Contender(f"{known.label} ({candidate.label.removeprefix('own, ')})", known.changes)
         named[key] = candidate
     return list(named.values())
 
 
-def matters_candidates(scenario: Scenario) -> list[Candidate]:
+def matters_candidates(scenario: Scenario) -> list[Contender]:
     """n_c and d_c around the scenario's own."""
     cells = [
         (n_c, d_c_m)
@@ -146,12 +146,12 @@ def matters_candidates(scenario: Scenario) -> list[Candidate]:
         for d_c_m in nearby_distances_m(scenario)
         if math.isinf(d_c_m) or not _checks_at_once(n_c, scenario)
     ]
-    return [Candidate(f"n_c = {number(n)}, d_c = {number(d)}", {N_C: n, D_C: d}) for n, d in cells]
+    return [Contender(f"n_c = {number(n)}, d_c = {number(d)}", {N_C: n, D_C: d}) for n, d in cells]
 
 
 def fly_candidates(
     scenarios: Sequence[Scenario],
-    candidates: Sequence[Candidate],
+    candidates: Sequence[Contender],
     seeds: int,
     folder: Path,
     workers: int | None = None,
@@ -180,7 +180,7 @@ def fly_candidates(
     ]
 
 
-def standings(candidates: Sequence[Candidate], flown: Sequence[Outcomes], rules: Rules) -> list[Standing]:
+def standings(candidates: Sequence[Contender], flown: Sequence[Outcomes], rules: RaceRules) -> list[Standing]:
     """From the recommended to the worst."""
     order = best_first(flown, rules)
     best_cost_s = rules.cost_s(flown[order[0]])
@@ -200,14 +200,14 @@ def standings(candidates: Sequence[Candidate], flown: Sequence[Outcomes], rules:
 
 
 def matters_table(
-    candidates: Sequence[Candidate], flown: Sequence[Outcomes], scenario: Scenario
+    candidates: Sequence[Contender], flown: Sequence[Outcomes], scenario: Scenario
 ) -> list[Cell]:
     """Mission time of every n_c and d_c against the fastest, pair by pair.
 
     The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. The test is
     Wilcoxon's with Holm's correction for comparing all cells with one.
     """
-    fastest = best_first(flown, Rules(min_recall=None, false_positive_cost_s=0.0))[0]
+    fastest = best_first(flown, RaceRules(min_recall=None, false_positive_cost_s=0.0))[0]
     best_s = flown[fastest].per_seed("mission_time_s")
     differences = [mine.per_seed("mission_time_s") - best_s for mine in flown]
     pairs = [paired(d) for d in differences]

@@ -102,7 +102,7 @@ class Reports(NamedTuple):
     rows: I64  # (room,)
 
 
-class Look(NamedTuple):
+class LookTruth(NamedTuple):
     """One picture: the camera's truth, and which draw this is."""
 
     position: F64
@@ -116,7 +116,13 @@ class Look(NamedTuple):
 
 @njit(cache=True)
 def draw_look(
-    optics: Optics, look: Look, things: Things, ghosts: Ghosts, last: Pass, threshold: float, reports: Reports
+    optics: Optics,
+    look: LookTruth,
+    things: Things,
+    ghosts: Ghosts,
+    last: Pass,
+    threshold: float,
+    reports: Reports,
 ) -> tuple[int, int]:
     """Write what is reported with a score from ``threshold`` on; ``last`` becomes that of this look.
 
@@ -189,7 +195,7 @@ def draw_look(
 
 @njit(cache=True)
 def _draw_ghosts(
-    optics: Optics, look: Look, ghosts: Ghosts, threshold: float, n: int, reports: Reports
+    optics: Optics, look: LookTruth, ghosts: Ghosts, threshold: float, n: int, reports: Reports
 ) -> int:
     """Those of this altitude's octave, written from place ``n`` on; where that ends.
 

@@ -131,7 +131,7 @@ class Detecting(_Part):
     sha256: str = Field(description="Of the model's file")
 
 
-class Camera(_Part):
+class CalibratedCamera(_Part):
     """The camera that was measured."""
 
     width_px: int
@@ -179,7 +179,7 @@ class StatisticalModel(_Part):
 
     version: int
     detector: Detecting
-    camera: Camera
+    camera: CalibratedCamera
     experiment: Experiment
     pixels: list[float] = Field(min_length=2, description="Grid of pixels on target, ascending")
     fade_px: float = Field(gt=0, description="Looks that an image moved apart by this are correlated by 1/e")

@@ -24,7 +24,7 @@ _MAIN_AUTO, _MAIN_OFFBOARD = 4, 6
 _CUSTOM, _AUTO, _GUIDED, _STABILISED, _MANUAL, _ARMED = 1, 4, 8, 16, 64, 128  # MAV_MODE_FLAG
 
 
-class Mode(Enum):
+class PX4Mode(Enum):
     """A flight mode; its value is PX4's (main mode, sub mode)."""
 
     ALTITUDE = (2, 0)
@@ -54,22 +54,25 @@ class Mode(Enum):
         return _STANDARD_MODES.get(self, 0)
 
 
-STICK_MODES = (Mode.POSITION, Mode.ALTITUDE, Mode.STABILIZED)
-_FLAGS = dict.fromkeys(STICK_MODES, _STABILISED | _MANUAL) | {Mode.OFFBOARD: _STABILISED, Mode.TERMINATION: 0}
+STICK_MODES = (PX4Mode.POSITION, PX4Mode.ALTITUDE, PX4Mode.STABILIZED)
+_FLAGS = dict.fromkeys(STICK_MODES, _STABILISED | _MANUAL) | {
+    PX4Mode.OFFBOARD: _STABILISED,
+    PX4Mode.TERMINATION: 0,
+}
 _STANDARD_MODES = {
-    Mode.POSITION: 1,
-    Mode.ALTITUDE: 4,
-    Mode.RETURN: 5,
-    Mode.MISSION: 6,
-    Mode.LAND: 7,
-    Mode.TAKEOFF: 8,
+    PX4Mode.POSITION: 1,
+    PX4Mode.ALTITUDE: 4,
+    PX4Mode.RETURN: 5,
+    PX4Mode.MISSION: 6,
+    PX4Mode.LAND: 7,
+    PX4Mode.TAKEOFF: 8,
 }
 
 
-def mode_of(main: int, sub: int) -> Mode | None:
+def mode_of(main: int, sub: int) -> PX4Mode | None:
     """The mode of these numbers, None where the vehicle has no such mode."""
     try:
-        return Mode((main, sub if main == _MAIN_AUTO else 0))
+        return PX4Mode((main, sub if main == _MAIN_AUTO else 0))
     except ValueError:
         return None
 

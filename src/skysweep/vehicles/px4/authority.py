@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 
-from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.px4.link import PX4Link
 from skysweep.vehicles.px4.telemetry import SILENCE_S, PxMode, Telemetry, mode_name
 
@@ -20,7 +20,7 @@ _CATCH_UP_S = 1.0  # a link that was held up delivers the past first
 _CLOCK_SLACK_S = 0.3
 _RECENT_S = 10.0  # a warning that explains why
 AUTO = 4  # PX4's main mode of Hold, Return and Land
-_NO_STICKS = {3: Mode.RETURN, 4: Mode.LAND, 5: Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
+_NO_STICKS = {3: PX4Mode.RETURN, 4: PX4Mode.LAND, 5: PX4Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
 _STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
 
 
@@ -34,7 +34,7 @@ class FlightAuthority:
     def __init__(self, link: PX4Link, telemetry: Telemetry, on_loss: int | None) -> None:
         self._link, self._told, self._on_loss = link, telemetry, on_loss
         self._lock = threading.RLock()
-        self.wanted: Mode | None = None
+        self.wanted: PX4Mode | None = None
         self.theirs = ""
         self._deaf = False
         self._before: tuple[float, float] = (0.0, 0.0)  # now_s and boot_s when it was last heard
@@ -60,7 +60,7 @@ class FlightAuthority:
 
     def _is_left_to_px4(self) -> bool:
         told = self._told
-        return told.intended == Mode.OFFBOARD.value and told.flown[0] in (AUTO, Mode.OFFBOARD.value[0])
+        return told.intended == PX4Mode.OFFBOARD.value and told.flown[0] in (AUTO, PX4Mode.OFFBOARD.value[0])
 
     def lost(self) -> bool:
         """Whether somebody else has it; looks again."""
@@ -73,7 +73,7 @@ class FlightAuthority:
         with self._lock:
             return self._look()
 
-    def regain(self, mode: Mode | None) -> None:
+    def regain(self, mode: PX4Mode | None) -> None:
         """A person gave the vehicle back, or this program begins: its next order is ``mode``."""
         with self._lock:
             self.wanted, self.theirs, self._not_followed_s, self._person = mode, "", None, False
@@ -120,16 +120,16 @@ class FlightAuthority:
         told, wanted = self._told, self.wanted
         assert wanted is not None
         if not told.armed:
-            if told.airborne or wanted is not Mode.LAND:
+            if told.airborne or wanted is not PX4Mode.LAND:
                 self.theirs = "its motors were stopped" if told.airborne else "it was disarmed"
             return True
         mode = told.flown
-        if mode == wanted.value or mode == Mode.OFFBOARD.value:
+        if mode == wanted.value or mode == PX4Mode.OFFBOARD.value:
             self._not_followed_s = None
             return True
-        if wanted is Mode.LAND and not told.airborne:
+        if wanted is PX4Mode.LAND and not told.airborne:
             return True
-        if wanted is not Mode.OFFBOARD:
+        if wanted is not PX4Mode.OFFBOARD:
             self._give_up(mode)
             return True
         return self._judge_loss(mode, now_s)
@@ -142,7 +142,7 @@ class FlightAuthority:
         elif told.intended_heard_s <= self._heard_again_s and self._deaf:
             return False
         else:
-            chosen = told.intended != Mode.OFFBOARD.value
+            chosen = told.intended != PX4Mode.OFFBOARD.value
         action = self._on_loss
         if not chosen and action in _STICKS and mode == _STICKS[action]:
             if self._deaf and link.heard_s("SYS_STATUS") <= self._heard_again_s:
@@ -163,7 +163,7 @@ class FlightAuthority:
 
     def _give_up(self, mode: PxMode) -> None:
         told, warnings = self._told, self._link.warnings(self._link.now_s() - _RECENT_S)
-        if told.intended is not None and told.intended != Mode.OFFBOARD.value and told.intended == mode:
+        if told.intended is not None and told.intended != PX4Mode.OFFBOARD.value and told.intended == mode:
             why = "somebody chose that"
         elif warnings:
             why = f"the autopilot says: {'; '.join(warnings)}"
@@ -174,5 +174,5 @@ class FlightAuthority:
 
 def is_free(told: Telemetry) -> bool:
     """Whether a vehicle in the air may be gone on with: it is in Hold, or where PX4 lost a program."""
-    lost = told.intended == Mode.OFFBOARD.value and told.flown != Mode.OFFBOARD.value
-    return told.flown == Mode.HOLD.value or (lost and (told.flown[0] == AUTO or not told.manual_control))
+    lost = told.intended == PX4Mode.OFFBOARD.value and told.flown != PX4Mode.OFFBOARD.value
+    return told.flown == PX4Mode.HOLD.value or (lost and (told.flown[0] == AUTO or not told.manual_control))

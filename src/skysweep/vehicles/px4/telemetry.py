@@ -19,7 +19,7 @@ from skysweep.geometry.frames import (
 )
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import Mode, mode_of
+from skysweep.vehicles.mavlink.modes import PX4Mode, mode_of
 from skysweep.vehicles.px4.link import Fields, PX4Link
 
 F64 = NDArray[np.float64]
@@ -123,7 +123,7 @@ class Telemetry:
         return bool(heartbeat.get("base_mode", 0) & m.MAV_MODE_FLAG_SAFETY_ARMED)
 
     @property
-    def mode(self) -> Mode | None:
+    def mode(self) -> PX4Mode | None:
         """The mode that it flies; None for one that is not ours (those with sticks, for example)."""
         return mode_of(*self.flown)
 

@@ -20,7 +20,7 @@ from skysweep.geometry.frames import LocalFrame, enu_from_ned
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.types import Setpoint, Truth, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.px4.authority import FlightAuthority, is_free
 from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, PX4Link, message_id
 from skysweep.vehicles.px4.offboard import SetpointStream
@@ -64,7 +64,7 @@ _CHECKS_S = 1.5  # on the wall, for the reasons against arming
 _POSITION_GAIN = 0.95  # MPC_XY_P
 _BRAKES_MPS2 = 3.0  # in a hover that begins at speed
 _OFFBOARD_BELOW_M = 5.0  # the height of a take-off, where Offboard takes over
-_LEFT_OVER = (Mode.OFFBOARD, Mode.LAND, Mode.RETURN, Mode.MISSION, Mode.TAKEOFF)
+_LEFT_OVER = (PX4Mode.OFFBOARD, PX4Mode.LAND, PX4Mode.RETURN, PX4Mode.MISSION, PX4Mode.TAKEOFF)
 
 
 class Px4Vehicle:
@@ -136,7 +136,7 @@ class Px4Vehicle:
             return
         self._must_land = False
         self._offboard.aim(setpoint, self.anchor)
-        if self.authority.wanted is not Mode.OFFBOARD:
+        if self.authority.wanted is not PX4Mode.OFFBOARD:
             self._go_into_offboard()
 
     def advance(self, duration_s: float) -> None:
@@ -199,7 +199,7 @@ class Px4Vehicle:
 
         Nothing where somebody else flies it, or nobody does.
         """
-        if self.authority.wanted is Mode.OFFBOARD and not self.authority.lost():
+        if self.authority.wanted is PX4Mode.OFFBOARD and not self.authority.lost():
             self._offboard.aim(self._stop_here(), self.anchor)
 
     def regain(self) -> None:
@@ -250,7 +250,7 @@ class Px4Vehicle:
         """Hold, on the ground: a PX4 left in the mode of another flight (Offboard, Land) does not arm."""
         told = self.telemetry
         if not (told.armed or told.airborne) and told.mode in _LEFT_OVER:
-            self._change_mode(Mode.HOLD, "go into Hold")
+            self._change_mode(PX4Mode.HOLD, "go into Hold")
             self.authority.regain(None)
 
     def close(self) -> None:
@@ -378,7 +378,7 @@ class Px4Vehicle:
         above_home_m = -(told.ned_m[2] - (told.home or {})["z"])
         up_amsl_m = (told.home or {})["altitude"] * 1e-3 + above_home_m + altitude_agl_m
         self._order(
-            Mode.TAKEOFF,
+            PX4Mode.TAKEOFF,
             "take off",
             m.MAV_CMD_NAV_TAKEOFF,
             (0.0, 0.0, 0.0, None, None, None, up_amsl_m),
@@ -387,7 +387,7 @@ class Px4Vehicle:
 
     def _change_mode(
         self,
-        mode: Mode,
+        mode: PX4Mode,
         what: str,
         or_else: Callable[[], bool] = lambda: False,
         timeout_s: float = ORDER_S,
@@ -398,7 +398,7 @@ class Px4Vehicle:
 
     def _order(
         self,
-        mode: Mode,
+        mode: PX4Mode,
         what: str,
         number: int,
         params: tuple[float | None, ...],
@@ -417,7 +417,7 @@ class Px4Vehicle:
         done = lambda: told.flown == mode.value or or_else()  # noqa: E731
         if self.link.order(what, number, params, done, timeout_s, elsewhere):
             self.authority.regain(mode)
-            self._taking_off = mode is Mode.TAKEOFF
+            self._taking_off = mode is PX4Mode.TAKEOFF
         else:
             self.authority.keep_out()
 
@@ -426,21 +426,21 @@ class Px4Vehicle:
             self._offboard_from_m = None
             if self._offboard.start():
                 self.link.wait(lambda: False, _STREAM_FIRST_S)
-            self._change_mode(Mode.OFFBOARD, "go into Offboard")
+            self._change_mode(PX4Mode.OFFBOARD, "go into Offboard")
 
     def _look_after_orders(self) -> None:
         """Gives the orders that had to wait; none while somebody else flies it, or it is not heard."""
         authority, told = self.authority, self.telemetry
         if authority.lost():
-            if told.flown != Mode.OFFBOARD.value:  # there it stays where it came to rest
+            if told.flown != PX4Mode.OFFBOARD.value:  # there it stays where it came to rest
                 self._offboard.aim(self._stop_here(), self.anchor)
             return
         if not authority.knows():
             return
-        ours = authority.wanted is None or told.flown in (Mode.OFFBOARD.value, Mode.TAKEOFF.value)
+        ours = authority.wanted is None or told.flown in (PX4Mode.OFFBOARD.value, PX4Mode.TAKEOFF.value)
         if self._must_land and ours:
             with suppress(UserError):  # then it is said again: a mission does not end in the air for that
-                self._change_mode(Mode.LAND, "land", lambda: not told.airborne)
+                self._change_mode(PX4Mode.LAND, "land", lambda: not told.airborne)
                 self._must_land = False
                 self._offboard.stop()
         elif self._offboard_from_m is not None and self._height_agl_m() >= self._offboard_from_m:
@@ -452,17 +452,17 @@ class Px4Vehicle:
         A failsafe of PX4's own goes on. A take-off that has not left the ground is called off.
         """
         told, authority = self.telemetry, self.authority
-        if not (self._taking_off or authority.wanted in (Mode.OFFBOARD, Mode.TAKEOFF)):
+        if not (self._taking_off or authority.wanted in (PX4Mode.OFFBOARD, PX4Mode.TAKEOFF)):
             return
         self.link.wait(authority.knows, _HOLD_S)
         if self._taking_off and told.armed and not told.airborne and not authority.lost():
             self.link.command(m.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)  # PX4 refuses it in the air
             self.link.wait(lambda: told.airborne or not told.armed, _HOLD_S)
         ours = authority.nobody_chose if authority.lost() else True
-        flown = told.flown in (Mode.OFFBOARD.value, Mode.TAKEOFF.value)
+        flown = told.flown in (PX4Mode.OFFBOARD.value, PX4Mode.TAKEOFF.value)
         if ours and flown and told.airborne and authority.knows():
             with suppress(UserError):
-                self._change_mode(Mode.HOLD, "hold", timeout_s=_HOLD_S)
+                self._change_mode(PX4Mode.HOLD, "hold", timeout_s=_HOLD_S)
 
     def _height_agl_m(self) -> float:
         x, y, z = self.anchor.enu(self.telemetry.ned_m).tolist()

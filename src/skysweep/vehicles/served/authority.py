@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from skysweep.vehicles.mavlink.modes import Mode, Refused
+from skysweep.vehicles.mavlink.modes import PX4Mode, Refused
 from skysweep.vehicles.served.autopilot import Autopilot
 from skysweep.vehicles.served.link import Key
 
@@ -47,16 +47,16 @@ class Authority:
 
     def may_plan(self, key: Key) -> None:
         """Raises Denied where another program flies; in Hold a flight is prepared that goes on."""
-        if self._pilot.intended is not Mode.HOLD:
+        if self._pilot.intended is not PX4Mode.HOLD:
             self.must_command(key)
 
     def must_be_free(self, key: Key, offboard_wanted: bool = False) -> None:
         """Raises Denied where another program's Offboard, Mission or take-off would be replaced."""
         pilot = self._pilot
-        engaged = offboard_wanted or pilot.mode is Mode.OFFBOARD
+        engaged = offboard_wanted or pilot.mode is PX4Mode.OFFBOARD
         if engaged and not pilot.offboard.may_control(key, pilot):
             raise Denied("denied: another program is in control")
-        if pilot.mode in (Mode.MISSION, Mode.TAKEOFF):
+        if pilot.mode in (PX4Mode.MISSION, PX4Mode.TAKEOFF):
             self.must_command(key)
 
     def _is_held(self) -> bool:

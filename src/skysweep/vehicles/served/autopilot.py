@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from skysweep.types import Setpoint, Vehicle
-from skysweep.vehicles.mavlink.modes import F64, STICK_MODES, Mode, Refused, Site
+from skysweep.vehicles.mavlink.modes import F64, STICK_MODES, PX4Mode, Refused, Site
 from skysweep.vehicles.served.failsafes import CRITICAL_BATTERY, Failsafes, Health, Reaction, why_not
 from skysweep.vehicles.served.items import NO_FENCE, UploadedFence
 from skysweep.vehicles.served.link import NOTICE
@@ -19,7 +19,7 @@ from skysweep.vehicles.served.pilot import Manoeuvre
 from skysweep.vehicles.served.sticks import ByStick, Sticks
 
 _TAKE_OFF_RAMP_S = 4.0  # COM_SPOOLUP_TIME and MPC_TKO_RAMP_T
-_NOT_FROM_THE_GROUND = (Mode.RETURN, Mode.LAND, Mode.TERMINATION)
+_NOT_FROM_THE_GROUND = (PX4Mode.RETURN, PX4Mode.LAND, PX4Mode.TERMINATION)
 _FENCE_EVERY_S = 0.2
 _WITHOUT_GNSS_S = 5.0  # EKF2_NOAID_TOUT: how long the estimator knows where it is
 _WITH_GNSS_S = 2.0  # until it knows again; measured
@@ -27,12 +27,12 @@ _OVERRIDE_AUTO, _OVERRIDE_OFFBOARD = 1, 2  # COM_RC_OVERRIDE
 _BATTERY_LIMITS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
 
 
-_MANOEUVRES: dict[Mode, Callable[[], Manoeuvre]] = {
-    Mode.HOLD: Hold,
-    Mode.TAKEOFF: TakeOff,
-    Mode.RETURN: Return,
-    Mode.LAND: Land,
-    Mode.TERMINATION: Land,
+_MANOEUVRES: dict[PX4Mode, Callable[[], Manoeuvre]] = {
+    PX4Mode.HOLD: Hold,
+    PX4Mode.TAKEOFF: TakeOff,
+    PX4Mode.RETURN: Return,
+    PX4Mode.LAND: Land,
+    PX4Mode.TERMINATION: Land,
 }
 
 
@@ -48,7 +48,7 @@ class Autopilot:
     ) -> None:
         self.site, self.parameters, self.say = site, parameters, say
         self.state = vehicle.state()
-        self.intended = self.mode = Mode.HOLD
+        self.intended = self.mode = PX4Mode.HOLD
         self.armed = False
         self.flying = False  # from the order to take off until touchdown
         self.landing = False
@@ -65,7 +65,7 @@ class Autopilot:
         self._vehicle = vehicle
         self._doing: Manoeuvre = Hold()
         self._failsafes = Failsafes(parameters, say)
-        self._after_disarm: Mode | None = None  # None: nobody ever chose a mode
+        self._after_disarm: PX4Mode | None = None  # None: nobody ever chose a mode
         self._armed_s = self._lifted_s = self._landed_s = -np.inf
         self.position_lost = False  # the estimator's
         self._gnss_s = 0.0  # when that last was as it should be with the GNSS there is
@@ -162,19 +162,19 @@ class Autopilot:
         self.say("disarmed", NOTICE)
         if self.flying:
             self.touch_down()
-        self.enter(self._after_disarm or Mode.HOLD)
+        self.enter(self._after_disarm or PX4Mode.HOLD)
 
-    def change_mode(self, mode: Mode, doing: Manoeuvre | None = None) -> None:
+    def change_mode(self, mode: PX4Mode, doing: Manoeuvre | None = None) -> None:
         """Somebody chooses ``mode``, flown by ``doing``. Raises Refused where it cannot be had now."""
-        if self.mode is Mode.TERMINATION:
+        if self.mode is PX4Mode.TERMINATION:
             raise Refused("flight terminated")
-        if self.armed and mode is not Mode.LAND:  # which is always accepted
+        if self.armed and mode is not PX4Mode.LAND:  # which is always accepted
             why = self._why_not(mode)
             if why is not None:
                 raise Refused(f"{mode.name.title()} denied: {why}")
         self.enter(mode, doing)
 
-    def enter(self, mode: Mode, doing: Manoeuvre | None = None) -> None:
+    def enter(self, mode: PX4Mode, doing: Manoeuvre | None = None) -> None:
         """``mode`` is wanted from now on, and flown by ``doing`` unless a failsafe flies."""
         if doing is None:
             doing = self._doing if mode is self.mode and self._goes_on(mode) else self._manoeuvre(mode)
@@ -183,13 +183,13 @@ class Autopilot:
         if self.mode is mode:
             self._doing = doing
 
-    def _goes_on(self, mode: Mode) -> bool:
+    def _goes_on(self, mode: PX4Mode) -> bool:
         """Whether choosing the mode that is flown changes nothing."""
-        return mode is not Mode.HOLD and not (mode is Mode.MISSION and self.mission.finished)
+        return mode is not PX4Mode.HOLD and not (mode is PX4Mode.MISSION and self.mission.finished)
 
-    def _intend(self, mode: Mode) -> None:
+    def _intend(self, mode: PX4Mode) -> None:
         self.intended = mode
-        if mode is Mode.TERMINATION or mode not in (*_NOT_FROM_THE_GROUND, Mode.TAKEOFF):
+        if mode is PX4Mode.TERMINATION or mode not in (*_NOT_FROM_THE_GROUND, PX4Mode.TAKEOFF):
             self._after_disarm = mode
 
     # ---- what is flown -------------------------------------------------------------------------------
@@ -207,10 +207,10 @@ class Autopilot:
         if mode is not self.mode:
             self.mode, self._doing = mode, self._manoeuvre(mode)
 
-    def _manoeuvre(self, mode: Mode) -> Manoeuvre:
-        if mode is Mode.OFFBOARD:
+    def _manoeuvre(self, mode: PX4Mode) -> Manoeuvre:
+        if mode is PX4Mode.OFFBOARD:
             return self.offboard
-        if mode is Mode.MISSION:
+        if mode is PX4Mode.MISSION:
             self.mission.begin()
             return self.mission
         if mode in STICK_MODES:
@@ -222,26 +222,26 @@ class Autopilot:
         self.sticks.tick(self.time_s, self.parameters["COM_RC_LOSS_T"], self.parameters["COM_RC_STICK_OV"])
         if not self.armed:
             if not self.sticks.lost and self._after_disarm is None:
-                self.enter(Mode.POSITION)
+                self.enter(PX4Mode.POSITION)
             return False
-        if not self.sticks.moving or self.mode in (*STICK_MODES, Mode.TERMINATION):
+        if not self.sticks.moving or self.mode in (*STICK_MODES, PX4Mode.TERMINATION):
             return False
-        bit = _OVERRIDE_OFFBOARD if self.mode is Mode.OFFBOARD else _OVERRIDE_AUTO
+        bit = _OVERRIDE_OFFBOARD if self.mode is PX4Mode.OFFBOARD else _OVERRIDE_AUTO
         if not int(self.parameters["COM_RC_OVERRIDE"]) & bit:
             return False
         if not self.failsafe:
             self.say("pilot took over with sticks", NOTICE)
-            self.enter(Mode.POSITION)
+            self.enter(PX4Mode.POSITION)
             return False
         return True
 
-    def _why_not(self, mode: Mode) -> str | None:
+    def _why_not(self, mode: PX4Mode) -> str | None:
         """What speaks against choosing a mode."""
         if mode in STICK_MODES and self.sticks.lost:
             return "no manual control"
-        if mode is Mode.OFFBOARD and not self.offboard.is_fresh(self):
+        if mode is PX4Mode.OFFBOARD and not self.offboard.is_fresh(self):
             return "no stream of setpoints"
-        if mode is Mode.MISSION:
+        if mode is PX4Mode.MISSION:
             why = self.mission.why_not(self)
             if why is not None:
                 return why

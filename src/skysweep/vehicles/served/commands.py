@@ -15,7 +15,7 @@ from skysweep.vehicles.mavlink.modes import (
     CAMERA,
     F64,
     STICK_MODES,
-    Mode,
+    PX4Mode,
     Refused,
     finite,
     mode_of,
@@ -39,7 +39,12 @@ _FAILED: int = m.MAV_RESULT_FAILED
 _TERMINATES = 0.5  # MAV_CMD_DO_FLIGHTTERMINATION, above it
 _FORCED = 21196  # MAV_CMD_COMPONENT_ARM_DISARM
 _FARTHEST_HOME_M = 1_000.0  # from the vehicle
-_ALWAYS_ALLOWED = (*STICK_MODES, Mode.HOLD, Mode.RETURN, Mode.LAND)  # to whoever asks, whoever is in control
+_ALWAYS_ALLOWED = (
+    *STICK_MODES,
+    PX4Mode.HOLD,
+    PX4Mode.RETURN,
+    PX4Mode.LAND,
+)  # to whoever asks, whoever is in control
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +90,9 @@ class Commands:
             m.MAV_CMD_DO_SET_MODE: self._set_mode,
             m.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
             m.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            m.MAV_CMD_NAV_LAND: lambda order: self._change(Mode.LAND, order.sender),
-            m.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda order: self._change(Mode.RETURN, order.sender),
-            m.MAV_CMD_NAV_LOITER_UNLIM: lambda order: self._change(Mode.HOLD, order.sender),
+            m.MAV_CMD_NAV_LAND: lambda order: self._change(PX4Mode.LAND, order.sender),
+            m.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda order: self._change(PX4Mode.RETURN, order.sender),
+            m.MAV_CMD_NAV_LOITER_UNLIM: lambda order: self._change(PX4Mode.HOLD, order.sender),
             m.MAV_CMD_DO_REPOSITION: self._reposition,
             m.MAV_CMD_DO_CHANGE_ALTITUDE: self._change_altitude,
             m.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
@@ -151,7 +156,7 @@ class Commands:
     def _terminate(self, order: Order) -> int | None:
         if not (self._pilot.armed and order.params[0] > _TERMINATES):
             return _DENIED
-        self._pilot.change_mode(Mode.TERMINATION)
+        self._pilot.change_mode(PX4Mode.TERMINATION)
         return None
 
     def _set_mode(self, order: Order) -> int | None:
@@ -164,18 +169,18 @@ class Commands:
     def set_mode(self, main: int, sub: int, sender: Sender) -> None:
         """By PX4's numbers of a mode. Raises Refused."""
         mode = mode_of(main, sub)
-        if mode is None or mode is Mode.TERMINATION:  # which has a command of its own
+        if mode is None or mode is PX4Mode.TERMINATION:  # which has a command of its own
             raise Refused("this vehicle has no such mode")
         self._change(mode, sender)
 
-    def _change(self, mode: Mode, sender: Sender) -> None:
+    def _change(self, mode: PX4Mode, sender: Sender) -> None:
         if mode not in _ALWAYS_ALLOWED:
-            self._authority.must_be_free(sender.key, mode is Mode.OFFBOARD)
+            self._authority.must_be_free(sender.key, mode is PX4Mode.OFFBOARD)
         self._fly(mode, sender)
-        if mode is not Mode.OFFBOARD:
+        if mode is not PX4Mode.OFFBOARD:
             self._pilot.offboard.release(sender.key)
 
-    def _fly(self, mode: Mode, sender: Sender, doing: Manoeuvre | None = None) -> None:
+    def _fly(self, mode: PX4Mode, sender: Sender, doing: Manoeuvre | None = None) -> None:
         self._pilot.change_mode(mode, doing)
         self._authority.take(sender.key)
 
@@ -184,21 +189,21 @@ class Commands:
         altitude = None
         if finite(order.z) and order.z != 0.0:
             altitude = float(self._place(order.frame, 0.0, 0.0, order.z)[2])
-        self._fly(Mode.TAKEOFF, order.sender, None if altitude is None else TakeOff(altitude))
+        self._fly(PX4Mode.TAKEOFF, order.sender, None if altitude is None else TakeOff(altitude))
 
     def _start_mission(self, order: Order) -> None:
         self._authority.must_be_free(order.sender.key)
         first = whole(order.params[0])
         if first:
             self._face.set_mission_item(first)
-        self._fly(Mode.MISSION, order.sender)
+        self._fly(PX4Mode.MISSION, order.sender)
         self._pilot.arm()
 
     def _pause_continue(self, order: Order) -> int | None:
         go_on = whole(order.params[0])
         if go_on not in (0, 1):
             return _DENIED
-        self._change(Mode.MISSION if go_on else Mode.HOLD, order.sender)
+        self._change(PX4Mode.MISSION if go_on else PX4Mode.HOLD, order.sender)
         return None
 
     def _set_mission_item(self, order: Order) -> int | None:
@@ -239,7 +244,7 @@ class Commands:
         if self._pilot.outside_fence(there):
             raise Denied("denied: outside the geofence")
         heading = yaw_from_heading(float(np.degrees(yaw))) if abs(yaw) < 1e3 else None
-        self._fly(Mode.HOLD, sender, Hold(there, heading))
+        self._fly(PX4Mode.HOLD, sender, Hold(there, heading))
 
     def _change_speed(self, order: Order) -> int | None:
         self._authority.must_command(order.sender.key)

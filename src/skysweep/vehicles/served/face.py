@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Vehicle
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, Mode, Refused, Site
+from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, SYSTEM_ID, TICK_S, PX4Mode, Refused, Site
 from skysweep.vehicles.mavlink.signing import Signing
 from skysweep.vehicles.mavlink.wire import Message, read_frames
 from skysweep.vehicles.served.authority import Authority
@@ -117,7 +117,7 @@ class Face:
 
     def _follow(self, sender: Sender, setpoint: Callable[[], OffboardSetpoint]) -> None:
         pilot = self.pilot
-        idle = Mode.OFFBOARD not in (pilot.mode, pilot.intended)
+        idle = PX4Mode.OFFBOARD not in (pilot.mode, pilot.intended)
         if idle and pilot.offboard.owner != sender.key and self.authority.commands(sender.key):
             pilot.offboard.owner = None
         try:
@@ -232,7 +232,7 @@ class Face:
         """
         pilot, site = self.pilot, self.pilot.site
         if kind == MISSION:
-            if items and pilot.armed and Mode.MISSION in (pilot.mode, pilot.intended):
+            if items and pilot.armed and PX4Mode.MISSION in (pilot.mode, pilot.intended):
                 why = pilot.mission.why_not(pilot, items)
                 if why is not None:
                     raise Refused(f"Mission denied: {why}")

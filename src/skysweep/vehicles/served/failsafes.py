@@ -12,13 +12,25 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from skysweep.vehicles.mavlink.modes import Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.served.link import CRITICAL, NOTICE, WARNING
 from skysweep.vehicles.served.parameters import Parameters
 
 _NO_STICKS = 4  # COM_RC_IN_MODE
-_NEED_POSITION = (Mode.POSITION, Mode.TAKEOFF, Mode.HOLD, Mode.MISSION, Mode.RETURN, Mode.LAND)
-_STICKS_OPTIONAL = {Mode.MISSION: 1, Mode.HOLD: 2, Mode.TAKEOFF: 2, Mode.OFFBOARD: 4}  # COM_RCL_EXCEPT
+_NEED_POSITION = (
+    PX4Mode.POSITION,
+    PX4Mode.TAKEOFF,
+    PX4Mode.HOLD,
+    PX4Mode.MISSION,
+    PX4Mode.RETURN,
+    PX4Mode.LAND,
+)
+_STICKS_OPTIONAL = {
+    PX4Mode.MISSION: 1,
+    PX4Mode.HOLD: 2,
+    PX4Mode.TAKEOFF: 2,
+    PX4Mode.OFFBOARD: 4,
+}  # COM_RCL_EXCEPT
 
 
 class Reaction(IntEnum):
@@ -38,14 +50,14 @@ class Reaction(IntEnum):
 
 
 _MODES = {
-    Reaction.POSITION: Mode.POSITION,
-    Reaction.ALTITUDE: Mode.ALTITUDE,
-    Reaction.STABILIZED: Mode.STABILIZED,
-    Reaction.HOLD: Mode.HOLD,
-    Reaction.RETURN: Mode.RETURN,
-    Reaction.LAND: Mode.LAND,
-    Reaction.DESCEND: Mode.LAND,  # what PX4 shows for it
-    Reaction.TERMINATE: Mode.TERMINATION,
+    Reaction.POSITION: PX4Mode.POSITION,
+    Reaction.ALTITUDE: PX4Mode.ALTITUDE,
+    Reaction.STABILIZED: PX4Mode.STABILIZED,
+    Reaction.HOLD: PX4Mode.HOLD,
+    Reaction.RETURN: PX4Mode.RETURN,
+    Reaction.LAND: PX4Mode.LAND,
+    Reaction.DESCEND: PX4Mode.LAND,  # what PX4 shows for it
+    Reaction.TERMINATE: PX4Mode.TERMINATION,
 }
 
 
@@ -106,9 +118,9 @@ class Health(NamedTuple):
     battery_level: int  # 0 full enough, 1 low, 2 critical, 3 nearly empty
 
 
-def why_not(mode: Mode, health: Health) -> str | None:
+def why_not(mode: PX4Mode, health: Health) -> str | None:
     """What speaks against flying a mode; sticks are needed to choose one of theirs, not to stay in it."""
-    if mode is Mode.OFFBOARD and health.setpoints_lost:
+    if mode is PX4Mode.OFFBOARD and health.setpoints_lost:
         return _NO_OFFBOARD
     return _NO_POSITION if health.position_lost and mode in _NEED_POSITION else None
 
@@ -131,18 +143,18 @@ class Failsafes:
         self._parameters, self._say = parameters, say
         self._active: dict[str, _Active] = {}
         self._armed = False
-        self._intended = Mode.HOLD
+        self._intended = PX4Mode.HOLD
         self._sticks_optional = True  # not there when it was armed, nor since
         self._wait_s = 0.0  # until an action that waits in Hold begins
         self._waited_s = 0.0  # lately, so that a cause that comes and goes does not wait for ever
 
-    def mode(self, intended: Mode) -> Mode:
+    def mode(self, intended: PX4Mode) -> PX4Mode:
         """The mode that is flown."""
         return _MODES.get(self.action, intended)
 
     def update(
-        self, armed: bool, intended: Mode, asked: bool, sticks: bool, health: Health, dt_s: float
-    ) -> Mode:
+        self, armed: bool, intended: PX4Mode, asked: bool, sticks: bool, health: Health, dt_s: float
+    ) -> PX4Mode:
         """Looks again, ``dt_s`` later; the mode that is intended from now on, which only sticks change.
 
         ``asked``: somebody chose a mode, the same one perhaps. ``sticks``: they moved during a failsafe.
@@ -172,7 +184,7 @@ class Failsafes:
             self._tell(cause, delayed)
         return self._intended
 
-    def _causes(self, intended: Mode, health: Health) -> dict[str, Response]:
+    def _causes(self, intended: PX4Mode, health: Health) -> dict[str, Response]:
         """What each cause that is there asks for."""
         p = self._parameters
         found: dict[str, Response | None] = {}
@@ -190,14 +202,14 @@ class Failsafes:
             found[why] = Response(self._instead_of(intended, health), waits=False)
         return {cause: response for cause, response in found.items() if response is not None}
 
-    def _instead_of(self, mode: Mode, health: Health) -> Reaction:
+    def _instead_of(self, mode: PX4Mode, health: Health) -> Reaction:
         """The action for a mode that cannot be flown, NONE for one that can."""
         why = why_not(mode, health)
         if why is None:
             return Reaction.NONE
         if why == _NO_OFFBOARD:
             return _OFFBOARD_LOST[int(self._parameters["COM_OBL_RC_ACT"])]
-        return Reaction.ALTITUDE if mode is Mode.POSITION else Reaction.RETURN
+        return Reaction.ALTITUDE if mode is PX4Mode.POSITION else Reaction.RETURN
 
     def _look(self, causes: dict[str, Response]) -> bool:
         """Brings what is under way up to date; whether a warning was added."""
@@ -221,11 +233,11 @@ class Failsafes:
         return warned
 
     def _choose(
-        self, intended: Mode, asked: bool, sticks: bool, health: Health
-    ) -> tuple[str, Reaction, Mode]:
+        self, intended: PX4Mode, asked: bool, sticks: bool, health: Health
+    ) -> tuple[str, Reaction, PX4Mode]:
         """Sets the action; its cause, the action that waits behind a Hold, and the intended mode."""
         before, delayed = self.action, Reaction.NONE
-        if intended is Mode.TERMINATION or before is Reaction.TERMINATE:
+        if intended is PX4Mode.TERMINATION or before is Reaction.TERMINATE:
             self.action = Reaction.TERMINATE
             return "flight terminated", delayed, intended
         if not self._active:
@@ -239,14 +251,14 @@ class Failsafes:
         over &= Reaction.HOLD <= action <= Reaction.DESCEND
         if over:
             if sticks and not self.taken_over:
-                intended = Mode.POSITION
+                intended = PX4Mode.POSITION
                 self._say("pilot took over with sticks", NOTICE)
             delayed, action = Reaction.NONE, max(Reaction.WARN, self._instead_of(intended, health))
         self.taken_over = over
         if Reaction.POSITION <= action < Reaction.DESCEND:
             worse = [a for a in _MODES if action <= a < Reaction.DESCEND]
             action = next((a for a in worse if why_not(_MODES[a], health) is None), Reaction.DESCEND)
-        on_its_way = intended in (Mode.LAND, Mode.RETURN) and why_not(intended, health) is None
+        on_its_way = intended in (PX4Mode.LAND, PX4Mode.RETURN) and why_not(intended, health) is None
         if on_its_way and Reaction.RETURN in (action, delayed):
             delayed, action = Reaction.NONE, Reaction.WARN
         self.action = action

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.modes import F64, Mode
+from skysweep.vehicles.mavlink.modes import F64, PX4Mode
 from skysweep.vehicles.served.items import heading_towards
 from skysweep.vehicles.served.pilot import Pilot
 
@@ -48,11 +48,11 @@ class TakeOff:
                 up = here[2] if pilot.flying else here[2] + pilot.parameters["MIS_TAKEOFF_ALT"]
             self._place = np.array([here[0], here[1], up])
             if pilot.flying and pilot.state.airborne:
-                pilot.enter(Mode.HOLD, Hold(self._place))
+                pilot.enter(PX4Mode.HOLD, Hold(self._place))
             elif pilot.flying or pilot.may_lift_off:
                 pilot.lift_off(up)
         elif pilot.flying and pilot.is_high_as(self._place[2]):
-            pilot.enter(Mode.HOLD, Hold(self._place))
+            pilot.enter(PX4Mode.HOLD, Hold(self._place))
 
 
 class Land:

@@ -6,7 +6,7 @@ import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, Mode, finite, whole
+from skysweep.vehicles.mavlink.modes import F64, PX4Mode, finite, whole
 from skysweep.vehicles.served.items import Item, heading_towards
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold
@@ -56,7 +56,7 @@ class MissionRun:
     def step(self, pilot: Pilot) -> None:
         """One item is looked at in a step, so a jump in a circle costs time as any other item."""
         if not self.items:  # cleared in flight
-            pilot.enter(Mode.HOLD)
+            pilot.enter(PX4Mode.HOLD)
             return
         if self.finished or not (pilot.flying or pilot.may_lift_off):
             return
@@ -68,7 +68,7 @@ class MissionRun:
         elif item.command == m.MAV_CMD_NAV_RETURN_TO_LAUNCH:
             self._done(pilot)
             self.finished = True
-            pilot.enter(Mode.RETURN)
+            pilot.enter(PX4Mode.RETURN)
         else:
             if item.command == m.MAV_CMD_DO_CHANGE_SPEED and finite(item.params[1]):
                 pilot.speed_mps = item.params[1] if item.params[1] > 0.0 else None
@@ -150,4 +150,4 @@ class MissionRun:
             self.finished = True
             pilot.speed_mps = None
             pilot.say("mission finished", NOTICE)
-            pilot.enter(Mode.HOLD, Hold(place))
+            pilot.enter(PX4Mode.HOLD, Hold(place))

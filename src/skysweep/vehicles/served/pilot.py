@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from skysweep.types import Setpoint, VehicleState
-from skysweep.vehicles.mavlink.modes import F64, Mode, Site
+from skysweep.vehicles.mavlink.modes import F64, PX4Mode, Site
 from skysweep.vehicles.served.parameters import Parameters
 
 
@@ -45,7 +45,7 @@ class Pilot(Protocol):
     def say(self, text: str, severity: int, /) -> None:
         """Tells every listener."""
 
-    def enter(self, mode: Mode, doing: Manoeuvre | None = None) -> None:
+    def enter(self, mode: PX4Mode, doing: Manoeuvre | None = None) -> None:
         """``mode`` is wanted from now on, and flown by ``doing`` unless a failsafe flies."""
 
     def lift_off(self, altitude_enu_m: float) -> None:

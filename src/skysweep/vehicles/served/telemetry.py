@@ -15,7 +15,7 @@ from skysweep.geometry.frames import (
     rotation_frd_to_ned,
 )
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, TICK_S, Mode, e7, quaternion
+from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, TICK_S, PX4Mode, e7, quaternion
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.autopilot import Autopilot
 from skysweep.vehicles.served.link import Peer
@@ -117,7 +117,7 @@ class Moment:
 
 def _heartbeat(p: Moment) -> Message:
     pilot = p.pilot
-    if pilot.mode is Mode.TERMINATION:
+    if pilot.mode is PX4Mode.TERMINATION:
         status = m.MAV_STATE_FLIGHT_TERMINATION
     elif pilot.armed:
         status = m.MAV_STATE_CRITICAL if pilot.failsafe else m.MAV_STATE_ACTIVE
@@ -240,7 +240,7 @@ def _extended_state(p: Moment) -> Message:
         landed = m.MAV_LANDED_STATE_ON_GROUND
     elif pilot.landing:
         landed = m.MAV_LANDED_STATE_LANDING
-    elif pilot.mode is Mode.TAKEOFF:
+    elif pilot.mode is PX4Mode.TAKEOFF:
         landed = m.MAV_LANDED_STATE_TAKEOFF
     else:
         landed = m.MAV_LANDED_STATE_IN_AIR
@@ -301,12 +301,12 @@ def _mission_current(p: Moment) -> Message:
         state = m.MISSION_STATE_NO_MISSION
     elif run.finished:
         state = m.MISSION_STATE_COMPLETE
-    elif p.pilot.mode is Mode.MISSION:
+    elif p.pilot.mode is PX4Mode.MISSION:
         state = m.MISSION_STATE_ACTIVE
     else:
         state = m.MISSION_STATE_PAUSED if run.current else m.MISSION_STATE_NOT_STARTED
     total = len(run.items) or _NONE_U16
-    flown = 1 if p.pilot.mode is Mode.MISSION else 2
+    flown = 1 if p.pilot.mode is PX4Mode.MISSION else 2
     return m.MAVLink_mission_current_message(run.current, total, state, flown)
 
 
