@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 QUICK=(tests/test_text.py tests/files tests/geometry tests/planning tests/scenarios tests/strategies tests/tracking
-    tests/sensing tests/results tests/mission/test_loop.py tests/flights/test_build.py)
+    tests/mission/test_loop.py)
 
 say() { printf 'test-pythons: %s\n' "$*"; }
 

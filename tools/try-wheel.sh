@@ -42,7 +42,7 @@ import skysweep
 from skysweep.errors import MissingExtraError
 
 assert not Path(skysweep.__file__).is_relative_to(sys.argv[1]), f"{skysweep.__file__} is the checkout's"
-for module in pkgutil.walk_packages(skysweep.__path__, "skysweep."):
+for module in pkgutil.walk_packages(skysweep.__path__, "skysweep.", onerror=lambda _name: None):
     try:
         if not module.name.endswith("__main__"):
             import_module(module.name)

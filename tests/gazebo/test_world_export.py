@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from skysweep.cli import app
 from skysweep.errors import UserError
 from skysweep.gazebo.export import FORMATS, MODELS_FOLDER, TREES_MAX, Format, export_world
-from skysweep.gazebo.look import Look, water_tile
+from skysweep.gazebo.look import GazeboLook, water_tile
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Forest, Light, Scenario
 from skysweep.worlds.rendering.gl import film
@@ -133,7 +133,7 @@ def test_same_seed_same_files(tmp_path: Path) -> None:
 
 def test_light_makes_level_ground_look_as_ours_in_sun_and_shade() -> None:
     sun = make_sun(Light(sun_elevation_deg=35))
-    look = Look.of(sun)
+    look = GazeboLook.of(sun)
     np.testing.assert_allclose(look.ambient_rgb + look.diffuse_rgb * sun.direction_enu[2], 1.0)
     albedo = np.array([0.15, 0.2, 0.1])
     np.testing.assert_allclose(
@@ -142,7 +142,7 @@ def test_light_makes_level_ground_look_as_ours_in_sun_and_shade() -> None:
 
 
 def test_tinted_texture_shows_the_colour_of_its_mean_tone() -> None:
-    look = Look.of(make_sun(Light()))
+    look = GazeboLook.of(make_sun(Light()))
     image = np.full((4, 4, 3), 128, np.uint8)
     shown = look.tint([0.5, 0.4, 0.3], image) * look.texture(image)[0, 0] / 255
     np.testing.assert_allclose(shown, look.shown(np.array([0.5, 0.4, 0.3]) * 128 / 255), atol=0.004)

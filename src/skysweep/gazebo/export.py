@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
-from skysweep.gazebo.look import TILE_M, WATER_TILE_M, Look, ground_tile, water_tile
+from skysweep.gazebo.look import TILE_M, WATER_TILE_M, GazeboLook, ground_tile, water_tile
 from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
 from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
 from skysweep.scenarios.model import Home, Scenario, Wind
@@ -84,7 +84,7 @@ def write_world(
             "write a smaller forests.trees_per_hectare"
         )
     scene = build_scene(world)
-    look = Look.of(scene.sun)
+    look = GazeboLook.of(scene.sun)
     models = folder / MODELS_FOLDER
     includes = [_write_ground(models / f"{name}_ground", scene, look, fmt)]
     includes += _write_things(models, name, world, scene, look)
@@ -108,7 +108,7 @@ def write_world(
     return path
 
 
-def _write_ground(folder: Path, scene: Scene, look: Look, fmt: Format) -> ET.Element:
+def _write_ground(folder: Path, scene: Scene, look: GazeboLook, fmt: Format) -> ET.Element:
     """Classic blends the three scales of the ground; gz, and water, have one texture that holds them."""
     meshes, textures = folder / "meshes", folder / "materials" / "textures"
     meshes.mkdir(parents=True)
@@ -180,7 +180,9 @@ def _ground_script(name: str) -> str:
 """
 
 
-def _write_things(models: Path, name: str, world: World, scene: Scene, look: Look) -> Iterator[ET.Element]:
+def _write_things(
+    models: Path, name: str, world: World, scene: Scene, look: GazeboLook
+) -> Iterator[ET.Element]:
     """One model for each object and building, about its own origin."""
     counts: dict[str, int] = {}
     places = [(o.kind, o.position_enu_m) for o in world.objects]
@@ -197,7 +199,7 @@ def _write_things(models: Path, name: str, world: World, scene: Scene, look: Loo
         yield include(folder.name, position)
 
 
-def _write_plants(folder: Path, world: World, scene: Scene, look: Look) -> ET.Element:
+def _write_plants(folder: Path, world: World, scene: Scene, look: GazeboLook) -> ET.Element:
     """All plants as one model: a mesh for each square of ground, a cylinder to hit for each trunk."""
     detail = _affordable_detail(scene.plantings)
     tiles: dict[tuple[int, int], list[Mesh]] = {}
@@ -279,7 +281,7 @@ def _wind(wind: Wind) -> ET.Element:
     return tag("wind", None, tag("linear_velocity", np.round(velocity, 6)))
 
 
-def _scene(look: Look, fmt: Format) -> ET.Element:
+def _scene(look: GazeboLook, fmt: Format) -> ET.Element:
     return tag(
         "scene",
         None,
@@ -289,7 +291,7 @@ def _scene(look: Look, fmt: Format) -> ET.Element:
     )
 
 
-def _sun(scene: Scene, look: Look, fmt: Format) -> ET.Element:
+def _sun(scene: Scene, look: GazeboLook, fmt: Format) -> ET.Element:
     return tag(
         "light",
         None,

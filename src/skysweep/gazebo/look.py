@@ -26,7 +26,7 @@ WATER_TILE_M = 47.0  # the longest of the waves that the water is made of
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class GazeboLook:
     """Gazebo's light, and the film that goes into its textures."""
 
     level_rgb: F64  # (3,) our light on level ground in the sun
@@ -35,7 +35,7 @@ class Look:
     sky_rgb: F64  # (3,) background
 
     @classmethod
-    def of(cls, sun: Sun) -> Look:
+    def of(cls, sun: Sun) -> GazeboLook:
         """The look of a scene's light."""
         level = sun.sky_rgb + sun.sun_rgb * sun.direction_enu[2]
         ambient = np.sqrt(sun.sky_rgb / level)
@@ -56,7 +56,7 @@ class Look:
         return np.clip(self.shown(np.asarray(colour) * mean) / self.shown(mean), 0.0, 1.0)
 
 
-def ground_tile(textures: GroundTextures, look: Look) -> U8:
+def ground_tile(textures: GroundTextures, look: GazeboLook) -> U8:
     """One texture over ``TILE_M`` with the detail and the middle scale of the ground."""
     detail = _repeated(textures.detail, round(TILE_M / DETAIL_M)) / 255.0
     return _bytes(look.shown(detail * _repeated(textures.middle, 1) / 127.5))

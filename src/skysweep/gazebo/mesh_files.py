@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from skysweep.gazebo.look import Look
+from skysweep.gazebo.look import GazeboLook
 from skysweep.worlds.meshes import Mesh
 
 U8 = NDArray[np.uint8]
@@ -20,7 +20,7 @@ U8 = NDArray[np.uint8]
 COLOUR_STEPS = 13  # levels of each colour channel
 
 
-def write_mesh(folder: Path, name: str, mesh: Mesh, layers: U8, look: Look) -> None:
+def write_mesh(folder: Path, name: str, mesh: Mesh, layers: U8, look: GazeboLook) -> None:
     """Writes ``name``.obj, its .mtl and the textures it uses into ``folder``.
 
     ``layers`` (L, H, W, 3) are the textures that the mesh's vertices name.

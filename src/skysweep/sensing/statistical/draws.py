@@ -102,7 +102,7 @@ class Reports(NamedTuple):
     rows: I64  # (room,)
 
 
-class LookTruth(NamedTuple):
+class Look(NamedTuple):
     """One picture: the camera's truth, and which draw this is."""
 
     position: F64
@@ -117,7 +117,7 @@ class LookTruth(NamedTuple):
 @njit(cache=True)
 def draw_look(
     optics: Optics,
-    look: LookTruth,
+    look: Look,
     things: Things,
     ghosts: Ghosts,
     last: Pass,
@@ -195,7 +195,7 @@ def draw_look(
 
 @njit(cache=True)
 def _draw_ghosts(
-    optics: Optics, look: LookTruth, ghosts: Ghosts, threshold: float, n: int, reports: Reports
+    optics: Optics, look: Look, ghosts: Ghosts, threshold: float, n: int, reports: Reports
 ) -> int:
     """Those of this altitude's octave, written from place ``n`` on; where that ends.
 

@@ -22,7 +22,7 @@ from skysweep.sensing.statistical.draws import (
     OCTAVES,
     WIDTH,
     Ghosts,
-    LookTruth,
+    Look,
     Optics,
     Pass,
     Reports,
@@ -101,7 +101,7 @@ class StatisticalSensor:
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
         height_m = z - self._ground_at_m(x, y)
-        look = LookTruth(position, R, velocity_mps, rates_radps, height_m, self._key, self._look_number)
+        look = Look(position, R, velocity_mps, rates_radps, height_m, self._key, self._look_number)
         reports = self._reports
         n, end = draw_look(
             self._optics, look, self._things, self._ghosts, self._last, self._threshold, reports
