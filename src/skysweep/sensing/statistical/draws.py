@@ -1,18 +1,18 @@
 """Compiled draws of the statistical sensor: which objects are in the picture, and what is reported of them.
 
-Objects are rows of ``x, y, z, size, shape, beside, contrast, cos yaw, sin yaw``; each has one or more rows in
-a table of what it can be reported as: G scores, G spreads and G normal quantiles of the lapse over the grid
-of log pixels, then the numbers of the FACTORS, the object's own offset and the weights of the pass and of the
-rest, in standard deviations.
+A sensor is a few arrays that live as long as it does: the records SENSOR, THING, GHOST and GHOST_CLASS, and a
+table with one or more rows for each THING, one for each class that it can be reported as. A row holds G
+scores, G spreads and G normal quantiles of the lapse over the grid of log pixels, then the numbers of the
+FACTORS, the object's own offset and the weights of the pass and of the rest, in standard deviations.
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that what is drawn
-of one thing never depends on what else is in view, and what is out of view costs nothing.
+of one object never depends on what else is in view, and what is out of view costs nothing.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -23,11 +23,55 @@ from skysweep.worlds.occlusion import pixels_on_target, visible_share
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+Record = Any  # of SENSOR
 
 _N_FACTORS = len(FACTORS)
 WIDTH = _N_FACTORS + 3  # columns of a row after the three tables
 OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
+
+# Every field is 8 bytes wide: records are handed over as arrays of their floats, which costs a third.
+SENSOR = np.dtype(
+    [
+        ("focal_px", float),
+        ("width_px", float),
+        ("height_px", float),
+        ("exposure_s", float),
+        ("seed", np.int64),
+        ("threshold", float),  # the lowest score that is reported
+        ("centre_px", float),  # error of a box's centre: of any box,
+        ("centre_of_object", float),  # as a share of the object,
+        ("centre_of_blur", float),  # and of the motion blur
+        ("fade_px", float),  # movement in the picture over which looks become independent
+        ("octave_starts", np.int64, OCTAVES + 1),  # in the ghosts
+    ]
+)
+THING = np.dtype(  # an object that can be reported
+    [
+        ("place", float, 3),
+        ("size", float),
+        ("shape", np.int64),
+        ("beside", float),
+        ("contrast", float),
+        ("facing", float, 2),  # cosine and sine of its yaw
+        ("near", np.int64, 2),  # its part of the indices of solids that can hide it
+        ("rows", np.int64, 2),  # its part of the table
+        ("last", float, 3),  # in the last picture: u, v, pixels; u is NaN where it was not in it
+    ]
+)
+GHOST = np.dtype(  # a place where something can be reported that is not there
+    [("place", float, 3), ("kind", float), ("level", float), ("own", float)]
+)
+GHOST_CLASS = np.dtype(
+    [
+        ("shows", float),  # normal quantile of the chance of showing
+        ("floor", float),
+        ("rest", float),  # weight of the rest
+        ("pixels", float),
+        ("unit_scale", float),  # Weibull's scale of mean 1
+        ("exponent", float),  # 1 / Weibull's shape
+    ]
+)
 
 _TOO_SMALL = 0.8  # of the smallest size that was measured
 _LAPSE, _PASS, _REST, _CENTRE_U, _CENTRE_V = range(5)  # what is drawn of a row
@@ -47,7 +91,7 @@ def _hash(x: np.uint64) -> np.uint64:
 
 @njit(cache=True)
 def standard_normal(seed: int, look: int, row: int, what: int) -> float:
-    """The draw of one row in one look (Box and Muller's transform of two hashes)."""
+    """One draw of a row in a look (Box and Muller's transform of two hashes)."""
     number = np.uint64((look * (2 * _FIRST_GHOST) + row) * _KINDS_OF_DRAW + what)
     first = _hash(_hash(np.uint64(seed)) + number * _GOLDEN)
     second = _hash(first + _GOLDEN)
@@ -56,193 +100,181 @@ def standard_normal(seed: int, look: int, row: int, what: int) -> float:
     return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
 
 
-class Optics(NamedTuple):
-    """Of the camera."""
-
-    focal_px: float
-    width_px: float
-    height_px: float
-    exposure_s: float
-
-
-class Things(NamedTuple):
-    """What can be reported, and what hides it."""
-
-    places: F64  # (N, 9) as the module says
-    solids: F64
-    near_start: I64  # (N + 1,) of each object in ``near``
-    near: I64  # indices of the solids that can hide it
-    row_starts: I64  # (N + 1,) of each object in ``table``
-    table: F64  # (rows, 3 G + WIDTH)
-    log_pixels: F64  # (G,)
-    box_error: F64  # (4,) of the centre: pixels, of the object, of the blur; then fade_px
-
-
-class Ghosts(NamedTuple):
-    """What is reported where nothing is."""
-
-    places: F64  # (M, 6): x, y, z, class, level, own offset; of every octave lowest levels first
-    octave_starts: I64
-    classes: F64  # (C, 6): chance of showing, floor, weight of the rest, pixels, scale of mean 1, 1 / shape
-    over_altitude: F64  # (C, 3, A): log altitudes, densities, scales of the score
-
-
-class Pass(NamedTuple):
-    """The memory from look to look."""
-
-    places: F64  # (N, 3): where an object was in the last picture: u, v, pixels
-    state: F64  # (rows,) what looks of one pass have in common
-
-
-class Reports(NamedTuple):
-    """What is reported, with room for all."""
-
-    boxes: F64  # (room, 4)
-    scores: F64  # (room,)
-    rows: I64  # (room,)
-
-
-class Look(NamedTuple):
-    """One picture: the camera's truth, and which draw this is."""
-
-    position: F64
-    R: F64
-    velocity: F64  # in the camera's axes, as ``rates``
-    rates: F64
-    altitude_agl_m: float
-    seed: int
-    number: int
-
-
 @njit(cache=True)
 def draw_look(
-    optics: Optics,
-    look: Look,
-    things: Things,
-    ghosts: Ghosts,
-    last: Pass,
-    threshold: float,
-    reports: Reports,
+    sensor: F64,
+    position: F64,
+    R: F64,
+    velocity: F64,
+    rates: F64,
+    altitude_agl_m: float,
+    look: int,
+    things: F64,
+    solids: F64,
+    near: I64,
+    table: F64,
+    log_pixels: F64,
+    pass_state: F64,
+    ghosts: F64,
+    ghost_classes: F64,
+    over_altitude: F64,
+    boxes: F64,
+    scores: F64,
+    rows: I64,
 ) -> tuple[int, int]:
-    """Write what is reported with a score from ``threshold`` on; ``last`` becomes that of this look.
+    """Write what is reported into ``boxes`` (N, 4), ``scores`` (N,) and ``rows`` (N,), with room for all.
 
-    Returns how many objects are reported, and how many with what is reported where nothing is.
+    The first are objects, by their rows of the ``table`` (rows, 3 G + WIDTH); then ghosts, by their class.
+    Returns where each part ends.
+
+    ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records. ``position``,
+    ``R``, ``velocity`` and ``rates`` are the camera's truth, the last two in its own axes. ``near`` are
+    indices of ``solids``, ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows,) what looks of one
+    pass have in common. ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the score.
     """
-    focal, width, height = optics.focal_px, optics.width_px, optics.height_px
-    position, R, velocity, rates = look.position, look.R, look.velocity, look.rates
-    places, log_pixels, error = last.places, things.log_pixels, things.box_error
+    s = sensor.view(SENSOR)[0]
+    focal, width, height = s.focal_px, s.width_px, s.height_px
     g, n = len(log_pixels), 0
-    for i in range(len(things.places)):
-        thing = things.places[i]
-        dx, dy, dz = thing[0] - position[0], thing[1] - position[1], thing[2] - position[2]
-        depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    for thing in things.view(THING):
+        place, last = thing.place, thing.last
+        dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
+        u, v, depth = _project(s, R, dx, dy, dz)
         if depth <= MIN_DEPTH_M:
-            places[i, 0] = np.nan
+            last[0] = np.nan
             continue
-        u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
-        v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
-        pixels = pixels_on_target(focal, int(thing[4]), thing[3], dx, dy, dz, depth)
+        pixels = pixels_on_target(focal, thing.shape, thing.size, dx, dy, dz, depth)
         half = pixels / 2
         low_u, high_u = max(u - half, 0.0), min(u + half, width)
         low_v, high_v = max(v - half, 0.0), min(v + half, height)
         if low_u >= high_u or low_v >= high_v:
-            places[i, 0] = np.nan
+            last[0] = np.nan
             continue
-        moved = abs(u - places[i, 0]) + abs(v - places[i, 1]) + abs(pixels - places[i, 2])
-        kept = math.exp(-moved / error[3]) if moved == moved else 0.0
-        places[i, 0], places[i, 1], places[i, 2] = u, v, pixels
+        moved = abs(u - last[0]) + abs(v - last[1]) + abs(pixels - last[2])
+        kept = math.exp(-moved / s.fade_px) if moved == moved else 0.0
+        last[0], last[1], last[2] = u, v, pixels
         inside_y = (high_v - low_v) / pixels
         inside = (high_u - low_u) / pixels * inside_y
         clear = 1.0
         if inside > 1.0 - HIDDEN_MAX:
-            around = things.near[things.near_start[i] : things.near_start[i + 1]]
-            clear = visible_share(position, thing[:3], thing[3], things.solids, around)
+            clear = visible_share(position, place, thing.size, solids, near[thing.near[0] : thing.near[1]])
         blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
-        blur *= focal * optics.exposure_s
+        blur *= focal * s.exposure_s
         at = math.log(pixels)
         unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(_TOO_SMALL)
-        spread_px = math.sqrt(error[0] ** 2 + (error[1] * pixels) ** 2 + (error[2] * blur) ** 2)
+        spread_px = math.sqrt(
+            s.centre_px**2 + (s.centre_of_object * pixels) ** 2 + (s.centre_of_blur * blur) ** 2
+        )
         across = dx * dx + dy * dy
         away = max(across + dz * dz, 1e-9)
-        front = -(thing[7] * dx + thing[8] * dy) / math.sqrt(away)
+        front = -(thing.facing[0] * dx + thing.facing[1] * dy) / math.sqrt(away)
         is_cut_y = inside_y < 1.0 - CUT_MIN
         factors = factors_of_look(
-            across / away, front, pixels, 1.0 - clear, 1.0 - inside, is_cut_y, thing[5], blur, thing[6]
+            across / away,
+            front,
+            pixels,
+            1.0 - clear,
+            1.0 - inside,
+            is_cut_y,
+            thing.beside,
+            blur,
+            thing.contrast,
         )
-        for r in range(things.row_starts[i], things.row_starts[i + 1]):
-            fresh = standard_normal(look.seed, look.number, r, _PASS)
-            last.state[r] = kept * last.state[r] + math.sqrt(1.0 - kept * kept) * fresh
-            row = things.table[r]
+        for r in range(thing.rows[0], thing.rows[1]):
+            fresh = standard_normal(s.seed, look, r, _PASS)
+            pass_state[r] = kept * pass_state[r] + math.sqrt(1.0 - kept * kept) * fresh
             if unseen:
                 continue
-            mean, spread, lapse = _interpolate(log_pixels, row, at)
-            if standard_normal(look.seed, look.number, r, _LAPSE) < lapse:
+            mean, spread, lapse = _interpolate(log_pixels, table[r], at)
+            if standard_normal(s.seed, look, r, _LAPSE) < lapse:
                 continue
-            own = row[3 * g :]
+            own = table[r, 3 * g :]
             for k in range(_N_FACTORS):
                 mean += own[k] * factors[k]
-            rest = own[_N_FACTORS + 2] * standard_normal(look.seed, look.number, r, _REST)
-            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * last.state[r] + rest)
-            if score < threshold:
+            rest = own[_N_FACTORS + 2] * standard_normal(s.seed, look, r, _REST)
+            score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * pass_state[r] + rest)
+            if score < s.threshold:
                 continue
-            du = spread_px * standard_normal(look.seed, look.number, r, _CENTRE_U)
-            dv = spread_px * standard_normal(look.seed, look.number, r, _CENTRE_V)
-            _put_box(reports.boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
-            reports.scores[n], reports.rows[n] = score, r
+            du = spread_px * standard_normal(s.seed, look, r, _CENTRE_U)
+            dv = spread_px * standard_normal(s.seed, look, r, _CENTRE_V)
+            _put_box(boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
+            scores[n], rows[n] = score, r
             n += 1
-    return n, _draw_ghosts(optics, look, ghosts, threshold, n, reports)
+    log_altitude = math.log(max(altitude_agl_m, 1.0))
+    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
+    first, end = s.octave_starts[octave], s.octave_starts[octave + 1]
+    if first == end:
+        return n, n
+    classes = ghost_classes.view(GHOST_CLASS)
+    now = np.empty((len(classes), 2))
+    for k in range(len(classes)):
+        now[k, 0] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 1])
+        now[k, 1] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 2])
+    m = _draw_ghosts(
+        s, position, R, look, ghosts.view(GHOST), first, end, classes, now, n, boxes, scores, rows
+    )
+    return n, m
 
 
 @njit(cache=True)
 def _draw_ghosts(
-    optics: Optics, look: Look, ghosts: Ghosts, threshold: float, n: int, reports: Reports
+    s: Record,
+    position: F64,
+    R: F64,
+    look: int,
+    ghosts: NDArray[np.void],
+    first: int,
+    end: int,
+    classes: NDArray[np.void],
+    now: F64,
+    n: int,
+    boxes: F64,
+    scores: F64,
+    rows: I64,
 ) -> int:
-    """Those of this altitude's octave, written from place ``n`` on; where that ends.
+    """Those of an altitude's octave, lowest levels first, written from place ``n`` on; where that ends.
 
-    Their rows are classes. Scores are Weibull's.
+    ``now`` (classes, 2): density and scale of the score at this altitude. Scores are Weibull's.
     """
-    log_altitude = math.log(max(look.altitude_agl_m, 1.0))
-    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
-    first, end = ghosts.octave_starts[octave], ghosts.octave_starts[octave + 1]
-    if first == end:
-        return n
-    focal, width, height = optics.focal_px, optics.width_px, optics.height_px
-    now = np.empty((len(ghosts.classes), 2))
-    for k in range(len(ghosts.classes)):
-        grid = ghosts.over_altitude[k, 0]
-        now[k, 0] = _at(log_altitude, grid, ghosts.over_altitude[k, 1])
-        now[k, 1] = _at(log_altitude, grid, ghosts.over_altitude[k, 2])
+    width, height = s.width_px, s.height_px
     highest = now[:, 0].max()
-    position, R = look.position, look.R
     for i in range(first, end):
-        ghost = ghosts.places[i]
-        if ghost[4] >= highest:
+        ghost = ghosts[i]
+        if ghost.level >= highest:
             break
-        kind = int(ghost[3])
-        c = ghosts.classes[kind]
-        if ghost[4] >= now[kind, 0]:
+        kind = int(ghost.kind)
+        if ghost.level >= now[kind, 0]:
             continue
-        dx, dy, dz = ghost[0] - position[0], ghost[1] - position[1], ghost[2] - position[2]
-        depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+        place, c = ghost.place, classes[kind]
+        dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
+        u, v, depth = _project(s, R, dx, dy, dz)
         if depth <= MIN_DEPTH_M:
             continue
-        u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
-        v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
-        if not (0.0 <= u <= width and 0.0 <= v <= height) or n == len(reports.rows):
+        if not (0.0 <= u <= width and 0.0 <= v <= height) or n == len(rows):
             continue
         row = _FIRST_GHOST + i
-        if standard_normal(look.seed, look.number, row, _SHOWS) > c[0]:
+        if standard_normal(s.seed, look, row, _SHOWS) > c.shows:
             continue
-        z = ghost[5] + c[2] * standard_normal(look.seed, look.number, row, _SCORE)
+        z = ghost.own + c.rest * standard_normal(s.seed, look, row, _SCORE)
         above = -math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
-        score = c[1] + now[kind, 1] * c[4] * above ** c[5]
-        if score < threshold:
+        score = c.floor + now[kind, 1] * c.unit_scale * above**c.exponent
+        if score < s.threshold:
             continue
-        half = c[3] / 2
-        _put_box(reports.boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, width, height)
-        reports.scores[n], reports.rows[n] = score, kind
+        half = c.pixels / 2
+        _put_box(boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, width, height)
+        scores[n], rows[n] = score, kind
         n += 1
     return n
+
+
+@njit(cache=True)
+def _project(s: Record, R: F64, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
+    """Pixels u and v, and the depth, of what is that far east, north and up of the camera."""
+    depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    if depth <= MIN_DEPTH_M:
+        return np.nan, np.nan, depth
+    u = s.focal_px * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + s.width_px / 2
+    v = s.focal_px * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + s.height_px / 2
+    return u, v, depth
 
 
 @njit(cache=True)

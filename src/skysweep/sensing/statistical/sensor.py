@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +19,7 @@ from scipy.special import ndtri
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.exposures import Exposures
-from skysweep.sensing.statistical.draws import (
-    OCTAVES,
-    WIDTH,
-    Ghosts,
-    Look,
-    Optics,
-    Pass,
-    Reports,
-    Things,
-    draw_look,
-)
+from skysweep.sensing.statistical.draws import GHOST_CLASS, OCTAVES, SENSOR, THING, WIDTH, draw_look
 from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL
 from skysweep.sensing.statistical.model import (
     KindModel,
@@ -66,22 +57,37 @@ class StatisticalSensor:
         model: StatisticalModel | None = None,
         unit: int = 0,
     ) -> None:
-        self._model = model or StatisticalModel.load()
+        self._model = m = model or StatisticalModel.load()
         self._ground_at_m = world.terrain.height_at_m
         self._lens, self._latency_s = camera.lens, camera.latency_s
-        lens = self._lens
-        self._optics = Optics(lens.focal_px, float(lens.width_px), float(lens.height_px), camera.exposure_s)
         self._eye, self._exposures = eye, exposures
-        self._threshold = float(score_of(confidence_min))
         self._pending: deque[Detections] = deque()
+        self._row_names: list[str] = []
+        self._ghost_names: list[str] = []
+        self._look_number = 0
         once = np.random.default_rng([seed, 29])
-        self._things = self._tabulate_objects(world, classes, once)
-        self._ghosts = self._tabulate_ghosts(world, classes, once)
+        of_objects = self._tabulate_objects(world, classes, once)
+        *of_ghosts, octave_starts = self._tabulate_ghosts(world, classes, once)
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
-        self._key, self._look_number = int(of_looks.integers(2**62)), 0
+        lens = self._lens
+        sensor = (
+            lens.focal_px,
+            lens.width_px,
+            lens.height_px,
+            camera.exposure_s,
+            of_looks.integers(2**62),
+            score_of(confidence_min),
+            m.box.pixels,
+            m.box.of_object,
+            m.box.of_blur,
+            m.fade_px,
+            octave_starts,
+        )
+        self._sensor = np.array([sensor], dtype=SENSOR).view(np.float64)
         room = len(self._row_names) + _MAX_GHOSTS
-        self._reports = Reports(np.empty((room, 4)), np.empty(room), np.empty(room, dtype=np.int64))
-        self._last = Pass(np.full((len(self._things.places), 3), np.nan), np.zeros(len(self._row_names)))
+        self._boxes, self._scores = np.empty((room, 4)), np.empty(room)
+        self._rows = np.empty(room, dtype=np.int64)
+        self._tables = (*of_objects, *of_ghosts, self._boxes, self._scores, self._rows)
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Draw a look if one is due; return the oldest result whose time has come."""
@@ -101,37 +107,37 @@ class StatisticalSensor:
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
         height_m = z - self._ground_at_m(x, y)
-        look = Look(position, R, velocity_mps, rates_radps, height_m, self._key, self._look_number)
-        reports = self._reports
         n, end = draw_look(
-            self._optics, look, self._things, self._ghosts, self._last, self._threshold, reports
+            self._sensor, position, R, velocity_mps, rates_radps, height_m, self._look_number, *self._tables
         )
         self._look_number += 1
         if not end:
             return Detections(time_s, *_NOTHING, believed, self._lens)
-        rows = reports.rows[:end].tolist()
-        names = [self._row_names[row] for row in rows[:n]]
-        names += [self._background[c].reported_as for c in rows[n:]]
-        confidences = confidence_of(reports.scores[:end])
-        return Detections(time_s, reports.boxes[:end].copy(), confidences, tuple(names), believed, self._lens)
+        rows = self._rows[:end].tolist()
+        names = [self._row_names[row] for row in rows[:n]] + [self._ghost_names[c] for c in rows[n:]]
+        confidences = confidence_of(self._scores[:end])
+        return Detections(time_s, self._boxes[:end].copy(), confidences, tuple(names), believed, self._lens)
 
-    def _tabulate_objects(self, world: World, classes: Sequence[str], once: np.random.Generator) -> Things:
-        """Objects that can be reported, and for each one row for every class that it can be reported as."""
+    def _tabulate_objects(
+        self, world: World, classes: Sequence[str], once: np.random.Generator
+    ) -> tuple[NDArray[Any], ...]:
+        """Objects that can be reported, and a row for every class that each can be reported as.
+
+        Returned is what ``draw_look`` takes from ``things`` to ``pass_state``.
+        """
         m = self._model
         wanted = [kind for kind in m.kinds if kind.reported_as in classes]
         luck = once.normal(size=(len(world.objects), 1 + len(classes)))
         occluders, surface = Occluders(world), world.terrain.surface
-        things, near, starts, rows = [], [], [0], []
-        self._row_names: list[str] = []
+        things: list[tuple[Any, ...]] = []
+        near: list[int] = []
+        rows: list[list[float]] = []
         for thing, (colour, *own) in zip(world.objects, luck, strict=True):
             kinds = _kinds_of(thing, wanted)
             if not kinds:
                 continue
-            contrast = self._contrast(thing, surface, float(colour))
-            beside = occluders.is_beside_a_crown(thing)
-            facing = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
-            things.append([*middle_enu_m(thing), thing.size_m, shape_of(thing), beside, contrast, *facing])
-            near.append(occluders.near(thing))
+            first_near, first_row = len(near), len(rows)
+            near += occluders.near(thing).tolist()
             for kind in kinds:
                 offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
                 rest = max(1.0 - kind.object_share - kind.pass_share, 0.0)
@@ -140,16 +146,26 @@ class StatisticalSensor:
                 score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
                 rows.append([*score, *kind.spread, *lapse, *kind.factors, offset, *shares])
                 self._row_names.append(kind.reported_as)
-            starts.append(len(rows))
-        return Things(
-            np.array(things, dtype=float).reshape(-1, 9),
+            things.append(
+                (
+                    middle_enu_m(thing),
+                    thing.size_m,
+                    shape_of(thing),
+                    occluders.is_beside_a_crown(thing),
+                    self._contrast(thing, surface, float(colour)),
+                    (math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)),
+                    (first_near, len(near)),
+                    (first_row, len(rows)),
+                    (math.nan, math.nan, math.nan),
+                )
+            )
+        return (
+            np.array(things, dtype=THING).view(np.float64),
             occluders.solids,
-            np.cumsum([0] + [len(n) for n in near]),
-            np.concatenate(near) if near else np.zeros(0, dtype=np.int64),
-            np.array(starts),
+            np.array(near, dtype=np.int64),
             np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH),
             np.log(m.pixels),
-            np.array([m.box.pixels, m.box.of_object, m.box.of_blur, m.fade_px]),
+            np.zeros(len(rows)),
         )
 
     def _contrast(self, thing: WorldObject, surface: str, draw: float) -> float:
@@ -158,50 +174,51 @@ class StatisticalSensor:
         mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
         return float(np.clip((mean + std * draw - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
 
-    def _tabulate_ghosts(self, world: World, classes: Sequence[str], once: np.random.Generator) -> Ghosts:
+    def _tabulate_ghosts(
+        self, world: World, classes: Sequence[str], once: np.random.Generator
+    ) -> tuple[NDArray[Any], ...]:
         """Places where the detector can report what is not there, other ones in every octave of altitude.
 
         Each has a level, in reports a hectare: it is there while the rate at this altitude exceeds it.
+        Returned is what ``draw_look`` takes from ``ghosts`` to ``over_altitude``, and where octaves start.
         """
         m = self._model
-        self._background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
-        self._log_altitudes = [np.log(b.altitude_agl_m) for b in self._background]
+        background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
+        self._ghost_names = [b.reported_as for b in background]
+        log_altitudes = [np.log(b.altitude_agl_m) for b in background]
         floor = float(score_of(m.experiment.confidence_floor))
-        of_classes = np.array(
-            [
-                [
-                    ndtri(b.again),
-                    floor,
-                    math.sqrt(1.0 - b.same_share),
-                    b.pixels,
-                    b.unit_scale,
-                    1.0 / b.score_shape,
-                ]
-                for b in self._background
-            ]
-        ).reshape(-1, 6)
-        nodes = max(map(len, self._log_altitudes), default=0)
+        of_classes = [
+            (
+                ndtri(b.again),
+                floor,
+                math.sqrt(1.0 - b.same_share),
+                b.pixels,
+                b.unit_scale,
+                1.0 / b.score_shape,
+            )
+            for b in background
+        ]
+        nodes = max(map(len, log_altitudes), default=0)
         over_altitude = np.array(
             [
                 [np.pad(row, (0, nodes - len(row)), "edge") for row in (grid, b.per_hectare, b.score_scale)]
-                for grid, b in zip(self._log_altitudes, self._background, strict=True)
+                for grid, b in zip(log_altitudes, background, strict=True)
             ]
-        ).reshape(len(self._background), 3, nodes)
+        ).reshape(len(background), 3, nodes)
         west, south, east, north = world.terrain.bounds_enu_m
         hectares = (east - west) * (north - south) / 1e4
         factors = [
             b.surfaces.get(world.terrain.surface, 1.0) * (b.wooded if world.trees else 1.0)
-            for b in self._background
+            for b in background
         ]
         octaves, starts = [], [0]
         for k in range(OCTAVES):
             parts = [np.zeros((0, 6))]
-            for c, b in enumerate(self._background):
+            for c, b in enumerate(background):
                 ends = np.log(2.0) * np.array([k, k + 1])
-                inside = self._log_altitudes[c][
-                    (self._log_altitudes[c] > ends[0]) & (self._log_altitudes[c] < ends[1])
-                ]
-                top = float(np.interp([*ends, *inside], self._log_altitudes[c], b.per_hectare).max())
+                grid = log_altitudes[c]
+                inside = grid[(grid > ends[0]) & (grid < ends[1])]
+                top = float(np.interp([*ends, *inside], grid, b.per_hectare).max())
                 n = int(once.poisson(hectares * top * factors[c] / b.again))
                 xy = once.uniform((west, south), (east, north), (n, 2))
                 z = world.terrain.height_m(xy) if n else np.zeros(0)
@@ -210,7 +227,12 @@ class StatisticalSensor:
             ghosts = np.concatenate(parts)
             octaves.append(ghosts[ghosts[:, 4].argsort(kind="stable")])
             starts.append(starts[-1] + len(ghosts))
-        return Ghosts(np.concatenate(octaves), np.array(starts), of_classes, over_altitude)
+        return (
+            np.concatenate(octaves).ravel(),
+            np.array(of_classes, dtype=GHOST_CLASS).view(np.float64),
+            over_altitude,
+            np.array(starts),
+        )
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:
