@@ -89,28 +89,34 @@ class TerrainSurface:
         """Ground height in metres ENU at one point: what missions ask at every step."""
         if self._level_m is not None:
             return self._level_m
-        return bilinear(self.heights_m, self.bounds_enu_m, np.array([[x_m, y_m]])).item()
+        return bilinear_at(self.heights_m, self.bounds_enu_m, x_m, y_m)
 
 
 @njit(cache=True)
 def bilinear(heights: F64, bounds: tuple[float, float, float, float], xy: F64) -> F64:
     """Heights (N,) at points (N, 2) of a grid over ``bounds``: west, south, east, north."""
-    west, south, east, north = bounds
-    rows, columns = heights.shape
     out = np.empty(len(xy))
     for k in range(len(xy)):
-        r = min(max((xy[k, 1] - south) / (north - south) * (rows - 1), 0.0), rows - 1.0)
-        c = min(max((xy[k, 0] - west) / (east - west) * (columns - 1), 0.0), columns - 1.0)
-        i, j = min(int(r), rows - 2), min(int(c), columns - 2)
-        south_share, west_share = 1.0 - (r - i), 1.0 - (c - j)
-        north_share, east_share = 1.0 - south_share, 1.0 - west_share
-        out[k] = (
-            heights[i, j] * south_share * west_share
-            + heights[i, j + 1] * south_share * east_share
-            + heights[i + 1, j] * north_share * west_share
-            + heights[i + 1, j + 1] * north_share * east_share
-        )
+        out[k] = bilinear_at(heights, bounds, xy[k, 0], xy[k, 1])
     return out
+
+
+@njit(cache=True)
+def bilinear_at(heights: F64, bounds: tuple[float, float, float, float], x: float, y: float) -> float:
+    """As ``bilinear``, at one point."""
+    west, south, east, north = bounds
+    rows, columns = heights.shape
+    r = min(max((y - south) / (north - south) * (rows - 1), 0.0), rows - 1.0)
+    c = min(max((x - west) / (east - west) * (columns - 1), 0.0), columns - 1.0)
+    i, j = min(int(r), rows - 2), min(int(c), columns - 2)
+    south_share, west_share = 1.0 - (r - i), 1.0 - (c - j)
+    north_share, east_share = 1.0 - south_share, 1.0 - west_share
+    return float(
+        heights[i, j] * south_share * west_share
+        + heights[i, j + 1] * south_share * east_share
+        + heights[i + 1, j] * north_share * west_share
+        + heights[i + 1, j + 1] * north_share * east_share
+    )
 
 
 @dataclass(frozen=True)
