@@ -27,7 +27,12 @@ class Outside:
 
     def __init__(self, **attributes):
         vehicle = Multirotor(
-            SCENARIO.vehicle, SCENARIO.wind, SCENARIO.camera, np.zeros(3), build_terrain(SCENARIO).height_m, 0
+            SCENARIO.vehicle,
+            SCENARIO.wind,
+            SCENARIO.camera,
+            np.zeros(3),
+            build_terrain(SCENARIO).height_at_m,
+            0,
         )
         self.state = vehicle.state
         self.truth = self.renderer = None

@@ -66,7 +66,7 @@ def test_landing_slows_down_near_the_ground():
 def test_the_estimate_agrees_with_the_embedded_vehicle(scan_speed_mps):
     s = scenario().with_search(scan_speed_mps=scan_speed_mps)
     plan, estimate = plan_scenario(s)
-    vehicle = Multirotor(s.vehicle, s.wind, s.camera, np.zeros(3), lambda xy: np.zeros(len(xy)), 0)
+    vehicle = Multirotor(s.vehicle, s.wind, s.camera, np.zeros(3), lambda x, y: 0.0, 0)
     height = s.search.scan_altitude_agl_m
     vehicle.takeoff(height)
     while vehicle.state().position_enu_m[2] < height - 0.8:

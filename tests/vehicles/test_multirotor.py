@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from skysweep.geometry.frames import euler_from_rotation, rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, Gimbal, VehicleLimits, Wind
@@ -13,14 +12,10 @@ CALM = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
 EXACT = VehicleLimits(position_noise_m=0.0, attitude_noise_deg=0.0)
 
 
-def flat(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.zeros(len(xy))
-
-
 def vehicle(
     limits: VehicleLimits = EXACT, wind: Wind = CALM, camera: CameraModel | None = None, seed: int = 1
 ) -> Multirotor:
-    return Multirotor(limits, wind, camera or CameraModel(), np.zeros(3), flat, seed)
+    return Multirotor(limits, wind, camera or CameraModel(), np.zeros(3), lambda x, y: 0.0, seed)
 
 
 def hovering(altitude_m: float = 30.0, **kwargs: object) -> Multirotor:
@@ -78,7 +73,7 @@ def test_takeoff_takes_as_long_as_px4s() -> None:
 
 
 def test_lands_on_high_ground() -> None:
-    v = Multirotor(EXACT, CALM, CameraModel(), [0, 0, 0], lambda xy: 0.1 * xy[:, 0], 1)
+    v = Multirotor(EXACT, CALM, CameraModel(), [0, 0, 0], lambda x, y: 0.1 * x, 1)
     v.place([100.0, 0.0, 25.0], [0.0, 0.0, 0.0], 0.0)
     v.land()
     v.advance(40.0)

@@ -108,7 +108,7 @@ def test_lands_as_px4_does_under_its_estimates() -> None:
     px4_s = logged_s[np.argmax(log.position_enu_m[start:, 2] < 0.5)]
     still_air = Wind(mean_speed_mps=0.0, gust_std_mps=0.0)
     exact = VehicleLimits(position_noise_m=0.0, attitude_noise_deg=0.0)
-    vehicle = Multirotor(exact, still_air, CameraModel(), np.zeros(3), lambda xy: np.zeros(len(xy)), 0)
+    vehicle = Multirotor(exact, still_air, CameraModel(), np.zeros(3), lambda x, y: 0.0, 0)
     vehicle.place(log.position_enu_m[start], log.velocity_enu_mps[start], log.yaw_rad[start])
     vehicle.land()
     landed_s = 0.0

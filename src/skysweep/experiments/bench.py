@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.experiments.workers import run_jobs
 from skysweep.flights.build import build_mission
@@ -85,11 +84,9 @@ def _at_rate(scenario: Scenario, rate_hz: float) -> Scenario:
 
 def _vehicle_rtf(scenario: Scenario) -> float:
     """The vehicle alone, flying squares, advanced in the mission's ticks."""
-
-    def ground(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.zeros(len(xy))
-
-    vehicle = Multirotor(scenario.vehicle, scenario.wind, scenario.camera, (0, 0, 0), ground, 0)
+    vehicle = Multirotor(
+        scenario.vehicle, scenario.wind, scenario.camera, (0, 0, 0), lambda _east_m, _north_m: 0.0, 0
+    )
     vehicle.takeoff(30.0)
     vehicle.advance(20.0)
     corners = np.array([[0, 0, 30], [40, 0, 30], [40, 40, 30], [0, 40, 30]], dtype=float)

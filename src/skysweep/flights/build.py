@@ -103,12 +103,10 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
 
 
 def _embedded(scenario: Scenario, world: World, seed: int, unit: int) -> Vehicle:
-    home_xy = np.array(scenario.home.position_enu_m, dtype=float)
-    home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
-    ground_height_m = world.terrain.height_m
-    return Multirotor(
-        scenario.vehicle, scenario.wind, scenario.camera, home, ground_height_m, seed, unit=unit
-    )
+    east_m, north_m = scenario.home.position_enu_m
+    ground_at_m = world.terrain.height_at_m
+    home = (east_m, north_m, ground_at_m(east_m, north_m))
+    return Multirotor(scenario.vehicle, scenario.wind, scenario.camera, home, ground_at_m, seed, unit=unit)
 
 
 class _Believed:

@@ -170,7 +170,7 @@ def fly_again(log: Log) -> tuple[FlownManoeuvre, FlownManoeuvre]:
         _STILL_AIR,
         CameraModel(),
         np.zeros(3),
-        lambda xy: np.zeros(len(xy)),
+        lambda _east_m, _north_m: 0.0,
         0,
         Airframe(drag_n_per_mps=log.drag_n_per_mps),
     )

@@ -437,8 +437,8 @@ def _move_gimbal(x: Record, R: Entries, pitch: float, rate_max: float, gain: flo
 
 
 @njit(cache=True, error_model="numpy")
-def fly(state: F64, rng: U64, parameters: F64, steps: int) -> None:
-    """Moves the simulation by ``steps`` of STEP_S."""
+def fly(state: F64, rng: U64, parameters: F64, steps: int, out: F64) -> None:
+    """Moves the simulation by ``steps`` of STEP_S, and writes the ``poses`` then."""
     x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
     pitch, rate_max = q.gimbal_pitch, q.gimbal_rate
     gain = (1.0 - math.exp(-STEP_S / max(q.gimbal_lag, 1e-6))) / STEP_S
@@ -462,15 +462,16 @@ def fly(state: F64, rng: U64, parameters: F64, steps: int) -> None:
                 x.thrust = 0.0
         _move_gimbal(x, R, pitch, rate_max, gain)
         x.energy_wh += power * STEP_S / 3600.0
+    poses(state, parameters, out)
 
 
 @njit(cache=True, error_model="numpy")
 def poses(state: F64, parameters: F64, out: F64) -> None:
-    """What the vehicle believes and what is so, as rows of 3 in ``out`` (18, 3).
+    """What the vehicle believes and what is so, as rows of 3 in ``out`` (19, 3).
 
     Believed: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.
     True: 9-11 R_body_to_enu, 12 camera position, 13-15 R_camera_to_enu, 16 camera velocity in camera axes,
-    17 camera rates in camera axes.
+    17 camera rates in camera axes. Both: 18 time, energy, whether it is airborne.
     """
     x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
     e = _turn(x.attitude_error[0], x.attitude_error[1], x.attitude_error[2])
@@ -490,6 +491,7 @@ def poses(state: F64, parameters: F64, out: F64) -> None:
             out[6 + i, j] = C[3 * i + j]
             out[9 + i, j] = R[3 * i + j]
             out[13 + i, j] = K[3 * i + j]
+    out[18, 0], out[18, 1], out[18, 2] = x.steps * STEP_S, x.energy_wh, x.airborne
     for j in range(3):
         out[16, j] = 0.0
         out[17, j] = 0.0

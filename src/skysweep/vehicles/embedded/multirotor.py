@@ -36,7 +36,7 @@ class Airframe:
 class Multirotor:
     """A multirotor that flies PX4 offboard setpoints at 250 Hz inside; implements ``types.Vehicle``.
 
-    Starts landed at ``home_enu_m`` (3,). ``ground_height_m`` maps (N, 2) ENU metres to (N,) heights.
+    Starts landed at ``home_enu_m`` (3,). ``ground_at_m`` is the height ENU of the ground at east and north.
     The same arguments and the same calls give the same bits; another ``unit`` has other errors and gusts.
     """
 
@@ -46,7 +46,7 @@ class Multirotor:
         wind: Wind,
         camera: CameraModel,
         home_enu_m: ArrayLike,
-        ground_height_m: Callable[[F64], F64],
+        ground_at_m: Callable[[float, float], float],
         seed: int,
         airframe: Airframe | None = None,
         unit: int = 0,
@@ -67,7 +67,7 @@ class Multirotor:
         q["hover_power"] = limits.hover_power_w
         self._wind_enu_mps = q["wind"].copy()
         self._battery_wh = limits.battery_wh
-        self._ground_height_m = ground_height_m
+        self._ground_at_m = ground_at_m
         seeds = np.random.SeedSequence([seed, _VEHICLE_STREAM, unit] if unit else [seed, _VEHICLE_STREAM])
         self._rng: NDArray[np.uint64] = seeds.generate_state(1, np.uint64).astype(np.uint64)
         self._time_s = 0.0
@@ -89,17 +89,17 @@ class Multirotor:
 
         Its estimate of the mean wind is exact.
         """
-        x, p = self._x, self._poses()
-        energy_wh = x["energy_wh"].item()
+        p = self._poses()
+        time_s, energy_wh, airborne = p[18].tolist()
         return VehicleState(
-            x["steps"].item() * d.STEP_S,
+            time_s,
             p[0],
             p[1],
             p[2:5],
             CameraPose(p[5], p[6:9]),
             max(0.0, 1.0 - energy_wh / self._battery_wh),
             energy_wh,
-            x["airborne"].item() != 0.0,
+            airborne != 0.0,
             0.0,
             0.0,
             self._wind_enu_mps,
@@ -113,7 +113,7 @@ class Multirotor:
         if setpoint is self._followed:
             return
         x = self._x
-        if x["mode"] == d.ON_GROUND:
+        if x["mode"].item() == d.ON_GROUND:
             raise RuntimeError("the vehicle is on the ground: call takeoff() before command()")
         if not math.isfinite(sum(setpoint.position_enu_m.tolist())):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
@@ -136,8 +136,8 @@ class Multirotor:
             if near_ground or flown - self._ground_at_step >= _GROUND_EVERY_STEPS:
                 self._look_at_ground()
             steps = min(left, _GROUND_EVERY_STEPS)
-            d.fly(self._state, self._rng, self._parameters, steps)
-            self._known_poses = None
+            self._known_poses = np.empty((19, 3))
+            d.fly(self._state, self._rng, self._parameters, steps, self._known_poses)
             flown += steps
             left -= steps
 
@@ -240,7 +240,7 @@ class Multirotor:
 
     def _poses(self) -> F64:
         if self._known_poses is None:
-            self._known_poses = np.empty((18, 3))
+            self._known_poses = np.empty((19, 3))
             d.poses(self._state, self._parameters, self._known_poses)
         return self._known_poses
 
@@ -262,14 +262,14 @@ class Multirotor:
         x["target_yaw"] = x["believed_yaw"]
 
     def _set_mode(self, mode: float) -> None:
-        if self._x["mode"] != mode:
+        if self._x["mode"].item() != mode:
             self._x["mode"] = mode
             self._x["mode_time"] = self._x["contact_time"] = 0.0
 
     def _look_at_ground(self) -> None:
-        x = self._x
-        x["ground_height"] = self._ground_height_m(x["position"][None, :2])[0]
-        self._ground_at_step = int(x["steps"])
+        east_m, north_m, _ = self._x["position"].tolist()
+        self._x["ground_height"] = self._ground_at_m(east_m, north_m)
+        self._ground_at_step = int(self._x["steps"].item())
 
 
 def _record(layout: np.dtype[np.void]) -> tuple[NDArray[np.void], F64]:
