@@ -101,7 +101,7 @@ class Looks:
     @property
     def scan_is_slowed(self) -> bool:
         """Whether the scan is slower than planned, because looks are rare."""
-        return self.scan_speed_mps < self._scan_speed_mps
+        return self.are_rare and self.scan_speed_mps < self._scan_speed_mps
 
     def begin(self, time_s: float) -> None:
         """Looking begins now."""

@@ -119,8 +119,8 @@ class Flight:
         """The next tick, which the vehicle's time passes after. Raises StopIteration when it has landed."""
         return next(self._ticks)
 
-    def __iter__(self) -> Flight:
-        return self
+    def __iter__(self) -> Iterator[Tick]:
+        return self._ticks
 
     def __enter__(self) -> Flight:
         return self
@@ -211,14 +211,14 @@ class Flight:
         done_s = math.inf  # when the strategy had nothing more to do
         while True:
             alarm = self._look_after(state, Phase.SEARCH)
-            if alarm.action is Action.KEEP_OUT:
+            if alarm.action > Action.HOLD:
+                if alarm.action is not Action.KEEP_OUT:
+                    return alarm
                 self._interrupted = True
                 state = yield from self._keep_out(state, Phase.SEARCH)
                 if not state.airborne:
                     return alarm
                 continue
-            if alarm.action > Action.HOLD:
-                return alarm
             detections = self._look(state)
             if alarm.action is Action.HOLD:
                 self._interrupted = True
@@ -403,7 +403,7 @@ class Flight:
 
     def _paced(self, mode: Mode, waypoint: Waypoint) -> Waypoint:
         """A SCAN is no faster than the looks allow."""
-        if mode != Mode.SCAN or not self._looks.scan_is_slowed:
+        if not self._looks.scan_is_slowed or mode != Mode.SCAN:
             return waypoint
         return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
@@ -456,10 +456,10 @@ class Flight:
         """Let one tick pass; the state after it."""
         self._notes.state(state, mode)
         yield Tick(state, mode, detections)
-        self._m.vehicle.advance(self._tick_s)
+        self._heard.advance(self._tick_s)
         if self._m.witness is not None:
             self._m.witness.see(mode)
-        return self._m.vehicle.state()
+        return self._heard.state()
 
     def _altitude_agl_m(self, state: VehicleState) -> float:
         x, y, z = state.position_enu_m.tolist()
