@@ -1,4 +1,4 @@
-"""A vehicle's states as a mission can use them, whatever is wrong with their clock or their numbers."""
+"""A vehicle's states made usable, whatever is wrong with their clock or numbers."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import math
 
 from skysweep.types import Setpoint, Vehicle, VehicleState
 
-_LATE_S = 1.0  # a state that is older than the newest by more did not come late: the clock went back
+_LATE_S = 1.0  # a state older than the newest by more is not late: the clock went back
 
 
 class Believable:
-    """A vehicle whose time never goes back and whose numbers are numbers. Implements ``types.Vehicle``.
+    """A vehicle whose time never goes back and whose position is finite. Implements ``types.Vehicle``.
 
-    - Time that was asked for and did not pass is silence of the telemetry: a clock that stands still, or one
-      state told again and again, is no news.
-    - A state older than the newest came late, and the newest stays. A clock that goes back by more than a
-      second is followed from there; ``went_back_s`` is by how much, all in all.
-    - A state with a number that is none (NaN) has no position; its place is that of the last sound state.
+    - A clock that stands still, or a repeated state, counts as silent telemetry.
+    - A state older than the newest is dropped. A clock that goes back by more than a second is followed from
+      there; ``went_back_s`` is the total.
+    - A state with NaN has no position: it keeps the place and attitude of the last sound state.
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
@@ -26,7 +25,6 @@ class Believable:
         self._asked_s = self.went_back_s = 0.0
 
     def state(self) -> VehicleState:
-        """What the vehicle says."""
         state = self._vehicle.state()
         finite = math.isfinite(sum(state.camera.position_enu_m.tolist()))
         if finite and state.time_s > self._newest.time_s and self.went_back_s == 0.0:
@@ -36,12 +34,11 @@ class Believable:
         return self._doubted(state)
 
     def advance(self, duration_s: float) -> None:
-        """Lets time pass."""
         self._vehicle.advance(duration_s)
         self._asked_s += duration_s
 
     def takeoff(self, altitude_agl_m: float) -> None:
-        """Takes off; the vehicle's time may begin with that."""
+        """Take off; the vehicle's time may start here."""
         self._vehicle.takeoff(altitude_agl_m)
         self._newest, self._asked_s = self._vehicle.state(), 0.0
 
@@ -73,5 +70,5 @@ class Believable:
 
 
 def has_place(state: VehicleState) -> bool:
-    """Whether place and attitude are numbers: those of the camera are made of them."""
+    """Whether place and attitude are finite: the camera's place is derived from both."""
     return math.isfinite(sum(state.camera.position_enu_m.tolist()))

@@ -1,7 +1,7 @@
-"""How a mission keeps clear of what is known to stand in its way: over it, and looking at it from beside.
+"""Keeps a mission clear of known obstacles: legs go over them, checks look from beside them.
 
-Legs are flown over what reaches up to them; the vehicle climbs before it and waits where the climb takes
-longer. A place that cannot be come down to is looked at from the nearest one that is clear, as low as can be.
+The vehicle climbs ahead of an obstacle and waits if the climb takes longer. A place it cannot descend to is
+looked at from the nearest clear one, as low as possible.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
 
-_SIGMAS = 3.0  # of the position's error that are kept clear on top
-_ROOM_M = 0.5  # for the control: places, and heights over obstacles, are chosen that much farther away
-_BRAKING_S = 1.5  # at any speed, until the vehicle stands
-_CLIMB_SHARE = 0.5  # of the climb speed that a climb on the way counts on
-_IN_PICTURE_M = 1.2  # from the picture's edges: how far off hovering and position may be
-_FINENESS = 12  # places in one height of the vehicle
-_LEVEL_M = 2.0  # between two heights of looking
-_MOVED_M = 1.0  # a place that moves less is looked at from where it was
+_SIGMAS = 3.0  # of the position error, added to the clearance
+_ROOM_M = 0.5  # extra distance for control errors
+_BRAKING_S = 1.5  # to a stop, from any speed
+_CLIMB_SHARE = 0.5  # of the climb speed that is planned with on a leg
+_IN_PICTURE_M = 1.2  # from the picture's edges, for errors of hovering and position
+_FINENESS = 12  # places tried per height of the vehicle
+_LEVEL_M = 2.0  # between the heights tried
+_MOVED_M = 1.0  # a place that moves less keeps its lookout
 
 
 class Clearance:
-    """Knows the obstacles of one mission and where its camera looks. Without obstacles it changes nothing."""
+    """The obstacles of one mission and the view of its camera. Without obstacles it changes nothing."""
 
     def __init__(self, scenario: Scenario, obstacles: Obstacles, fence: Fence, yaw_rad: float) -> None:
         self._obstacles, self._fence, self._lens = obstacles, fence, scenario.camera.lens
@@ -41,15 +41,15 @@ class Clearance:
         self._clear_above_m = obstacles.top_m() + self._keep_m if obstacles.exist else -math.inf
         pitch_rad = math.radians(scenario.camera.gimbal.pitch_deg)
         self._R_camera_to_enu = rotation_camera_to_enu(yaw_rad, pitch_rad)
-        self._held_xy: XY | None = None  # where a climb is waited for
-        self._looked: tuple[Waypoint, Waypoint | None] | None = None  # asked for last, and the answer
+        self._held_xy: XY | None = None  # where it waits for a climb
+        self._looked: tuple[Waypoint, Waypoint | None] | None = None  # the last request, and its answer
 
     def over(
         self, here_enu_m: F64, to: XY, ground_m: float, waypoint: Waypoint
     ) -> tuple[float, float, float]:
-        """Where to fly to now, ENU, on the way to a place, at the waypoint's altitude above ``ground_m``.
+        """Where to fly now, ENU, on the way to a place, at the waypoint's altitude above ``ground_m``.
 
-        Higher than that where obstacles ask for it; straight up where the next metres are not clear.
+        Obstacles raise it; if the next metres are not clear, it is straight up.
         """
         x, y, z = here_enu_m.tolist()
         height_m = ground_m + waypoint.altitude_agl_m
@@ -71,9 +71,9 @@ class Clearance:
         return (*to, height_m)
 
     def lookout(self, waypoint: Waypoint) -> Waypoint | None:
-        """Where to fly to, to see the waypoint's place: there, else beside it, else higher; None: nowhere.
+        """From where to see the waypoint's place: from there, else beside, else higher; None if nowhere.
 
-        What is seen lies well inside the picture, and no known crown or building hides it.
+        The place is then well inside the picture, and no known crown or building hides it.
         """
         if not len(self._obstacles.solids):
             return waypoint
@@ -102,7 +102,7 @@ class Clearance:
         return None
 
     def _offsets(self, above_m: float) -> F64:
-        """From a place: where (N, 2) it is in the picture from, ``above_m`` above it, the nearest first."""
+        """Offsets (N, 2) from which a place ``above_m`` below is in the picture, nearest first."""
         steps = above_m / _FINENESS * np.arange(-2 * _FINENESS, 2 * _FINENESS + 1)
         grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         down = np.column_stack([-grid, np.full(len(grid), -above_m)]) @ self._R_camera_to_enu
@@ -117,12 +117,12 @@ class Clearance:
 
 
 def keep_m(scenario: Scenario) -> float:
-    """What the believed position is kept clear of obstacles by, so that the true one keeps the clearance."""
+    """Distance to keep by the believed position, so that the true one keeps the clearance."""
     return scenario.safety.clearance_m + _SIGMAS * scenario.vehicle.position_noise_m
 
 
 def too_high(scenario: Scenario, obstacles: Obstacles) -> list[shapely.Polygon]:
-    """Outlines, with the clearance, of what cannot be flown over below the ceiling: it is flown round."""
+    """Outlines, with clearance, of obstacles too high to fly over below the ceiling."""
     tops = obstacles.solids[:, 8] - obstacles.terrain.height_m(obstacles.solids[:, :2])
     least_m = keep_m(scenario) + _ROOM_M
     high = tops + least_m > scenario.safety.altitude_max_agl_m

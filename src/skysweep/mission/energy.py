@@ -1,7 +1,7 @@
-"""What the way home costs from anywhere, and a waypoint before it.
+"""The energy to fly home from anywhere, directly or via a waypoint.
 
-Times as in ``planning/flight_plan.py``; speed over ground is what the wind leaves of the air speed; power
-grows with the thrust that drag asks for (momentum theory: thrust to the power of 1.5).
+Times as in ``planning/flight_plan.py``; speed over ground is the air speed less the wind; power grows with
+the thrust that drag demands (momentum theory: thrust to the power of 1.5).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, VehicleState, Waypoint
 
 _G = 9.81
-_SLOWEST_MPS = 0.1  # over ground: slower is no way home
+_SLOWEST_MPS = 0.1  # over ground, to get home at all
 
 
 class ReturnEnergy:
-    """Energy in Wh that the vehicle needs to come home and land."""
+    """Energy in Wh to fly home and land."""
 
     def __init__(self, scenario: Scenario, fence: Fence, return_altitude_agl_m: float, look_s: float) -> None:
         self._vehicle, self._air_speed_max_mps = scenario.vehicle, scenario.safety.air_speed_max_mps
@@ -28,18 +28,18 @@ class ReturnEnergy:
         self._look_s = look_s
 
     def home_wh(self, xy: XY, altitude_agl_m: float, wind_xy_mps: XY) -> float:
-        """From a place: the climb to the return altitude, the way and the landing. inf: no way home."""
+        """Climb to the return altitude, way home and landing; inf if there is no way."""
         climb_s = max(0.0, self._altitude_agl_m - altitude_agl_m) / self._vehicle.climb_speed_mps
         upright_wh = self.power_w(math.hypot(*wind_xy_mps)) * (climb_s + self._landing_s) / 3600.0
         return upright_wh + self._way_wh(xy, self._home, self._vehicle.cruise_speed_mps, wind_xy_mps)
 
     def landing_wh(self, altitude_agl_m: float, wind_xy_mps: XY) -> float:
-        """Straight down from a height."""
+        """Straight down from here."""
         landing_s = landing_time_s(max(0.0, altitude_agl_m), self._vehicle.descent_speed_mps)
         return self.power_w(math.hypot(*wind_xy_mps)) * landing_s / 3600.0
 
     def waypoint_wh(self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint) -> float:
-        """From here: go to the waypoint, up or down, look twice, and come home from there."""
+        """To the waypoint, two looks there, and home."""
         x, y, _ = state.position_enu_m.tolist()
         wind = wind_xy(state)
         up_m = waypoint.altitude_agl_m - altitude_agl_m
@@ -68,16 +68,15 @@ class ReturnEnergy:
         return self.power_w(math.hypot(over_ground - tail, cross)) * seconds / 3600.0
 
     def power_w(self, air_speed_mps: float) -> float:
-        """What level flight draws from the battery."""
+        """Power of level flight."""
         thrust = math.hypot(1.0, DRAG_PER_S * air_speed_mps / _G)
         return float(self._vehicle.hover_power_w * thrust**1.5)
 
 
 class Charge:
-    """What the battery still holds.
+    """The charge of the battery: what the vehicle reports.
 
-    That is what the vehicle says, and while it says nothing at most what it said last, or a full battery,
-    less what is measured and at least what flying takes.
+    Without a report: the last one, or a full battery, less the greater of measured and estimated use.
     """
 
     def __init__(self, energy: ReturnEnergy, battery_wh: float) -> None:
@@ -86,7 +85,7 @@ class Charge:
         self.was_said = False
 
     def left(self, state: VehicleState) -> float:
-        """The share, 0..1. Must see the states in their order."""
+        """The share, 0..1. To be asked with the states in order."""
         if not math.isnan(state.battery_remaining):
             self._share, self.was_said = state.battery_remaining, True
         elif state.airborne:
@@ -101,12 +100,12 @@ class Charge:
 
 
 def wind_xy(state: VehicleState) -> XY:
-    """The estimated mean wind over ground; none where it is unknown."""
+    """The estimated mean wind over ground; zero if unknown."""
     return known_wind_xy(state) or (0.0, 0.0)
 
 
 def known_wind_xy(state: VehicleState) -> XY | None:
-    """The estimated mean wind over ground; None: unknown."""
+    """The estimated mean wind over ground; None if unknown."""
     if state.wind_enu_mps is None:
         return None
     east, north, _ = state.wind_enu_mps.tolist()

@@ -1,4 +1,4 @@
-"""Where the vehicle may be, and the way from one place to another inside it."""
+"""Where the vehicle may be, and the ways inside."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skysweep.types import XY
 
 F64 = NDArray[np.float64]
 
-_MARGIN_M = 2.0  # that a way round keeps from fence and no-fly areas
+_MARGIN_M = 2.0  # from fence and no-fly areas, on a way round
 _SLACK_M = 0.05
 _REACHED_M = 2.0  # PX4 NAV_ACC_RAD
 _NO_PATH = np.zeros((0, 2))
@@ -26,10 +26,9 @@ _MAX_CORNERS = 20_000
 
 
 class Fence:
-    """The geofence without the no-fly areas and what is too high to be flown over.
+    """The geofence less the no-fly areas and obstacles too high to fly over.
 
-    Where no geofence is drawn, the surroundings of area, home and the path (N, 2). Without any of them
-    everything is inside.
+    Without a geofence: the surroundings of area, home and the path (N, 2); without those, everywhere.
     """
 
     def __init__(
@@ -45,7 +44,7 @@ class Fence:
         else:
             inside = surroundings(scenario, path_xy_enu_m, list(shapely.get_parts(forbidden)))
         self.exists = inside is not None or not forbidden.is_empty
-        self.is_straight = scenario.geofence_enu_m is None and forbidden.is_empty  # nothing is flown round
+        self.is_straight = scenario.geofence_enu_m is None and forbidden.is_empty  # all ways are
         if not self.exists:
             return
         if inside is None:
@@ -69,21 +68,18 @@ class Fence:
         return not self.exists or bool(shapely.intersects_xy(self._free, *xy))
 
     def outside_m(self, xy: XY) -> float:
-        """How far a place is from being inside; 0 inside."""
+        """Distance of a place from the inside; 0 inside."""
         return 0.0 if self.allows(xy) else float(shapely.distance(self._free, shapely.Point(xy)))
 
     def room_m(self, xy: XY) -> float:
-        """How far a place inside is from the edge; 0 outside."""
+        """Distance of a place from the edge; 0 outside."""
         if not self.exists:
             return math.inf
         place = shapely.Point(xy)
         return float(self._edge.distance(place)) if self._free.intersects(place) else 0.0
 
     def way(self, start: XY, goal: XY) -> list[XY]:
-        """Places to fly to, one after another, ``goal`` the last; straight where nothing is in the way.
-
-        From outside it leads back inside first. Empty where there is no way.
-        """
+        """Places to fly to in turn, ``goal`` last. From outside it leads inside first. Empty: no way."""
         if self.is_straight:
             return [goal] if self.allows(goal) else []
         if self._sees(start, goal):
@@ -100,7 +96,7 @@ class Fence:
         return bool(shapely.covers(self._free, shapely.LineString([a, b])))
 
     def _visible(self, xy: XY) -> list[tuple[int, float]]:
-        """Corners that can be flown to straight, with their distances."""
+        """Corners in sight, with their distances."""
         ends = np.broadcast_to(np.array(xy), self._corners.shape)
         clear = shapely.covers(self._free, shapely.linestrings(np.stack([ends, self._corners], axis=1)))
         distances = np.linalg.norm(self._corners - ends, axis=1)
@@ -109,7 +105,7 @@ class Fence:
     def _way_round(self, start: XY, goal: XY) -> list[XY]:
         """Shortest way over the corners: A* (Hart, Nilsson & Raphael 1968) on the visibility graph.
 
-        What a corner sees is asked for when the search comes by: in a wood that is the costly part.
+        Visibility, the costly part in a wood, is computed only for corners that the search reaches.
         """
         ahead_m = np.linalg.norm(self._corners - goal, axis=1)
         sees_goal = {k for k, _ in self._visible(goal)}
@@ -135,7 +131,7 @@ class Fence:
 
 
 class SearchedArea:
-    """Where candidates are checked: the area without its holes, by as much wider as they may be misplaced."""
+    """Where candidates are checked: the area less its holes, widened by the localisation error."""
 
     def __init__(self, scenario: Scenario) -> None:
         misplaced_m = 2.0 * localisation_std_m(scenario, scenario.search.scan_altitude_agl_m)
@@ -149,7 +145,7 @@ class SearchedArea:
 
 
 class Router:
-    """Which place to fly to now, on the way to a goal."""
+    """The next place on the way to a goal."""
 
     def __init__(self, fence: Fence) -> None:
         self._fence = fence
@@ -157,7 +153,7 @@ class Router:
         self._way: list[XY] = []
 
     def next_xy(self, here: XY, goal: XY) -> XY:
-        """The goal, or the corner that comes before it. The goal too where there is no way."""
+        """The next corner, or the goal if there is none or no way."""
         if self._fence.is_straight:
             return goal
         if goal != self._goal:

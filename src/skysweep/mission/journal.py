@@ -1,4 +1,4 @@
-"""The journal: one JSON object a line, appended as things happen, so that a killed mission loses nothing."""
+"""The journal: one JSON object a line, appended as events happen, so that a killed mission loses nothing."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.files.line_file import LineFile, read_lines
 
-_UNHURRIED = {"state", "look"}  # of these a power failure may take the newest: they are made again
-_EXACT = {"look", "snapshot"}  # these a mission goes on from, so their numbers are not rounded
+_UNHURRIED = {"state", "look"}  # not fsynced: a resumed mission makes them again
+_EXACT = {"look", "snapshot"}  # not rounded: a mission resumes from them
 _PLAIN_TYPES = {str, int, bool, type(None)}
 
 
 class Journal(Protocol):
-    """Takes down what happens; what changes a mission's state is on the disk before it goes on.
+    """Records what happens; what changes a mission's state is on disk before the mission continues.
 
-    ``failed`` says in a sentence why nothing can be taken down any more: it is time to fly home.
+    ``failed`` says in a sentence why no more can be recorded: it is time to fly home.
     """
 
     @property
@@ -35,10 +35,10 @@ class Journal(Protocol):
 class FileJournal:
     """Appends to a run folder's journal; every line but states and looks is fsynced.
 
-    When the disk takes no more, ``failed`` says so, what is there stays sound and nothing more is written.
-    ``set_aside`` is for a damaged one, see ``LineFile``. Each of ``listeners`` is told every new line.
+    When the disk is full, ``failed`` says so and nothing more is written. ``set_aside`` is for a damaged
+    journal, see ``LineFile``. Each of ``listeners`` gets every new line.
 
-    Raises UserError where the journal cannot be written, is being written, or is damaged.
+    Raises UserError if the journal cannot be written, is being written, or is damaged.
     """
 
     failed: str | None = None
@@ -50,7 +50,7 @@ class FileJournal:
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """What the journal held when it was opened, and was not cut off."""
+        """The lines it held when opened, less those cut off."""
         return self._file.records
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
@@ -69,7 +69,7 @@ class FileJournal:
         self._file.cut(n_lines)
 
     def mend(self) -> None:
-        """Cut off what is behind ``records``, as the next line would."""
+        """Cut off what follows ``records``, as the next line would."""
         self._file.mend()
 
     def close(self) -> None:
@@ -78,7 +78,7 @@ class FileJournal:
 
 
 class MemoryJournal:
-    """Keeps what happens in memory, for missions by the thousand. Its lines are made when they are read."""
+    """A journal in memory, for missions by the thousand. Its lines are made when they are read."""
 
     failed: str | None = None
 
@@ -108,26 +108,26 @@ class MemoryJournal:
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
-    """The lines of a journal. A torn last line is normal after a crash and is left out.
+    """The lines of a journal, less a torn last one, which is normal after a crash.
 
-    Raises UserError naming the line when one in the middle is damaged, and how to save those before it.
+    Raises UserError naming a damaged line in the middle, and how to save those before it.
     """
     return read_lines(path, journal_remedy(path))
 
 
 def line_of(time_s: float, kind: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """What a journal writes: plain data, rounded except where a mission goes on from it."""
+    """A line as plain data, rounded unless a mission resumes from it."""
     plain = _exact if kind in _EXACT else _plain
     return {"t": round(time_s, 4), "kind": kind} | {k: plain(v) for k, v in fields.items()}
 
 
 def resume_command(folder: Path, replays: bool = True) -> str:
-    """What goes on with the mission in a run folder, to be typed; a real vehicle's does not replay."""
+    """The command that resumes the mission of a run folder; a real vehicle's does not replay."""
     return f"skysweep {'resume' if replays else 'fly'} {shlex.quote(str(folder))}"
 
 
 def journal_remedy(path: Path) -> str:
-    """What to do about a journal that is damaged."""
+    """What to do about a damaged journal."""
     folder = shlex.quote(str(path.parent))
     return (
         f"'skysweep report {folder} --from-sound-lines --out NEW_FOLDER' reports those, and "
@@ -136,7 +136,7 @@ def journal_remedy(path: Path) -> str:
 
 
 def _exact(value: Any) -> Any:
-    """Plain data of arrays and tuples, every digit kept; what is not finite becomes a string."""
+    """Plain data with every digit; what is not finite becomes a string."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else str(value)
     if isinstance(value, list | tuple):
@@ -147,7 +147,7 @@ def _exact(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Plain rounded data of arrays, tuples and floats; infinity becomes the string 'inf'."""
+    """Plain rounded data; infinity becomes the string 'inf'."""
     if isinstance(value, str | int):
         return value
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
@@ -166,7 +166,7 @@ def _plain(value: Any) -> Any:
 
 
 def _plain_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What ``_plain`` makes of mappings with the same keys: much faster than one by one."""
+    """``_plain`` of mappings with the same keys: much faster than one by one."""
     columns = [_plain_column([row[key] for row in rows]) for key in rows[0]]
     return [dict(zip(rows[0], values, strict=True)) for values in zip(*columns, strict=True)]
 
@@ -185,7 +185,7 @@ def _plain_column(values: list[Any]) -> list[Any]:
 
 
 def _plain_table(values: NDArray[np.float64]) -> Any:
-    """What ``_plain`` makes of each row."""
+    """``_plain`` of each row."""
     rounded = np.empty(values.shape)
     certain = _round(values.ravel(), rounded.ravel())
     plain: Any = rounded.tolist()
@@ -197,9 +197,9 @@ def _plain_table(values: NDArray[np.float64]) -> Any:
 
 @njit(cache=True)
 def _round(values: NDArray[np.float64], out: NDArray[np.float64]) -> bool:
-    """Write finite values rounded to four digits into ``out``; whether that is certain for all.
+    """Write values rounded to four digits into ``out``; False if some are NaN there.
 
-    It is not where a value is large or half way between two, and Python has to look closer: there is NaN.
+    Those are not finite, large or nearly half way, and left to Python's exact rounding.
     """
     certain = True
     for k, value in enumerate(values):

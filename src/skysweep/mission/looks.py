@@ -1,4 +1,4 @@
-"""What the mission knows of its eyes: which looks were answered, how old they are, what was flown blind."""
+"""Which looks were answered, how old the newest is, and which legs were flown blind."""
 
 from __future__ import annotations
 
@@ -15,21 +15,20 @@ from skysweep.types import XY, Detections, Doubt, LookPeriod, VehicleState
 
 F64 = NDArray[np.float64]
 
-_STRAIGHT_M = 2.0  # a flown path is told in legs that are this near to it
-_CLOCK_SLACK_S = 0.5  # a picture from a later future is a wrong clock
+_STRAIGHT_M = 2.0  # tolerance of the legs that stand for a flown path
+_CLOCK_SLACK_S = 0.5  # a picture farther in the future has a wrong clock
 _LOOKS_EACH = 2  # at each place, at least, when looks are rare
-_REMEMBERED = 64  # looks, to know one that comes twice
-_TRACK_LOOKS = 40  # before the newest: so far back may doubt of the camera reach
-_JUDGED = 10  # looks, of which so many may be doubted without a word
-_HICCUPS = 1
+_REMEMBERED = 64  # looks, to recognise duplicates
+_TRACK_LOOKS = 40  # how many looks back the camera may be doubted
+_JUDGED, _HICCUPS = 10, 1  # looks, and how many of them may be doubted without an alarm
 
 
 class Looks:
     """Takes every answer of the sensor and the track flown meanwhile.
 
-    A stretch of a SCAN is blind when no look that was exposed on it was answered, and it took longer than a
-    look does and ``safety.detector_silent_s``. While the sensor keeps a lower rate than usual, looks take
-    longer, and blind is also what lay in no picture.
+    A stretch of a SCAN is blind if no look exposed on it was answered for longer than a look takes plus
+    ``safety.detector_silent_s``. While the sensor is slower than usual, looks take longer, and ground that
+    was in no picture is blind as well.
     """
 
     def __init__(self, scenario: Scenario, period: LookPeriod, cover_altitude_agl_m: float) -> None:
@@ -52,7 +51,7 @@ class Looks:
 
     @property
     def usual_age_s(self) -> float:
-        """How old the newest answered look becomes when all is well."""
+        """The greatest normal age of the newest answered look."""
         period_s = self._period.period_s
         answer_s = max(self._latency_s, period_s) if self.are_rare else self._latency_s
         return answer_s + self._pose_delay_s + period_s
@@ -69,7 +68,7 @@ class Looks:
 
     @property
     def doubt(self) -> str:
-        """What the camera does that its pictures are not trusted; empty: they are."""
+        """Why the camera's pictures are not trusted; empty if they are."""
         doubted = [k for k, why in enumerate(self._doubts) if why]
         if len(doubted) <= _HICCUPS:
             return ""
@@ -104,14 +103,11 @@ class Looks:
         return self.are_rare and self.scan_speed_mps < self._scan_speed_mps
 
     def begin(self, time_s: float) -> None:
-        """Looking begins now."""
+        """Start looking."""
         self.newest_s = self._excused_s = time_s
 
     def take(self, now_s: float, detections: Detections) -> bool:
-        """Whether an answer counts.
-
-        One does not that came before, with a wrong clock or place, or to a picture that is not trusted.
-        """
+        """Whether an answer counts: not if it is a duplicate, misdated, misplaced or not trusted."""
         exposed_s = detections.time_s
         if exposed_s > now_s + _CLOCK_SLACK_S or exposed_s < now_s - self.dead_age_s:
             self.failure = f"its picture is dated {exposed_s - now_s:+.0f} s from now"
@@ -133,26 +129,26 @@ class Looks:
         return True
 
     def _distrust(self, doubt: Doubt) -> None:
-        """The newest look, and those before it that the doubt reaches back to, are no looks."""
+        """Discard the newest look and those before it that the doubt covers."""
         self.newest_s = min(self.newest_s, doubt.since_s)
         for k, exposed_s in enumerate(list(self._recent)[-len(self._doubts) :]):
             if exposed_s >= doubt.since_s:
                 self._doubts[k] = doubt.why
 
     def give_up(self, now_s: float) -> None:
-        """The search is over: what was flown since the newest look that counts was not looked at."""
+        """End the search: what was flown since the newest look is blind."""
         if now_s - self.newest_s > self._longest_gap_s() + self.usual_age_s:
             self._note_blind(self.newest_s, now_s)
 
     def keep_track(self, state: VehicleState, scanning: bool) -> None:
-        """Where the vehicle is now, and whether it scans."""
+        """Record where the vehicle is, and whether it scans."""
         if not self._lost:
             self._track.append((state.time_s, state.position_enu_m, scanning))
 
     def trust(self, now_s: float, lost: bool, silent: bool) -> None:
-        """What is known of the vehicle: whether its position is lost, or its telemetry silent.
+        """Take note of a lost position or silent telemetry.
 
-        A picture taken nobody knows where is no look, and a silence of the vehicle is not the detector's.
+        Pictures without a position are ignored, and a silent vehicle does not count as a silent detector.
         """
         if lost and not self._lost:
             self._distrusted = (now_s, math.inf)
@@ -163,15 +159,15 @@ class Looks:
         self._lost, self._silent = lost, silent
 
     def are_due(self, now_s: float, until_s: float) -> bool:
-        """Whether the answers are late, and some to what was exposed until ``until_s`` is still to come."""
+        """Whether late answers to pictures up to ``until_s`` are still awaited."""
         return self.newest_s < until_s and now_s - self.newest_s > 2.0 * self.usual_age_s
 
     def age_s(self, now_s: float) -> float:
-        """How long ago the newest answered look was exposed, without a time without position or link."""
+        """Age of the newest answered look, not counting time without position or link."""
         return now_s - max(self.newest_s, self._excused_s)
 
     def blind_legs(self) -> tuple[tuple[XY, XY], ...]:
-        """Legs that turned out, since the last call, to be flown blind."""
+        """Legs found since the last call to be flown blind."""
         legs, self._blind = tuple(self._blind), []
         return legs
 

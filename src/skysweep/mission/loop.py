@@ -1,6 +1,6 @@
 """The one mission loop: sense, track, decide, fly. The same for every vehicle, sensor and strategy.
 
-It is stepped: :class:`Flight` is one mission, a tick at a time, and :func:`fly` the simple driver of one.
+:class:`Flight` steps a mission tick by tick; :func:`fly` runs one to its end.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from skysweep.types import (
 
 F64 = NDArray[np.float64]
 _Result = TypeVar("_Result")
-_Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, with what came of it
+_Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, and its result
 
 _LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
@@ -54,7 +54,7 @@ _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
 class Tick(NamedTuple):
-    """One step of a mission: where it is, before the vehicle's time goes on."""
+    """The mission at one tick, before time advances."""
 
     state: VehicleState
     mode: Mode
@@ -62,16 +62,15 @@ class Tick(NamedTuple):
 
 
 class Flight:
-    """One mission, a tick at a time, from take-off to landing: an iterator.
+    """One mission from take-off to landing, as an iterator of ticks.
 
-    Each ``next`` lets a tick of the vehicle's time pass and answers where the mission is then. ``end_reason``
-    is None until it is over: then ``completed`` or a cause of safety. Mission time 0 is the take-off command.
-    As a context manager it tells the vehicle to hold, whatever ends the flight early.
+    Mission time 0 is the take-off command. ``end_reason`` is None during the flight, then ``completed`` or a
+    safety cause. As a context manager it makes the vehicle hold if anything ends the flight early.
 
-    ``operator`` is asked at every tick and answers None, "hold", "continue" or "return". ``before`` is what
-    the journal says of the part that was flown before the mission was broken off.
+    ``operator`` is asked at every tick and answers None, "hold", "continue" or "return". ``before`` holds the
+    journal of an interrupted mission that this one continues.
 
-    Raises UserError, with the vehicle untouched, where the mission must not take off.
+    Raises UserError, with the vehicle untouched, if the mission must not take off.
     """
 
     def __init__(
@@ -105,18 +104,18 @@ class Flight:
         self._mode = Mode.TAKEOFF
         self._holding = False
         self._asked: Waypoint | None = None  # by the strategy
-        self._flown_to: Waypoint | None = None  # instead: it itself, or where it is looked at from
+        self._flown_to: Waypoint | None = None  # that waypoint, or its lookout
         self._refusal: Alarm | None = None
-        self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and what of
-        self._waiting: tuple[Sighting, ...] = ()  # sightings that the strategy has not been told of
-        self._left_enu_m = state.position_enu_m  # where the search was at its last step
+        self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and its inputs
+        self._waiting: tuple[Sighting, ...] = ()  # not yet passed to the strategy
+        self._left_enu_m = state.position_enu_m  # at the search's last step
         self._interrupted = self._going_back = False
         self.end_reason: str | None = None
         self._refuse_before_take_off()
         self._ticks = self._fly()
 
     def __next__(self) -> Tick:
-        """The next tick, which the vehicle's time passes after. Raises StopIteration when it has landed."""
+        """Advance the vehicle's time to the next tick. Raises StopIteration after landing."""
         return next(self._ticks)
 
     def __iter__(self) -> Iterator[Tick]:
@@ -130,7 +129,6 @@ class Flight:
             self._m.vehicle.hold()
 
     def _refuse_before_take_off(self) -> None:
-        """Raises UserError."""
         state, safety = self._m.vehicle.state(), self._m.scenario.safety
         if not has_place(state):
             raise UserError("position: the vehicle has none; wait for its GNSS fix")
@@ -177,7 +175,7 @@ class Flight:
         self._notes.end(self._m.vehicle.state().time_s, reason, self._m.witness, landed)
         self.end_reason = reason
 
-    # ---- the four parts of a mission; each returns what ended it early ---------------------------------
+    # ---- the four phases; each returns what ended it early -----------------------------------------------
 
     def _take_off(self) -> _Part[Alarm]:
         altitude, vehicle = self._m.cover_altitude_agl_m, self._m.vehicle
@@ -208,7 +206,7 @@ class Flight:
         state = m.vehicle.state()
         self._mode = Mode.SCAN
         self._looks.begin(state.time_s)
-        done_s = math.inf  # when the strategy had nothing more to do
+        done_s = math.inf  # when the strategy finished
         while True:
             alarm = self._look_after(state, Phase.SEARCH)
             if alarm.action > Action.HOLD:
@@ -252,7 +250,7 @@ class Flight:
         home = m.scenario.home.position_enu_m
         back = Waypoint(home, m.return_altitude_agl_m, m.scenario.vehicle.cruise_speed_mps)
         self._mode = Mode.RETURN
-        self._guard.heed("continue")  # who held the search has let it come to this
+        self._guard.heed("continue")  # an operator's hold does not outlive the search
         state = m.vehicle.state()
         while math.dist(state.position_enu_m[:2].tolist(), home) > _HOME_ACCEPTANCE_M:
             alarm = self._look_after(state, Phase.RETURN)
@@ -271,7 +269,7 @@ class Flight:
             state = yield from self._pass_time(state, Mode.RETURN)
 
     def _land(self) -> _Part[Alarm]:
-        """What ended the landing in the air. An order that leads nowhere is given again, and then no more."""
+        """Repeat an order to land that has no effect, then give up: that is returned, or _ALL_WELL."""
         vehicle = self._m.vehicle
         vehicle.land()
         self._next_check_s = -math.inf
@@ -301,7 +299,7 @@ class Flight:
         return _ALL_WELL
 
     def _hover(self, state: VehicleState) -> None:
-        """Interrupt a landing, where the vehicle does not refuse; then it goes on."""
+        """Interrupt a landing, which continues if the vehicle refuses."""
         try:
             self._m.vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
         except UserError as error:
@@ -312,7 +310,7 @@ class Flight:
     # ---- the steps ---------------------------------------------------------------------------------------
 
     def _look_after(self, state: VehicleState, phase: Phase) -> Alarm:
-        """The worst of what is wrong; every rule looks once a second, and at once when it is urgent."""
+        """The most severe alarm. All rules are checked once a second, and at once if it is urgent."""
         word = self._operator()
         now_s = state.time_s + state.silent_s
         given_back = self._worst.action is Action.KEEP_OUT and not state.taken_over
@@ -334,12 +332,12 @@ class Flight:
         return self._worst
 
     def _look(self, state: VehicleState) -> Detections | None:
-        """What the sensor has found; None also where it fails. What was sighted waits for the strategy."""
+        """New detections; None also if the sensor fails. Their sightings wait for the strategy."""
         try:
             detections = self._m.sensor.sense(state)
         except UserError:
             raise
-        except Exception as error:  # a detector of anybody's make: the mission goes on without this look
+        except Exception as error:  # third-party code: the mission continues without this look
             self._looks.failure = f"{type(error).__name__}: {error}"
             return None
         if detections is None or not self._looks.take(state.time_s, detections):
@@ -361,7 +359,7 @@ class Flight:
         )
 
     def _of_the_area(self, seen: Observation) -> Observation:
-        """What the strategy is told: nothing of candidates that are not to be checked."""
+        """The observation without sightings outside the searched area."""
         if not seen.sightings:
             return seen
         inside = tuple(s for s in seen.sightings if self._is_searched(seen.candidates[s.candidate_id]))
@@ -379,9 +377,9 @@ class Flight:
             self._notes.snapshot(seen.time_s, self._m.strategy, self._m.tracker)
 
     def _fly_to(self, seen: Observation, command: Command) -> Alarm:
-        """Send the vehicle there, unless it must not go; judged once for each waypoint.
+        """Command the vehicle, unless the guard refuses; each waypoint is judged once.
 
-        A strategy that is told and asks for the same again has nothing left to do: that ends the search.
+        A strategy that repeats a refused waypoint has nothing left to do, which ends the search.
         """
         waypoint = command.waypoint
         if waypoint is None:
@@ -402,13 +400,13 @@ class Flight:
         return _ALL_WELL
 
     def _paced(self, mode: Mode, waypoint: Waypoint) -> Waypoint:
-        """A SCAN is no faster than the looks allow."""
+        """The waypoint; a SCAN is no faster than the looks allow."""
         if not self._looks.scan_is_slowed or mode != Mode.SCAN:
             return waypoint
         return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
-        """Terrain following: the height above the highest of the ground here and soon."""
+        """Terrain following: the waypoint's height above the higher of the ground here and ahead."""
         x, y, _ = state.position_enu_m.tolist()
         to_x, to_y = self._router.next_xy((x, y), waypoint.xy_enu_m)
         distance = math.hypot(to_x - x, to_y - y)
@@ -422,7 +420,7 @@ class Flight:
         return self._sent[1]
 
     def _keep_out(self, state: VehicleState, phase: Phase) -> _Part[VehicleState]:
-        """Commands nothing while somebody else flies; the state when they gave it back, or it stands."""
+        """Command nothing while somebody else flies. Returns the state on hand-back or on the ground."""
         self._sent = None
         while state.taken_over and state.airborne:
             self._look_after(state, phase)
@@ -431,7 +429,7 @@ class Flight:
         return state
 
     def _goes_back(self, state: VehicleState) -> bool:
-        """Whether it flies back to where a scan was interrupted: what lies in between was not seen."""
+        """Whether it flies back to where a scan was interrupted, as the ground in between was not seen."""
         if not self._interrupted:
             self._left_enu_m = state.position_enu_m
             return False
@@ -453,7 +451,7 @@ class Flight:
     def _pass_time(
         self, state: VehicleState, mode: Mode, detections: Detections | None = None
     ) -> _Part[VehicleState]:
-        """Let one tick pass; the state after it."""
+        """Advance by one tick; the state after it."""
         self._notes.state(state, mode)
         yield Tick(state, mode, detections)
         self._heard.advance(self._tick_s)
@@ -473,10 +471,10 @@ def fly(
     operator: Operator = lambda: None,
     before: Sequence[Mapping[str, Any]] = (),
 ) -> str:
-    """Fly the mission from take-off to landing. Returns why the search ended: completed or a cause of safety.
+    """Fly the mission from take-off to landing; returns its ``end_reason``.
 
-    ``watch`` sees every tick (state, mode, new detections) for progress displays and recordings; the rest is
-    as in :class:`Flight`, and so is what it raises.
+    ``watch`` sees every tick (state, mode, new detections). The rest, and what is raised, is as in
+    :class:`Flight`.
     """
     with Flight(mission, journal, operator, before) as flight:
         for tick in flight:

@@ -44,10 +44,10 @@ class Mission:
     yaw_rad: float
     ground_at_m: Callable[[float, float], float]  # height at east and north
     look_period: LookPeriod  # of the sensor
-    obstacles: Obstacles  # that are known
-    pictures: PictureSensor | None = None  # the sensor, where it looks at pictures
-    witness: Witness | None = None  # of where a simulated vehicle really was
-    replays: bool = True  # flown again it does the same; else snapshots are taken of it
+    obstacles: Obstacles  # known ones
+    pictures: PictureSensor | None = None  # the sensor, if it takes pictures
+    witness: Witness | None = None  # of a simulated vehicle
+    replays: bool = True  # deterministic; otherwise snapshots are journaled
 
     @property
     def return_altitude_agl_m(self) -> float:

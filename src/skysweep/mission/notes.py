@@ -1,4 +1,4 @@
-"""What a mission writes into its journal."""
+"""The lines that a mission writes into its journal."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ from skysweep.types import (
 )
 
 STATE_PERIOD_S = 0.5  # between lines of the state
-_PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # the mission goes on after
+_PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # do not end the mission
 OF_A_CANDIDATE = ("sighting", EventKind.SCANNED, *SETTLING)  # kinds of lines about one candidate
 
 
 class Notes:
-    """Writes the lines of one mission, and remembers which candidates nobody has checked."""
+    """Writes the lines of one mission, and keeps track of unchecked candidates."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self._next_state_s = 0.0
-        self._listed: set[int] = set()  # candidates that were scanned
+        self._listed: set[int] = set()  # scanned candidates
         self._settled: set[int] = set()
         self._alarms: dict[str, Action] = {}
 
     @property
     def failed(self) -> str | None:
-        """Why nothing can be noted any more; None: all is well."""
+        """Why the journal takes no more lines; None: it does."""
         return self._journal.failed
 
     def start(self, mission: Mission) -> None:
-        """Who flies what, and F."""
+        """The mission's set-up, and F."""
         search = mission.scenario.search
         self._journal.write(
             0.0,
@@ -63,7 +63,7 @@ class Notes:
         self._journal.write(0.0, "plan", waypoints_enu_m=np.column_stack([xy, z]))
 
     def go_on(self, before: Sequence[Mapping[str, Any]]) -> None:
-        """The mission goes on from where it was broken off; ``before`` is what the journal holds."""
+        """Continue an interrupted mission; ``before`` is its journal."""
         for record in before:
             if record["kind"] in SETTLING:
                 self._settled.add(record["candidate"])
@@ -72,7 +72,7 @@ class Notes:
         self._journal.write(max(r["t"] for r in before), "resumed")
 
     def snapshot(self, time_s: float, strategy: Strategy, tracker: Tracker) -> None:
-        """What a mission that cannot be flown again goes on from; belongs after ``step``."""
+        """The state from which a mission that cannot be replayed resumes; to be written after ``step``."""
         self._journal.write(time_s, "snapshot", strategy=strategy.snapshot(), tracker=tracker.snapshot())
 
     def step(self, seen: Observation, events: tuple[Event, ...]) -> None:
@@ -104,7 +104,7 @@ class Notes:
             self._journal.write(seen.time_s, event.kind, **fields)
 
     def state(self, state: VehicleState, mode: Mode) -> None:
-        """Where the vehicle believes to be, every ``STATE_PERIOD_S``."""
+        """The estimated state, every ``STATE_PERIOD_S``."""
         if state.time_s < self._next_state_s - 1e-6:
             return
         self._next_state_s = state.time_s + STATE_PERIOD_S
@@ -120,7 +120,7 @@ class Notes:
         )
 
     def alarms(self, time_s: float, alarms: tuple[Alarm, ...], not_judged: set[str]) -> None:
-        """What is newly wrong, or asks for another action than before; and what has passed."""
+        """New alarms, changed actions, and alarms that have cleared."""
         current = {a.cause: a.action for a in alarms}
         for alarm in alarms:
             if self._alarms.get(alarm.cause) is not alarm.action:
@@ -142,14 +142,14 @@ class Notes:
     def left_behind(
         self, time_s: float, candidates: dict[int, Candidate], blind: tuple[tuple[XY, XY], ...]
     ) -> None:
-        """What a mission that ends early did not do: candidates scanned or seen again, legs flown blind."""
+        """What an early end leaves undone: candidates scanned or seen twice, legs flown blind."""
         self._unsearched(time_s, blind, again=False)
         for k, candidate in candidates.items():
             if k in self._listed or len(candidate.confidences) > 1:
                 self._unchecked(time_s, candidate)
 
     def left_outside(self, time_s: float, candidates: Sequence[Candidate]) -> None:
-        """Candidates that no mission checks, as they lie outside the area."""
+        """Candidates outside the area, which are not checked."""
         for candidate in candidates:
             self._unchecked(time_s, candidate, reason=OUTSIDE)
 
@@ -160,7 +160,7 @@ class Notes:
             self._journal.write(time_s, EventKind.UNCHECKED, candidate=candidate.id, **place, **why)
 
     def end(self, time_s: float, reason: str, witness: Witness | None, landed: bool) -> None:
-        """Whether it landed, why the mission ended, and what a simulator saw of obstacles."""
+        """Clearance from obstacles, if simulated; whether it landed; why the mission ended."""
         if witness is not None:
             self._journal.write(time_s, "clearance", **witness.saw())
         if landed:

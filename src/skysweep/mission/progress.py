@@ -1,4 +1,4 @@
-"""Whether a vehicle comes nearer to where it is sent."""
+"""Whether a vehicle approaches its goal."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ _STEP_M = 1.0
 
 
 class Progress:
-    """Remembers the nearest that the vehicle has come to a goal, and since when."""
+    """The closest that the vehicle has come to a goal, and since when."""
 
     def __init__(self) -> None:
         self._nearest: tuple[XY, float, float] | None = None  # the goal, metres, since
 
     def restart(self) -> None:
-        """What was before does not count."""
+        """Forget the past."""
         self._nearest = None
 
     def stuck_s(self, now_s: float, goal_xy: XY, distance_m: float) -> float:
-        """For how long it has not come a metre nearer. Another goal is a new beginning."""
+        """Time since it last came a metre closer; a new goal restarts it."""
         nearest = self._nearest
         if nearest is None or math.dist(goal_xy, nearest[0]) > _STEP_M or distance_m < nearest[1] - _STEP_M:
             self._nearest = (goal_xy, distance_m, now_s)

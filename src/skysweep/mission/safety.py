@@ -1,7 +1,7 @@
-"""When a mission holds, turns home or lands on its own account. docs/safety.md has the table.
+"""The rules by which a mission holds, returns or lands by itself (table: docs/safety.md).
 
-Every rule looks at what the mission believes and answers an alarm or nothing; the most severe action wins.
-Nothing here flies: ``mission/loop.py`` does what the alarms say.
+Every rule judges the estimated state and may raise an alarm; the most severe action wins. ``mission/loop.py``
+carries it out.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ _XYZ = tuple[float, float, float]
 
 CHECK_PERIOD_S = 1.0
 _ENERGY_PERIOD_S = 5.0
-_NO_WAY_HOME_S = 60.0  # without coming nearer
-_STUCK_SAID_S = 20.0  # without coming nearer to where it is sent
-_ARRIVED_M = 3.0  # from there on it need not come nearer
-_SLOW_M = 3.0  # that a slow vehicle has time for
+_NO_WAY_HOME_S = 60.0  # without progress
+_STUCK_SAID_S = 20.0  # without progress towards the setpoint
+_ARRIVED_M = 3.0  # close enough to need no progress
+_SLOW_M = 3.0  # that a slow vehicle is given time for
 _TURNED_AWAY_RAD, _TURNED_SAID_S = 0.35, 10.0
 _GROUND_SAID_S, _GROUND_RETURN_S = 3.0, 10.0
-_GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the distance that is to be measured
+_GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the expected distance
 _GROUND_M = 2.0
-_SIGMAS = 3.0  # of the position's error
-_BEAM = 0.05  # half the width of a rangefinder's beam, by its length
-_LONGEST_STEP_S = 2.0  # over which the mean velocity explains a movement
+_SIGMAS = 3.0  # of the position error
+_BEAM = 0.05  # half the width of a rangefinder's beam over its length
+_LONGEST_STEP_S = 2.0  # over which the mean velocity predicts a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
 
 OUTSIDE = "outside the area"  # cause
 _PLACELESS = {"position lost", "position jump"}  # causes
-LOST = "vehicle lost"  # cause: nothing is heard for longer than a battery lasts
+LOST = "vehicle lost"  # cause: silent for longer than a battery lasts
 OVER = {
     "telemetry silent": "Telemetry is back.",
     "position lost": "The position is known again.",
@@ -55,7 +55,7 @@ OVER = {
     "height": "The rangefinder agrees with the height again.",
     "operator": "The operator's hold is over.",
     "taken over": "The vehicle was given back.",
-}  # what is told when a cause has passed that let the mission live
+}  # sentences for when a cause has cleared
 
 
 class Phase(Enum):
@@ -75,12 +75,12 @@ class Action(IntEnum):
     HOLD = 2
     RETURN = 3
     LAND = 4
-    KEEP_OUT = 5  # somebody else flies it: nothing is commanded until a person says continue
+    KEEP_OUT = 5  # somebody else flies it: command nothing until a person says continue
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Something is wrong: what to do about it, its name, and what a person is told."""
+    """Something is wrong: the action, its cause, and a sentence for people."""
 
     action: Action
     cause: str
@@ -88,9 +88,9 @@ class Alarm:
 
 
 class Guard:
-    """Watches over one mission. What it remembers: since when causes last, and the last position.
+    """Judges the states of one mission.
 
-    ``begins_in_air`` is a vehicle that was flown before: nobody knows how far, or by whom.
+    ``begins_in_air`` says that the vehicle was flown before, nobody knows how far or by whom.
     """
 
     def __init__(
@@ -114,10 +114,10 @@ class Guard:
         self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
         self._homeward, self._progress = Progress(), Progress()
         self._disobeys = False
-        self._led_away = begins_in_air  # by somebody else, perhaps beyond the fence
+        self._led_away = begins_in_air  # perhaps beyond the fence, by somebody else
         self._may_estimate = scenario.safety.battery_estimated and not begins_in_air
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
-        self._allowed: Waypoint | None = None  # the newest that was let through
+        self._allowed: Waypoint | None = None  # the newest
         self._searched = SearchedArea(scenario)
         self._x = self._y = self._z = math.inf
         self._energy_due_s = 0.0
@@ -125,10 +125,9 @@ class Guard:
     def alarms(
         self, state: VehicleState, altitude_agl_m: float, phase: Phase, goal: Setpoint | None = None
     ) -> tuple[Alarm, ...]:
-        """All that is wrong now. Only a search has all rules; the other phases those that keep from them.
+        """All current alarms. A search is judged by all rules, other phases by those that matter then.
 
-        Must see the states of the mission in their order. ``goal`` is where the vehicle is sent; None:
-        nowhere.
+        To be called with the states in order. ``goal`` is the current setpoint, if any.
         """
         now_s = state.time_s + state.silent_s
         self._add_up_jumps(state)
@@ -167,7 +166,7 @@ class Guard:
         return (*found, *self._wind(state, now_s))
 
     def not_judged(self, state: VehicleState, phase: Phase, goal: Setpoint | None) -> set[str]:
-        """Causes of ``OVER`` that nobody looked at in ``alarms`` just now: they may still be there."""
+        """Causes of ``OVER`` that ``alarms`` did not judge just now: they may persist."""
         causes: set[str] = set()
         if phase is Phase.LAND:
             causes |= {"telemetry silent", "position lost", "position jump"}
@@ -183,7 +182,7 @@ class Guard:
         return causes
 
     def is_urgent(self, state: VehicleState) -> bool:
-        """Whether link or position ask for a look at all rules now. To be asked at every step."""
+        """Whether link or position demand a check of all rules now. To be asked at every step."""
         x, y, z = state.position_enu_m.tolist()
         step_m = abs(x - self._x) + abs(y - self._y) + abs(z - self._z)
         self._x, self._y, self._z = x, y, z
@@ -196,17 +195,16 @@ class Guard:
         )
 
     def heed(self, word: str | None) -> None:
-        """What the operator says: hold, continue, return; None is nothing new."""
+        """Obey the operator: hold, continue, return; None is nothing new."""
         if word is not None:
             self._word = None if word == "continue" else word
 
     def refusal(
         self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
     ) -> Alarm | None:
-        """Why a waypoint must not be flown to; None where it may.
+        """Why a waypoint must not be flown to; None if it may, which is decided once.
 
-        ``flown_to`` is the place that it is looked at from, or it itself; None: there is none. What was
-        allowed once is not asked again.
+        ``flown_to`` is its lookout, or the waypoint itself; None if there is no lookout.
         """
         if flown_to is not None and self._was_allowed(flown_to):
             return None
@@ -221,7 +219,7 @@ class Guard:
     def _objection(
         self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
     ) -> tuple[str, str]:
-        """Its cause and the words; empty: none."""
+        """Cause and reason; empty if there is none."""
         if waypoint.to_look and not self._searched.covers(waypoint.xy_enu_m):
             return OUTSIDE, "it lies outside the area that is searched"
         if flown_to is None:
@@ -243,7 +241,7 @@ class Guard:
         return "", ""
 
     def _is_calm(self, state: VehicleState, altitude_agl_m: float) -> bool:
-        """A quick look that spares most looks at the rules: nothing is, was or may soon be wrong."""
+        """A quick check that replaces most checks of the rules: nothing is, was or may soon be wrong."""
         limits = self._limits
         energy_due = state.time_s >= self._energy_due_s
         if energy_due:
@@ -268,12 +266,12 @@ class Guard:
         )
 
     def _is_unsure(self, state: VehicleState) -> bool:
-        """Whether place or velocity are not known well enough, or are no numbers."""
+        """Whether place or velocity are not finite, or not accurate enough."""
         sure = state.position_std_m <= self._limits.position_std_max_m
         return not (sure and math.isfinite(sum(state.velocity_enu_mps.tolist())))
 
     def _is_far_inside(self, state: VehicleState) -> bool:
-        """Whether it is inside the fence, and has not moved as far as the fence was away."""
+        """Whether it is inside the fence: measured again once it has moved by the last distance to it."""
         x, y, _ = state.position_enu_m.tolist()
         if math.dist((x, y), self._room[0]) >= self._room[1]:
             self._room = (x, y), self._fence.room_m((x, y))
@@ -383,7 +381,7 @@ class Guard:
             yield Alarm(action, "wind", f"The wind blows at {speed_mps:.0f} m/s.")
 
     def _progress_home(self, state: VehicleState, now_s: float, waits: bool) -> Iterator[Alarm]:
-        """Land where it is if the way home leads nowhere, as in too much wind."""
+        """Land here if there is no progress towards home, as in strong wind."""
         distance_m = math.dist(state.position_enu_m[:2].tolist(), self._home)
         if waits:
             self._homeward.restart()
@@ -391,7 +389,7 @@ class Guard:
             yield Alarm(Action.LAND, "no way home", f"Home stays {distance_m:.0f} m away: landing here.")
 
     def _obedience(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:
-        """Whether it flies to where it is sent, and looks where it is told."""
+        """Whether it follows the setpoint's place and yaw."""
         if goal is None:
             self._progress.restart()
             self._since.pop("turned away", None)
@@ -418,9 +416,9 @@ class Guard:
         return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE
 
     def _height(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
-        """The believed height against a rangefinder's, which meets the ground or what is known to be there.
+        """The estimated height against a rangefinder's, which meets the ground or a known obstacle.
 
-        What nobody knows of may be as high as half the room below.
+        An unknown obstacle may be as high as half the height above ground.
         """
         below_m = state.ground_below_m
         if below_m is None:
@@ -437,10 +435,9 @@ class Guard:
             yield Alarm(Action.RETURN if near else Action.CONTINUE, "height", sentence)
 
     def _to_be_measured_m(self, state: VehicleState) -> tuple[float, float]:
-        """The least and the most that a rangefinder measures at the believed height.
+        """The least and the most that a rangefinder should measure, as its beam leans with the vehicle.
 
-        Its beam, which leans with the vehicle, meets anything between the highest known top and the lowest
-        ground around.
+        It meets anything between the highest known top and the lowest ground around.
         """
         x, y, z = state.position_enu_m.tolist()
         R = state.R_body_to_enu
@@ -451,7 +448,7 @@ class Guard:
         return z - highest_m, z - lowest_m
 
     def _landing(self, state: VehicleState, altitude_agl_m: float, now_s: float) -> Iterator[Alarm]:
-        """What keeps from landing, or does not."""
+        """The alarms of a landing."""
         if state.taken_over:
             yield _keeps_out(state.taken_over)
         elif state.silent_s > self._endurance_s:
@@ -471,7 +468,7 @@ class Guard:
             yield Alarm(Action.LAND, "landing energy", sentence)
 
     def _held(self, asks: list[Alarm]) -> list[Alarm]:
-        """The operator's hold, or what the battery asks for, which ends it."""
+        """The operator's hold, or the battery's demand, which ends it."""
         if asks:
             self._word = None
         return asks or [_HELD]
@@ -487,14 +484,14 @@ class Guard:
         )
 
     def _lasting_s(self, cause: str, present: bool, now_s: float) -> float | None:
-        """For how long a cause has been there; None while it is not."""
+        """How long a cause has lasted; None while it is absent."""
         if not present:
             self._since.pop(cause, None)
             return None
         return now_s - self._since.setdefault(cause, now_s)
 
     def _add_up_jumps(self, state: VehicleState) -> None:
-        """A position that jumps back is good again."""
+        """Sum the jumps of the position, so that one that jumps back is trusted again."""
         x, y, z = state.position_enu_m.tolist()
         vx, vy, vz = state.velocity_enu_mps.tolist()
         if self._last is not None:

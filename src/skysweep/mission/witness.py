@@ -1,4 +1,4 @@
-"""Where a simulated vehicle really was: how near it came to obstacles, and which it touched."""
+"""The true track of a simulated vehicle: its clearance from obstacles, and collisions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ F64 = NDArray[np.float64]
 
 
 class Witness:
-    """Sees where the vehicle is after every step of a mission. The mission itself learns nothing of it."""
+    """Records the vehicle's true position after every step. The mission itself never sees it."""
 
     def __init__(self, truth: Truth, obstacles: Obstacles) -> None:
         self._truth, self._obstacles = truth, obstacles
@@ -22,10 +22,10 @@ class Witness:
         self._modes: list[Mode] = []
 
     def see(self, mode: Mode) -> None:
-        """One step is over."""
+        """Record a step."""
         self._track.append(self._truth.true_position_enu_m)
         self._modes.append(mode)
 
     def saw(self) -> dict[str, Any]:
-        """What the journal says of it in the end."""
+        """The journal's ``clearance`` fields."""
         return came_near(self._obstacles, np.array(self._track).reshape(-1, 3), self._modes)

@@ -1,4 +1,4 @@
-"""The pose that the mission believes is older than the picture; georeferencing suffers from that in turns."""
+"""The estimated pose is older than the picture, which degrades georeferencing in turns."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from skysweep.geometry.camera import CameraPose
 
 _EPS_S = 1e-9
-_SAME = 1e-6  # share of the way from one pose to the next that makes no difference
+_SAME = 1e-6  # share of the way between two poses that is negligible
 
 
 class DelayedPose:
-    """Keeps the camera poses of the last ``delay_s`` seconds and a little more."""
+    """The camera poses of the last ``delay_s`` seconds."""
 
     def __init__(self, delay_s: float) -> None:
         self.delay_s = delay_s
         self._poses: deque[tuple[float, CameraPose]] = deque()
 
     def push(self, time_s: float, pose: CameraPose) -> None:
-        """Append a pose. Times must not go back; a second pose for the same time replaces the first."""
+        """Append a pose. Times must not decrease; a second pose at the same time replaces the first."""
         if self._poses and time_s <= self._poses[-1][0]:
             self._poses.pop()
         self._poses.append((time_s, pose))

@@ -1,8 +1,7 @@
-"""Whether a camera shows what lies below where it is believed to be.
+"""Whether a camera shows what lies below its estimated place.
 
-Every picture is judged by itself (the same again, black, white, out of focus) and by how the ground moved
-since the ones before (docs/safety.md says what can be seen so, and what cannot). Where there is no texture,
-or nothing that both pictures show, nothing is proved and nothing is doubted.
+Every picture is judged by itself (repeated, black, white, out of focus) and by how the ground moved since
+the ones before (docs/safety.md lists what that detects). Without texture or overlap nothing is judged.
 """
 
 from __future__ import annotations
@@ -22,41 +21,41 @@ from skysweep.worlds.obstacles import Obstacles
 
 F64 = NDArray[np.float64]
 
-MEMORY_LOOKS = 30  # that are trusted: what came before them makes no difference to the next judgement
+MEMORY_LOOKS = 30  # trusted ones: earlier looks do not affect the next judgement
 REPEATED = "shows the same picture again"
 BLACK, WHITE, BLURRED = "shows black", "shows white", "is out of focus"
 NOISY = "shows little but noise"
-OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED, NOISY)  # what is wrong with a picture wherever it was taken
+OF_ITSELF = (REPEATED, BLACK, WHITE, BLURRED, NOISY)  # faults of a picture whatever its pose
 _STEPS, _LONG = 25, 75  # from look to look: to doubt a camera, to trust it again
 _DARK, _BRIGHT = 8, 247  # grey levels
 _BLIND_SHARE = 0.6  # of the picture
-_SPARSE = 4  # pixels are enough for that
-_SPECKS_PX = 5  # of these: noise does not make black brighter
+_SPARSE = 4  # every fourth pixel is enough for that
+_SPECKS_PX = 5  # of these; a median, so that noise does not brighten black
 _NOISY = 0.05  # of the brightness
-_BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of the looks before
-_STALL_S = 1.5  # with the same picture: what comes then may be late
-_COMMON, _TEXTURED = 0.4, 0.3  # shares that two pictures need to tell anything
-_ALIKE = 0.5  # share of the texture: from there on two pictures fit
-_STRANGE, _STRANGE_ROUGH = 0.15, 0.005  # with less nothing fits; less of rough ground does
+_BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of earlier looks
+_STALL_S = 1.5  # of repeated pictures, after which new ones may be late
+_COMMON, _TEXTURED = 0.4, 0.3  # least shares for a comparison
+_ALIKE = 0.5  # least share of the texture in two pictures that fit
+_STRANGE, _STRANGE_ROUGH = 0.15, 0.005  # with less they do not show the same place; rough ground needs less
 _ROUGH = 0.2  # relief
 _WAVES_MPS = 1.5
-_OFF_M, _OFF_SHARE = 0.5, 0.03  # of the height: what GNSS and attitude explain
-_OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # and what adds up, with time and with the way
+_OFF_M, _OFF_SHARE = 0.5, 0.03  # explained by GNSS, and by attitude as a share of the height
+_OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # explained drift: with time, and with the way
 _FORGIVEN = 2
-_JUMP = 4.0  # times that a gimbal explains in one look
-_CHANGE_MPS, _PROOF_S = 1.5, 2.0  # late pictures do not follow a change of the velocity
-_PLAIN = 3.0  # times what is explained: a fault that adds up to so much is seen
-_DIRT_STEPS, _MOVING = 5, 0.5  # looks in which so much of the picture moved
+_JUMP = 4.0  # times that, which a gimbal explains in one look
+_CHANGE_MPS, _PROOF_S = 1.5, 2.0  # a change of velocity that late pictures would not follow
+_PLAIN = 3.0  # times what is explained: such a fault would be seen
+_DIRT_STEPS, _MOVING = 5, 0.5  # looks, and how much of the picture moved in each
 _NEARLY_ALWAYS = 0.8
 _DIRT_SHARE, _CLEAN_SHARE = 0.03, 0.01  # of the picture
-_TALLEST = 0.6  # of the height: above what is taller nothing is told
+_TALLEST = 0.6  # of the height: above taller obstacles nothing is compared
 
 
 class _Step(NamedTuple):
     exposed_s: float
     moved: GroundMotion
-    off_m: float  # what is explained however long it lasts
-    relief: float  # by this share what stands on the ground may seem faster
+    off_m: float  # what is explained whatever the duration
+    relief: float  # the share by which what stands on the ground may seem faster
     drift_mps: float  # of the surface itself
 
     @property
@@ -65,7 +64,7 @@ class _Step(NamedTuple):
 
 
 class _Fault(NamedTuple):
-    """How what the pictures show differed from the believed way."""
+    """How the pictures differed from the estimated way."""
 
     why: str
     since_s: float
@@ -73,7 +72,7 @@ class _Fault(NamedTuple):
     off_mps: float
 
     def least(self, other: _Fault | None) -> _Fault:
-        """As little of both as either has."""
+        """The lesser of both differences."""
         if other is None:
             return self
         return self._replace(
@@ -90,17 +89,17 @@ class CameraWatch:
         self._image: U8 | None = None
         self._fresh_s = self._repeated_s = -math.inf
         self._before: View | None = None
-        self._trusted: View | None = None  # the newest that was
+        self._trusted: View | None = None  # the newest
         self._steps: deque[_Step | None] = deque(maxlen=_LONG)  # None: told nothing
         self._sharpness: deque[float] = deque(maxlen=_STEPS)  # of trusted pictures
         self._is_blurred = False
-        self._strange: Doubt | None = None  # until a motion proves the camera
-        self._follows = False  # since the newest reason for that
-        self._least: _Fault | None = None  # of what was wrong meanwhile
+        self._strange: Doubt | None = None  # until motion proves the camera right
+        self._follows = False  # since the newest doubt
+        self._least: _Fault | None = None  # of the faults meanwhile
         self._dirt: Doubt | None = None
 
     def judge(self, frame: Frame) -> Doubt | None:
-        """Why not to trust a picture; None: nothing speaks against it."""
+        """Why not to trust a picture; None: no reason."""
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         unlit = _unlit(grey)
         if unlit:
@@ -131,7 +130,7 @@ class CameraWatch:
         return self._is_blurred
 
     def _compare(self, view: View) -> None:
-        """Judge by what moved since the view before."""
+        """Judge by the motion since the view before."""
         step = self._step(self._before, view)
         self._before = view
         self._steps.append(step)
@@ -146,7 +145,7 @@ class CameraWatch:
         steps = [s for s in told if s.moved.alike >= _ALIKE]
         fault = _disagreement(steps)
         if fault is not None:
-            self._trusted = None  # it was taken while this went on, or back there it looks right again
+            self._trusted = None  # it may date from the fault, or look right on a return there
             self._least = fault.least(self._least)
             self._doubt(fault.why, fault.since_s)
         elif self._strange is not None and (self._is_right_again(steps) or self._is_where_it_was(view)):
@@ -155,20 +154,20 @@ class CameraWatch:
         self._dirt = _dirt(told, self._dirt)
 
     def _is_right_again(self, steps: Sequence[_Step]) -> bool:
-        """Whether the ground followed a change of the velocity, and nothing is left of what was wrong."""
+        """Whether the ground followed a change of velocity, and the fault is refuted."""
         self._follows = self._follows or _proves(steps)
         if not self._follows or self._least is None:
             return self._follows
         return _refutes([s for s in self._steps if s is not None and s.moved.alike >= _ALIKE], self._least)
 
     def _doubt(self, why: str, since_s: float) -> None:
-        """Begin anew: what is compared from now on has to prove the camera."""
+        """Start over: new comparisons have to prove the camera right."""
         self._strange = self._strange or Doubt(why, since_s)
         self._follows = False
         self._steps.clear()
 
     def _step(self, before: View | None, now: View) -> _Step | None:
-        """From one view to another; None where that tells nothing."""
+        """Compare two views; None if that is inconclusive."""
         x, y, z = now.camera.position_enu_m.tolist()
         ground_m = self._obstacles.terrain.height_at_m(x, y)
         height_m = z - ground_m
@@ -185,7 +184,7 @@ class CameraWatch:
     def _relief(
         self, xy: F64, ground_m: float, height_m: float, footprint_m: tuple[float, float]
     ) -> float | None:
-        """By which share what is in sight may seem to move faster or slower than the ground right below."""
+        """The share by which things in sight may seem faster or slower than the ground right below."""
         corners = xy + 0.5 * np.array(footprint_m) * [[-1, -1], [-1, 1], [1, -1], [1, 1]]
         around_m = self._obstacles.terrain.height_m(corners) - ground_m
         tops_m = self._obstacles.top_within_m(xy[None], 0.5 * math.hypot(*footprint_m)) - ground_m
@@ -204,7 +203,7 @@ class CameraWatch:
 
 
 def _unlit(grey: U8) -> str:
-    """What is wrong with the exposure of a picture (H, W); empty: nothing."""
+    """The fault of a picture's exposure (H, W); empty if there is none."""
     some = cv2.medianBlur(np.ascontiguousarray(grey[::_SPARSE, ::_SPARSE]), _SPECKS_PX)
     if (some <= _DARK).mean() > _BLIND_SHARE:
         return BLACK
@@ -214,10 +213,10 @@ def _unlit(grey: U8) -> str:
 
 
 def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
-    """How what the pictures show differs from the believed way; None: it does not.
+    """How the pictures differ from the estimated way; None: they do not.
 
-    Looks back over the last steps, over more and more of them, and forgives the worst of each lot: a gimbal
-    that lags behind in a hard manoeuvre, and comes back.
+    Sums the last step, the last two, three ... and forgives the worst of each sum, for a gimbal that lags in
+    a hard manoeuvre.
     """
     if not steps:
         return None
@@ -258,16 +257,16 @@ def _velocity(of_camera_mps: F64) -> str:
 
 
 def _proves(steps: Sequence[_Step]) -> bool:
-    """Whether the believed velocity changed and the ground followed, without forgiving: late ones do not."""
+    """Whether the estimated velocity changed and the ground followed; in late pictures it does not."""
     before = [s.moved.believed_mps for s in steps if s.exposed_s <= steps[-1].exposed_s - _PROOF_S]
     off_m = _adds_up_m([s.moved.excess_m for s in steps])
-    if not before or off_m.max() > steps[-1].off_m:  # there and back it would add up to nothing
+    if not before or off_m.max() > steps[-1].off_m:  # the sum alone would cancel there and back
         return False
     return bool(np.hypot(*(np.array(before) - before[-1]).T).max() >= _CHANGE_MPS)
 
 
 def _refutes(steps: Sequence[_Step], fault: _Fault) -> bool:
-    """Whether the ground passed as believed on a way on which the fault would have been plain."""
+    """Whether the ground moved as estimated over a way on which the fault would have been plain."""
     if not steps:
         return False
     explained_m = steps[-1].off_m
@@ -279,12 +278,12 @@ def _refutes(steps: Sequence[_Step], fault: _Fault) -> bool:
 
 
 def _adds_up_m(steps_m: Sequence[F64]) -> F64:
-    """(N,) how far the last of N steps led, the last two together, three ..."""
+    """(N,) lengths of the sums of the last step, the last two, three ..."""
     return np.asarray(np.hypot(*np.cumsum(steps_m[::-1], axis=0).reshape(-1, 2).T))
 
 
 def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
-    """Doubt of a lens: a large part showed the same while the rest moved; without motion: as known."""
+    """Doubt of a lens: a large part stood still while the rest moved; without motion ``known``."""
     moving = [s for s in steps if s.moved.moved.mean() >= _MOVING and not s.drift_mps][-_DIRT_STEPS:]
     if len(moving) < _DIRT_STEPS:
         return known
@@ -296,7 +295,7 @@ def _dirt(steps: Sequence[_Step], known: Doubt | None) -> Doubt | None:
 
 
 def _stuck_share(motions: Sequence[GroundMotion]) -> float:
-    """The largest part of the picture that nearly always stood still when it should have moved."""
+    """The largest connected part of the picture that nearly always stood still instead of moving."""
     moved = np.sum([m.moved for m in motions], axis=0)
     still = np.sum([m.moved & m.still & ~m.followed for m in motions], axis=0)
     stuck = (moved >= len(motions) // 2) & (still >= _NEARLY_ALWAYS * moved)

@@ -1,4 +1,4 @@
-"""When a sensor exposes, and which pose the mission believes that it exposed from."""
+"""When a sensor exposes, and the estimated pose of each exposure."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from skysweep.sensing.believed import DelayedPose
 from skysweep.types import VehicleState
 
 _EPS_S = 1e-6
-_SLOWER_AFTER = 2  # looks in a row that do not fit: one is no reason
-_FASTER_AFTER = 25  # looks in a row that fit: the load of a busy computer comes and goes
-_FITS = 0.8  # of a period: with less to spare the next load would break it again
+_SLOWER_AFTER = 2  # looks in a row that do not fit into a period
+_FASTER_AFTER = 25  # looks in a row that fit: load comes and goes
+_FITS = 0.8  # of a period, to leave room for the next load
 _ROUNDING = 0.01  # of a period
 
 
 class Exposures:
-    """Tells a sensor which of the states it is shown are exposures.
+    """Tells a sensor at which of the mission's states to expose.
 
-    ``due(state)`` must see every state of the mission. It returns None, or the camera pose of
-    ``pose_delay_s`` ago: telemetry that lags behind the picture is what mission software has. ``period_s`` is
-    the time between two exposures: ``usual_period_s``, unless the sensor cannot keep that (see ``Pace``).
+    ``due(state)`` must see every state. It returns None, or the camera pose of ``pose_delay_s`` ago, as
+    telemetry lags behind the picture. ``period_s`` is the time between two exposures: ``usual_period_s``,
+    unless the sensor cannot keep that (see ``Pace``).
     """
 
     def __init__(self, rate_hz: float, pose_delay_s: float) -> None:
@@ -30,7 +30,7 @@ class Exposures:
         self._next_s = 0.0
 
     def due(self, state: VehicleState) -> CameraPose | None:
-        """The pose that an exposure now is believed to have, or None."""
+        """The estimated pose of an exposure now, or None if none is due."""
         self._poses.push(state.time_s, state.camera)
         if state.time_s < self._next_s - _EPS_S:
             return None
@@ -41,14 +41,14 @@ class Exposures:
 
 
 class Pace:
-    """Exposes as often as looks can be answered: at every usual period, every second one, every third ..."""
+    """Adapts the period to the time looks take: every usual period, every second one, every third ..."""
 
     def __init__(self, exposures: Exposures) -> None:
         self._exposures = exposures
         self._took_s: deque[float] = deque(maxlen=_FASTER_AFTER)
 
     def took(self, look_s: float) -> None:
-        """The newest look kept the sensor busy for so long, in the vehicle's time."""
+        """Take note of how long the newest look took, in the vehicle's time."""
         took_s = self._took_s
         took_s.append(look_s)
         usual_s, now = self._exposures.usual_period_s, self._exposures.period_s

@@ -1,7 +1,7 @@
-"""How the ground moved from one picture to another, against how it should have by the believed poses.
+"""How the ground moved between two pictures, against how it should have by the estimated poses.
 
-The earlier picture is warped into the later one over the ground's plane. What shift is left is found by phase
-correlation (Kuglin and Hines, 1975), and whether the two then show the same by local correlation.
+The earlier picture is warped into the later one over the ground's plane. Phase correlation (Kuglin and Hines,
+1975) finds the remaining shift, local correlation whether the two then show the same.
 """
 
 from __future__ import annotations
@@ -24,62 +24,62 @@ Mask = NDArray[np.bool_]
 
 CELLS = (9, 16)  # rows and columns of the small picture
 _WIDTH_PX = 160  # of it
-_TEXTURED, _OVER_NOISE = 2.0, 2.0  # grey levels, standard deviation, and times the noise's: less may be noise
+_TEXTURED, _OVER_NOISE = 2.0, 2.0  # standard deviation in grey levels and over the noise's; less may be noise
 _PEAKS = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6.0  # unit noise stays unit noise
 _MAD = 1.4826  # to the standard deviation of a normal distribution
-_ALIKE = 0.6  # local correlation from which on two pictures show the same
+_ALIKE = 0.6  # local correlation of two pictures that show the same
 _PATCH_PX = 15  # over which they are correlated
-_COARSE_PX = 6.0  # brightness that changes more slowly is light, not texture
+_COARSE_PX = 6.0  # slower changes of brightness are light, not texture
 _FITS = 0.5  # share that is alike
 _MANOEUVRES = (((-9.0, -6.0, -3.0, 3.0, 6.0, 9.0), (1.0,)), ((-1.5, 0.0, 1.5), (0.96, 1.04)))
-# degrees and scales, one after the other, by which heading, gimbal and height may be behind in a hard one
+# degrees and scales, in turn, by which heading, gimbal and height may lag
 _FINE_PX, _MIDDLE_PX = 1.0, 2.5
-_SHOWS, _SHOWS_OVER_NOISE = 0.3, 0.15  # grey levels, and times the noise, which alone leaves half of that
+_SHOWS, _SHOWS_OVER_NOISE = 0.3, 0.15  # grey levels, and over the noise, which alone leaves half of that
 _MOVED_PX = 2.0
-_SLANT = -0.3  # of a line of sight that meets the ground near enough
+_SLANT = -0.3  # of a line of sight that meets nearby ground
 _CENTRES = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])  # of OpenCV's pixels
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A small picture's texture, and from where it is believed to be taken."""
+    """A small picture's texture, and its estimated pose."""
 
     time_s: float
     texture: F32  # (h, w) grey levels without slow changes of brightness
     contrast: F32  # (h, w) its standard deviation around each pixel
     camera: CameraPose
     lens: Lens  # of the small picture
-    sharpness: float  # its finest detail over coarser, squared; inf: it shows nothing
+    sharpness: float  # finest over coarser detail, squared; inf: no detail
     noise: float  # grey levels, standard deviation; fine texture counts as well
     brightness: float  # its mean
 
 
 class GroundMotion(NamedTuple):
-    """What two pictures tell. Velocities are of the camera, horizontal, ENU."""
+    """The comparison of two pictures. Velocities are of the camera, horizontal, ENU."""
 
     elapsed_s: float
     believed_mps: F64  # (2,)
-    excess_mps: F64  # (2,) by which the pictures say that it was faster
-    overlap: float  # share of the later picture that the earlier one shows as well
+    excess_mps: F64  # (2,) of what the pictures show over that
+    overlap: float  # share of the later picture that the earlier one shows too
     textured: float  # share of the overlap where both have texture
     alike: float  # share of that where both show the same
-    moved: Mask  # CELLS that both show, and that should have moved
-    followed: Mask  # CELLS with texture that moved as the rest did
-    still: Mask  # CELLS that show what they showed before, or nothing
+    moved: Mask  # CELLS in both that should have moved
+    followed: Mask  # CELLS with texture that moved with the rest
+    still: Mask  # CELLS that show the same as before, or nothing
 
     @property
     def believed_m(self) -> F64:
-        """(2,) the believed way."""
+        """(2,) the estimated way."""
         return self.believed_mps * self.elapsed_s
 
     @property
     def excess_m(self) -> F64:
-        """(2,) by which the pictures say that it was longer."""
+        """(2,) of what the pictures show over that."""
         return self.excess_mps * self.elapsed_s
 
 
 def view_of(frame: Frame, grey: U8) -> View:
-    """What is kept of a frame; ``grey`` (H, W) is its picture."""
+    """The view of a frame whose picture is ``grey`` (H, W)."""
     width, height = frame.lens.width_px, frame.lens.height_px
     lens = Lens(_WIDTH_PX, max(1, round(_WIDTH_PX * height / width)), frame.lens.hfov_rad)
     small = cv2.resize(grey, (lens.width_px, lens.height_px), interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -91,10 +91,10 @@ def view_of(frame: Frame, grey: U8) -> View:
 
 
 def _noise(grey: U8, small: Lens) -> float:
-    """The standard deviation of the noise that is left in the small picture of ``grey``.
+    """The standard deviation of the noise in the small picture of ``grey``.
 
-    By the Laplacian of Immerkaer (1996) at twice the small picture's size, where texture is weaker than
-    noise, and JPEG has left the noise; its median does not see edges.
+    By the Laplacian of Immerkaer (1996) at twice the small size, where texture is weaker than noise and JPEG
+    has kept the noise; the median ignores edges.
     """
     twice = cv2.resize(grey, (2 * small.width_px, 2 * small.height_px), interpolation=cv2.INTER_AREA)
     peaks = cv2.filter2D(twice, cv2.CV_32F, _PEAKS)[::2, ::2]
@@ -109,12 +109,12 @@ def _sharpness(texture: F32, noise: float) -> float:
 
 
 def looks_down(lens: Lens, camera: CameraPose) -> bool:
-    """Whether all of a picture shows ground that is near."""
+    """Whether all of a picture shows nearby ground."""
     return bool(rays_enu(lens, camera, lens.corners_px)[:, 2].max() < _SLANT)
 
 
 def motion(before: View, now: View, ground_m: float) -> GroundMotion:
-    """What two views of one camera that ``looks_down`` tell, over ground at a height ENU below both."""
+    """Compare two views of one camera that ``looks_down``, over ground at ``ground_m`` ENU."""
     lens, (rows, columns) = now.lens, CELLS
     width, height = lens.width_px, lens.height_px
     onto_now = _ground_to_pixel(lens, now.camera, ground_m)
@@ -158,7 +158,7 @@ class _Fit(NamedTuple):
 
 
 def _fit(before: View, now: View, warp: F64) -> _Fit:
-    """How well the earlier picture fits the later one when it is warped so."""
+    """How well the earlier picture, warped, fits the later one."""
     seen, inside = _warped(before.texture, warp)
     contrast = _contrast(seen)
     textured = (np.minimum(contrast, now.contrast) >= _textured(before, now)) & inside
@@ -174,7 +174,7 @@ def _fit(before: View, now: View, warp: F64) -> _Fit:
 
 
 def _textured(before: View, now: View) -> float:
-    """Contrast from which on both show texture: half of it noise, they still correlate by 0.75."""
+    """The least contrast of texture: with half of it noise, two views still correlate by 0.75."""
     return max(_TEXTURED, _OVER_NOISE * max(before.noise, now.noise))
 
 
@@ -183,14 +183,14 @@ def _alike(fit: _Fit) -> float:
 
 
 def _shifted(before: View, now: View, warp: F64) -> _Fit:
-    """The fit when the earlier picture is warped so, and then shifted as far as it takes."""
+    """The best fit of the earlier picture, warped and then shifted."""
     expected, overlap = _warped(before.texture, warp)
     (dx, dy), _ = cv2.phaseCorrelate(expected, now.texture * overlap, _window(now.lens))
     return _fit(before, now, np.array([[1.0, 0.0, dx], [0.0, 1.0, dy], [0.0, 0.0, 1.0]]) @ warp)
 
 
 def _turned(lens: Lens, turn_deg: float, scale: float) -> F64:
-    """(3, 3): a turn around the middle of the picture, and a growth."""
+    """(3, 3): a turn around the middle of the picture, and a scale."""
     middle = lens.width_px / 2, lens.height_px / 2
     return np.vstack([cv2.getRotationMatrix2D(middle, turn_deg, scale), [0.0, 0.0, 1.0]])
 
@@ -208,7 +208,7 @@ def _on_ground(ground_to_pixel: F64, pixel: F64) -> F64:
 
 
 def _warped(texture: F32, warp: F64) -> tuple[F32, Mask]:
-    """The texture, 0 where nothing comes from, and where something does."""
+    """The warped texture, 0 outside, and where it is inside."""
     height, width = texture.shape
     by = _CENTRES @ warp @ np.linalg.inv(_CENTRES)
     there = cv2.warpPerspective(np.ones_like(texture), by, (width, height)) > 0.999

@@ -22,13 +22,13 @@ from skysweep.types import Answer, Camera, Detections, Detector, Doubt, Frame, V
 
 _EPS_S = 1e-6
 PATIENCE_S = 60.0  # of wall time, for an answer
-_LITTLE_PATIENCE_S = 1.0  # with a detector that did not answer last time
+_LITTLE_PATIENCE_S = 1.0  # after an answer that did not come
 _FAREWELL_S = 5.0
 
 
 @runtime_checkable
 class SkippingCamera(Camera, Protocol):
-    """A camera that can leave out a picture and still take the next as if it had taken this one."""
+    """A camera that can skip a picture without changing the next ones."""
 
     def skip(self, state: VehicleState) -> Frame:
         """The frame with an empty picture (0, 0, 3)."""
@@ -37,7 +37,7 @@ class SkippingCamera(Camera, Protocol):
 
 @runtime_checkable
 class InterruptibleDetector(Detector, Protocol):
-    """A detector that can be told to break off a look."""
+    """A detector whose look can be interrupted."""
 
     def interrupt(self) -> None:
         """Called from another thread; ``detect`` raises."""
@@ -52,16 +52,15 @@ class _Look:
 
 
 class ImagingSensor:
-    """Captures at the detector's rate and hands results on ``latency_s`` after exposure.
+    """Captures at the detector's rate and releases results ``latency_s`` after exposure.
 
-    The detector works in a thread of its own while the next picture is rendered. Results are released by
-    the vehicle's time alone, so that nothing depends on how fast the machine is. Implements
-    ``types.PictureSensor``.
-    A ``watch`` judges every picture; without one all are trusted.
+    The detector runs in its own thread while the next picture is rendered. Results are released by the
+    vehicle's time alone, so that none depends on the machine's speed. A ``watch`` judges every picture;
+    without one all are trusted. Implements ``types.PictureSensor``.
 
-    ``patience_s`` is how long, in wall time, a due answer is waited for. With 0, for vehicles whose time does
-    not wait, it is handed on when it is there, no picture is taken while one is late, and ``exposures``
-    become rarer while looks take longer than their period.
+    ``patience_s`` is the wall time to wait for a due answer. With 0, for vehicles in real time, answers are
+    released when ready, no picture is taken while one is late, and ``exposures`` become rarer while looks
+    take longer than their period.
     """
 
     def __init__(
@@ -81,23 +80,23 @@ class ImagingSensor:
         self._patience_s = patience_s
         self._usual_patience_s = patience_s
         self._pace = Pace(exposures)
-        self._timed_s = -math.inf  # exposure of the newest look whose time was taken
-        self._answered_s = -math.inf  # when it was answered
+        self._timed_s = -math.inf  # exposure of the newest timed look
+        self._answered_s = -math.inf  # when that was answered
         self._seen_s = -math.inf  # the newest state
         self._pending: deque[_Look] = deque()
         self._recalled: deque[Answer] = deque()
-        self._retaken = 0  # of the last of those, the pictures
+        self._retaken = 0  # how many of the last of those are captured again
         self.last_look: tuple[Frame, Detections] | None = None
         self._asked: SimpleQueue[tuple[Frame, Future[Detections]] | None] = SimpleQueue()
-        cv2.setNumThreads(1)  # its threads spin while they wait, on cores that renderer and detector need
+        cv2.setNumThreads(1)  # its waiting threads would spin on cores that renderer and detector need
         self._worker = Thread(target=self._answer_all, name="detector", daemon=True)
         self._worker.start()
 
     def recall(self, answers: Iterable[Answer]) -> None:
-        """Give these answers to the first pictures instead of asking the detector, as in an earlier flight.
+        """Replay these answers for the first pictures instead of asking the detector.
 
-        Of these pictures only the last is taken, or what the watch has to remember; the frames of the others
-        are empty. The camera must be a ``SkippingCamera``.
+        Only the last of these pictures is captured, or those that the watch needs; the other frames are
+        empty. The camera must be a ``SkippingCamera``.
         """
         self._recalled = deque(answers)
         self._retaken = _remembered(self._recalled) if self._watch is not None else 1
@@ -105,7 +104,7 @@ class ImagingSensor:
     def sense(self, state: VehicleState) -> Detections | None:
         """Take a picture if one is due; return the oldest result whose time has come.
 
-        Raises DetectorError where the detector failed on that picture, or did not answer.
+        Raises DetectorError if the detector failed on that picture, or did not answer.
         """
         if self._patience_s == 0.0:
             self._time_looks(state.time_s)
@@ -120,7 +119,7 @@ class ImagingSensor:
         return self.last_look[1]
 
     def close(self) -> None:
-        """Let go of detector and camera; a detector that does not answer is left alone after a while."""
+        """Release detector and camera; a detector that hangs is abandoned after a while."""
         for look in self._pending:
             look.answer.cancel()
         self._interrupt()
@@ -153,7 +152,7 @@ class ImagingSensor:
         return _Look(frame, known.doubt, answer)
 
     def _answer_all(self) -> None:
-        """The detector's thread. It is a daemon, so that one that hangs does not keep the program alive."""
+        """The detector's thread: a daemon, so that a detector that hangs does not keep the program alive."""
         while (look := self._asked.get()) is not None:
             frame, answer = look
             if answer.set_running_or_notify_cancel():
@@ -167,7 +166,7 @@ class ImagingSensor:
             self._detector.interrupt()
 
     def _time_looks(self, now_s: float) -> None:
-        """Tell the pace how long the looks took that were answered since the last time."""
+        """Tell the pace how long the newly answered looks took."""
         for look in self._pending:
             exposed_s = look.frame.time_s
             if exposed_s > self._timed_s and look.answer.done():
@@ -205,7 +204,7 @@ class ImagingSensor:
 
 
 def _remembered(answers: Sequence[Answer]) -> int:
-    """How many of the last pictures a watch has to see to know what it knew: back to where it trusted all."""
+    """How many of the last pictures a watch must see again to regain its state."""
     trusted = 0
     for back, answer in enumerate(reversed(answers), start=1):
         trusted = trusted + 1 if answer.doubt is None and answer.failure is None else 0

@@ -1,6 +1,6 @@
-"""What a real camera does to a picture: motion blur, exposure, noise, JPEG. Milliseconds a frame.
+"""The effects of a real camera: motion blur, exposure, noise, JPEG. Milliseconds a frame.
 
-The random choices of a frame depend on (seed, frame index) alone, so frames can be made in any order.
+The randomness of a frame depends on (seed, frame index) alone, so frames can be made in any order.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from skysweep.geometry.camera import CameraPose, Lens
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-EXPOSURE_STD = 0.05  # of the automatic exposure's error, relative
+EXPOSURE_STD = 0.05  # relative error of the automatic exposure
 EXPOSURE_PERIOD = 20  # frames over which that error changes
 MAX_BLUR_PX = 31
 _NOISE_PX = 128  # the noise tile is larger than the picture by this
 
 
 class CameraEffects:
-    """Turns clean renders into photographs for one picture size."""
+    """Turns clean renders of one size into photographs."""
 
     def __init__(self, lens: Lens, exposure_s: float, noise_std: float, jpeg_quality: int, seed: int) -> None:
         self._lens = lens
@@ -45,7 +45,7 @@ class CameraEffects:
     ) -> U8:
         """The photograph (H, W, 3) of a render, taken while the camera moves and turns.
 
-        ``distance_m`` to the ground along the optical axis scales the blur that translation causes.
+        ``distance_m`` to the ground along the optical axis scales the blur of translation.
         """
         rng = np.random.default_rng([self._seed, frame_index, 43])
         blurred = self._blur(image, pose, velocity_enu_mps, rate_enu_radps, distance_m)
@@ -57,7 +57,7 @@ class CameraEffects:
         return np.asarray(cv2.cvtColor(unpacked, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
     def _blur(self, image: U8, pose: CameraPose, velocity: F64, rate: F64, distance_m: float) -> U8:
-        """One directional kernel for the whole frame: the motion of what is at the picture's centre.
+        """One directional kernel for the whole frame: the motion at the picture's centre.
 
         A point at (0, 0, Z) in the camera moves by f * (-v / Z - omega x z) on the sensor.
         """
@@ -71,7 +71,7 @@ class CameraEffects:
         return np.asarray(cv2.filter2D(image, -1, blur_kernel(dx * scale, dy * scale)))
 
     def _exposure_curve(self, frame_index: int, rng: np.random.Generator) -> U8:
-        """A slow wander of the automatic exposure plus a little jitter, as a table (256,)."""
+        """A slow drift of the automatic exposure plus jitter, as a table (256,)."""
         k, t = divmod(frame_index, EXPOSURE_PERIOD)
         a, b = (np.random.default_rng([self._seed, n, 47]).normal() for n in (k, k + 1))
         w = t / EXPOSURE_PERIOD
@@ -90,7 +90,7 @@ _SHOT = np.round(16 * (0.6 + 0.4 * np.sqrt(np.arange(256) / 64.0))).astype(np.ui
 
 
 def blur_kernel(dx_px: float, dy_px: float) -> NDArray[np.float32]:
-    """A line kernel of the motion (dx, dy), drawn with subpixel weights; sums to 1."""
+    """A line kernel of the motion (dx, dy) with subpixel weights that sum to 1."""
     half = int(np.ceil(max(abs(dx_px), abs(dy_px)) / 2)) + 1
     size = 2 * half + 1
     t = np.linspace(-0.5, 0.5, 8 * size)

@@ -17,9 +17,9 @@ MIN_DISTANCE_M = 0.5
 class RenderedCamera:
     """A :class:`skysweep.types.Camera` in a simulated world.
 
-    ``eye`` knows the true pose at the time of the state passed to ``capture``; the frame carries the
-    camera pose of that state (see :class:`skysweep.sensing.exposures.Exposures` for its delay). One seed
-    gives the same frame bytes. ``renderer`` is one, or its name.
+    ``eye`` gives the true pose; the frame carries the camera pose of the state passed to ``capture`` (delayed
+    by :class:`skysweep.sensing.exposures.Exposures`). One seed gives the same frame bytes. ``renderer`` is
+    one, or its name.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class RenderedCamera:
         self._frame_index = 0
 
     def capture(self, state: VehicleState) -> Frame:
-        """The picture of this moment."""
+        """The picture at this moment."""
         true = self._eye.true_camera_pose()
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         clean = self._renderer.render(self._lens, true, state.time_s)
@@ -57,16 +57,16 @@ class RenderedCamera:
         return Frame(state.time_s, image, state.camera, self._lens)
 
     def skip(self, state: VehicleState) -> Frame:
-        """The frame of this moment with an empty picture; the next ones are as if it had been taken."""
+        """The frame of this moment with an empty picture; later frames are unaffected."""
         self._frame_index += 1
         return Frame(state.time_s, np.empty((0, 0, 3), np.uint8), state.camera, self._lens)
 
     def close(self) -> None:
-        """Let go of the renderer."""
+        """Release the renderer."""
         self._renderer.close()
 
     def _distance_m(self, pose: CameraPose) -> float:
-        """About how far the ground is along the optical axis."""
+        """Approximate distance of the ground along the optical axis."""
         height = pose.position_enu_m[2] - float(self._terrain.height_m(pose.position_enu_m[:2])[0])
         down = max(-float(pose.R_camera_to_enu[2, 2]), 0.2)
         return float(max(height / down, MIN_DISTANCE_M))

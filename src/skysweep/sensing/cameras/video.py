@@ -13,17 +13,17 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import Lens
 from skysweep.types import Frame, VehicleState
 
-OPEN_S = 10.0  # until a stream has to show its first picture
-FRESH_S = 1.0  # how old a picture may be
+OPEN_S = 10.0  # to wait for a stream's first picture
+FRESH_S = 1.0  # greatest age of a picture
 _DEVICE = "/dev/video"
 
 
 class VideoCamera:
     """The newest picture of a video source. Implements ``types.Camera``.
 
-    A thread reads all the time, so that nothing queues up; ``capture`` gives the last picture, with the pose
-    that the state carries. The lens is the scenario's, so the pictures must have its size. Raises UserError
-    when ``source`` cannot be opened, shows nothing in ``OPEN_S``, or shows another size.
+    A thread reads all the time, so that nothing queues up; ``capture`` returns the last picture with the
+    state's pose. Pictures must have the size of the scenario's lens. Raises UserError if ``source`` cannot be
+    opened, shows nothing within ``OPEN_S``, or has another size.
     """
 
     def __init__(self, source: str, lens: Lens) -> None:
@@ -53,7 +53,7 @@ class VideoCamera:
             raise
 
     def capture(self, state: VehicleState) -> Frame:
-        """The last picture. Raises ConnectionError when that is older than ``FRESH_S``."""
+        """The last picture. Raises ConnectionError if it is older than ``FRESH_S``."""
         with self._news:
             fresh = self._news.wait_for(self._is_fresh, FRESH_S)
             newest = self._newest
@@ -63,7 +63,7 @@ class VideoCamera:
         return Frame(state.time_s, image, state.camera, self._lens)
 
     def close(self) -> None:
-        """Let go of the source."""
+        """Release the source."""
         self._running = False
         self._thread.join(timeout=2.0)
         self._video.release()

@@ -39,10 +39,11 @@ SENSOR = np.dtype(
         ("exposure_s", float),
         ("seed", np.int64),
         ("threshold", float),  # the lowest score that is reported
-        ("centre_px", float),  # error of a box's centre: of any box,
-        ("centre_of_object", float),  # as a share of the object,
-        ("centre_of_blur", float),  # and of the motion blur
-        ("fade_px", float),  # movement in the picture over which looks become independent
+        ("floor", float),  # of the scores of ghosts
+        ("centre_px", float),  # error of a box's centre, as the next two
+        ("centre_of_object", float),
+        ("centre_of_blur", float),
+        ("fade_px", float),
         ("octave_starts", np.int64, OCTAVES + 1),  # in the ghosts
     ]
 )
@@ -65,7 +66,6 @@ GHOST = np.dtype(  # a place where something can be reported that is not there
 GHOST_CLASS = np.dtype(
     [
         ("shows", float),  # normal quantile of the chance of showing
-        ("floor", float),
         ("rest", float),  # weight of the rest
         ("pixels", float),
         ("unit_scale", float),  # Weibull's scale of mean 1
@@ -256,7 +256,7 @@ def _draw_ghosts(
             continue
         z = ghost.own + c.rest * standard_normal(s.seed, look, row, _SCORE)
         above = -math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
-        score = c.floor + now[kind, 1] * c.unit_scale * above**c.exponent
+        score = s.floor + now[kind, 1] * c.unit_scale * above**c.exponent
         if score < s.threshold:
             continue
         half = c.pixels / 2

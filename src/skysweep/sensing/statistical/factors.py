@@ -1,4 +1,4 @@
-"""What shifts the score of a look, said once for the fit, the draws, the sensor files and the docs."""
+"""The factors that shift the score of a look, for the fit, the draws, the sensor files and the docs."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import NamedTuple
 from numba import njit
 
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
-HIDDEN_MAX = 0.75  # by anything, the edge too
+HIDDEN_MAX = 0.75  # by anything, including the picture's edge
 BLUR_MAX = 1.0
-CUT_MIN = 0.01  # of an object beyond an edge that cuts it
-EDGE_PX = 8.0  # objects this small look no different there
-NEAR_PX = (8.0, 64.0)  # from which on, and up to which, more and more of an object's side shows
+CUT_MIN = 0.01  # least share beyond an edge that cuts an object
+EDGE_PX = 8.0  # objects this small look the same there
+NEAR_PX = (8.0, 64.0)  # between which more and more of an object's side shows
 CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 _NEAR_AT = math.log(NEAR_PX[0])
@@ -20,7 +20,7 @@ _NEAR_OVER = math.log(NEAR_PX[1]) - _NEAR_AT
 
 
 class Factor(NamedTuple):
-    """One of them: the score's mean rises by a number of the sensor file times what it ``says``."""
+    """One factor: the score's mean rises by what it ``says`` times its number in the sensor file."""
 
     name: str
     says: str
@@ -30,11 +30,7 @@ class Factor(NamedTuple):
 
 FACTORS = (  # in the order of ``factors_of_look``
     Factor("view", "sin² of the line of sight's angle off the vertical", (0.0, 0.6)),
-    Factor(
-        "front",
-        "cosine of the angle between where it faces and the line to the camera",
-        (0.0, 1.0),
-    ),
+    Factor("front", "cosine of the angle between where it faces and the line to the camera", (0.0, 1.0)),
     Factor("front_near", "the same, times log(pixels / 8) / log(8), from 0 to 1", (0.0, 1.5)),
     Factor("hidden", "share of the object that trees and buildings hide", (-0.7, 0.6)),
     Factor("cut", "square of the share of it beyond the picture's edge", (-0.7, 1.2)),
@@ -60,7 +56,7 @@ def factors_of_look(
     blur_px: float,
     contrast: float,
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """What each of the FACTORS says of one look.
+    """The FACTORS of one look.
 
     ``view`` is a squared sine, ``front`` a cosine, ``hidden`` and ``cut`` are shares, ``contrast`` is in
     CONTRAST_UNIT from CONTRAST_USUAL.

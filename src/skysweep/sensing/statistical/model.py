@@ -1,10 +1,10 @@
-"""The numbers of the statistical sensor: a small YAML file, made for one detector and one camera.
+"""The model of the statistical sensor: a small YAML file for one detector and one camera.
 
-A look at an object has a score, the confidence that the detector gives it on the scale -log(-log c). It is
-normal: its mean and spread follow the pixels on target, and the FACTORS and the ground shift the mean.
-What reaches the threshold is reported, so that one score explains both how often and how surely things are
-seen (a Tobit model: Tobin, Econometrica 26, 1958), apart from a share of lapses that nothing explains
-(Wichmann and Hill, Perception & Psychophysics 63, 2001).
+The score of a look at an object is the detector's confidence on the scale -log(-log c). It is normal: mean
+and spread depend on the pixels on target; the FACTORS and the ground shift the mean. Scores above the
+threshold are reported, so that one score explains detection rate and confidence (a Tobit model: Tobin,
+Econometrica 26, 1958), apart from a share of unexplained lapses (Wichmann and Hill, Perception &
+Psychophysics 63, 2001).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ VERSION = 8  # 7 measured standing objects by the angle to their foot
 
 
 def score_of(confidence: ArrayLike) -> NDArray[np.float64]:
-    """Confidences (0..1) on the scale on which looks at one object are closest to normal."""
+    """Scores of confidences (0..1): the scale on which looks at one object are closest to normal."""
     return np.asarray(-np.log(-np.log(np.asarray(confidence, dtype=float))))
 
 
 def confidence_of(score: ArrayLike) -> NDArray[np.float64]:
-    """The other way round."""
+    """The inverse of ``score_of``."""
     return np.asarray(np.exp(-np.exp(-np.asarray(score, dtype=float))))
 
 
@@ -46,9 +46,8 @@ class _Part(BaseModel):
 class KindModel(_Part):
     """How one kind of object in one pose is reported as one class.
 
-    The score's mean at some pixels is ``score`` there plus ``grounds`` of what it stands or lies on (where a
-    detector takes a rock on grass for a person, it may not on snow) plus each of the FACTORS times its number
-    here.
+    The score's mean at some pixels is ``score`` there, plus ``grounds`` of the surface below (a rock may pass
+    for a person on grass and not on snow), plus each of the FACTORS times its number here.
     """
 
     kind: str
@@ -56,9 +55,7 @@ class KindModel(_Part):
     reported_as: str
     score: list[float] = Field(description="Over the grid: mean from straight above, whole and sharp")
     spread: list[float] = Field(description="Over the grid: standard deviation")
-    lapse: list[float] = Field(
-        description="Over the grid: share of looks without a report whatever the score"
-    )
+    lapse: list[float] = Field(description="Over the grid: share of looks not reported whatever the score")
     view: float
     front: float
     front_near: float
@@ -70,9 +67,7 @@ class KindModel(_Part):
     contrast: float
     grounds: dict[str, float] = Field(description="Added to the mean, by surface; the usual one adds 0")
     object_share: float = Field(ge=0, le=1, description="Of the variance: the object's own, in every look")
-    pass_share: float = Field(
-        ge=0, le=1, description="Of the variance: common to looks from nearly one place"
-    )
+    pass_share: float = Field(ge=0, le=1, description="Of the variance: common to looks from nearby places")
 
     @property
     def factors(self) -> tuple[float, ...]:
@@ -95,16 +90,14 @@ class ContrastModel(_Part):
 
 
 class BackgroundModel(_Part):
-    """Reports where nothing is."""
+    """False reports, of places where nothing is."""
 
     reported_as: str
     altitude_agl_m: list[float] = Field(min_length=1)
-    per_hectare: list[float] = Field(description="In one look, with confidences from the floor on")
+    per_hectare: list[float] = Field(description="In one look, with confidences above the floor")
     surfaces: dict[str, float] = Field(description="Factor on that rate by what the ground is")
     wooded: float = Field(gt=0, description="Factor on that rate where trees or bushes stand")
-    score_scale: list[float] = Field(
-        description="Mean of what their score is above the floor, at these altitudes"
-    )
+    score_scale: list[float] = Field(description="Mean of their score over the floor, at these altitudes")
     score_shape: float = Field(gt=0, description="Of the Weibull distribution of that; 1 is exponential")
     again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")
     same_share: float = Field(ge=0, le=1, description="Of the score's variance: the same in every look")
@@ -117,7 +110,7 @@ class BackgroundModel(_Part):
 
 
 class BoxModel(_Part):
-    """Error of a box's centre an axis: square root of the sum of squares."""
+    """Error of a box's centre on each axis: root of the sum of the squares."""
 
     pixels: float = Field(ge=0)
     of_object: float = Field(ge=0, description="Times the object's pixels")
@@ -125,14 +118,14 @@ class BoxModel(_Part):
 
 
 class Detecting(_Part):
-    """The detector that was measured."""
+    """The calibrated detector."""
 
     name: str
-    sha256: str = Field(description="Of the model's file")
+    sha256: str = Field(description="Of the model file")
 
 
 class CalibratedCamera(_Part):
-    """The camera that was measured."""
+    """The calibrated camera."""
 
     width_px: int
     height_px: int
@@ -143,46 +136,44 @@ class CalibratedCamera(_Part):
 
 
 class Experiment(_Part):
-    """What was rendered."""
+    """The rendered looks."""
 
     pictures: int
     seed: int
     looks: int
-    confidence_floor: float = Field(description="Reports below were not looked at")
+    confidence_floor: float = Field(description="Reports below it were ignored")
 
 
 class Fit(_Part):
-    """How well looks at objects that the fit has not seen are told: one part of the looks."""
+    """Held-out fit of one subset of the looks."""
 
     part: str
     looks: int
     measured: float = Field(description="Share reported")
-    drawn: float = Field(description="What the model says")
+    drawn: float = Field(description="Share predicted")
 
 
 class HeldOut(_Part):
-    """Goodness of fit by cross validation over worlds, at one threshold of confidence."""
+    """Goodness of fit, cross-validated over worlds, at one confidence threshold."""
 
     confidence: float
     folds: int
-    brier: float = Field(description="Mean squared error of the chance of a report")
-    brier_of_rates: float = Field(
-        description="The same for each kind's rate, whatever the pixels and factors"
-    )
+    brier: float = Field(description="Mean squared error of the predicted chance of a report")
+    brier_of_rates: float = Field(description="The same if each kind's rate is predicted")
     deviance_explained: float = Field(description="Share of the deviance of those rates")
-    calibration_error: float = Field(description="Mean distance of drawn and measured over ten bins")
+    calibration_error: float = Field(description="Mean difference of predicted and measured in ten bins")
     parts: list[Fit]
 
 
 class StatisticalModel(_Part):
-    """Everything the sensor draws from. Written by ``skysweep calibrate``, never by hand."""
+    """The whole model. Written by ``skysweep calibrate``, never by hand."""
 
     version: int
     detector: Detecting
     camera: CalibratedCamera
     experiment: Experiment
     pixels: list[float] = Field(min_length=2, description="Grid of pixels on target, ascending")
-    fade_px: float = Field(gt=0, description="Looks that an image moved apart by this are correlated by 1/e")
+    fade_px: float = Field(gt=0, description="Movement in the picture after which looks correlate by 1/e")
     box: BoxModel
     kinds: list[KindModel]
     contrasts: list[ContrastModel]
@@ -206,9 +197,9 @@ class StatisticalModel(_Part):
 
     @classmethod
     def load(cls, path: Path | None = None) -> StatisticalModel:
-        """Read a model file; without a path the one that is shipped for the shipped detector.
+        """Read a model file; without a path, that of the shipped detector.
 
-        Raises UserError on a file that is missing or is none.
+        Raises UserError if the file is missing or invalid.
         """
         source = path or Path(str(resources.files("skysweep.sensing.statistical") / "default.yaml"))
         try:
@@ -221,10 +212,10 @@ class StatisticalModel(_Part):
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
 
     def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
-        """What of this camera and detector the numbers do not hold for; one phrase each.
+        """What differs in this camera or detector from the calibrated one; one phrase each.
 
-        Pixels on target, view angle, blur and overlap of looks are in the model, so another field of view,
-        rate, latency or gimbal is no difference. What changes how a given number of pixels looks, is.
+        Field of view, rate, latency and gimbal may differ, as pixels on target, view angle, blur and overlap
+        are in the model; what changes the look of a given number of pixels may not.
         """
         found = []
         if detector.tiles != 1:
@@ -244,7 +235,7 @@ class StatisticalModel(_Part):
 def model_for(scenario: Scenario) -> StatisticalModel:
     """The model that a scenario names, or the shipped one.
 
-    Raises UserError when it was made for another detector or camera, with what differs.
+    Raises UserError if it was made for another detector or camera.
     """
     path = scenario.detector.statistical_model
     model = StatisticalModel.load(Path(path) if path else None)

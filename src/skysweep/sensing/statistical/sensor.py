@@ -1,8 +1,7 @@
 """A sensor without pictures: it draws detections from a model fitted to renders and the real detector.
 
-The objects are projected through the true camera, detections are drawn as ``statistical_model`` says, and the
-result carries the pose that the mission believes. Georeferencing therefore suffers in turns for the same
-physical reasons as with pictures; only seeing is statistical.
+Objects are projected through the true camera; detections carry the estimated pose. Georeferencing therefore
+degrades in turns for the same physical reasons as with pictures; only detection is statistical.
 """
 
 from __future__ import annotations
@@ -35,14 +34,15 @@ F64 = NDArray[np.float64]
 
 _EPS_S = 1e-6
 _MAX_GHOSTS = 64  # in one picture
+_NOT_SEEN = (math.nan, math.nan, math.nan)
 _NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
 
 
 class StatisticalSensor:
     """Draws detections instead of rendering pictures. Implements ``types.Sensor``.
 
-    ``eye`` knows where the camera is at this moment; ``classes`` are those that the mission searches for. Of
-    several sensors in one world each is another ``unit``: it draws its own looks of the same objects.
+    ``eye`` knows the camera's true pose; ``classes`` are those that the mission searches for. Each of several
+    sensors in one world is another ``unit``, with its own draws of the same objects.
     """
 
     def __init__(
@@ -69,20 +69,12 @@ class StatisticalSensor:
         of_objects = self._tabulate_objects(world, classes, once)
         *of_ghosts, octave_starts = self._tabulate_ghosts(world, classes, once)
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
-        lens = self._lens
-        sensor = (
-            lens.focal_px,
-            lens.width_px,
-            lens.height_px,
-            camera.exposure_s,
-            of_looks.integers(2**62),
-            score_of(confidence_min),
-            m.box.pixels,
-            m.box.of_object,
-            m.box.of_blur,
-            m.fade_px,
-            octave_starts,
-        )
+        seed_of_looks = of_looks.integers(2**62)
+        lens, box = camera.lens, m.box
+        optics = (lens.focal_px, lens.width_px, lens.height_px, camera.exposure_s)
+        scores = (score_of(confidence_min), score_of(m.experiment.confidence_floor))
+        boxes = (box.pixels, box.of_object, box.of_blur, m.fade_px)
+        sensor = (*optics, seed_of_looks, *scores, *boxes, octave_starts)
         self._sensor = np.array([sensor], dtype=SENSOR).view(np.float64)
         room = len(self._row_names) + _MAX_GHOSTS
         self._boxes, self._scores = np.empty((room, 4)), np.empty(room)
@@ -102,7 +94,7 @@ class StatisticalSensor:
         """Nothing is held open."""
 
     def _look(self, time_s: float, believed: CameraPose) -> Detections:
-        """One picture's worth of draws."""
+        """The draws of one picture."""
         position, R = self._eye.true_camera_pose()
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
@@ -121,10 +113,7 @@ class StatisticalSensor:
     def _tabulate_objects(
         self, world: World, classes: Sequence[str], once: np.random.Generator
     ) -> tuple[NDArray[Any], ...]:
-        """Objects that can be reported, and a row for every class that each can be reported as.
-
-        Returned is what ``draw_look`` takes from ``things`` to ``pass_state``.
-        """
+        """The objects: what ``draw_look`` takes from ``things`` to ``pass_state``."""
         m = self._model
         wanted = [kind for kind in m.kinds if kind.reported_as in classes]
         luck = once.normal(size=(len(world.objects), 1 + len(classes)))
@@ -146,19 +135,14 @@ class StatisticalSensor:
                 score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
                 rows.append([*score, *kind.spread, *lapse, *kind.factors, offset, *shares])
                 self._row_names.append(kind.reported_as)
-            things.append(
-                (
-                    middle_enu_m(thing),
-                    thing.size_m,
-                    shape_of(thing),
-                    occluders.is_beside_a_crown(thing),
-                    self._contrast(thing, surface, float(colour)),
-                    (math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)),
-                    (first_near, len(near)),
-                    (first_row, len(rows)),
-                    (math.nan, math.nan, math.nan),
-                )
+            looks_so = (
+                shape_of(thing),
+                occluders.is_beside_a_crown(thing),
+                self._contrast(thing, surface, colour),
             )
+            facing = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
+            parts = (first_near, len(near)), (first_row, len(rows))
+            things.append((middle_enu_m(thing), thing.size_m, *looks_so, facing, *parts, _NOT_SEEN))
         return (
             np.array(things, dtype=THING).view(np.float64),
             occluders.solids,
@@ -169,7 +153,7 @@ class StatisticalSensor:
         )
 
     def _contrast(self, thing: WorldObject, surface: str, draw: float) -> float:
-        """Of one object against this ground; the usual one where it was not measured."""
+        """Of one object against this ground; the usual one if not measured."""
         table = next((c for c in self._model.contrasts if (c.kind, c.pose) == (thing.kind, thing.pose)), None)
         mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
         return float(np.clip((mean + std * draw - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
@@ -177,25 +161,17 @@ class StatisticalSensor:
     def _tabulate_ghosts(
         self, world: World, classes: Sequence[str], once: np.random.Generator
     ) -> tuple[NDArray[Any], ...]:
-        """Places where the detector can report what is not there, other ones in every octave of altitude.
+        """The ghosts: what ``draw_look`` takes from ``ghosts`` to ``over_altitude``, and octave starts.
 
-        Each has a level, in reports a hectare: it is there while the rate at this altitude exceeds it.
-        Returned is what ``draw_look`` takes from ``ghosts`` to ``over_altitude``, and where octaves start.
+        Every octave of altitude has its own. Each has a level, in reports a hectare: it is there while the
+        rate at the altitude exceeds it.
         """
         m = self._model
         background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
         self._ghost_names = [b.reported_as for b in background]
         log_altitudes = [np.log(b.altitude_agl_m) for b in background]
-        floor = float(score_of(m.experiment.confidence_floor))
         of_classes = [
-            (
-                ndtri(b.again),
-                floor,
-                math.sqrt(1.0 - b.same_share),
-                b.pixels,
-                b.unit_scale,
-                1.0 / b.score_shape,
-            )
+            (ndtri(b.again), math.sqrt(1.0 - b.same_share), b.pixels, b.unit_scale, 1.0 / b.score_shape)
             for b in background
         ]
         nodes = max(map(len, log_altitudes), default=0)
@@ -236,7 +212,7 @@ class StatisticalSensor:
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:
-    """The models of this kind in this pose, or in any where the pose was not measured."""
+    """The models of this kind in this pose, or in another if the pose was not measured."""
     of_kind = [k for k in kinds if k.kind == thing.kind]
     same_pose = [k for k in of_kind if k.pose == thing.pose]
     return same_pose or [k for k in of_kind if k.pose == of_kind[0].pose]
