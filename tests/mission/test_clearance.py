@@ -223,7 +223,7 @@ def test_a_candidate_under_trees_is_reported_with_the_reason():
     ]
     assert told == [("unchecked", "no clear view")]
     (refused,) = [line["sentence"] for line in journal.lines if line["kind"] == "safety"]
-    assert "no place that is clear of trees and buildings sees it" in refused
+    assert "no place clear of trees and buildings has it in view" in refused
 
 
 ISLET = {

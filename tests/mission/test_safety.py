@@ -467,7 +467,7 @@ def test_a_wind_that_was_too_strong_and_is_not_known_any_more_is_said(unknown):
     watched(state(wind_enu_mps=np.array([0.0, 12.0, 0.0])))
     (alarm,) = watched.guard.alarms(state(t=101.0, wind_enu_mps=unknown), 30.0, Phase.SEARCH)
     assert (alarm.action, alarm.cause) == (Action.CONTINUE, "wind")
-    assert alarm.sentence == "How the wind blows is not known any more."
+    assert alarm.sentence == "The wind is no longer known."
     assert watched(state(t=101.5, wind_enu_mps=np.array([0.0, 5.0, 0.0]))) == {}
     assert watched(state(t=102.0, wind_enu_mps=unknown)) == {}
 

@@ -613,7 +613,7 @@ def test_a_landing_that_never_ends_is_given_up_with_a_word():
     flown = Flown(vehicle=lambda inner: HardToLand(inner, math.inf))
     assert flown.reason == "landing"
     assert flown.safety == [("landing", "LAND")] * 3
-    assert flown.of_kind("safety")[-1]["sentence"].endswith("look after it by hand.")
+    assert flown.of_kind("safety")[-1]["sentence"].endswith("take over by hand.")
     assert flown.of_kind("landed") == []
     assert flown.lines[-1]["kind"] == "end"
 

@@ -134,8 +134,8 @@ class Flight:
             raise UserError("position: the vehicle has none; wait for its GNSS fix")
         if math.isnan(state.battery_remaining) and not (state.airborne or safety.battery_estimated):
             raise UserError(
-                "battery: the vehicle does not say how full it is; have it say so, or write "
-                "safety.battery_estimated: true to fly a full one by an estimate"
+                "battery: the vehicle does not report its charge; make it do so, or write "
+                "safety.battery_estimated: true to fly a full battery by estimate"
             )
         limit_mps = safety.wind_max_mps
         wind_mps = math.hypot(*wind_xy(state))
@@ -194,7 +194,7 @@ class Flight:
                 latest_s = state.time_s + longest_s
                 continue
             if state.time_s + state.silent_s > latest_s:
-                alarm = Alarm(Action.LAND, "take-off", f"Not up after {longest_s:.0f} s: landing.")
+                alarm = Alarm(Action.LAND, "take-off", f"Not at altitude after {longest_s:.0f} s: landing.")
                 self._notes.safety(state.time_s, alarm)
             if alarm.action > Action.HOLD:
                 return alarm
@@ -304,7 +304,7 @@ class Flight:
             self._m.vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
         except UserError as error:
             self._guard.heed("continue")
-            sentence = f"The landing is not held: {error}."
+            sentence = f"The landing cannot be held: {error}."
             self._notes.safety(state.time_s, Alarm(Action.CONTINUE, "operator", sentence))
 
     # ---- the steps ---------------------------------------------------------------------------------------
@@ -483,7 +483,7 @@ def fly(
 
 
 def _not_down(after_s: float, given_up: bool) -> Alarm:
-    what = "look after it by hand" if given_up else "ordered again"
+    what = "take over by hand" if given_up else "ordering it again"
     return Alarm(
         Action.LAND, "landing", f"Not on the ground {after_s:.0f} s after the order to land: {what}."
     )

@@ -49,12 +49,12 @@ OVER = {
     "detector slow": "The detector keeps its rate again.",
     "scan slowed": "The scan is as fast as planned again.",
     "wind": "The wind has dropped.",
-    "battery unknown": "The vehicle says how full its battery is again.",
-    "setpoints ignored": "The vehicle flies to where it is sent again.",
-    "turned away": "The vehicle looks where it is told again.",
+    "battery unknown": "The vehicle reports its battery again.",
+    "setpoints ignored": "The vehicle follows its setpoints again.",
+    "turned away": "The vehicle keeps the commanded heading again.",
     "height": "The rangefinder agrees with the height again.",
     "operator": "The operator's hold is over.",
-    "taken over": "The vehicle was given back.",
+    "taken over": "The vehicle was handed back.",
 }  # sentences for when a cause has cleared
 
 
@@ -223,7 +223,7 @@ class Guard:
         if waypoint.to_look and not self._searched.covers(waypoint.xy_enu_m):
             return OUTSIDE, "it lies outside the area that is searched"
         if flown_to is None:
-            return "no clear view", "no place that is clear of trees and buildings sees it"
+            return "no clear view", "no place clear of trees and buildings has it in view"
         here, limits = (state.position_enu_m.item(0), state.position_enu_m.item(1)), self._limits
         lowest_m = max(limits.altitude_min_agl_m, limits.descent_floor_agl_m)
         if not lowest_m <= flown_to.altitude_agl_m <= limits.altitude_max_agl_m:
@@ -288,10 +288,10 @@ class Guard:
             yield Alarm(
                 Action.RETURN,
                 "telemetry silent",
-                f"No new telemetry for {silent_s:.0f} s: home when it is back.",
+                f"No telemetry for {silent_s:.0f} s: returning home once the link is back.",
             )
         elif silent_s > self._limits.link_hold_s:
-            yield Alarm(Action.HOLD, "telemetry silent", f"No new telemetry for {silent_s:.1f} s.")
+            yield Alarm(Action.HOLD, "telemetry silent", f"No telemetry for {silent_s:.1f} s.")
 
     def _position(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         limits = self._limits
@@ -313,8 +313,8 @@ class Guard:
         if unknown_s is not None:
             agreed = self._may_estimate and not self._charge.was_said
             action = Action.CONTINUE if agreed or unknown_s < limits.battery_unknown_s else Action.RETURN
-            sentence = "The vehicle does not say how full its battery is"
-            yield Alarm(action, "battery unknown", f"{sentence}: at most {left:.0%}, by what flying takes.")
+            sentence = f"The vehicle does not report its battery: at most {left:.0%} by estimate."
+            yield Alarm(action, "battery unknown", sentence)
         if not unknown and left < limits.battery_critical:
             yield Alarm(Action.LAND, "battery critical", f"The battery is at {left:.0%}: landing at once.")
         elif phase is Phase.SEARCH:
@@ -372,7 +372,7 @@ class Guard:
     def _wind(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
         wind = known_wind_xy(state)
         if wind is None and "wind" in self._since:
-            yield Alarm(Action.CONTINUE, "wind", "How the wind blows is not known any more.")
+            yield Alarm(Action.CONTINUE, "wind", "The wind is no longer known.")
             return
         speed_mps = math.hypot(*wind) if wind is not None else 0.0
         blown_s = self._lasting_s("wind", speed_mps > self._limits.wind_max_mps, now_s)
@@ -386,7 +386,7 @@ class Guard:
         if waits:
             self._homeward.restart()
         elif self._homeward.stuck_s(now_s, self._home, distance_m) > _NO_WAY_HOME_S:
-            yield Alarm(Action.LAND, "no way home", f"Home stays {distance_m:.0f} m away: landing here.")
+            yield Alarm(Action.LAND, "no way home", f"No way home, {distance_m:.0f} m away: landing here.")
 
     def _obedience(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:
         """Whether it follows the setpoint's place and yaw."""
@@ -401,15 +401,13 @@ class Guard:
         else:
             stuck_s = self._progress.stuck_s(now_s, (x, y), left_m) - _SLOW_M / goal.speed_mps
             if stuck_s > _STUCK_SAID_S:
-                sentence = f"The vehicle comes no nearer to where it is sent, {left_m:.0f} m away."
+                sentence = f"The vehicle makes no progress towards its setpoint, {left_m:.0f} m away."
                 yield Alarm(self._home_after(stuck_s), "setpoints ignored", sentence)
         R = state.R_body_to_enu
         away_rad = abs(math.remainder(math.atan2(R.item(3), R.item(0)) - goal.yaw_rad, math.tau))
         turned_s = self._lasting_s("turned away", away_rad > _TURNED_AWAY_RAD, now_s)
         if turned_s is not None and turned_s > _TURNED_SAID_S:
-            sentence = (
-                f"The vehicle is turned {math.degrees(away_rad):.0f} degrees away from where it is told."
-            )
+            sentence = f"The heading is {math.degrees(away_rad):.0f} degrees off the commanded one."
             yield Alarm(self._home_after(turned_s), "turned away", sentence)
 
     def _home_after(self, lasted_s: float) -> Action:
@@ -512,14 +510,12 @@ def _ground_slack_m(distance_m: float) -> float:
 
 
 def _keeps_out(why: str) -> Alarm:
-    sentence = f"Somebody else flies the vehicle ({why}): it is theirs until a person says continue."
+    sentence = f"Somebody else flies the vehicle ({why}): no commands until a person says continue."
     return Alarm(Action.KEEP_OUT, "taken over", sentence)
 
 
 def _is_lost(silent_s: float) -> Alarm:
-    sentence = (
-        f"Nothing new was heard for {silent_s / 60.0:.0f} minutes, longer than a battery lasts: given up."
-    )
+    sentence = f"No telemetry for {silent_s / 60.0:.0f} minutes, longer than a battery lasts: giving up."
     return Alarm(Action.LAND, LOST, sentence)
 
 
