@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from numba import types
 from scipy.special import gamma
 from scipy.stats import binom, kstest, norm, weibull_min
 
@@ -15,7 +16,7 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import CameraModel, Light
 from skysweep.sensing.exposures import Exposures
-from skysweep.sensing.statistical.draws import standard_normal
+from skysweep.sensing.statistical.draws import draw_look, standard_normal
 from skysweep.sensing.statistical.factors import FACTORS
 from skysweep.sensing.statistical.model import (
     VERSION,
@@ -288,6 +289,20 @@ def test_what_else_is_there_does_not_change_the_draws_of_an_object():
     alone = looks([sign()], model(table()), nadir(20.0), 200)
     among = looks([sign(), sign(300.0), sign(-300.0)], model(table()), nadir(20.0), 200)
     assert [d.confidences.tolist() for d in alone] == [d.confidences.tolist() for d in among]
+
+
+def test_compiled_code_is_handed_plain_arrays_and_numbers():
+    """Numba's cache on disk would break without a word when a class among its argument types is renamed."""
+    looks([sign()], model(table()), nadir(20.0), 1)
+    assert {type(t) for types_of in draw_look.signatures for t in types_of} == {
+        types.Array,
+        types.Float,
+        types.Integer,
+    }
+
+
+def test_a_world_with_nothing_to_report_gives_empty_looks():
+    assert sum(map(len, looks([sign(kind="rock")], model(table()), nadir(20.0), 10))) == 0
 
 
 def test_draws_are_normal_and_unrelated():

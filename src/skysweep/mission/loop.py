@@ -17,7 +17,7 @@ from skysweep.errors import UserError
 from skysweep.mission.believable import Believable, has_place
 from skysweep.mission.clearance import Clearance, too_high
 from skysweep.mission.energy import ReturnEnergy, wind_xy
-from skysweep.mission.fence import Fence, Router, SearchedArea
+from skysweep.mission.fence import Fence, Router
 from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission, Operator, Watch
@@ -94,7 +94,6 @@ class Flight:
         self._fence = Fence(scenario, high, np.vstack([mission.waypoints_xy_enu_m, own]))
         self._router = Router(self._fence)
         self._clearance = Clearance(scenario, mission.obstacles, self._fence, mission.yaw_rad)
-        self._searched = SearchedArea(scenario)
         energy = ReturnEnergy(
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
@@ -367,7 +366,7 @@ class Flight:
 
     def _is_searched(self, candidate: Candidate) -> bool:
         x, y, _ = candidate.position_enu_m.tolist()
-        return self._searched.covers((x, y))
+        return self._guard.searched.covers((x, y))
 
     def _note(self, seen: Observation, events: tuple[Event, ...]) -> None:
         if not (seen.sightings or seen.unsearched or events):

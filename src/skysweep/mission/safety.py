@@ -118,7 +118,7 @@ class Guard:
         self._may_estimate = scenario.safety.battery_estimated and not begins_in_air
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
         self._allowed: Waypoint | None = None  # the newest
-        self._searched = SearchedArea(scenario)
+        self.searched = SearchedArea(scenario)
         self._x = self._y = self._z = math.inf
         self._energy_due_s = 0.0
 
@@ -220,7 +220,7 @@ class Guard:
         self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
     ) -> tuple[str, str]:
         """Cause and reason; empty if there is none."""
-        if waypoint.to_look and not self._searched.covers(waypoint.xy_enu_m):
+        if waypoint.to_look and not self.searched.covers(waypoint.xy_enu_m):
             return OUTSIDE, "it lies outside the area that is searched"
         if flown_to is None:
             return "no clear view", "no place clear of trees and buildings has it in view"

@@ -54,10 +54,10 @@ class StatisticalSensor:
         classes: Sequence[str],
         confidence_min: float,
         seed: int,
-        model: StatisticalModel | None = None,
+        model: StatisticalModel,
         unit: int = 0,
     ) -> None:
-        self._model = m = model or StatisticalModel.load()
+        self._model = model
         self._ground_at_m = world.terrain.height_at_m
         self._lens, self._latency_s = camera.lens, camera.latency_s
         self._eye, self._exposures = eye, exposures
@@ -70,10 +70,10 @@ class StatisticalSensor:
         *of_ghosts, octave_starts = self._tabulate_ghosts(world, classes, once)
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
         seed_of_looks = of_looks.integers(2**62)
-        lens, box = camera.lens, m.box
+        lens, box = camera.lens, model.box
         optics = (lens.focal_px, lens.width_px, lens.height_px, camera.exposure_s)
-        scores = (score_of(confidence_min), score_of(m.experiment.confidence_floor))
-        boxes = (box.pixels, box.of_object, box.of_blur, m.fade_px)
+        scores = (score_of(confidence_min), score_of(model.experiment.confidence_floor))
+        boxes = (box.pixels, box.of_object, box.of_blur, model.fade_px)
         sensor = (*optics, seed_of_looks, *scores, *boxes, octave_starts)
         self._sensor = np.array([sensor], dtype=SENSOR).view(np.float64)
         room = len(self._row_names) + _MAX_GHOSTS
