@@ -199,20 +199,10 @@ def draw_look(
             _put_box(boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
             scores[n], rows[n] = score, r
             n += 1
-    log_altitude = math.log(max(altitude_agl_m, 1.0))
-    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
-    first, end = s.octave_starts[octave], s.octave_starts[octave + 1]
-    if first == end:
-        return n, n
-    classes = ghost_classes.view(GHOST_CLASS)
-    now = np.empty((len(classes), 2))
-    for k in range(len(classes)):
-        now[k, 0] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 1])
-        now[k, 1] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 2])
-    m = _draw_ghosts(
-        s, position, R, look, ghosts.view(GHOST), first, end, classes, now, n, boxes, scores, rows
+    end = _draw_ghosts(
+        s, position, R, altitude_agl_m, look, ghosts, ghost_classes, over_altitude, n, boxes, scores, rows
     )
-    return n, m
+    return n, end
 
 
 @njit(cache=True)
@@ -220,25 +210,34 @@ def _draw_ghosts(
     s: Record,
     position: F64,
     R: F64,
+    altitude_agl_m: float,
     look: int,
-    ghosts: NDArray[np.void],
-    first: int,
-    end: int,
-    classes: NDArray[np.void],
-    now: F64,
+    ghosts: F64,
+    ghost_classes: F64,
+    over_altitude: F64,
     n: int,
     boxes: F64,
     scores: F64,
     rows: I64,
 ) -> int:
-    """Those of an altitude's octave, lowest levels first, written from place ``n`` on; where that ends.
+    """Those of this altitude's octave, lowest levels first, written from place ``n`` on; where that ends.
 
-    ``now`` (classes, 2): density and scale of the score at this altitude. Scores are Weibull's.
+    Scores are Weibull's.
     """
+    log_altitude = math.log(max(altitude_agl_m, 1.0))
+    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
+    first, end = s.octave_starts[octave], s.octave_starts[octave + 1]
+    if first == end:
+        return n
     width, height = s.width_px, s.height_px
+    places, classes = ghosts.view(GHOST), ghost_classes.view(GHOST_CLASS)
+    now = np.empty((len(classes), 2))
+    for k in range(len(classes)):
+        now[k, 0] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 1])
+        now[k, 1] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 2])
     highest = now[:, 0].max()
     for i in range(first, end):
-        ghost = ghosts[i]
+        ghost = places[i]
         if ghost.level >= highest:
             break
         kind = int(ghost.kind)
@@ -246,9 +245,7 @@ def _draw_ghosts(
             continue
         place, c = ghost.place, classes[kind]
         dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
-        u, v, depth = _project(s, R, dx, dy, dz)
-        if depth <= MIN_DEPTH_M:
-            continue
+        u, v, _ = _project(s, R, dx, dy, dz)
         if not (0.0 <= u <= width and 0.0 <= v <= height) or n == len(rows):
             continue
         row = _FIRST_GHOST + i
@@ -268,7 +265,7 @@ def _draw_ghosts(
 
 @njit(cache=True)
 def _project(s: Record, R: F64, dx: float, dy: float, dz: float) -> tuple[float, float, float]:
-    """Pixels u and v, and the depth, of what is that far east, north and up of the camera."""
+    """Pixels u and v, NaN behind the camera, and depth of what is that far east, north and up of it."""
     depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
     if depth <= MIN_DEPTH_M:
         return np.nan, np.nan, depth
