@@ -430,9 +430,9 @@ def test_background_reports_stay_where_they_are_and_come_again():
 
 @pytest.mark.parametrize("surface", ["grass", "water"])
 def test_the_shipped_model_sees_signs_from_near_and_not_from_very_far(surface):
-    ground = replace(FLAT, surface=surface)
-    near = looks([sign()], None, nadir(height_for(60.0)), 200, minimum=0.25, surface=ground)
-    far = looks([sign()], None, nadir(height_for(3.0)), 200, minimum=0.25, surface=ground)
+    ground, shipped = replace(FLAT, surface=surface), StatisticalModel.load()
+    near = looks([sign()], shipped, nadir(height_for(60.0)), 200, minimum=0.25, surface=ground)
+    far = looks([sign()], shipped, nadir(height_for(3.0)), 200, minimum=0.25, surface=ground)
     assert sum(map(len, near)) > 150
     assert sum(d.confidences.size for d in far) < 20
 
