@@ -22,7 +22,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MplPath
-from numpy.typing import NDArray
 
 from skysweep.results.metrics import finite_or_inf, match
 from skysweep.results.reporting.statistics import t_quantile
@@ -42,8 +41,7 @@ from skysweep.results.reporting.style import (
     style,
 )
 from skysweep.results.run_folder import Run
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(
     "altitude", colormaps["viridis"](np.linspace(0.0, 0.87, 256))

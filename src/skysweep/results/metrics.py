@@ -15,12 +15,10 @@ from skysweep.errors import UserError
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.summary import Limit, RunSummary, Summary
-from skysweep.types import Doubt, EventKind, Mode
+from skysweep.types import F64, Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
 from skysweep.worlds.world import WorldObject
-
-F64 = NDArray[np.float64]
 
 MATCH_DISTANCE_M = 3.0
 _NEEDS_TRUTH = (

@@ -15,7 +15,6 @@ import numpy as np
 import shapely
 from matplotlib.colors import to_rgba
 from mcap.writer import Writer
-from numpy.typing import NDArray
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_from_euler
@@ -25,8 +24,8 @@ from skysweep.ros import topics
 from skysweep.ros.interfaces import definition, to_cdr, type_hash
 from skysweep.ros.targets import TargetBoard
 from skysweep.ros.topics import Topic
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 Timed = tuple[float, Topic, Any]
 
 _PATH_EVERY = 20  # states; a path is written whole each time

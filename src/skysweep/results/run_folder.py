@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
@@ -24,10 +23,9 @@ from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.text import printable
-from skysweep.types import EventKind, Mode
+from skysweep.types import F64, EventKind, Mode
 from skysweep.worlds.world import World, build_world
 
-F64 = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 CONFIG_FILE = "config.yaml"

@@ -17,8 +17,8 @@ from skysweep.experiments.calibration.fit import MISSION_CONFIDENCE_MIN, Key, fi
 from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, ScoredLooks
 from skysweep.sensing.statistical.factors import CONTRAST_UNIT, CONTRAST_USUAL, NAMES
 from skysweep.sensing.statistical.model import Fit, HeldOut
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 FOLDS = 5

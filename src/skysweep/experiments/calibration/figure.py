@@ -26,8 +26,7 @@ from skysweep.sensing.statistical.model import (
     StatisticalModel,
     score_of,
 )
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 _COLOURS = dict(zip(CLASSES, ("#D55E00", "#0072B2", "#009E73"), strict=True))
 _COLUMNS = 4

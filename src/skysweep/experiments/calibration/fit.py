@@ -46,8 +46,8 @@ from skysweep.sensing.statistical.model import (
     KindModel,
     score_of,
 )
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 GRID_PX = (4.0, 5.5, 7.5, 10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0, 113.0, 160.0, 220.0)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.gazebo.lockstep import GazeboRenderer
@@ -14,11 +13,9 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.cameras.effects import CameraEffects
-from skysweep.types import Detections, Detector, Frame
+from skysweep.types import F64, Detections, Detector, Frame
 from skysweep.worlds.rendering.renderer import Painter, Renderer, make_renderer
 from skysweep.worlds.world import World, build_world
-
-F64 = NDArray[np.float64]
 
 VISIBLE_MIN = 0.5  # share of a target's pixels that must be seen for it to count
 TILT_STD_RAD = np.radians(2.0)

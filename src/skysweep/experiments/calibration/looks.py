@@ -25,14 +25,12 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
 from skysweep.sensing.cameras.effects import CameraEffects
 from skysweep.sensing.statistical.factors import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
-from skysweep.types import Detections, Frame
+from skysweep.types import F64, U8, Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
 from skysweep.worlds.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 
-F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-U8 = NDArray[np.uint8]
 
 CONFIDENCE_FLOOR = 0.1  # detections below are not looked at
 PASS_LOOKS = 2  # successive looks from nearly one place

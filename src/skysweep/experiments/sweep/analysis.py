@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.experiments.sweep.missions import (
     COMPARED,
@@ -35,8 +34,7 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 MIN_RECALL = 0.95
 MOST_LOST = 0.05  # share of failed and unfinished missions up to which a configuration can be the best

@@ -12,7 +12,6 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from skysweep.experiments.sweep.analysis import Analysis, Curve, Member
 from skysweep.experiments.sweep.missions import (
@@ -34,8 +33,6 @@ from skysweep.results.reporting.style import (
 )
 from skysweep.results.reporting.symbols import field_title, field_unit, value_text
 from skysweep.results.reporting.tables import math_text
-
-F64 = NDArray[np.float64]
 
 POS_STEPS = 200
 MOST_POS_CURVES = 6

@@ -14,8 +14,8 @@ from skysweep.errors import UserError
 from skysweep.experiments.store import KEY, OLDER_FILE, TABLE_FILE, MissionStore, numbered
 from skysweep.files.folder import Folder
 from skysweep.results.reporting.symbols import field_name, value_text
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 Value = float | str | bool
 
 PARAMETER = "param."

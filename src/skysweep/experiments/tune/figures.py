@@ -10,7 +10,6 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from skysweep.experiments.tune.race import F64
 from skysweep.experiments.tune.validate import Cell
 from skysweep.results.reporting.style import (
     GREEN,
@@ -24,6 +23,7 @@ from skysweep.results.reporting.style import (
 )
 from skysweep.results.reporting.symbols import number
 from skysweep.results.reporting.tables import math_text
+from skysweep.types import F64
 
 _COLUMNS = 4
 _BLUE = "#0072B2"

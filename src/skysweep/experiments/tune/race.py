@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from skysweep.errors import UserError
 from skysweep.results.reporting.statistics import pareto_front
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 FIRST_BLOCK = 4  # seeds before anybody is judged
 DROP_CONFIDENCE = 0.99  # one-sided, of "clearly": a good candidate rarely goes by bad luck

@@ -12,7 +12,7 @@ import numpy as np
 
 from skysweep.experiments.flying import fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
-from skysweep.experiments.tune.race import F64, Outcomes, RaceRules, best_first, outcome_of
+from skysweep.experiments.tune.race import Outcomes, RaceRules, best_first, outcome_of
 from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
@@ -30,6 +30,7 @@ from skysweep.results.reporting.symbols import number
 from skysweep.results.summary import Summary
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.types import F64
 
 FIRST_VALIDATION_SEED = 1_000_000  # tuning never comes this far
 FINALISTS = 4

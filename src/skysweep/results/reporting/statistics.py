@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 MeanCI = tuple[float, tuple[float, float]]  # mean and its 95 % confidence interval
 

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 COLUMN_IN, PAGE_IN = 3.5, 7.2  # widths of a column and a page of an IEEE paper
 GREEN, ORANGE, VERMILLION, PURPLE, GREY = "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#808080"
