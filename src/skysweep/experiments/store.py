@@ -26,8 +26,7 @@ from skysweep.results.checksums import (
     refuse_misnamed,
     sha256,
 )
-from skysweep.results.metrics import finite_or_inf
-from skysweep.results.summary import Summary
+from skysweep.results.summary import Summary, finite_or_inf
 
 SPEC_FILE = "spec.yaml"
 TABLE_FILE = "missions.parquet"

@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MplPath
 
-from skysweep.results.metrics import finite_or_inf, match
+from skysweep.results.metrics import match
 from skysweep.results.reporting.statistics import t_quantile
 from skysweep.results.reporting.style import (
     COLUMN_IN,
@@ -41,6 +41,7 @@ from skysweep.results.reporting.style import (
     style,
 )
 from skysweep.results.run_folder import Run
+from skysweep.results.summary import finite_or_inf
 from skysweep.types import F64
 
 ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from skysweep.errors import UserError
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
-from skysweep.results.summary import Limit, RunSummary, Summary
+from skysweep.results.summary import RunSummary, Summary, finite_or_inf
 from skysweep.types import F64, Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
@@ -283,13 +283,6 @@ def _blind_spans_s(run: Run) -> list[tuple[float, float]]:
 def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> float:
     """Distance over ground between an estimated position and the truth."""
     return float(np.linalg.norm(candidate.position_enu_m[:2] - target.position_enu_m[:2]))
-
-
-def finite_or_inf(value: float) -> Limit:
-    """The number itself, as an int where it is whole, or the string ``"inf"``."""
-    if math.isinf(value):
-        return "inf"
-    return int(value) if float(value).is_integer() else float(value)
 
 
 def _distances_m(candidates: list[CandidateStory], targets: tuple[WorldObject, ...]) -> F64:

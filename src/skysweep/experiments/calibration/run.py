@@ -18,7 +18,7 @@ from skysweep.experiments.calibration.fit import (
     fit_box,
     fit_curves,
     fit_shares,
-    kind_models,
+    kind_model,
 )
 from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, ScoredLooks, observe
 from skysweep.files.writing import whole_files
@@ -41,27 +41,16 @@ def calibrate(
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> StatisticalModel:
-    """Measure a detector on rendered objects, write the sensor model and beside it a picture of the fit.
+    """Measure a detector on rendered objects; write the sensor model and, as ``.png``, a picture of the fit.
 
-    The same arguments give the same file, whatever the number of workers.
-
-    Args:
-        model: an ONNX file, or "skysweep" for the model that the package ships.
-        camera: lens and effects to measure with.
-        out_yaml: where to write the model; the picture has the same name and the suffix ``.png``.
-        pictures: how many to render; a few thousand make the numbers steady.
-        seed: of worlds and views.
-        workers: processes; default: one a core.
-        progress: called with pictures done and total.
-
-    Raises:
-        UserError: the detector's file cannot be used, or the results cannot be written.
+    The same arguments give the same file, whatever the number of workers. ``model`` is an ONNX file, or
+    "skysweep" for the shipped one; ``camera`` gives lens and effects. ``progress`` is called with pictures
+    done and total. Raises UserError when the detector cannot be used or the results cannot be written.
     """
     looks, background = observe(model, camera, pictures, seed, workers, progress)
     name = OWN_MODEL if model == OWN_MODEL else Path(model).name
-    fitted, told = fit_sensor(
-        looks, background, Detecting(name=name, sha256=sha256_of(model_file(model))), camera, pictures, seed
-    )
+    detector = Detecting(name=name, sha256=sha256_of(model_file(model)))
+    fitted, told = fit_sensor(looks, background, detector, camera, pictures, seed)
     with whole_files(out_yaml.parent) as unfinished:
         (unfinished / out_yaml.name).write_text(
             "# Written by skysweep calibrate.\n"
@@ -80,7 +69,7 @@ def fit_sensor(
     pictures: int,
     seed: int,
 ) -> tuple[StatisticalModel, Told]:
-    """The model that the looks support, with its goodness of fit, and what that was computed from."""
+    """The fitted model with its goodness of fit, and the predictions behind that."""
     factors = factors_of(looks)
     curves = fit_curves(looks, factors)
     shares, fade_px = fit_shares(looks, factors, curves)
@@ -95,7 +84,7 @@ def fit_sensor(
         pixels=list(GRID_PX),
         fade_px=fade_px,
         box=fit_box(looks),
-        kinds=kind_models(curves, shares),
+        kinds=[kind_model(key, curve, *shares[key]) for key, curve in curves.items()],
         contrasts=contrast_models(looks),
         background=[b for c in range(len(CLASSES)) if (b := fit_background(background, c)) is not None],
         held_out=goodness(told),

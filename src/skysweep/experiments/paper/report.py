@@ -30,12 +30,11 @@ from skysweep.experiments.paper.tables import (
 )
 from skysweep.files.writing import whole_files
 from skysweep.results.figures import n_c_label, panels, pos_curves
-from skysweep.results.metrics import finite_or_inf
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.reporting.tables import one_line
 from skysweep.results.reporting.wording import definitions, parameters
 from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run
-from skysweep.results.summary import Summary
+from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
 
 

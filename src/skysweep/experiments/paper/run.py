@@ -16,9 +16,8 @@ from skysweep.experiments.matrix import Matrix, MissionJob
 from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
 from skysweep.flights.fly import fly_in_memory, fly_to_folder
 from skysweep.flights.rig import Rig
-from skysweep.results.metrics import finite_or_inf
 from skysweep.results.run_folder import UNFINISHED
-from skysweep.results.summary import Summary
+from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 

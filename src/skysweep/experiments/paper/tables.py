@@ -12,11 +12,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from skysweep.results.metrics import finite_or_inf
 from skysweep.results.reporting.statistics import MeanCI, mean_ci95
 from skysweep.results.reporting.symbols import number
 from skysweep.results.reporting.tables import markdown, one_line
-from skysweep.results.summary import Limit, Summary, value_of
+from skysweep.results.summary import Limit, Summary, finite_or_inf, value_of
 
 Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only
 

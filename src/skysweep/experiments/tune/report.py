@@ -31,6 +31,7 @@ from skysweep.results.reporting.statistics import (
 )
 from skysweep.results.reporting.symbols import field_name, field_title, number, value_text
 from skysweep.results.reporting.tables import one_line
+from skysweep.results.summary import plain
 from skysweep.scenarios.files import change_scenario, write_scenario
 
 
@@ -371,7 +372,7 @@ def _markdown_grid(grid: Grid) -> str:
 
 def _as_json(tuned: Tuned) -> Any:
     problem = tuned.problem
-    return _plain(
+    return plain(
         {
             "problem": problem.as_data(),
             "trials": len(tuned.trials),
@@ -429,14 +430,3 @@ def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
         )
     floats = {name: pl.Float64 for name in ("d_c_m", "over_fastest_low_s", "over_fastest_high_s")}
     return pl.DataFrame(rows, schema_overrides=floats)
-
-
-def _plain(node: Any) -> Any:
-    """What JSON can hold: infinity is the string ``"inf"`` as in summary.json, NaN is null."""
-    if isinstance(node, dict):
-        return {key: _plain(value) for key, value in node.items()}
-    if isinstance(node, list | tuple):
-        return [_plain(value) for value in node]
-    if isinstance(node, float) and not math.isfinite(node):
-        return None if math.isnan(node) else "inf" if node > 0 else "-inf"
-    return node
