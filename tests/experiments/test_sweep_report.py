@@ -38,6 +38,7 @@ from skysweep.experiments.sweep.run import fly_job
 from skysweep.experiments.sweep.spec import dump_spec, matrix_of, parse_spec
 from skysweep.files.folder import Folder
 from skysweep.results.checksums import sha256
+from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import holm, pairs_needed
 from skysweep.results.reporting.symbols import field_name, field_unit
 from skysweep.results.reporting.tables import latex_text, markdown, math_text
@@ -581,7 +582,7 @@ def load_missions_of(table: pl.DataFrame):
 def test_text_for_papers(reported):
     assert latex_text("n_c = ∞, a_b & 5 % -3") == r"$n_c$ = $\infty$, a\_b \& 5 \% $-$3"
     assert math_text("h_S = 30 m, $") == r"$h_S$ = 30 m, \$"
-    assert markdown("T", ["a", "b"], [["x|y", "1\n(2)"]], left=1) == (
+    assert markdown(Grid(["a", "b"], [["x|y", "1\n(2)"]], "T"), left=1) == (
         "**T**\n\n| a | b |\n| :--- | ---: |\n| x\\|y | 1 (2) |\n"
     )
     out, _ = reported

@@ -55,7 +55,7 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
         Section("What the words mean", grids=[definitions()], folded=True),
     ]
     title = f"Mission: {run.scenario.name}"
-    return write_page(folder / "report.html", title, _run_lead(run, summary), _tiles(summary), sections)
+    return write_page(folder / "report.html", title, _run_lead(run, summary), sections, _tiles(summary))
 
 
 def _run_lead(run: Run, s: Summary) -> str:

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from skysweep.experiments.flying import OnDone, fly_missing
-from skysweep.experiments.matrix import Matrix, MissionJob
+from skysweep.experiments.flying import OnDone, fly_job, fly_missing
+from skysweep.experiments.matrix import Matrix
 from skysweep.experiments.paper.run import SWEPT, row_scenario
 from skysweep.files.writing import whole_files
-from skysweep.flights.fly import fly_in_memory
+from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import mean_ci95
 from skysweep.results.reporting.tables import markdown
 from skysweep.results.summary import Summary, plain, value_of
@@ -94,7 +94,7 @@ def compare_tiers(
     statistical = [
         Matrix.of([row], range(seeds * STATISTICAL_TIMES), "statistical", [SWEPT]) for *_, row in rows
     ]
-    flown = fly_missing([*statistical, *rendered], _fly, out, workers, on_done)
+    flown = fly_missing([*statistical, *rendered], fly_job, out, workers, on_done)
     cells = [
         _means(scenario, value, metric, *(_values(flown, matrix, metric) for matrix in tiers))
         for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True)
@@ -102,10 +102,6 @@ def compare_tiers(
     ]
     _write(cells, out)
     return cells
-
-
-def _fly(job: MissionJob) -> Summary:
-    return fly_in_memory(job.scenario, job.seed, job.sensor)
 
 
 def _values(flown: Mapping[str, Summary], matrix: Matrix, metric: str) -> list[float]:
@@ -129,7 +125,7 @@ def validation_text(cells: Sequence[TierMeans]) -> str:
     caption = (
         f"Missions with pictures ({cells[0].seeds} seeds) and without ({cells[0].seeds * STATISTICAL_TIMES})"
     )
-    return f"{summary}\n\n{markdown(caption, TIER_HEADER, [cell.row for cell in cells], left=3)}"
+    return f"{summary}\n\n{markdown(Grid(TIER_HEADER, [cell.row for cell in cells], caption), left=3)}"
 
 
 def _write(cells: Sequence[TierMeans], out: Path) -> None:

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.experiments.flying import OnDone, fly_missing
+from skysweep.experiments.flying import OnDone, fly_job, fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
 from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
-from skysweep.flights.fly import fly_in_memory, fly_to_folder
+from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.results.run_folder import UNFINISHED
 from skysweep.results.summary import Summary, finite_or_inf
@@ -57,7 +57,7 @@ def fly_paper_job(job: MissionJob, out: Path) -> Summary:
     """
     folder = folder_of(job, out)
     if folder is None:
-        return fly_in_memory(job.scenario, job.seed, job.sensor)
+        return fly_job(job)
     folder.parent.mkdir(parents=True, exist_ok=True)
     for stale in folder.parent.glob(f"{folder.name}-*{UNFINISHED}"):
         shutil.rmtree(stale, ignore_errors=True)

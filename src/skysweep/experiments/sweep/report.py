@@ -93,13 +93,8 @@ def write_sweep_report(
                 sections.append(Section(analysis.scenario, grids=[_front(analysis)], pictures=drawn))
                 sections.append(Section(f"{analysis.scenario}: every configuration", grids=grids))
             on_step(3 + 2 * k, steps)
-        write_page(
-            unfinished / REPORT_FILE,
-            _title(missions),
-            _lead(missions),
-            [],
-            sections + _appendix(missions, analyses),
-        )
+        sections += _appendix(missions, analyses)
+        write_page(unfinished / REPORT_FILE, _title(missions), _lead(missions), sections)
     return sentences if missions.finished else [_NOT_FINISHED, *sentences]
 
 

@@ -1,4 +1,4 @@
-"""What a tuning found, told: tables, files and figures, each figure with its data beside it."""
+"""The report of a tuning: tables, files, and figures with their data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skysweep.experiments.tune.race import RECALL_SLACK, RaceRules
 from skysweep.experiments.tune.run import Problem
 from skysweep.experiments.tune.space import D_C, TUNED, value_at
 from skysweep.experiments.tune.study import Trial
-from skysweep.experiments.tune.validate import Cell, Effect, Standing, effects
+from skysweep.experiments.tune.validate import Cell, Effect, Standing, distances_m, effects, limits
 from skysweep.files.writing import whole_files
 from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import (
@@ -29,15 +29,17 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
-from skysweep.results.reporting.symbols import field_name, field_title, number, value_text
-from skysweep.results.reporting.tables import one_line
+from skysweep.results.reporting.symbols import field_name, number, value_text
+from skysweep.results.reporting.tables import markdown
 from skysweep.results.summary import plain
 from skysweep.scenarios.files import change_scenario, write_scenario
+
+_COUNTED = ("recall", "false_positives", "false_scans")
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """All that a tuning found. ``matters``: cells by scenario; empty where none were asked for."""
+    """The results of a tuning. ``matters`` has the cells by scenario, and is empty where not asked for."""
 
     problem: Problem
     trials: list[Trial]
@@ -52,30 +54,27 @@ class Tuned:
 def write_tuning(tuned: Tuned, folder: Path) -> list[Path]:
     """Write everything into ``folder`` and return the recommended scenarios' files.
 
-    ``recommended.yaml`` (with several scenarios ``recommended-NAME.yaml``) and ``overlay.yaml``,
+    These are ``recommended.yaml`` (``recommended-NAME.yaml`` with several scenarios) and ``overlay.yaml``,
     ``tuning.json``, ``tuning.md``, ``trials.parquet``, and the figures ``search`` and ``matters-NAME`` as
     PNG and SVG with their CSV. Raises UserError where ``folder`` cannot be written to.
     """
     with whole_files(folder) as unfinished:
-        return [folder / path.name for path in _write(tuned, unfinished)]
+        recommended = _write_scenarios(tuned, unfinished)
+        text = json.dumps(plain(_as_json(tuned)), indent=1) + "\n"
+        (unfinished / "tuning.json").write_text(text, encoding="utf-8")
+        (unfinished / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")
+        table = _trials_table(tuned.problem, tuned.trials)
+        table.write_parquet(unfinished / "trials.parquet")
+        table.write_csv(unfinished / "search.csv")
+        draw_search(table, [p.field for p in tuned.problem.space], unfinished / "search")
+        for name, cells in tuned.matters.items():
+            _cells_table(cells).write_csv(unfinished / f"matters-{name}.csv")
+            draw_matters(cells, name, unfinished / f"matters-{name}")
+    return [folder / path.name for path in recommended]
 
 
-def _write(tuned: Tuned, folder: Path) -> list[Path]:
-    recommended = _write_scenarios(tuned, folder)
-    (folder / "tuning.json").write_text(json.dumps(_as_json(tuned), indent=1) + "\n", encoding="utf-8")
-    (folder / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")
-    table = trials_table(tuned.problem, tuned.trials)
-    table.write_parquet(folder / "trials.parquet")
-    table.write_csv(folder / "search.csv")
-    draw_search(table, [p.field for p in tuned.problem.space], _symbols(tuned.problem), folder / "search")
-    for name, cells in tuned.matters.items():
-        _cells_table(cells).write_csv(folder / f"matters-{name}.csv")
-        draw_matters(cells, name, folder / f"matters-{name}")
-    return recommended
-
-
-def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
-    """One row a trial. ``on_front``: flew all seeds, keeps the constraints, none of those dominates it."""
+def _trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
+    """One row a trial. Trials that flew all seeds and keep the constraints compete for ``on_front``."""
     many, rules = len(problem.scenarios), problem.rules
     flown = [trial.flown(many) for trial in trials]
     whole = [
@@ -94,11 +93,7 @@ def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
             "feasible": rules.feasible(mine),
             "on_front": bool(on_front),
             **{f"param.{field}": float(value) for field, value in trial.values.items()},
-            "mission_time_s": mine.mean("mission_time_s"),
-            "recall": mine.mean("recall"),
-            "false_positives": mine.mean("false_positives"),
-            "false_scans": mine.mean("false_scans"),
-            "energy_wh": mine.mean("energy_wh"),
+            **{key: mine.mean(key) for key in ("mission_time_s", *_COUNTED, "energy_wh")},
             "cost_s": float(rules.cost_s(mine).mean()),
         }
         for trial, mine, on_front in zip(trials, flown, front, strict=True)
@@ -107,7 +102,7 @@ def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
 
 
 def recommendation(tuned: Tuned) -> Grid:
-    """The recommended values beside the scenario's own, or each scenario's where there are several."""
+    """The recommended values beside those of each scenario."""
     changes = tuned.best.candidate.changes
     originals = tuned.problem.originals
     rows = [
@@ -123,7 +118,7 @@ def recommendation(tuned: Tuned) -> Grid:
 
 
 def recommendation_sentence(tuned: Tuned) -> str:
-    """What to expect of the recommended parameters."""
+    """The expected results of the recommended parameters."""
     best = tuned.best
     return (
         f"On {best.flown.seeds} fresh seeds: mission time {interval(best.mission_time_s, 1)} s, "
@@ -133,7 +128,7 @@ def recommendation_sentence(tuned: Tuned) -> str:
 
 
 def recommendation_rule(rules: RaceRules) -> str:
-    """How the recommended candidate is chosen, in a sentence."""
+    """The rule that chooses the recommended candidate."""
     recall = (
         f"within {RECALL_SLACK:g} of the highest"
         if rules.min_recall is None
@@ -180,11 +175,11 @@ def standings_table(tuned: Tuned) -> Grid:
 
 
 def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
-    """Mission time over the fastest, n_c down and d_c across."""
-    distances = sorted({c.d_c_m for c in cells if c.d_c_m is not None})
+    """Mission time over the fastest, with n_c down and d_c across."""
+    distances = distances_m(cells)
     fastest = next(c for c in cells if c.time_over_best_s is None)
     rows = []
-    for n_c in sorted({c.n_c for c in cells}):
+    for n_c in limits(cells):
         line = [c for c in cells if c.n_c == n_c]
         texts: list[str] = []
         for d_c_m in distances:
@@ -210,7 +205,7 @@ def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
 
 
 def matters_sentences(cells: Sequence[Cell]) -> list[str]:
-    """When n_c matters, and when d_c does: first in one sentence, then one for every line of the table."""
+    """When n_c and d_c matter: a summary, then a sentence for each row and column of the table."""
     found = effects(cells)
     family, seeds = sum(len(effect.others) for effect in found), cells[0].flown.seeds
     if seeds < pairs_needed(family):
@@ -222,7 +217,7 @@ def matters_sentences(cells: Sequence[Cell]) -> list[str]:
 
 
 def how_sure(tuned: Tuned) -> list[str]:
-    """What may be said about the recommended parameters against the runner-up and the scenario's own."""
+    """How certain the recommendation is against the runner-up and the scenario's own values."""
     sentences = []
     rules, best = tuned.problem.rules, tuned.best
     if rules.min_recall is not None and not best.feasible:
@@ -280,7 +275,8 @@ def _headline(found: Sequence[Effect]) -> str:
 
 
 def _effect_sentence(effect: Effect) -> str:
-    worst, by_d_c = effect.worst, effect.held == "d_c"
+    worst = max(range(len(effect.others)), key=lambda k: effect.over_best_s[k].mean)
+    by_d_c = effect.held == "d_c"
     over = f"{interval(effect.over_best_s[worst], 1, sign=True)} s (p = {effect.p_corrected[worst]:.2g})"
 
     def choice(cell: Cell) -> str:
@@ -317,22 +313,15 @@ def _fields(problem: Problem) -> list[str]:
     return usual + [p.field for p in problem.space if p.field not in usual]
 
 
-def _symbols(problem: Problem) -> dict[str, str]:
-    return {field: field_title(field) for field in _fields(problem)}
-
-
 def _write_scenarios(tuned: Tuned, folder: Path) -> list[Path]:
     changes = tuned.best.candidate.changes
-    paths, overlays = [], []
+    alone, paths, overlays = len(tuned.problem.originals) == 1, [], []
     for original, base in zip(tuned.problem.originals, tuned.problem.overlays, strict=True):
-        name = (
-            "recommended.yaml" if len(tuned.problem.originals) == 1 else f"recommended-{original.name}.yaml"
-        )
+        name = f"recommended{'' if alone else f'-{original.name}'}.yaml"
         paths.append(write_scenario(change_scenario(original, changes), folder / name))
         differs = {field: v for field, v in changes.items() if v != value_at(original, field)}
         overlays.append(base | {"set": base["set"] | differs})
-    overlay = overlays[0] if len(overlays) == 1 else overlays
-    text = yaml.safe_dump(overlay, sort_keys=False, default_flow_style=False)
+    text = yaml.safe_dump(overlays[0] if alone else overlays, sort_keys=False, default_flow_style=False)
     (folder / "overlay.yaml").write_text(text, encoding="utf-8")
     return paths
 
@@ -342,11 +331,11 @@ def _markdown(tuned: Tuned) -> str:
     parts = [
         f"# Tuning of {problem.name}",
         f"{len(tuned.trials)} trials, up to {problem.seeds} seeds each.",
-        _markdown_grid(recommendation(tuned)),
+        markdown(recommendation(tuned)).rstrip(),
         recommendation_sentence(tuned),
         recommendation_rule(problem.rules),
         *how_sure(tuned),
-        _markdown_grid(standings_table(tuned)),
+        markdown(standings_table(tuned)).rstrip(),
         *(
             f"- {s.label}: {describe(s.candidate.changes)}"
             for s in tuned.standings
@@ -354,63 +343,46 @@ def _markdown(tuned: Tuned) -> str:
         ),
     ]
     for name, cells in tuned.matters.items():
-        parts += [f"## When n_c and d_c matter: {name}", _markdown_grid(matters_grid(name, cells))]
+        parts += [f"## When n_c and d_c matter: {name}", markdown(matters_grid(name, cells)).rstrip()]
         parts.append("\n".join(f"- {sentence}" for sentence in matters_sentences(cells)))
     return "\n\n".join(parts) + "\n"
 
 
-def _markdown_grid(grid: Grid) -> str:
-    align = " --- |" if grid.words else " ---: |"
-    lines = [
-        f"**{grid.caption}**",
-        "",
-        "| " + " | ".join(map(one_line, grid.header)) + " |",
-        "|" + align * len(grid.header),
-    ]
-    return "\n".join(lines + ["| " + " | ".join(map(one_line, row)) + " |" for row in grid.rows])
-
-
-def _as_json(tuned: Tuned) -> Any:
+def _as_json(tuned: Tuned) -> dict[str, Any]:
     problem = tuned.problem
-    return plain(
-        {
-            "problem": problem.as_data(),
-            "trials": len(tuned.trials),
-            "missions_flown": sum(len(t.missions) for t in tuned.trials if t.same_as is None),
-            "validation_seeds": tuned.best.flown.seeds,
-            "recommended": {
-                f: value_at(change_scenario(problem.originals[0], tuned.best.candidate.changes), f)
-                for f in _fields(problem)
-            },
-            "candidates": [
-                {
-                    "label": s.label,
-                    "changes": s.candidate.changes,
-                    "feasible": s.feasible,
-                    "mission_time_s": asdict(s.mission_time_s),
-                    "recall": asdict(s.recall),
-                    "false_positives": asdict(s.false_positives),
-                    "cost_s": asdict(s.cost_s),
-                    "cost_over_recommended_s": s.cost_over_best_s and asdict(s.cost_over_best_s),
-                }
-                for s in tuned.standings
-            ],
-            "rule": recommendation_rule(problem.rules),
-            "how_sure": how_sure(tuned),
-            "matters": {
-                name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}
-                for name, cells in tuned.matters.items()
-            },
-        }
-    )
+    recommended = change_scenario(problem.originals[0], tuned.best.candidate.changes)
+    return {
+        "problem": problem.as_data(),
+        "trials": len(tuned.trials),
+        "missions_flown": sum(len(t.missions) for t in tuned.trials if t.same_as is None),
+        "validation_seeds": tuned.best.flown.seeds,
+        "recommended": {field: value_at(recommended, field) for field in _fields(problem)},
+        "candidates": [
+            {
+                "label": s.label,
+                "changes": s.candidate.changes,
+                "feasible": s.feasible,
+                "mission_time_s": asdict(s.mission_time_s),
+                "recall": asdict(s.recall),
+                "false_positives": asdict(s.false_positives),
+                "cost_s": asdict(s.cost_s),
+                "cost_over_recommended_s": s.cost_over_best_s and asdict(s.cost_over_best_s),
+            }
+            for s in tuned.standings
+        ],
+        "rule": recommendation_rule(problem.rules),
+        "how_sure": how_sure(tuned),
+        "matters": {
+            name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}
+            for name, cells in tuned.matters.items()
+        },
+    }
 
 
 def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
-    """One row a cell; ``d_c_m`` is null where it makes no difference."""
     rows = []
     for cell in cells:
-        pair = cell.time_over_best_s
-        test = pair.test if pair else None
+        test = cell.time_over_best_s.test if cell.time_over_best_s else None
         rows.append(
             {
                 "n_c": cell.n_c,
@@ -423,9 +395,7 @@ def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
                 "over_fastest_low_s": test.low if test else None,
                 "over_fastest_high_s": test.high if test else None,
                 "as_good": cell.as_good,
-                "recall": cell.flown.mean("recall"),
-                "false_positives": cell.flown.mean("false_positives"),
-                "false_scans": cell.flown.mean("false_scans"),
+                **{key: cell.flown.mean(key) for key in _COUNTED},
             }
         )
     floats = {name: pl.Float64 for name in ("d_c_m", "over_fastest_low_s", "over_fastest_high_s")}

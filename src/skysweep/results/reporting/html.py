@@ -54,7 +54,7 @@ def picture(path: Path, caption: str, wide: bool = False) -> Picture:
 
 
 def write_page(
-    path: Path, title: str, lead: str, tiles: Sequence[tuple[str, str]], sections: Sequence[Section]
+    path: Path, title: str, lead: str, sections: Sequence[Section], tiles: Sequence[tuple[str, str]] = ()
 ) -> Path:
     """Write one HTML page that needs no other file and no network."""
     environment = Environment(

@@ -1,6 +1,6 @@
-"""How every figure looks, and its file: the same bytes every time.
+"""The look of all figures, and their files: the same bytes every time.
 
-Colours are safe for the common kinds of colour blindness; marks are from Okabe and Ito's palette
+Colours are safe for the common kinds of colour blindness. Marks are from Okabe and Ito's palette
 (https://jfly.uni-koeln.de/color/).
 """
 
@@ -19,8 +19,9 @@ from matplotlib.figure import Figure
 from skysweep.types import F64
 
 COLUMN_IN, PAGE_IN = 3.5, 7.2  # widths of a column and a page of an IEEE paper
-GREEN, ORANGE, VERMILLION, PURPLE, GREY = "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#808080"
-SERIES_COLOURS = ("#0072B2", VERMILLION, GREEN, PURPLE, ORANGE, "#56B4E9")
+BLUE, GREEN, ORANGE = "#0072B2", "#009E73", "#E69F00"
+VERMILLION, PURPLE, GREY = "#D55E00", "#CC79A7", "#808080"
+SERIES_COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, "#56B4E9")
 SERIES_DASHES = ("-", "--", ":", "-.")
 _STYLE: Any = {
     "font.size": 8,
@@ -40,27 +41,32 @@ _STYLE: Any = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The house's fonts and line widths, legible in print."""
+    """Our fonts and line widths, legible in print."""
     with rc_context(_STYLE):
         yield
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure, the same bytes every time, as PNG, SVG or PDF (by suffix)."""
+    """Write a figure as PNG, SVG or PDF (by suffix)."""
     path = Path(path)
     path.write_bytes(figure_bytes(figure, path.suffix.removeprefix(".")))
     return path
 
 
+def save_figures(figure: Figure, stem: Path, *suffixes: str) -> list[Path]:
+    """Write a figure in several formats."""
+    return [save_figure(figure, stem.with_suffix(suffix)) for suffix in suffixes]
+
+
 def figure_bytes(figure: Figure, form: str) -> bytes:
-    """What a figure's file holds: ``png``, ``svg`` or ``pdf``."""
+    """The content of a figure's file in the format ``png``, ``svg`` or ``pdf``."""
     stamp = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(form)
-    content = BytesIO()  # what a full disk raises would be lost in Matplotlib
+    content = BytesIO()  # Matplotlib would swallow the error of a full disk
     figure.savefig(content, format=form, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
     return content.getvalue()
 
 
 def step_values(steps: F64, time_s: F64) -> F64:
-    """Values at times (M,) of a curve given by its steps (K, 2), zero before the first."""
+    """Values at times (M,) of a curve given by its steps (K, 2). It is zero before the first."""
     index = np.searchsorted(steps[:, 0], time_s, side="right") - 1
     return np.where(index < 0, 0.0, steps[np.maximum(index, 0), 1])
