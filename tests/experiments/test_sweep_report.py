@@ -317,7 +317,7 @@ def test_comparisons_with_different_parameters_are_not_mixed(tmp_path):
         (lambda f, t: store(t[:0], f), "empty"),
         (lambda f, t: store(t.drop("recall"), f), "no column 'recall'"),
         (lambda f, t: store(t.with_columns(seed=pl.lit(1)), f), "is in the table twice"),
-        (lambda f, t: (f.mkdir(), (f / "missions.parquet").write_text("?")), "is no Parquet table"),
+        (lambda f, t: (f.mkdir(), (f / "missions.parquet").write_text("?")), "not a Parquet table"),
         (lambda f, t: (f.mkdir(), (f / "missions.jsonl").write_text("")), "of an older skysweep"),
     ],
 )
