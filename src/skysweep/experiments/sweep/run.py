@@ -165,7 +165,7 @@ def _spread(numbers: list[int], count: int) -> list[int]:
 
 
 def _mission_s(rows: list[Row], workers: int) -> float:
-    """Mean time of a mission, without each worker's first, which loads the program, where there are others."""
+    """Mean time of a mission, where possible without each worker's first, which also loads the program."""
     times = [row["wall_time_s"] for row in rows if row["wall_time_s"] is not None]
     if len(times) > workers:
         times = times[workers:]

@@ -6,7 +6,7 @@ Colours are safe for the common kinds of colour blindness. Marks are from Okabe 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from skysweep.types import F64
@@ -64,6 +65,18 @@ def figure_bytes(figure: Figure, form: str) -> bytes:
     content = BytesIO()  # Matplotlib would swallow the error of a full disk
     figure.savefig(content, format=form, dpi=200, bbox_inches="tight", pad_inches=0.04, metadata=stamp)
     return content.getvalue()
+
+
+def draw_pos_axis(axis: Axes, time_s: F64, bands: Iterable[tuple[str, F64, F64, F64]]) -> None:
+    """POS over times (M,): a line with its band for each label, mean, lower and upper bound."""
+    for k, (label, mean, low, high) in enumerate(bands):
+        colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
+        dash = SERIES_DASHES[k % len(SERIES_DASHES)]
+        axis.plot(time_s, mean, dash, color=colour, label=label, lw=1.4, clip_on=False)
+        axis.fill_between(time_s, low, high, color=colour, alpha=0.15, lw=0)
+    axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)")
+    axis.set(xlim=(0, time_s[-1]), ylim=(0, 1))
+    axis.grid(lw=0.3, color="0.85")
 
 
 def step_values(steps: F64, time_s: F64) -> F64:
