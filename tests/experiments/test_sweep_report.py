@@ -29,7 +29,6 @@ from skysweep.experiments.sweep.missions import (
     Configuration,
     Flown,
     by_scenario,
-    configuration_label,
     in_order,
     load_missions,
 )
@@ -358,7 +357,7 @@ def flown(
         "false_scans": np.zeros_like(times),
         "false_positives": np.broadcast_to(np.asarray(false_positives, dtype=float), times.shape),
     }
-    label = configuration_label(configuration, with_strategy=False)
+    label = configuration.label(with_strategy=False)
     return Flown(configuration, label, np.arange(len(times)), values, (), 0, 0)
 
 
@@ -559,9 +558,7 @@ def test_labels(table):
     )
     assert in_order([math.inf, 3, 1.5]) == [1.5, 3, math.inf]
     named = Configuration("low-only", (("search.d_c_m", 60.0), ("terrain.surface", "grass"), ("a.b", True)))
-    assert configuration_label(named, with_strategy=True) == (
-        "low-only, d_c = 60 m, terrain surface = grass, a b = true"
-    )
+    assert named.label(with_strategy=True) == ("low-only, d_c = 60 m, terrain surface = grass, a b = true")
 
 
 def test_a_value_that_a_strategy_never_changes_is_not_in_its_label(table):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,8 +80,16 @@ class Configuration:
     strategy: str
     parameters: tuple[tuple[str, Value], ...]
 
+    def only(self, fields: Collection[str]) -> Configuration:
+        return Configuration(self.strategy, tuple(p for p in self.parameters if p[0] in fields))
+
     def without(self, field: str) -> Configuration:
         return Configuration(self.strategy, tuple(p for p in self.parameters if p[0] != field))
+
+    def label(self, with_strategy: bool) -> str:
+        """Such as ``scan-check, n_c = 5, d_c = 60 m``."""
+        parts = [f"{field_name(field)} = {value_text(field, value)}" for field, value in self.parameters]
+        return ", ".join([self.strategy, *parts] if with_strategy or not parts else parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,18 +190,15 @@ def by_scenario(missions: Missions) -> dict[str, list[Flown]]:
     columns = [PARAMETER + field for field in missions.parameters]
     several = table["strategy"].n_unique() > 1
     varied = {
-        (strategy, field)
+        strategy: [field for field in missions.parameters if rows[PARAMETER + field].n_unique() > 1]
         for (strategy,), rows in table.group_by("strategy")
-        for field in missions.parameters
-        if rows[PARAMETER + field].n_unique() > 1
     }
     groups: dict[str, list[Flown]] = {}
     for key, rows in table.group_by("scenario", "strategy", *columns, maintain_order=True):
         scenario, strategy, *values = key
         chosen = tuple((f, v) for f, v in zip(missions.parameters, values, strict=True) if v is not None)
         configuration = Configuration(str(strategy), chosen)
-        shown = Configuration(str(strategy), tuple(p for p in chosen if (strategy, p[0]) in varied))
-        label = configuration_label(shown, with_strategy=several)
+        label = configuration.only(varied[strategy]).label(with_strategy=several)
         groups.setdefault(str(scenario), []).append(_flown(configuration, label, rows))
     return groups
 
@@ -214,12 +219,6 @@ def _flown(configuration: Configuration, label: str, rows: pl.DataFrame) -> Flow
         n_failed=len(rows) - len(good),
         n_unfinished=int((~good["completed"].cast(pl.Boolean).fill_null(False)).sum()),
     )
-
-
-def configuration_label(configuration: Configuration, with_strategy: bool) -> str:
-    """Such as ``scan-check, n_c = 5, d_c = 60 m``."""
-    parts = [f"{field_name(field)} = {value_text(field, value)}" for field, value in configuration.parameters]
-    return ", ".join([configuration.strategy, *parts] if with_strategy or not parts else parts)
 
 
 def in_order(values: Sequence[Value]) -> list[Value]:
