@@ -95,7 +95,7 @@ def test_report_of_a_mission_broken_off_says_so(tmp_path):
         "on. So far 0 of 3 targets confirmed, 1 candidate left unchecked." in page.text
     )
     assert "No target was confirmed." in page.text
-    assert "The mission had not come to it when the journal ends." in page.text
+    assert "The mission had not reached it when the journal ended." in page.text
     assert "0:11 Down to 2 m to check. Broken off. " in page.text
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["ended"], summary["completed"], summary["n_unchecked"]) == (False, False, 1)

@@ -1,8 +1,7 @@
 """A mission as an MCAP file of ROS 2 messages, as rosbag2 writes it (profile ros2, CDR).
 
-One file for everybody: ``ros2 bag``, ``rosbags``, Foxglove and Rerun read ROS 2 messages. Time in the file is
-seconds since the take-off command. Topics are those of ``skysweep ros``, and ``/skysweep/world``: area, home
-and the truth.
+``ros2 bag``, ``rosbags``, Foxglove and Rerun can read it. Time in the file is seconds since the take-off
+command. The topics are those of ``skysweep ros``, and ``/skysweep/world`` with area, home and the truth.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from skysweep.types import F64
 
 Timed = tuple[float, Topic, Any]
 
-_PATH_EVERY = 20  # states; a path is written whole each time
+_PATH_EVERY = 20  # states, since a path is written whole each time
 _QUIET_KINDS = ("state", "sighting", "plan", "look", "snapshot")
 
 
@@ -100,13 +99,13 @@ def _flight(run: Run) -> Iterable[Timed]:
 
 
 def _level_body(R_camera_to_enu: F64) -> F64:
-    """The body's attitude, of which the journal keeps the heading alone, as that of the picture's top."""
+    """The body's attitude: the heading of the picture's top, as the journal keeps no roll and pitch."""
     top = -R_camera_to_enu[:, 1] + R_camera_to_enu[:, 2]
     return rotation_from_euler(0.0, 0.0, float(np.arctan2(top[1], top[0])))
 
 
 def _still_life(run: Run) -> list[m.Mark]:
-    """What does not change: area and the truth, where there is one."""
+    """The area and, if known, the truth."""
     area: shapely.Polygon = run.scenario.area_enu_m
     terrain = run.world.terrain
     marks = []

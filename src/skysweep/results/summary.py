@@ -1,4 +1,4 @@
-"""The numbers of one mission, by name. docs/results.md says what each means."""
+"""The numbers of one mission, by name. docs/results.md explains them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Limit = float | str  # n_c or d_c; infinity is the string "inf", since JSON has 
 
 
 class Summary(TypedDict):
-    """What a mission achieved. None: does not apply; without truth nothing is judged."""
+    """The numbers of a mission. None means not applicable; without truth nothing can be judged."""
 
     scenario: str
     strategy: str
@@ -52,7 +52,7 @@ class Summary(TypedDict):
 
 
 class RunSummary(Summary):
-    """What ``summary.json`` holds beside its checksums; the mission may still fly."""
+    """The content of ``summary.json`` without its checksums. The mission may still fly."""
 
     ended: bool
     n_unchecked: int

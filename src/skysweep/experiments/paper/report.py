@@ -26,7 +26,7 @@ from skysweep.experiments.paper.tables import (
 from skysweep.files.writing import whole_files
 from skysweep.results.figures import n_c_label, panels, pos_curves
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
-from skysweep.results.reporting.wording import definitions, parameters
+from skysweep.results.reporting.wording import counted, definitions, parameters
 from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run
 from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
@@ -98,7 +98,7 @@ def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> lis
     sensors = ", ".join(sorted({str(s["sensor"]) for s in summaries if s.get("sensor")})) or "unknown"
     lead = (
         f"{len(summaries)} missions: the rows of the paper's tables and {BASELINE}, each flown with "
-        f"{seeds_flown} {'seed' if seeds_flown == 1 else 'seeds'}, sensor: {sensors}."
+        f"{counted(seeds_flown, 'seed')}, sensor: {sensors}."
     )
     unfinished = sum(not s["completed"] for s in summaries)
     if unfinished:

@@ -33,6 +33,7 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
+from skysweep.results.reporting.wording import counted
 from skysweep.types import F64
 
 MIN_RECALL = 0.95
@@ -321,7 +322,7 @@ def _figures(member: Member) -> str:
     """Recall, false positives and mission time with their intervals."""
     metrics = [m for m in (RECALL, FALSE_POSITIVES, MISSION_TIME) if math.isfinite(member.mean(m))]
     shown = ", ".join(f"{m.name.lower()} {_with_interval(member, m)}" for m in metrics)
-    return f"{shown} over {member.flown.n} {'seed' if member.flown.n == 1 else 'seeds'}"
+    return f"{shown} over {counted(member.flown.n, 'seed')}"
 
 
 def _not_weighed(analysis: Analysis) -> list[str]:

@@ -39,7 +39,7 @@ from skysweep.results.reporting.html import Grid, Picture, Section, picture, wri
 from skysweep.results.reporting.statistics import pairs_needed, pairs_to_tell
 from skysweep.results.reporting.symbols import field_name
 from skysweep.results.reporting.tables import write_tables
-from skysweep.results.reporting.wording import definitions, glossary
+from skysweep.results.reporting.wording import counted, definitions, glossary
 
 MOST_ROWS_BEFORE_FIGURES = 12
 _NOT_FINISHED = "The sweep is not finished: this report has its missions so far."
@@ -100,7 +100,7 @@ def _lead(missions: Missions) -> str:
         (table.select("strategy", *parameters).n_unique(), "configuration"),
         (table["seed"].n_unique(), "seed"),
     ]
-    text = ", ".join(f"{n} {word}{'' if n == 1 else 's'}" for n, word in counts)
+    text = ", ".join(counted(n, word) for n, word in counts)
     sensors = sorted(set(table["sensor"].drop_nulls())) if "sensor" in table.columns else []
     lead = text + (f"; sensor: {', '.join(sensors)}." if sensors else ".")
     if not missions.finished:

@@ -81,6 +81,11 @@ def safety_words(record: Mapping[str, Any]) -> str:
     return f"{_ACTIONS[record['action']]}: {record['sentence']}"
 
 
+def counted(n: int, word: str) -> str:
+    """A number with its noun."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
+
+
 def clock(seconds: float) -> str:
     """Minutes and seconds."""
     whole = round(seconds)
