@@ -99,7 +99,12 @@ def test_everything_is_there_and_the_page_needs_nothing_else(reported):
 
 def test_recall_axes_end_at_1(table, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(sweep_figures, "save_figure", lambda figure, path: drawn.append(figure) or path)
+
+    def save(figure, stem, *suffixes):
+        drawn.append(figure)
+        return [stem.with_suffix(suffix) for suffix in suffixes]
+
+    monkeypatch.setattr(sweep_figures, "save_figures", save)
     flown_there = by_scenario(load_missions_of(table))["calm"]
     (analysis,) = analyse({"calm": flown_there})
     sweep_figures.draw_pareto(analysis, tmp_path / "pareto")

@@ -77,9 +77,7 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
     result["rendered_mission_rtf"] = _mission_rtf(scenario, 0, "imaging")
     report("mission with pictures, detector on every frame")
     result["rendered_mission_rtf_every_frame"] = _mission_rtf(every_frame, 0, "imaging")
-    return {
-        key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in result.items()
-    }
+    return {key: float(f"{v:.4g}") if isinstance(v, float) else v for key, v in result.items()}
 
 
 def _vehicle_rtf(scenario: Scenario) -> float:

@@ -46,19 +46,18 @@ _Schema = dict[str, pl.DataType | type[pl.DataType]]
 
 
 def _columns_of_summaries() -> _Schema:
-    """The columns of a summary. Limits are floats, and the curve is two lists."""
+    """The columns of a summary that are in no matrix and no timings. The curve is two lists."""
     scalars = {float: pl.Float64, str: pl.String, bool: pl.Boolean, int: pl.Int64}
     columns: _Schema = {}
     for key, kind in get_type_hints(Summary).items():
-        kinds = {kind, *get_args(kind)}
-        dtype = next((d for scalar, d in scalars.items() if scalar in kinds), pl.List(pl.Float64))
-        columns |= dict.fromkeys(("pos_time_s", "pos_value") if key == "pos_curve" else (key,), dtype)
+        if key not in (*MATRIX_COLUMNS, *TIMINGS):
+            kinds = {kind, *get_args(kind)}
+            dtype = next((d for scalar, d in scalars.items() if scalar in kinds), pl.List(pl.Float64))
+            columns |= dict.fromkeys(("pos_time_s", "pos_value") if key == "pos_curve" else (key,), dtype)
     return columns
 
 
-SUMMARY_COLUMNS = {
-    name: dtype for name, dtype in _columns_of_summaries().items() if name not in (*MATRIX_COLUMNS, *TIMINGS)
-}
+SUMMARY_COLUMNS = _columns_of_summaries()
 _SCHEMA: _Schema = {
     **dict.fromkeys(KEY, pl.String),
     **SUMMARY_COLUMNS,

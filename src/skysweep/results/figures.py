@@ -260,9 +260,8 @@ def _scale_bar(axis: Axes, width_m: float, west: float, south: float) -> None:
     length = max(k * magnitude for k in (1, 2, 5) if k * magnitude <= width_m / 4)
     x, y = west + 0.97 * width_m - length, south + 0.02 * width_m
     axis.plot([x, x + length], [y, y], color="black", lw=2.5, solid_capstyle="butt", zorder=6)
-    axis.text(
-        x + length / 2, y + 0.008 * width_m, f"{length:g} m", ha="center", va="bottom", fontsize=7, zorder=6
-    )
+    place: Any = {"ha": "center", "va": "bottom", "fontsize": 7, "zorder": 6}
+    axis.text(x + length / 2, y + 0.008 * width_m, f"{length:g} m", **place)
 
 
 def _polygon_patch(polygon: shapely.Polygon, **style: Any) -> PathPatch:

@@ -159,9 +159,8 @@ class Run:
             if record.get("candidate") is not None:
                 told.setdefault(int(record["candidate"]), []).append(record)
         stories = [self._story(identity, records) for identity, records in told.items()]
-        return tuple(
-            sorted(stories, key=lambda s: (s.verdict_s is None, s.verdict_s or s.first_seen_s, s.id))
-        )
+        stories.sort(key=lambda s: (s.verdict_s is None, s.verdict_s or s.first_seen_s, s.id))
+        return tuple(stories)
 
     @cached_property
     def unchecked(self) -> tuple[CandidateStory, ...]:

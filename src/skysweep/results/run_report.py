@@ -40,9 +40,7 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
         _found_section(run, found, unchecked),
     ]
     pictures = evidence(run)
-    sections += [
-        Section(t, pictures=pictures[verdict]) for verdict, t in _EVIDENCE.items() if pictures[verdict]
-    ]
+    sections += [Section(t, pictures=pictures[v]) for v, t in _EVIDENCE.items() if pictures[v]]
     sections += [
         Section("All numbers", grids=[_numbers(summary)], folded=True),
         Section("What it was flown with", [_strategy(run)], grids=[parameters(run.scenario)]),
@@ -138,9 +136,8 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             check = None
         if kind == EventKind.FINISHED:
             reachable = "reachable " if run.events(EventKind.UNCHECKED) else ""
-            steps.append(
-                (time_s, f"All transects flown, all {reachable}candidates checked: the way home begins.")
-            )
+            text = f"All transects flown, all {reachable}candidates checked: the way home begins."
+            steps.append((time_s, text))
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
@@ -229,9 +226,8 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
     grids = [Grid(header, rows)] if rows else []
     if missed:
         lost = [(t.kind, *(f"{v:.1f}" for v in t.position_enu_m[:2]), _how_missed(run, t)) for t in missed]
-        grids.append(
-            Grid(("Missed", "East (m)", "North (m)", "Why"), lost, "Targets that were not confirmed")
-        )
+        header = ["Missed", "East (m)", "North (m)", "Why"]
+        grids.append(Grid(header, lost, "Targets that were not confirmed"))
     if unchecked:
         grids.append(_unchecked_grid(run, unchecked))
     text = "The same places are in targets.geojson, targets.kml, targets.gpx and targets.csv (WGS 84)."

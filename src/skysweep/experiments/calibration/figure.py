@@ -63,6 +63,7 @@ def draw_fit(
 
 def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: StatisticalModel) -> None:
     axes = figure.subplots(2 * rows, _COLUMNS, sharex=True, height_ratios=[1.0, 0.8] * rows, squeeze=False)
+    fits = {(k.kind, k.pose, k.reported_as): k for k in model.kinds}
     for index, (kind, pose) in enumerate(SUBJECTS):
         row, column = divmod(index, _COLUMNS)
         above, below = axes[2 * row, column], axes[2 * row + 1, column]
@@ -70,12 +71,9 @@ def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: S
         above.set_title(f"{kind}, {pose} ({len(mine.pixels)} looks)", fontsize=9)
         usual = _usual_factors(told, index)
         for c, name in enumerate(CLASSES):
-            fitted = next(
-                (k for k in model.kinds if (k.kind, k.pose, k.reported_as) == (kind, pose, name)), None
-            )
-            if fitted is not None:
+            if (kind, pose, name) in fits:
                 _measured(above, below, mine.pixels, mine.confidences[:, c], name)
-                _drawn(above, below, fitted, usual, name)
+                _drawn(above, below, fits[kind, pose, name], usual, name)
         _decorate(above, below, first=column == 0)
     for spare in range(len(SUBJECTS), rows * _COLUMNS):
         row, column = divmod(spare, _COLUMNS)
@@ -120,9 +118,8 @@ def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str
 def _dot(axes: Axes, x: float, k: int, n: int, colour: str) -> None:
     """A measured share with its 95 % interval."""
     low, high = binomtest(k, n).proportion_ci()
-    axes.errorbar(
-        [x], [k / n], [[k / n - low], [high - k / n]], fmt="o", color=colour, markersize=3, linewidth=0.9
-    )
+    bar = [[k / n - low], [high - k / n]]
+    axes.errorbar([x], [k / n], bar, fmt="o", color=colour, markersize=3, linewidth=0.9)
 
 
 def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -> None:
@@ -130,9 +127,8 @@ def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -
     above.plot(GRID_PX, rates, color=_COLOURS[name], linewidth=1.3)
     steps = np.linspace(MISSION_CONFIDENCE_MIN, 0.999, 200)
     share_above = np.array([drawn_rates(kind, factors, step) for step in steps]) / np.maximum(rates, 1e-9)
-    low, middle, high = (
-        np.array([np.interp(q, 1.0 - share, steps) for share in share_above.T]) for q in (0.16, 0.5, 0.84)
-    )
+    quantiles = (0.16, 0.5, 0.84)
+    low, middle, high = np.array([np.interp(quantiles, 1.0 - share, steps) for share in share_above.T]).T
     likely = rates >= 0.01
     below.plot(GRID_PX, np.where(likely, middle, np.nan), color=_COLOURS[name], linewidth=1.3)
     below.fill_between(GRID_PX, low, high, where=list(likely), color=_COLOURS[name], alpha=0.18, linewidth=0)
@@ -216,9 +212,8 @@ def background_rates(fitted: BackgroundModel, model: StatisticalModel, seen: Bac
     scale = fitted.unit_scale * np.interp(at, grid, fitted.score_scale)
     strong = np.exp(-((excess / scale) ** fitted.score_shape))
     on = np.array([fitted.surfaces[name] for name in SURFACES])[seen.surface]
-    return np.asarray(
-        np.interp(at, grid, fitted.per_hectare) * strong * on * np.where(seen.wooded, fitted.wooded, 1)
-    )
+    rates = np.interp(at, grid, fitted.per_hectare) * strong * on
+    return np.asarray(rates * np.where(seen.wooded, fitted.wooded, 1))
 
 
 def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:

@@ -154,9 +154,8 @@ def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
     for _ in range(2):
         for subject, c in keys:
             rows = looks.subject == subject
-            curves[subject, c] = fit_curve(
-                looks.pixels[rows], factors[rows], looks.confidences[rows, c], priors
-            )
+            mine = looks.where(rows)
+            curves[subject, c] = fit_curve(mine.pixels, factors[rows], mine.confidences[:, c], priors)
         if keys:
             n = [((looks.subject == s) & (looks.confidences[:, c] > 0)).sum() for s, c in keys]
             weights = np.minimum(n, 300.0)

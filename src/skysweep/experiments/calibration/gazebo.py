@@ -76,10 +76,8 @@ def transfer(
             pair = [TransferScore(p.backend, altitude) for p in painters]
             scores += pair
             rng = np.random.default_rng([seed, round(altitude * 100), 59])
-            noise = int(rng.integers(2**31))
-            effects = CameraEffects(
-                camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, noise
-            )
+            look = (camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality)
+            effects = CameraEffects(*look, int(rng.integers(2**31)))
             for number in range(pictures):
                 pose = _view(world, camera.lens, altitude, rng)
                 boxes = _visible(world, ours, camera.lens, pose)

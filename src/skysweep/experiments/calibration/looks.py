@@ -273,9 +273,8 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
 def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:
     """Trees beside many of the objects and around the grid."""
     around = rng.uniform(-_FAR_M, _FAR_M, (700, 2))
-    places: list[tuple[F64, WorldObject | None]] = [
-        (xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0
-    ]
+    places: list[tuple[F64, WorldObject | None]]
+    places = [(xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0]
     places += [(o.position_enu_m[:2], o) for o in objects if rng.random() < _BESIDE_SHARE]
     trees = []
     for place, beside in places:

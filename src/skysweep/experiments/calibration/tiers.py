@@ -90,10 +90,9 @@ def compare_tiers(
     not fit a scenario.
     """
     rows = [(scenario, value, row_scenario(scenario, value, {})) for scenario in scenarios for value in n_c]
+    more = range(seeds * STATISTICAL_TIMES)
     rendered = [Matrix.of([row], range(seeds), "imaging", [SWEPT]) for *_, row in rows]
-    statistical = [
-        Matrix.of([row], range(seeds * STATISTICAL_TIMES), "statistical", [SWEPT]) for *_, row in rows
-    ]
+    statistical = [Matrix.of([row], more, "statistical", [SWEPT]) for *_, row in rows]
     flown = fly_missing([*statistical, *rendered], fly_job, out, workers, on_done)
     cells = [
         _means(scenario, value, metric, *(_values(flown, matrix, metric) for matrix in tiers))

@@ -289,9 +289,7 @@ def _check_cells(effect: CheckEffect) -> tuple[str, ...]:
 def print_tables(console: Console, rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> None:
     """All tables on a terminal."""
     for grid in _all_grids(rows, summaries):
-        table = Table(
-            title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 0), pad_edge=False
-        )
+        table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False)
         for column in grid.header:
             table.add_column(column, justify="right", no_wrap=column != _CHECK_HEADER[-1])
         for row in grid.rows:

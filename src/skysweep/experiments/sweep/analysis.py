@@ -208,20 +208,16 @@ def _tiers(
         pairs = {k: (metric.key, min(k, best), max(k, best)) for k in among if k != best}
         return [k for k in among if k == best or not comparisons[pairs[k]].distinguishable]
 
-    flying = sorted(
-        (k for k, member in enumerate(members) if member.flown.n), key=lambda k: members[k].mean(MISSION_TIME)
-    )
-    good = [
-        k
-        for k in flying
-        if not members[k].mean(RECALL) < min_recall and _lost_share(members[k].flown) <= MOST_LOST
-    ]
+    flying = [k for k, member in enumerate(members) if member.flown.n]
+    flying.sort(key=lambda k: members[k].mean(MISSION_TIME))
+    whole = [k for k in flying if _lost_share(members[k].flown) <= MOST_LOST]
+    good = [k for k in whole if not members[k].mean(RECALL) < min_recall]
     if not good:
         return (tuple(sorted(flying, key=lambda k: -members[k].mean(RECALL))),), False
     thorough = not_worse(RECALL, good)
     finalists = not_worse(FALSE_POSITIVES, thorough)
     noisy = [k for k in thorough if k not in finalists]
-    hasty = [k for k in flying if k not in thorough and _lost_share(members[k].flown) <= MOST_LOST]
+    hasty = [k for k in whole if k not in thorough]
     return (tuple(finalists), tuple(noisy), tuple(hasty)), True
 
 

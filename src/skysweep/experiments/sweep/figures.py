@@ -48,10 +48,9 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
     Returns the SVG, and writes ``stem.pdf`` and ``stem.csv`` beside it, as the other figures do.
     """
     below = [m for m in (RECALL, FALSE_POSITIVES) if m in analysis.metrics]
-    front = sorted(
-        (m for m in analysis.members if m.on_front and m.flown.n), key=lambda m: m.mean(MISSION_TIME)
-    )
-    others = [m for m in analysis.members if m.flown.n and m not in front]
+    flown = [m for m in analysis.members if m.flown.n]
+    front = sorted((m for m in flown if m.on_front), key=lambda m: m.mean(MISSION_TIME))
+    others = [m for m in flown if not m.on_front]
     on_front: dict[str, Any] = {"marker": "o", "ls": "", "ms": 5, "color": BLUE, "zorder": 3}
     dominated: dict[str, Any] = {"marker": "x", "ls": "", "ms": 4, "color": "0.6", "zorder": 2}
     with style():

@@ -334,9 +334,8 @@ def _appendix(missions: Missions, analyses: Sequence[Analysis]) -> list[Section]
     others = [g for a in analyses for g in _differences(a, [m for m in COMPARED if m is not MISSION_TIME])]
     sections = []
     if others:
-        sections.append(
-            Section("Differences in recall, false scans, false positives, energy", grids=others, folded=True)
-        )
+        title = "Differences in recall, false scans, false positives, energy"
+        sections.append(Section(title, grids=others, folded=True))
     if len(missions.failed):
         failures = _failures(missions).head(20)
         rows = [[str(cell) for cell in row] for row in failures.iter_rows()]

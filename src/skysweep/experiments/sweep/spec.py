@@ -123,9 +123,8 @@ class SweepSpec(Model):
             raise ValueError("first_seed: seeds is a list, which says where it starts; leave first_seed out")
         for field in swept_fields(self):
             _check_field(field)
-        configurations = len(self.scenarios) * sum(
-            _count(parameters, points) for _, parameters, points in _per_strategy(self)
-        )
+        per_scenario = sum(_count(parameters, points) for _, parameters, points in _per_strategy(self))
+        configurations = len(self.scenarios) * per_scenario
         missions = configurations * len(seeds_of(self))
         if missions > MAX_MISSIONS:
             raise ValueError(
@@ -194,9 +193,8 @@ def scenarios_of(spec: SweepSpec) -> Iterator[tuple[str, Scenario]]:
 
 def matrix_of(spec: SweepSpec) -> Matrix:
     """The missions of the sweep. Raises UserError as ``scenarios_of``."""
-    return Matrix.of(
-        scenarios_of(spec), seeds_of(spec), spec.sensor, swept_fields(spec), spec.results_version
-    )
+    fields = swept_fields(spec)
+    return Matrix.of(scenarios_of(spec), seeds_of(spec), spec.sensor, fields, spec.results_version)
 
 
 def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:

@@ -58,9 +58,8 @@ def draw_search(table: pl.DataFrame, fields: Sequence[str], path: Path) -> None:
             if not mine.is_empty():
                 axes[0].scatter(mine["mission_time_s"], mine["false_positives"], label=label, **marks)
             for axis, field in zip(axes[1:], fields, strict=False):
-                axis.scatter(
-                    _places(table, field, mine[f"param.{field}"].to_numpy()), mine["cost_s"], **marks
-                )
+                values = mine[f"param.{field}"].to_numpy()
+                axis.scatter(_places(table, field, values), mine["cost_s"], **marks)
         axes[0].set(xlabel="Mission time (s)", ylabel="False positives")
         most = max(1.0, float(np.nanmax(table["false_positives"].to_numpy())))
         axes[0].set_ylim(-0.06 * most, 1.06 * most)

@@ -77,9 +77,8 @@ class Outcomes:
 
     def recall_bounds_above(self) -> F64:
         """(scenarios,) upper bounds of the true recall: Clopper-Pearson over all targets."""
-        targets, found = (
-            self.values[:, :, _KEYS.index(key)].sum(axis=0) for key in ("n_targets", "n_confirmed")
-        )
+        totals = dict(zip(_KEYS, self.values.sum(axis=0).T, strict=True))
+        targets, found = totals["n_targets"], totals["n_confirmed"]
         bound = stats.beta.ppf(DROP_CONFIDENCE, found + 1, np.maximum(targets - found, 1e-9))
         return np.where(found < targets, bound, 1.0)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -156,7 +157,7 @@ def standings_table(tuned: Tuned) -> Grid:
         pair = s.cost_over_best_s
         rows.append(
             (
-                s.label + ("" if s.feasible else " *"),
+                s.candidate.label + ("" if s.feasible else " *"),
                 *(
                     interval(e, digits).replace(" (", "\n(")
                     for e, digits in ((s.mission_time_s, 1), (s.recall, 3), (s.false_positives, 2))
@@ -227,7 +228,7 @@ def how_sure(tuned: Tuned) -> list[str]:
         )
     if len(tuned.standings) > 1:
         sentences.append("Runner-up: " + _against(tuned.standings[1]))
-    own = (s for s in tuned.standings[2:] if s.label.startswith("own values") or "(own values" in s.label)
+    own = (s for s in tuned.standings[2:] if re.search(r"(^|\()own values", s.candidate.label))
     return [*sentences, *("Scenario's own: " + _against(standing) for standing in own)]
 
 
@@ -247,7 +248,7 @@ def describe(values: dict[str, float]) -> str:
 def _against(standing: Standing) -> str:
     pair = standing.cost_over_best_s
     assert pair is not None
-    text = f"{standing.label}, cost {interval(pair.test, 1, sign=True)} s; "
+    text = f"{standing.candidate.label}, cost {interval(pair.test, 1, sign=True)} s; "
     if pair.test.n_zero == pair.test.n_pairs:
         return text + "the same in every mission."
     if not math.isfinite(pair.test.low):
@@ -337,7 +338,7 @@ def _markdown(tuned: Tuned) -> str:
         *how_sure(tuned),
         markdown(standings_table(tuned)).rstrip(),
         *(
-            f"- {s.label}: {describe(s.candidate.changes)}"
+            f"- {s.candidate.label}: {describe(s.candidate.changes)}"
             for s in tuned.standings
             if s.candidate.changes.keys() == {p.field for p in problem.space}
         ),
@@ -351,6 +352,7 @@ def _markdown(tuned: Tuned) -> str:
 def _as_json(tuned: Tuned) -> dict[str, Any]:
     problem = tuned.problem
     recommended = change_scenario(problem.originals[0], tuned.best.candidate.changes)
+    means = ("mission_time_s", "recall", "false_positives", "cost_s")
     return {
         "problem": problem.as_data(),
         "trials": len(tuned.trials),
@@ -359,13 +361,9 @@ def _as_json(tuned: Tuned) -> dict[str, Any]:
         "recommended": {field: value_at(recommended, field) for field in _fields(problem)},
         "candidates": [
             {
-                "label": s.label,
-                "changes": s.candidate.changes,
+                **asdict(s.candidate),
                 "feasible": s.feasible,
-                "mission_time_s": asdict(s.mission_time_s),
-                "recall": asdict(s.recall),
-                "false_positives": asdict(s.false_positives),
-                "cost_s": asdict(s.cost_s),
+                **{key: asdict(getattr(s, key)) for key in means},
                 "cost_over_recommended_s": s.cost_over_best_s and asdict(s.cost_over_best_s),
             }
             for s in tuned.standings

@@ -128,9 +128,8 @@ def _values_for(scenario: Scenario) -> dict[str, tuple[float, ...]]:
     }
     values[H_S] = _without_warning(scenario, H_S, values[H_S])
     lowest_scan_m = min([*values[H_S], search.scan_altitude_agl_m])
-    values[H_C] = _without_warning(
-        scenario, H_C, _grid(1.0, min(px_at_1_m / WISHED_AT_CHECK_PX, 0.8 * lowest_scan_m))
-    )
+    highest_check_m = min(px_at_1_m / WISHED_AT_CHECK_PX, 0.8 * lowest_scan_m)
+    values[H_C] = _without_warning(scenario, H_C, _grid(1.0, highest_check_m))
     return {field: tuple(sorted({*values[field], value_at(scenario, field)})) for field in TUNED}
 
 

@@ -171,9 +171,8 @@ class TuningStudy:
     def _unclaimed(self) -> set[int]:
         """Numbers of the trials whose process died before it could claim them."""
         until_s = time.monotonic() + (0.0 if self._locks else _CLAIM_S)
-        while unclaimed := {
-            t.number for t in self._those(self._state.RUNNING) if "owner" not in t.user_attrs
-        }:
+        running = self._state.RUNNING
+        while unclaimed := {t.number for t in self._those(running) if "owner" not in t.user_attrs}:
             if time.monotonic() >= until_s:
                 break
             time.sleep(0.05)

@@ -67,11 +67,7 @@ class Standing:
     false_positives: Estimate
     cost_s: Estimate
     feasible: bool
-    cost_over_best_s: Paired | None  # None: the recommended one itself
-
-    @property
-    def label(self) -> str:
-        return self.candidate.label
+    cost_over_best_s: Paired | None  # None for the recommended one
 
 
 @dataclass(frozen=True)
@@ -157,17 +153,11 @@ def fly_candidates(
     """
     fields = sorted({field for candidate in candidates for field in candidate.changes})
     fresh = range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + seeds)
-    matrices = [
-        Matrix.of(
-            ((s.name, change_scenario(s, candidate.changes)) for s in scenarios), fresh, "statistical", fields
-        )
-        for candidate in candidates
-    ]
+    changed = [[(s.name, change_scenario(s, c.changes)) for s in scenarios] for c in candidates]
+    matrices = [Matrix.of(labelled, fresh, "statistical", fields) for labelled in changed]
     wanted, done = len({job.config_hash for matrix in matrices for job in matrix.jobs()}), count(1)
     on_mission(0, wanted)
-    flown = fly_missing(
-        matrices, fly_job, folder, workers, lambda _job, _summary: on_mission(next(done), wanted)
-    )
+    flown = fly_missing(matrices, fly_job, folder, workers, lambda *_: on_mission(next(done), wanted))
     return [
         Outcomes.of([outcome_of(flown[job.config_hash]) for job in matrix.jobs()], len(scenarios))
         for matrix in matrices

@@ -64,8 +64,7 @@ def write_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    html = environment.get_template("page.html.j2").render(
-        title=title, lead=lead, tiles=tiles, sections=sections, version=__version__
-    )
+    page = environment.get_template("page.html.j2")
+    html = page.render(title=title, lead=lead, tiles=tiles, sections=sections, version=__version__)
     path.write_text(html, encoding="utf-8")
     return path

@@ -9,15 +9,8 @@ from pathlib import Path
 from skysweep.results.reporting.html import Grid
 
 _SYMBOL = re.compile(r"\b([ndchv])_([cCStz])\b")  # the paper's n_c, d_c, h_S, h_C, c_t; v_S, v_C, d_z
-_LATEX = {
+_LATEX = {character: f"\\{character}" for character in "&%$#_{}"} | {
     "\\": r"\textbackslash{}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "{": r"\{",
-    "}": r"\}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     "∞": r"$\infty$",
