@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.experiments.workers import run_jobs
 from skysweep.flights.build import build_mission
@@ -83,10 +82,8 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
 def _vehicle_rtf(scenario: Scenario) -> float:
     """The vehicle alone, flying squares, advanced in the mission's ticks."""
 
-    def ground(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.zeros(len(xy))
-
-    vehicle = Multirotor(scenario.vehicle, scenario.wind, scenario.camera, (0, 0, 0), ground, 0)
+    parts = (scenario.vehicle, scenario.wind, scenario.camera)
+    vehicle = Multirotor(*parts, (0, 0, 0), lambda xy: np.zeros(len(xy)), 0)
     vehicle.takeoff(30.0)
     vehicle.advance(20.0)
     corners = np.array([[0, 0, 30], [40, 0, 30], [40, 40, 30], [0, 40, 30]], dtype=float)

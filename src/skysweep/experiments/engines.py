@@ -123,7 +123,6 @@ class RayEngine:
 
     @property
     def workers(self) -> int:
-        """The number of CPUs that the cluster has now."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
 
     def run(

@@ -73,13 +73,11 @@ class Matrix:
         return len(self.configurations) * len(self.seeds)
 
     def job(self, number: int) -> MissionJob:
-        """The mission with this number, from 0."""
         turn, place = divmod(number, len(self.configurations))
         c, seed = self.configurations[place], self.seeds[turn]
         return MissionJob(c.label, c.scenario, seed, self.sensor, _config_hash(c.digest, seed))
 
     def jobs(self, numbers: Iterable[int] | None = None) -> Iterator[MissionJob]:
-        """These missions, or all, made one at a time."""
         return (self.job(number) for number in (range(len(self)) if numbers is None else numbers))
 
     def table(self) -> pl.DataFrame:

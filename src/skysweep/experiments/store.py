@@ -198,7 +198,6 @@ class MissionStore:
         return failed_last.unique(KEY, keep="first", maintain_order=True)
 
     def table(self) -> pl.DataFrame:
-        """The table without timings. Raises UserError where it is damaged or missing."""
         return self._read(TABLE_FILE)
 
     def _read(self, name: str) -> pl.DataFrame:

@@ -198,7 +198,6 @@ def _mark(name: str, scale: float) -> dict[str, Any]:
 
 
 def _marks_of_candidates(run: Run) -> dict[int, str]:
-    """Candidate -> the mark of its outcome."""
     marks = dict.fromkeys((c.id for c in run.unchecked), "unchecked")
     if not run.has_truth:
         judged = {"confirmed": "found", "rejected": "rejected"}

@@ -105,7 +105,6 @@ def _level_body(R_camera_to_enu: F64) -> F64:
 
 
 def _still_life(run: Run) -> list[m.Mark]:
-    """The area and, if known, the truth."""
     area: shapely.Polygon = run.scenario.area_enu_m
     terrain = run.world.terrain
     marks = []

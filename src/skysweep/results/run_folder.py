@@ -206,12 +206,10 @@ class Run:
 
     @property
     def end_reason(self) -> str:
-        """Why the mission ended, or ``broken off``."""
         record = self._first("end")
         return str(record["reason"]) if record else "broken off"
 
     def events(self, *kinds: str) -> tuple[Record, ...]:
-        """Records of these kinds, oldest first."""
         return tuple(r for r in self.records if r["kind"] in kinds)
 
     def since_start(self, record: Record) -> float:

@@ -148,7 +148,6 @@ def _decorate(above: Axes, below: Axes, first: bool) -> None:
 
 
 def _draw_checks(panels: NDArray[Any], told: Told) -> None:
-    """Targets of held-out worlds: reports by factor and by predicted chance."""
     own = told.is_own
     for axes, (name, edges) in zip(panels, EDGES.items(), strict=False):
         labels = []

@@ -113,15 +113,8 @@ class ScoreCurve:
         return np.asarray((1.0 - lapse) * ndtr((mean - score_of(confidence)) / spread))
 
 
-@dataclass(frozen=True, slots=True)
-class Priors:
-    """Means over all kinds."""
-
-    log_spread: F64
-    shifts: F64
-
-
-FIRST_PRIORS = Priors(np.full(3, np.log(_USUAL_SPREAD)), _SHIFT_MEAN)
+Priors = tuple[F64, F64]  # log_spread and shifts of a ScoreCurve, means over all kinds
+FIRST_PRIORS: Priors = np.full(3, np.log(_USUAL_SPREAD)), _SHIFT_MEAN
 Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
@@ -159,7 +152,7 @@ def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
         if keys:
             n = [((looks.subject == s) & (looks.confidences[:, c] > 0)).sum() for s, c in keys]
             weights = np.minimum(n, 300.0)
-            priors = Priors(
+            priors = (
                 np.average([curves[k].log_spread for k in keys], axis=0, weights=weights),
                 np.average([curves[k].shifts for k in keys], axis=0, weights=weights),
             )
@@ -181,6 +174,13 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     lapse_design = nodes @ _hats(GRID_PX, _LAPSE_KNOTS_PX)
     bends = _smoothness(_N, _CURVE_STD, _SLOPE_STD)
     mean_places = [*range(_N), *range(_FIRST_SHIFT, _LAPSE_AT)]
+    usual_log_spread, usual_shifts = priors
+    prior: list[tuple[slice, F64 | float, F64 | float]] = [
+        (slice(0, _N), *_MEAN),
+        (slice(_N, _FIRST_SHIFT), usual_log_spread, _SPREAD_STD),
+        (slice(_FIRST_SHIFT, _LAPSE_AT), usual_shifts, _SHIFT_STD),
+        (slice(_LAPSE_AT, None), *_LAPSE),
+    ]
 
     def cost(theta: F64) -> tuple[float, F64]:
         mean, log_std = design @ theta[mean_places], spread_design @ theta[_N:_FIRST_SHIFT]
@@ -204,7 +204,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
         bend = bends @ theta[:_N]
         value += 0.5 * bend @ bend
         gradient[:_N] += bends.T @ bend
-        for place, centre, std_ in _prior_of(priors):
+        for place, centre, std_ in prior:
             off = (theta[place] - centre) / std_
             value += 0.5 * float(np.sum(off * off))
             gradient[place] += off / std_
@@ -212,7 +212,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
 
     start = np.full(_LAPSE_AT + len(_LAPSE_KNOTS_PX), _LAPSE[0])
     start[:_N] = x.mean() if len(x) else FLOOR_SCORE
-    start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors.log_spread, priors.shifts
+    start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors
     best = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=_LIMITS, options={"maxiter": 400}).x
     mean, shifts = best[:_N], best[_FIRST_SHIFT:_LAPSE_AT]
     usual = factors[:, len(FACTORS) :].mean(axis=0) @ shifts[len(FACTORS) :]
@@ -230,15 +230,6 @@ def _smoothness(nodes: int, curve_std: float, slope_std: float) -> F64:
     """Rows that turn values at nodes into bends and slopes, in standard deviations."""
     slopes = np.diff(np.eye(nodes), axis=0)
     return np.vstack([np.diff(slopes, axis=0) / curve_std, slopes / slope_std])
-
-
-def _prior_of(priors: Priors) -> list[tuple[slice, F64, F64]]:
-    return [
-        (slice(0, _N), np.full(_N, _MEAN[0]), np.full(_N, _MEAN[1])),
-        (slice(_N, _FIRST_SHIFT), priors.log_spread, np.full(3, _SPREAD_STD)),
-        (slice(_FIRST_SHIFT, _LAPSE_AT), priors.shifts, _SHIFT_STD),
-        (slice(_LAPSE_AT, _LAPSE_AT + 3), np.full(3, _LAPSE[0]), np.full(3, _LAPSE[1])),
-    ]
 
 
 # ---- what looks have in common -----------------------------------------------------------------------

@@ -105,7 +105,6 @@ def _view(world: World, lens: Lens, altitude_agl_m: float, rng: np.random.Genera
 
 
 def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> list[_Seen]:
-    """All targets at least partly in the picture."""
     seen = renderer.render_ids(lens, pose)
     alone = renderer.render_ids(lens, pose, occluders=False)
     boxes = []

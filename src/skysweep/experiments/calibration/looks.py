@@ -271,7 +271,6 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
 
 
 def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:
-    """Trees beside many of the objects and around the grid."""
     around = rng.uniform(-_FAR_M, _FAR_M, (700, 2))
     places: list[tuple[F64, WorldObject | None]]
     places = [(xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0]
@@ -485,7 +484,6 @@ class Scorer:
             self._strays.append([float(classes[k]), row, float(found.confidences[k]), extent, np.nan])
 
     def packed(self, job: WorldJob) -> tuple[ScoredLooks, Background]:
-        """Everything that was seen in this world."""
         looks = np.array(self._looks, dtype=_LOOK)
         looks["colour"] = [np.mean(self._colours.get(i, [np.nan])) for i in looks["instance"].tolist()]
         looks["instance"] += 1000 * job.index

@@ -61,7 +61,6 @@ class TierMeans:
 
     @property
     def row(self) -> tuple[str, ...]:
-        """Cells in the order of TIER_HEADER."""
         low, high = self.rendered_ci95
         digits = 1 if self.metric == "mission_time_s" else 3
         return (

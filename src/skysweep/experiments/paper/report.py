@@ -148,7 +148,6 @@ def drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
 
 
 def _assumptions(runs: Sequence[Run]) -> Section:
-    """Our choices where the paper is silent."""
     common = {_comparable(run.scenario) for run in runs}
     same = "the same in all rows" if len(common) == 1 else "NOT the same in all rows: compare with care"
     layouts = []

@@ -57,7 +57,6 @@ class Member:
         return self.flown.label
 
     def mean(self, metric: Metric) -> float:
-        """The mean, or NaN where there is none."""
         return self.estimates[metric.key].mean if metric.key in self.estimates else math.nan
 
 
@@ -109,7 +108,6 @@ class Analysis:
         return tuple(chain.from_iterable(self.tiers))
 
     def compare(self, metric: Metric, a: int, b: int) -> Comparison:
-        """The difference a - b in either order."""
         if a < b:
             return self.comparisons[metric.key, a, b]
         found = self.comparisons[metric.key, b, a]
@@ -201,7 +199,6 @@ def _at(flown: Flown, metric: Metric, seeds: Sequence[int]) -> F64:
 def _tiers(
     members: Sequence[Member], comparisons: Mapping[tuple[str, int, int], Comparison], min_recall: float
 ) -> tuple[tuple[tuple[int, ...], ...], bool]:
-    """``tiers`` and ``reached`` of an analysis."""
 
     def not_worse(metric: Metric, among: list[int]) -> list[int]:
         best = min(among, key=lambda k: _cost(metric, members[k].mean(metric)))
@@ -315,7 +312,6 @@ def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
 
 
 def _figures(member: Member) -> str:
-    """Recall, false positives and mission time with their intervals."""
     metrics = [m for m in (RECALL, FALSE_POSITIVES, MISSION_TIME) if math.isfinite(member.mean(m))]
     shown = ", ".join(f"{m.name.lower()} {_with_interval(member, m)}" for m in metrics)
     return f"{shown} over {counted(member.flown.n, 'seed')}"

@@ -109,7 +109,6 @@ def _lead(missions: Missions) -> str:
 
 
 def _cautions(analyses: Sequence[Analysis]) -> list[str]:
-    """Caveats for the reader."""
     members = [member for analysis in analyses for member in analysis.members]
     failed = sum(m.flown.n_failed for m in members)
     unfinished = sum(m.flown.n_unfinished for m in members)
@@ -168,7 +167,6 @@ def _cell(member: Member, metric: Metric) -> str:
 
 
 def _front_cell(member: Member) -> str:
-    """Whether it is on the front, and in which share of the resamplings."""
     share = "" if math.isnan(member.front_share) else f"\n({member.front_share:.0%})"
     return f"{'yes' if member.on_front else 'no'}{share}" if member.flown.n else "-"
 
@@ -225,7 +223,6 @@ def _signed(value: float, digits: int) -> str:
 
 
 def _write_tables(analyses: Sequence[Analysis], missions: Missions, folder: Path) -> None:
-    """Tables as Markdown and LaTeX, and their numbers as CSV."""
     write_tables(folder / "statistics", [_statistics(a) for a in analyses])
     differences = [grid for a in analyses for grid in _differences(a, COMPARED)]
     if differences:
@@ -285,7 +282,6 @@ def _names(analysis: Analysis, member: Member) -> dict[str, object]:
 
 
 def _front(analysis: Analysis) -> Grid:
-    """The Pareto front, the fastest first."""
     metrics = [metric for metric in COMPARED if metric in analysis.metrics]
     rows = []
     for member in sorted((m for m in analysis.members if m.on_front), key=lambda m: m.mean(MISSION_TIME)):
@@ -381,7 +377,6 @@ def _methods() -> Grid:
 
 
 def _file_names(scenarios: Sequence[str]) -> list[str]:
-    """A distinct file name for each scenario."""
     names: list[str] = []
     for scenario in scenarios:
         name = _slug(scenario)

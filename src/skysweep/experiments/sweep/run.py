@@ -71,7 +71,6 @@ class Sweep:
 
     @property
     def address(self) -> str:
-        """The address of the table."""
         return self._folder.where(TABLE_FILE)
 
     def fly(
@@ -100,7 +99,6 @@ class Sweep:
         self._todo = []
 
     def errors(self) -> list[str]:
-        """The errors of the missions that failed."""
         known = self._store.known().join(self._table, on=KEY, how="semi")
         return known["error"].drop_nulls().to_list()
 

@@ -55,7 +55,6 @@ class Outcomes:
         return len(self.values)
 
     def first(self, seeds: int) -> Outcomes:
-        """The candidate after its first ``seeds``."""
         return Outcomes(self.values[:seeds])
 
     def per_seed(self, key: str) -> F64:

@@ -264,7 +264,6 @@ class OpenTrial:
     def close(
         self, missions: list[Outcome], flown: Outcomes, dropped: str | None, same_as: int | None
     ) -> Trial:
-        """Record the results and end the trial."""
         told = {"missions": missions, "dropped": dropped, "same_as": same_as}
         for key, value in (told | {"violations": self._rules.violations(flown)}).items():
             self._trial.set_user_attr(key, value)
