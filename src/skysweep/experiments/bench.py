@@ -81,7 +81,6 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
 
 def _vehicle_rtf(scenario: Scenario) -> float:
     """The vehicle alone, flying squares, advanced in the mission's ticks."""
-
     parts = (scenario.vehicle, scenario.wind, scenario.camera)
     vehicle = Multirotor(*parts, (0, 0, 0), lambda xy: np.zeros(len(xy)), 0)
     vehicle.takeoff(30.0)
