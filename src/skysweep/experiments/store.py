@@ -17,15 +17,8 @@ import polars as pl
 
 from skysweep.errors import UserError
 from skysweep.files.folder import Folder
-from skysweep.results.checksums import (
-    SUMS_FILE,
-    Sums,
-    dump_sums,
-    read_sums,
-    refuse_changed,
-    refuse_misnamed,
-    sha256,
-)
+from skysweep.results import checksums
+from skysweep.results.checksums import SUMS_FILE, Sums, sha256
 from skysweep.results.summary import Summary, finite_or_inf
 
 SPEC_FILE = "spec.yaml"
@@ -205,19 +198,19 @@ class MissionStore:
 
     def _part(self, name: str) -> pl.DataFrame:
         content, where = self._folder.read(name) or b"", self._folder.where(name)
-        refuse_misnamed(name, content, where)
+        checksums.refuse_misnamed(name, content, where)
         return _frame(content, where)
 
     def _checked(self, name: str) -> bytes | None:
         """The content of a file, if there is one. Raises UserError where it is damaged."""
         content = self._folder.read(name)
         if content is not None:
-            refuse_changed(self._sums(), name, content, self._folder.where(name))
+            checksums.refuse_changed(self._sums(), name, content, self._folder.where(name))
         return content
 
     def _sums(self) -> Sums | None:
         content = self._folder.read(SUMS_FILE)
-        return None if content is None else read_sums(content, self._folder.where(SUMS_FILE))
+        return None if content is None else checksums.read_sums(content, self._folder.where(SUMS_FILE))
 
     def _replace(self, contents: Mapping[str, bytes]) -> None:
         """Write files and their digests. A kill in between leaves a folder that is still valid."""
@@ -227,10 +220,10 @@ class MissionStore:
             sums = {name: frozenset([sha256(old)]) for name, old in found.items() if old is not None}
         new = {name: frozenset([sha256(content)]) for name, content in contents.items()}
         both = {name: sums.get(name, frozenset()) | digest for name, digest in new.items()}
-        self._folder.write(SUMS_FILE, dump_sums({**sums, **both}))
+        self._folder.write(SUMS_FILE, checksums.dump_sums({**sums, **both}))
         for name, content in contents.items():
             self._folder.write(name, content)
-        self._folder.write(SUMS_FILE, dump_sums({**sums, **new}))
+        self._folder.write(SUMS_FILE, checksums.dump_sums({**sums, **new}))
 
 
 def _parameters(table: pl.DataFrame) -> list[str]:

@@ -76,7 +76,7 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
         for number, member in enumerate(named, 1):
             axes[0].plot([], [], " ", label=f"{number}: {math_text(member.label)}")
         figure.legend(loc="outside lower center", ncols=3, frameon=False, handlelength=1.2)
-        path, _ = save_figures(figure, stem, ".svg", ".pdf")
+        _, path = save_figures(figure, stem, ".pdf", ".svg")
     rows = []
     for member in analysis.members:
         row = {"configuration": member.label, "on_front": member.on_front, "front_share": member.front_share}
@@ -132,7 +132,7 @@ def draw_pos(analysis: Analysis, stem: Path) -> Path | None:
         axis = figure.subplots()
         draw_pos_axis(axis, time_s, bands[: len(drawn)])
         axis.legend(frameon=False, loc="upper left" if len(drawn) <= 3 else "best")
-        path, _ = save_figures(figure, stem, ".svg", ".pdf")
+        _, path = save_figures(figure, stem, ".pdf", ".svg")
     _write_frame(pl.concat(frames), stem.with_suffix(".csv"))
     return path
 
@@ -169,7 +169,7 @@ def draw_sensitivity(curves: Sequence[Curve], field: str, stem: Path) -> Path:
             handles, labels = axes[0].get_legend_handles_labels()
             columns = 4 if len(curves) == 4 else 3
             figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
-        path, _ = save_figures(figure, stem, ".svg", ".pdf")
+        _, path = save_figures(figure, stem, ".pdf", ".svg")
     records = [
         {
             "curve": curve.label,

@@ -130,11 +130,9 @@ def recommendation_sentence(tuned: Tuned) -> str:
 
 def recommendation_rule(rules: RaceRules) -> str:
     """The rule that chooses the recommended candidate."""
-    recall = (
-        f"within {RECALL_SLACK:g} of the highest"
-        if rules.min_recall is None
-        else f"at least {rules.min_recall:g} in every scenario"
-    )
+    recall = f"within {RECALL_SLACK:g} of the highest"
+    if rules.min_recall is not None:
+        recall = f"at least {rules.min_recall:g} in every scenario"
     return (
         "Recommended: of the candidates that finished every search with a mean recall of "
         f"{recall}, the one with the least cost: mission time and {rules.false_positive_cost_s:g} s for each "
@@ -144,35 +142,23 @@ def recommendation_rule(rules: RaceRules) -> str:
 
 def standings_table(tuned: Tuned) -> Grid:
     """All candidates on the validation seeds, from the recommended to the worst."""
-    header = (
-        "Candidate",
-        "Time\n(s)",
-        "Recall",
-        "False\npos.",
-        "Cost over the\nfirst (s)",
-        "P(first\nbetter)",
-    )
+    measured = ("Candidate", "Time\n(s)", "Recall", "False\npos.")
     rows = []
     for s in tuned.standings:
         pair = s.cost_over_best_s
-        rows.append(
-            (
-                s.candidate.label + ("" if s.feasible else " *"),
-                *(
-                    interval(e, digits).replace(" (", "\n(")
-                    for e, digits in ((s.mission_time_s, 1), (s.recall, 3), (s.false_positives, 2))
-                ),
-                "" if pair is None else interval(pair.test, 1, sign=True).replace(" (", "\n("),
-                "" if pair is None else f"{1 - pair.probability_below:.3f}",
-            )
+        row = [interval(s.mission_time_s, 1), interval(s.recall, 3), interval(s.false_positives, 2)]
+        row += (
+            ["", ""] if pair is None else [interval(pair.test, 1, True), f"{1 - pair.probability_below:.3f}"]
         )
+        label = s.candidate.label + ("" if s.feasible else " *")
+        rows.append([label, *(text.replace(" (", "\n(") for text in row)])
     caption = (
         f"{tuned.best.flown.seeds} fresh seeds, means with 95 % intervals; cost = time + "
         f"{tuned.problem.rules.false_positive_cost_s:g} s for each false positive, compared pair by pair"
     )
     if not all(s.feasible for s in tuned.standings):
         caption += "; * breaks a constraint"
-    return Grid(header, rows, caption, best=[0])
+    return Grid((*measured, "Cost over the\nfirst (s)", "P(first\nbetter)"), rows, caption, best=[0])
 
 
 def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
@@ -182,27 +168,25 @@ def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
     rows = []
     for n_c in limits(cells):
         line = [c for c in cells if c.n_c == n_c]
-        texts: list[str] = []
+        texts = [number(n_c)]
         for d_c_m in distances:
             cell = next((c for c in line if c.d_c_m in (d_c_m, None)), None)
-            texts.append("" if cell is None else "same" if cell.d_c_m is None and texts else _over_best(cell))
-        rows.append((number(n_c), *texts))
-    undecided = [c.time_over_best_s.test for c in cells if c.time_over_best_s and c.undecided]
-    family = len(cells) - 1
-    return Grid(
-        ("n_c", *(f"d_c = {value_text(D_C, d)}" for d in distances)),
-        rows,
+            is_same = cell is not None and cell.d_c_m is None and len(texts) > 1
+            texts.append("" if cell is None else "same" if is_same else _over_best(cell))
+        rows.append(texts)
+    caption = (
         f"{name}: seconds over the fastest (n_c = {number(fastest.n_c)}, d_c = {_distance(fastest)}: "
         f"{fastest.mission_time_s.mean:.1f} s, recall {fastest.flown.mean('recall'):.3f}, false positives "
         f"{fastest.flown.mean('false_positives'):.2f}), paired over {fastest.flown.seeds} seeds, 95 % "
         "intervals; = not distinguishable from it"
-        + (
+    )
+    family = len(cells) - 1
+    if undecided := [c.time_over_best_s.test for c in cells if c.time_over_best_s and c.undecided]:
+        caption += (
             f"; ? too few seeds to tell after correcting for {family} comparisons, at least "
             f"{max(pairs_to_tell(test, family) for test in undecided)} are needed"
-            if undecided
-            else ""
-        ),
-    )
+        )
+    return Grid(("n_c", *(f"d_c = {value_text(D_C, d)}" for d in distances)), rows, caption)
 
 
 def matters_sentences(cells: Sequence[Cell]) -> list[str]:
@@ -256,9 +240,7 @@ def _against(standing: Standing) -> str:
     probability = f"probability that the recommended is better {1 - pair.probability_below:.3f}"
     if not standing.feasible:
         return text + f"and it breaks a constraint (recall {standing.recall.mean:.3f})."
-    return text + (
-        f"clearly worse, {probability}." if pair.is_clear else f"NOT distinguishable, {probability}."
-    )
+    return f"{text}{'clearly worse' if pair.is_clear else 'NOT distinguishable'}, {probability}."
 
 
 def _headline(found: Sequence[Effect]) -> str:
