@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from skysweep.detection.model_files import OWN_MODEL, model_file, sha256_of
-from skysweep.experiments.calibration.check import Told, goodness, tell
+from skysweep.experiments.calibration.check import goodness, tell
 from skysweep.experiments.calibration.figure import draw_fit
 from skysweep.experiments.calibration.fit import (
     GRID_PX,
@@ -20,7 +20,7 @@ from skysweep.experiments.calibration.fit import (
     fit_shares,
     kind_model,
 )
-from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, ScoredLooks, observe
+from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.statistical.model import (
@@ -48,39 +48,16 @@ def calibrate(
     done and total. Raises UserError when the detector cannot be used or the results cannot be written.
     """
     looks, background = observe(model, camera, pictures, seed, workers, progress)
-    name = OWN_MODEL if model == OWN_MODEL else Path(model).name
-    detector = Detecting(name=name, sha256=sha256_of(model_file(model)))
-    fitted, told = fit_sensor(looks, background, detector, camera, pictures, seed)
-    with whole_files(out_yaml.parent) as unfinished:
-        (unfinished / out_yaml.name).write_text(
-            "# Written by skysweep calibrate.\n"
-            + yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110),
-            encoding="utf-8",
-        )
-        draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
-    return fitted
-
-
-def fit_sensor(
-    looks: ScoredLooks,
-    background: Background,
-    detector: Detecting,
-    camera: CameraModel,
-    pictures: int,
-    seed: int,
-) -> tuple[StatisticalModel, Told]:
-    """The fitted model with its goodness of fit, and the predictions behind that."""
     factors = factors_of(looks)
     curves = fit_curves(looks, factors)
     shares, fade_px = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
-    model = StatisticalModel(
+    name, n = OWN_MODEL if model == OWN_MODEL else Path(model).name, len(looks.pixels)
+    fitted = StatisticalModel(
         version=VERSION,
-        detector=detector,
+        detector=Detecting(name=name, sha256=sha256_of(model_file(model))),
         camera=CalibratedCamera(**camera.model_dump(include=set(CalibratedCamera.model_fields))),
-        experiment=Experiment(
-            pictures=pictures, seed=seed, looks=len(looks.pixels), confidence_floor=CONFIDENCE_FLOOR
-        ),
+        experiment=Experiment(pictures=pictures, seed=seed, looks=n, confidence_floor=CONFIDENCE_FLOOR),
         pixels=list(GRID_PX),
         fade_px=fade_px,
         box=fit_box(looks),
@@ -89,4 +66,9 @@ def fit_sensor(
         background=[b for c in range(len(CLASSES)) if (b := fit_background(background, c)) is not None],
         held_out=goodness(told),
     )
-    return model, told
+    text = yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110)
+    with whole_files(out_yaml.parent) as unfinished:
+        header = "# Written by skysweep calibrate.\n"
+        (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")
+        draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
+    return fitted

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from skysweep.files.writing import whole_files
 from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import mean_ci95
 from skysweep.results.reporting.tables import markdown
-from skysweep.results.summary import Summary, plain, value_of
+from skysweep.results.summary import plain, value_of
 
 SCENARIOS = ("clusters", "abundance", "sparse")
 N_C = (1.0, 5.0, math.inf)
@@ -93,24 +93,20 @@ def compare_tiers(
     rendered = [Matrix.of([row], range(seeds), "imaging", [SWEPT]) for *_, row in rows]
     statistical = [Matrix.of([row], more, "statistical", [SWEPT]) for *_, row in rows]
     flown = fly_missing([*statistical, *rendered], fly_job, out, workers, on_done)
-    cells = [
-        _means(scenario, value, metric, *(_values(flown, matrix, metric) for matrix in tiers))
-        for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True)
-        for metric in TIER_METRICS
-    ]
-    _write(cells, out)
+    cells = []
+    for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True):
+        for metric in TIER_METRICS:
+            with_pictures, without = (
+                [value_of(flown[job.config_hash], metric) for job in matrix.jobs()] for matrix in tiers
+            )
+            mean, ci95 = mean_ci95(with_pictures)
+            cells.append(TierMeans(scenario, value, metric, seeds, mean, ci95, float(np.mean(without))))
+    records = [asdict(c) | {"difference_percent": c.difference_percent, "agrees": c.agrees} for c in cells]
+    with whole_files(out) as unfinished:
+        text = json.dumps(plain(records), indent=1) + "\n"
+        (unfinished / "validate.json").write_text(text, encoding="utf-8")
+        (unfinished / "validate.md").write_text(validation_text(cells), encoding="utf-8")
     return cells
-
-
-def _values(flown: Mapping[str, Summary], matrix: Matrix, metric: str) -> list[float]:
-    return [value_of(flown[job.config_hash], metric) for job in matrix.jobs()]
-
-
-def _means(
-    scenario: str, n_c: float, metric: str, rendered: Sequence[float], statistical: Sequence[float]
-) -> TierMeans:
-    mean, ci95 = mean_ci95(rendered)
-    return TierMeans(scenario, n_c, metric, len(rendered), mean, ci95, float(np.mean(statistical)))
 
 
 def validation_text(cells: Sequence[TierMeans]) -> str:
@@ -120,18 +116,6 @@ def validation_text(cells: Sequence[TierMeans]) -> str:
         f"{agree} of {len(cells)} means of the statistical tier lie inside the 95 % confidence interval of "
         f"the rendered tier or within {TOLERANCE_PERCENT:g} % of it."
     )
-    caption = (
-        f"Missions with pictures ({cells[0].seeds} seeds) and without ({cells[0].seeds * STATISTICAL_TIMES})"
-    )
+    seeds = cells[0].seeds
+    caption = f"Missions with pictures ({seeds} seeds) and without ({seeds * STATISTICAL_TIMES})"
     return f"{summary}\n\n{markdown(Grid(TIER_HEADER, [cell.row for cell in cells], caption), left=3)}"
-
-
-def _write(cells: Sequence[TierMeans], out: Path) -> None:
-    rows = [
-        {**asdict(cell), "difference_percent": cell.difference_percent, "agrees": cell.agrees}
-        for cell in cells
-    ]
-    with whole_files(out) as unfinished:
-        text = json.dumps(plain(rows), indent=1) + "\n"
-        (unfinished / "validate.json").write_text(text, encoding="utf-8")
-        (unfinished / "validate.md").write_text(validation_text(cells), encoding="utf-8")

@@ -232,12 +232,9 @@ def _write_tables(analyses: Sequence[Analysis], missions: Missions, folder: Path
         for member in analysis.members:
             lost = {"failed": member.flown.n_failed, "unfinished": member.flown.n_unfinished}
             statistics += [
-                _names(analysis, member)
-                | {"metric": metric.key}
-                | lost
-                | asdict(member.estimates[metric.key])
-                for metric in analysis.metrics
-                if metric.key in member.estimates
+                {**_names(analysis, member), "metric": m.key, **lost, **asdict(member.estimates[m.key])}
+                for m in analysis.metrics
+                if m.key in member.estimates
             ]
         best = analysis.ranking[0] if analysis.ranking else None
         pairs += [
