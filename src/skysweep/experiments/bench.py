@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from skysweep.experiments.workers import run_jobs
+from skysweep.experiments.workers import Job, run_jobs
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.rig import Rig
@@ -132,22 +132,23 @@ def _pictures(scenario: Scenario) -> dict[str, Any]:
     detector = YoloDetector(scenario.detector.model, scenario.target_classes, threads=THREADS)
     poses = _flight(world, scenario.search.scan_altitude_agl_m)
     images = [renderer.render(_BENCH_LENS, pose) for pose in poses[:5]]
-    render_s, detect_s = [], []
-    for pose in poses:
-        started = time.perf_counter()
-        image = renderer.render(_BENCH_LENS, pose)
-        render_s.append(time.perf_counter() - started)
-    for k in range(_PICTURES):
-        frame = Frame(0.0, images[k % len(images)], poses[0], _BENCH_LENS)
-        started = time.perf_counter()
-        detector.detect(frame)
-        detect_s.append(time.perf_counter() - started)
-    assert image.shape == (_BENCH_LENS.height_px, _BENCH_LENS.width_px, 3)
+    assert images[0].shape == (_BENCH_LENS.height_px, _BENCH_LENS.width_px, 3)
+    frames = [Frame(0.0, images[k % len(images)], poses[0], _BENCH_LENS) for k in range(_PICTURES)]
+    render_s = _median_s(lambda pose: renderer.render(_BENCH_LENS, pose), poses)
     return {
         "renderer": type(renderer).__name__,
-        "render_fps_640x360": 1.0 / statistics.median(render_s),
-        "detector_ms_640x360": 1000.0 * statistics.median(detect_s),
+        "render_fps_640x360": 1.0 / render_s,
+        "detector_ms_640x360": 1000.0 * _median_s(detector.detect, frames),
     }
+
+
+def _median_s(work: Callable[[Job], object], jobs: Sequence[Job]) -> float:
+    times_s = []
+    for job in jobs:
+        started = time.perf_counter()
+        work(job)
+        times_s.append(time.perf_counter() - started)
+    return statistics.median(times_s)
 
 
 def _flight(world: World, altitude_m: float) -> list[CameraPose]:

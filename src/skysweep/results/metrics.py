@@ -218,14 +218,9 @@ def seen_m2_of(run: Run) -> float:
     xy = grid.reshape(-1, 2) + step_m / 2
     xy = xy[shapely.contains_xy(area, xy)]
     points = np.column_stack([xy, run.world.terrain.height_m(xy) + _ABOVE_GROUND_M])
-    pictured, seen = count_seen(
-        points,
-        states.camera_position_enu_m[scanning],
-        states.R_camera_to_enu[scanning],
-        lens.width_px / (2 * lens.focal_px),
-        lens.height_px / (2 * lens.focal_px),
-        solids,
-    )
+    poses = states.camera_position_enu_m[scanning], states.R_camera_to_enu[scanning]
+    u, v = lens.width_px / (2 * lens.focal_px), lens.height_px / (2 * lens.focal_px)
+    pictured, seen = count_seen(points, *poses, u, v, solids)
     return float(area.area) * seen / max(pictured, 1)
 
 

@@ -44,15 +44,9 @@ def write_recording(run: Run, path: str | Path) -> Path:
                 text = definition(topic.type_name).encode()
                 schemas[topic.type_name] = writer.register_schema(topic.type_name, "ros2msg", text)
             if topic.name not in channels:
-                channels[topic.name] = writer.register_channel(
-                    topic.full_name,
-                    "cdr",
-                    schemas[topic.type_name],
-                    {
-                        "offered_qos_profiles": topics.rosbag_profile(topic.quality),
-                        "topic_type_hash": type_hash(topic.type_name),
-                    },
-                )
+                schema, profile = schemas[topic.type_name], topics.rosbag_profile(topic.quality)
+                told = {"offered_qos_profiles": profile, "topic_type_hash": type_hash(topic.type_name)}
+                channels[topic.name] = writer.register_channel(topic.full_name, "cdr", schema, told)
             nanoseconds = round(time_s * 1e9)
             writer.add_message(channels[topic.name], nanoseconds, to_cdr(message), nanoseconds)
         writer.finish()  # type: ignore[no-untyped-call]

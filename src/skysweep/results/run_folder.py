@@ -290,14 +290,9 @@ def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
         lines.refuse_damaged(path, journal_remedy(path))
         if spoilt:
             raise UserError(f"{spoilt[0]}: is damaged; delete it, the mission's results need no pictures")
-    return Run(
-        flown_scenario(folder, lines.records),
-        tuple(lines.records),
-        folder,
-        seal=lines.seal,
-        pictures=tuple(picture for picture in pictures if picture not in spoilt),
-        left_out=tuple(left_out),
-    )
+    scenario, records = flown_scenario(folder, lines.records), tuple(lines.records)
+    sound = tuple(picture for picture in pictures if picture not in spoilt)
+    return Run(scenario, records, folder, seal=lines.seal, pictures=sound, left_out=tuple(left_out))
 
 
 def summary_of_complete(folder: Path, from_sound_lines: bool = False) -> Record | None:

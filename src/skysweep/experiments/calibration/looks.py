@@ -247,17 +247,11 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
         kind, pose = layout.subjects[kinds[k]]
         x, y = middles[k] + jitter[k]
         low, high = (0.85, 1.12) if kind == "person" else (0.7, 1.3)
-        objects.append(
-            WorldObject(
-                kind,
-                np.array([x, y, 0.0]),
-                float(rng.uniform(0, 2 * np.pi)),
-                DEFAULT_SIZE_M[kind] * float(rng.uniform(low, high)),
-                pose,
-                kind in CLASSES,
-                HELD_OUT_VARIANTS + int(rng.integers(1000)),
-            )
-        )
+        yaw_rad = float(rng.uniform(0, 2 * np.pi))
+        size_m = DEFAULT_SIZE_M[kind] * float(rng.uniform(low, high))
+        variant = HELD_OUT_VARIANTS + int(rng.integers(1000))
+        place = np.array([x, y, 0.0])
+        objects.append(WorldObject(kind, place, yaw_rad, size_m, pose, kind in CLASSES, variant))
     surface = str(rng.choice(layout.surfaces))
     has_trees = surface != "water" and rng.random() < _TREE_SHARE
     trees = _trees(objects, half, rng) if has_trees else ()

@@ -111,16 +111,10 @@ class Analysis:
         if a < b:
             return self.comparisons[metric.key, a, b]
         found = self.comparisons[metric.key, b, a]
-        test = found.test
-        turned = replace(
-            test,
-            mean=0.0 - test.mean,
-            low=0.0 - test.high,
-            high=0.0 - test.low,
-            rank_biserial=0.0 - test.rank_biserial,
-            cohens_dz=0.0 - test.cohens_dz,
-        )
-        return replace(found, a=a, b=b, test=turned)
+        test, signed = found.test, ("mean", "rank_biserial", "cohens_dz")
+        turned = {name: 0.0 - getattr(test, name) for name in signed}
+        turned |= {"low": 0.0 - test.high, "high": 0.0 - test.low}
+        return replace(found, a=a, b=b, test=replace(test, **turned))
 
     @property
     def metrics(self) -> list[Metric]:

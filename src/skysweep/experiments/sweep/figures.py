@@ -51,18 +51,18 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
     flown = [m for m in analysis.members if m.flown.n]
     front = sorted((m for m in flown if m.on_front), key=lambda m: m.mean(MISSION_TIME))
     others = [m for m in flown if not m.on_front]
-    on_front: dict[str, Any] = {"marker": "o", "ls": "", "ms": 5, "color": BLUE, "zorder": 3}
-    dominated: dict[str, Any] = {"marker": "x", "ls": "", "ms": 4, "color": "0.6", "zorder": 2}
+    on_front: dict[str, Any] = {"marker": "o", "ls": "", "ms": 5, "color": BLUE}
+    dominated: dict[str, Any] = {"marker": "x", "ls": "", "ms": 4, "color": "0.6"}
     with style():
         named = front[:_MOST_NAMED]
         height = 2.6 + 0.15 * math.ceil((len(named) + 2) / 3)
         figure = Figure(figsize=(PAGE_IN, height), layout="constrained")
         axes = figure.subplots(1, len(below), squeeze=False)[0]
         for axis, metric in zip(axes, below, strict=True):
-            for members, look in ((others, dominated), (front, on_front)):
-                for member in members:
-                    x, y = member.estimates[MISSION_TIME.key], member.estimates[metric.key]
-                    axis.errorbar(x.mean, y.mean, xerr=_bars(x), yerr=_bars(y), elinewidth=0.7, **look)
+            for member in [*others, *front]:
+                look = on_front | {"zorder": 3} if member.on_front else dominated | {"zorder": 2}
+                x, y = member.estimates[MISSION_TIME.key], member.estimates[metric.key]
+                axis.errorbar(x.mean, y.mean, xerr=_bars(x), yerr=_bars(y), elinewidth=0.7, **look)
             bold: Any = {"fontsize": 7.5, "fontweight": "bold", "zorder": 4}
             for place, numbers in _numbered(named, metric).items():
                 axis.annotate(", ".join(numbers), place, (4, 4), textcoords="offset points", **bold)

@@ -90,18 +90,10 @@ def draw_matters(cells: Sequence[Cell], name: str, path: Path) -> None:
             x = np.array([n_cs.index(c.n_c) for c in line]) + 0.08 * (k - (len(distances) - 1) / 2)
             mean = np.array([c.mission_time_s.mean for c in line])
             low, high = (np.array([getattr(c.mission_time_s, b) for c in line]) for b in ("low", "high"))
-            axis.errorbar(
-                x,
-                mean,
-                np.nan_to_num([mean - low, high - mean]),
-                color=colour,
-                marker=marker,
-                ms=4,
-                lw=1.0,
-                elinewidth=0.8,
-                capsize=1.5,
-                label=r"$d_c=\infty$" if np.isinf(d_c_m) else f"$d_c={d_c_m:g}$ m",
-            )
+            bars = np.nan_to_num([mean - low, high - mean])
+            label = r"$d_c=\infty$" if np.isinf(d_c_m) else f"$d_c={d_c_m:g}$ m"
+            look: dict[str, Any] = {"color": colour, "marker": marker, "ms": 4, "lw": 1.0}
+            axis.errorbar(x, mean, bars, label=label, elinewidth=0.8, capsize=1.5, **look)
         axis.set_xticks(range(len(n_cs)), [number(n) for n in n_cs])
         axis.set(xlabel="$n_c$", ylabel="Mission time (s)")
         axis.set_title(name, loc="left")
