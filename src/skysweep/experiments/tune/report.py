@@ -258,9 +258,9 @@ def _headline(found: Sequence[Effect]) -> str:
 
 
 def _effect_sentence(effect: Effect) -> str:
-    worst = max(range(len(effect.others)), key=lambda k: effect.over_best_s[k].mean)
+    slowest, over_best_s, p = max(effect.others, key=lambda other: other[1].mean)
     by_d_c = effect.held == "d_c"
-    over = f"{interval(effect.over_best_s[worst], 1, sign=True)} s (p = {effect.p_corrected[worst]:.2g})"
+    over = f"{interval(over_best_s, 1, sign=True)} s (p = {p:.2g})"
 
     def choice(cell: Cell) -> str:
         return f"n_c = {number(cell.n_c)}" if by_d_c else f"d_c = {_distance(cell)}"
@@ -268,14 +268,10 @@ def _effect_sentence(effect: Effect) -> str:
     held = f"d_c = {value_text(D_C, effect.value)}" if by_d_c else f"n_c = {number(effect.value)}"
     if not effect.matters:
         return f"{held}: {'n_c' if by_d_c else 'd_c'} makes no difference that shows; the slowest: {over}."
-    text = f"{held}: {choice(effect.best)} is fastest, {choice(effect.others[worst])} slowest: {over}"
-    as_good = [
-        choice(cell)
-        for cell, p, test in zip(effect.others, effect.p_corrected, effect.over_best_s, strict=True)
-        if p >= SIGNIFICANCE and not test.low > 0
-    ]
+    text = f"{held}: {choice(effect.best)} is fastest, {choice(slowest)} slowest: {over}"
+    as_good = [cell for cell, test, p in effect.others if p >= SIGNIFICANCE and not test.low > 0]
     if as_good:
-        text += "; as good as the fastest: " + ", ".join(as_good)
+        text += "; as good as the fastest: " + ", ".join(map(choice, as_good))
     return text + "."
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -101,13 +101,11 @@ class Effect:
     held: str
     value: float
     best: Cell
-    others: tuple[Cell, ...]
-    over_best_s: tuple[PairedTest, ...]
-    p_corrected: tuple[float, ...]  # Holm's, over all choices of all effects
+    others: tuple[tuple[Cell, PairedTest, float], ...]  # time over the best; p, corrected over all effects
 
     @property
     def matters(self) -> bool:
-        return min(self.p_corrected) < SIGNIFICANCE
+        return min(p for *_, p in self.others) < SIGNIFICANCE
 
 
 def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Contender]:
@@ -227,16 +225,18 @@ def effects(cells: Sequence[Cell]) -> list[Effect]:
     for held, value, line in lines:
         best, *others = sorted(line, key=lambda cell: cell.mission_time_s.mean)
         if others:
-            splits.append((held, value, best, tuple(others)))
+            splits.append((held, value, best, others))
     differences = [
         other.flown.per_seed("mission_time_s") - best.flown.per_seed("mission_time_s")
-        for _, _, best, others in splits
+        for *_, best, others in splits
         for other in others
     ]
-    tests = iter(paired_tests(np.array(differences).T))
-    found = [(split, tuple(islice(tests, len(split[3])))) for split in splits]
-    p = iter(holm(np.array([test.p for _, mine in found for test in mine])).tolist())
-    return [Effect(*split, mine, tuple(islice(p, len(mine)))) for split, mine in found]
+    tests = paired_tests(np.array(differences).T)
+    found = zip(tests, holm(np.array([test.p for test in tests])).tolist(), strict=True)
+    return [
+        Effect(held, value, best, tuple((cell, *next(found)) for cell in others))
+        for held, value, best, others in splits
+    ]
 
 
 def paired(difference: F64) -> Paired:
