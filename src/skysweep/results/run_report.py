@@ -210,8 +210,7 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
         [
             target.name,
             clock(target.confirmed_s or 0.0),
-            f"{target.latitude_deg:.7f}",
-            f"{target.longitude_deg:.7f}",
+            *_place(target),
             _or_dash(target.radius_95_m, "{:.1f}"),
             _or_dash(target.confidence, "{:.2f}"),
         ]
@@ -229,7 +228,12 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
         header = ["Missed", "East (m)", "North (m)", "Why"]
         grids.append(Grid(header, lost, "Targets that were not confirmed"))
     if unchecked:
-        grids.append(_unchecked_grid(run, unchecked))
+        header = ["Unchecked", "Latitude (°)", "Longitude (°)", "Confidence", "Why"]
+        rows = [
+            [t.name, *_place(t), _or_dash(t.confidence, "{:.2f}"), _why_unchecked(run, t.candidate)]
+            for t in unchecked
+        ]
+        grids.append(Grid(header, rows, "Candidates that were not checked: have a look"))
     text = "The same places are in targets.geojson, targets.kml, targets.gpx and targets.csv (WGS 84)."
     if not found:
         text = "No target was confirmed."
@@ -246,22 +250,8 @@ def _truth(run: Run, target: FoundTarget) -> tuple[str, str]:
     return "yes", f"{horizontal_distance_m(story, run.world.targets[index]):.2f}"
 
 
-def _unchecked_grid(run: Run, unchecked: Sequence[FoundTarget]) -> Grid:
-    rows = [
-        (
-            target.name,
-            f"{target.latitude_deg:.7f}",
-            f"{target.longitude_deg:.7f}",
-            _or_dash(target.confidence, "{:.2f}"),
-            _why_unchecked(run, target.candidate),
-        )
-        for target in unchecked
-    ]
-    return Grid(
-        ("Unchecked", "Latitude (°)", "Longitude (°)", "Confidence", "Why"),
-        rows,
-        "Candidates that were not checked: have a look",
-    )
+def _place(target: FoundTarget) -> tuple[str, str]:
+    return f"{target.latitude_deg:.7f}", f"{target.longitude_deg:.7f}"
 
 
 def _how_missed(run: Run, target: Any) -> str:

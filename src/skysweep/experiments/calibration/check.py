@@ -96,15 +96,9 @@ def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
         "blur over pixels": factors[rows, NAMES.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
     }
-    return Told(
-        looks.subject[rows],
-        class_index,
-        factors[rows],
-        values,
-        looks.confidences[rows, class_index],
-        np.clip(chance, LEAST, 1 - LEAST),
-        np.clip(rate, LEAST, 1 - LEAST),
-    )
+    subject, confidences = looks.subject[rows], looks.confidences[rows, class_index]
+    chances = (np.clip(part, LEAST, 1 - LEAST) for part in (chance, rate))
+    return Told(subject, class_index, factors[rows], values, confidences, *chances)
 
 
 def goodness(told: Told) -> list[HeldOut]:

@@ -37,6 +37,7 @@ _WRITE = {
     "points": "a number, .inf, a word, true or false",
     "seeds": "how many, or a list of whole numbers",
 }
+_LABEL = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$"
 _OWN_PLACE = {"search.strategy": "strategies", "name": "a scenario's label"}
 
 
@@ -46,9 +47,7 @@ class Variant(Model):
     scenario: str | dict[str, Any] = Field(
         description="Name of a shipped scenario, path of a YAML file (from the spec's folder), or its fields"
     )
-    label: str | None = Field(
-        None, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$", description="Added to its name in the results"
-    )
+    label: str | None = Field(None, pattern=_LABEL, description="Added to its name in the results")
     changes: dict[str, Any] = Field(
         default_factory=dict, alias="set", description="Dotted fields of the scenario and their values"
     )
@@ -74,7 +73,7 @@ class StrategyChoice(Model):
 class SweepSpec(Model):
     """Scenarios x strategies x (every combination of parameters, and single points) x seeds."""
 
-    name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")
+    name: str = Field(min_length=1, max_length=80, pattern=_LABEL)
     description: str = ""
     scenarios: list[Variant] = Field(min_length=1)
     strategies: list[StrategyChoice] | None = Field(
