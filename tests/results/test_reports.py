@@ -135,7 +135,7 @@ def test_the_report_of_a_damaged_journal_says_what_it_is_of(tiny_folder):
     lines = journal.read_text().splitlines()
     journal.write_text("\n".join([*lines[:12], "rubbish", *lines[13:]]))
     write_results(load_run(tiny_folder, from_sound_lines=True), tiny_folder)
-    told = "The folder is damaged; left out: line 13 of journal.jsonl and what comes after it"
+    told = "The folder is damaged; left out: line 13 of journal.jsonl and all lines after it"
     assert told in read_page(tiny_folder / "report.html").text
 
 

@@ -146,8 +146,8 @@ class RayEngine:
                     size = max(1, min(_MAX_BATCH, round(_BATCH_S * len(batch) / max(seconds, 1e-6))))
                     yield from zip(batch, results, strict=True)
         except (ray.exceptions.RaySystemError, ray.exceptions.WorkerCrashedError, ConnectionError) as error:
-            reason = _first_line(error)
-            raise UserError(f"Ray was lost ({reason}); give the same command again to go on") from None
+            reason = f"the connection to Ray was lost ({_first_line(error)})"
+            raise UserError(f"{reason}; give the same command again to go on") from None
         finally:
             for task in running:
                 ray.cancel(task, force=True)

@@ -37,9 +37,7 @@ def read_sums(content: bytes, where: str) -> Sums:
     for line in lines:
         match = _LINE.fullmatch(line)
         if match is None or rest:
-            raise UserError(
-                f"{where}: is damaged; put back the one that was there, or fly into another folder"
-            )
+            raise UserError(f"{where}: is damaged; restore the original, or fly into another folder")
         sums[match[2]] = sums.get(match[2], frozenset()) | {match[1]}
     return sums
 
@@ -47,9 +45,7 @@ def read_sums(content: bytes, where: str) -> Sums:
 def refuse_changed(sums: Sums | None, name: str, content: bytes, where: str) -> None:
     """Raises UserError where a file was changed. ``sums`` is None for an older skysweep, which kept none."""
     if sums is not None and sha256(content) not in sums.get(name, ()):
-        raise UserError(
-            f"{where}: is damaged ({SUMS_FILE} has another digest); put back the one that was there"
-        )
+        raise UserError(f"{where}: is damaged ({SUMS_FILE} has another digest); restore the original")
 
 
 def refuse_misnamed(name: str, content: bytes, where: str) -> None:

@@ -282,7 +282,7 @@ def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
         raise UserError(f"{path}: {why}, so there are no results; fly the mission into a new folder")
     left_out = []
     if lines.damaged is not None:
-        left_out.append(f"line {lines.damaged} of {JOURNAL_FILE} and what comes after it")
+        left_out.append(f"line {lines.damaged} of {JOURNAL_FILE} and all lines after it")
     pictures = sorted(folder.glob(f"{PICTURES}/*.jpg"))
     spoilt = [] if is_older(lines.records) else [picture for picture in pictures if not is_sound(picture)]
     left_out += [f"{PICTURES}/{picture.name}" for picture in spoilt]
@@ -315,7 +315,8 @@ def flown_scenario(folder: Path, records: Sequence[Record]) -> Scenario:
     path = folder / CONFIG_FILE
     if not is_older(records) and digest_of_config(folder) != records[0][CONFIG]:
         raise UserError(
-            f"{path}: is not what the mission was begun with (SHA-256 {records[0][CONFIG]}); put that back"
+            f"{path}: is not the file that the mission began with (SHA-256 {records[0][CONFIG]}); restore "
+            "the original"
         )
     return load_scenario(path)
 
@@ -360,7 +361,7 @@ def _summary_of(run: Run) -> Record | None:
     if summary["ended"] and journal != run.seal:
         held = run.folder / JOURNAL_FILE
         raise UserError(
-            f"{held}: has {len(run.records)} sound lines, and {SUMMARY_FILE} was made from others; "
+            f"{held}: has {len(run.records)} sound lines, but {SUMMARY_FILE} was made from others; "
             f"{journal_remedy(held)}"
         )
     return summary if summary["ended"] else None

@@ -150,8 +150,8 @@ def _so_far(jobs: pl.DataFrame, flown: pl.DataFrame, folder: str) -> pl.DataFram
     table = jobs.join(flown.drop(known, strict=False), on=KEY, how="inner")
     if not len(table):
         raise UserError(
-            f"{folder}: the sweep is not finished, and what it has flown so far is of another version of "
-            "skysweep or of its specification; give the sweep again"
+            f"{folder}: the sweep is not finished, and its missions so far are of another version of "
+            "skysweep or of the specification; give the sweep again"
         )
     return table
 

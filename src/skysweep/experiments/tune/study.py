@@ -244,8 +244,8 @@ class TuningStudy:
 
     def _damaged(self, what: str) -> UserError:
         return UserError(
-            f"{hidden(self._storage)}: is damaged, or of an older skysweep ({what}); put back the one that "
-            "was there, or write another --out or --study"
+            f"{hidden(self._storage)}: is damaged, or of an older skysweep ({what}); restore the "
+            "original, or write another --out or --study"
         )
 
 
