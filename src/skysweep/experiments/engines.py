@@ -79,7 +79,7 @@ class LocalEngine:
     def run(
         self, work: Callable[[Job], Result], jobs: Iterable[Job]
     ) -> Generator[tuple[Job, Result], None, None]:
-        """See ``Engine.run``. Raises UserError where a process dies, as for want of memory."""
+        """See ``Engine.run``. Raises UserError where a process dies, for example out of memory."""
         try:
             yield from run_jobs(work, jobs, self.workers)
         except BrokenProcessPool:

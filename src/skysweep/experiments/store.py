@@ -156,7 +156,7 @@ class MissionStore:
     def finish(self, matrix: pl.DataFrame) -> None:
         """Make the table from the parts and remove these. ``matrix`` has one row per mission.
 
-        Raises UserError where somebody removed parts.
+        Raises UserError where parts were removed meanwhile.
         """
         parts = self._folder.names(PARTS)
         table = matrix.join(self.outcomes(list(_SCHEMA)), on=KEY, how="inner", maintain_order="left")

@@ -71,7 +71,7 @@ def finite_or_inf(value: float) -> Limit:
 
 
 def plain(node: Any) -> Any:
-    """What JSON can hold: infinity becomes the string ``"inf"``, NaN null."""
+    """A value that JSON can hold: infinity becomes the string ``"inf"``, NaN null."""
     if isinstance(node, dict):
         return {key: plain(value) for key, value in node.items()}
     if isinstance(node, list | tuple):

@@ -64,8 +64,8 @@ def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
     """Cross-validated predictions."""
     worlds, world = np.unique(looks.world, return_inverse=True)
     fold = (np.random.default_rng(0).permutation(len(worlds)) % FOLDS)[world]
-    nobody, nothing = np.zeros(0, dtype=int), np.zeros((0, len(THRESHOLDS)))
-    parts = [(nobody, nobody, nothing, nothing)]  # rows of the looks, classes, chances, rates
+    no_rows, no_chances = np.zeros(0, dtype=int), np.zeros((0, len(THRESHOLDS)))
+    parts = [(no_rows, no_rows, no_chances, no_chances)]  # rows of the looks, classes, chances, rates
     for f in range(FOLDS):
         train, test = np.flatnonzero(fold != f), np.flatnonzero(fold == f)
         if not len(train) or not len(test):

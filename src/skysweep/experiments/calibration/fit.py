@@ -248,7 +248,7 @@ class Pairs:
     second_lapse: F64
 
     def log_likelihood(self, correlation: F64) -> float:
-        """Of all pairs, given their correlations (N,)."""
+        """The log-likelihood of all pairs, given their correlations (N,)."""
         rho, total = np.broadcast_to(correlation, self.first.shape), 0.0
         rest = np.sqrt(1.0 - rho**2)
         both = self.first_seen & self.second_seen

@@ -1,4 +1,4 @@
-"""How well a detector trained on our renderer does on Gazebo's pictures of the same views."""
+"""The recall of a detector trained on our renderer, in Gazebo's pictures of the same views."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ _CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # background begins this far from every o
 
 @dataclass(frozen=True, slots=True)
 class WorldLayout:
-    """What stands in a world, on a grid so wide that neighbours stay apart in every picture."""
+    """The contents of a world, on a grid so wide that neighbours stay apart in every picture."""
 
     subjects: tuple[tuple[str, str], ...]  # kind and pose; a subject listed twice is seen twice as often
     surfaces: tuple[str, ...]

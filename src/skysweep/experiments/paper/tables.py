@@ -67,7 +67,7 @@ class CompareRow:
 
     @property
     def difference(self) -> float | None:
-        """Of our mean from the paper's time, as a share."""
+        """The relative difference of our mean from the paper's time."""
         return None if self.paper_time_s is None else self.mission_time_mean_s / self.paper_time_s - 1.0
 
 
@@ -101,7 +101,7 @@ class CheckEffect:
 
     @property
     def brings(self) -> str:
-        """What Algorithm 1 finds more or less of than scan-only, where the whole interval says so."""
+        """The metrics of Algorithm 1 that are above or below scan-only's, where the whole interval says so."""
         shown = [
             f"{more if ci95[0] > 0 else less} {what}"
             for what, more, less, (_, ci95) in (

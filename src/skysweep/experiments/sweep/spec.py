@@ -1,4 +1,4 @@
-"""What a sweep flies: a YAML file of scenarios, strategies, parameters and seeds."""
+"""The specification of a sweep: a YAML file of scenarios, strategies, parameters and seeds."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ FAMILY_SCATTER_M = 5.0
 
 @dataclass(frozen=True)
 class Problem:
-    """What is tuned: one answer for all ``scenarios``, on the mission seeds 0 .. ``seeds`` - 1."""
+    """A tuning problem: one answer for all ``scenarios``, on the mission seeds 0 .. ``seeds`` - 1."""
 
     name: str
     scenarios: tuple[Scenario, ...]  # as flown, with layouts that differ by seed

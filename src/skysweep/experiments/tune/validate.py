@@ -218,7 +218,7 @@ def distances_m(cells: Sequence[Cell]) -> list[float]:
 
 
 def effects(cells: Sequence[Cell]) -> list[Effect]:
-    """How much n_c matters at every d_c, and d_c at every n_c, in mission time."""
+    """The effect of n_c at each d_c, and of d_c at each n_c, on mission time."""
     lines = [("d_c", d, [c for c in cells if c.d_c_m in (d, None)]) for d in distances_m(cells)]
     lines += [("n_c", n, [c for c in cells if c.n_c == n]) for n in limits(cells)]
     splits = []
