@@ -101,7 +101,7 @@ class CheckEffect:
 
     @property
     def brings(self) -> str:
-        """The metrics of Algorithm 1 that are above or below scan-only's, where the whole interval says so."""
+        """The metrics in which Algorithm 1 differs from scan-only, where the whole interval says so."""
         shown = [
             f"{more if ci95[0] > 0 else less} {what}"
             for what, more, less, (_, ci95) in (
