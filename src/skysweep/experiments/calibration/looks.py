@@ -132,9 +132,9 @@ class ScoredLooks:
 
 
 _SHAPES = {"places_px": (2,), "confidences": (len(CLASSES),), "offsets_px": (len(CLASSES), 2)}
-_LOOK = [
+_LOOK = [  # name, type and shape of each field of one look
     (f.name, int if f.type == "I64" else float, _SHAPES.get(f.name, ())) for f in fields(ScoredLooks)
-]  # the type of one look
+]
 
 
 @dataclass(frozen=True, slots=True)
