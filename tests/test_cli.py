@@ -253,7 +253,7 @@ def test_the_sound_part_of_a_damaged_folder_is_reported_elsewhere_when_asked_for
     refused(skysweep("report", flown, "--from-sound-lines", cwd=tmp_path), "line 41", "--out")
     result = skysweep("report", flown, "--from-sound-lines", "--out", "sound", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "left out: line 41 of journal.jsonl and what comes after it" in result.stderr
+    assert "left out: line 41 of journal.jsonl and all lines after it" in result.stderr
     assert "left out: summary.json" in result.stderr
     assert "line 41 of journal.jsonl" in (tmp_path / "sound" / "report.html").read_text()
     assert contents(flown) == before

@@ -20,7 +20,7 @@ from skysweep.experiments.calibration.fit import (
     fit_curve,
     fit_curves,
     fit_shares,
-    kind_models,
+    kind_model,
 )
 from skysweep.experiments.calibration.looks import (
     CLASSES,
@@ -133,7 +133,8 @@ def test_what_a_ground_does_is_recovered():
             for f in fields(ScoredLooks)
         )
     )
-    model = kind_models(curves := fit_curves(both, factors_of(both)), dict.fromkeys(curves, (0.0, 0.0)))[0]
+    key, curve = next(iter(fit_curves(both, factors_of(both)).items()))
+    model = kind_model(key, curve, 0.0, 0.0)
     assert model.grounds["grass"] - model.grounds["snow"] == pytest.approx(0.8, abs=0.1)
 
 
@@ -180,7 +181,8 @@ def test_what_is_never_reported_is_not_in_the_model(looks):
 
 def test_kinds_are_written_as_they_were_fitted(looks):
     curves = fit_curves(looks, factors_of(looks))
-    (kind,) = kind_models(curves, {(SIGN, OWN): (0.3, 0.4)})
+    ((key, curve),) = curves.items()
+    kind = kind_model(key, curve, 0.3, 0.4)
     assert (kind.kind, kind.pose, kind.reported_as) == ("stop sign", "face-up", "stop sign")
     np.testing.assert_allclose(kind.score, curves[SIGN, OWN].mean, atol=1e-3)
     assert (kind.object_share, kind.pass_share) == (0.3, 0.4)

@@ -29,7 +29,6 @@ from skysweep.experiments.sweep.missions import (
     Configuration,
     Flown,
     by_scenario,
-    configuration_label,
     in_order,
     load_missions,
 )
@@ -38,6 +37,7 @@ from skysweep.experiments.sweep.run import fly_job
 from skysweep.experiments.sweep.spec import dump_spec, matrix_of, parse_spec
 from skysweep.files.folder import Folder
 from skysweep.results.checksums import sha256
+from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import holm, pairs_needed
 from skysweep.results.reporting.symbols import field_name, field_unit
 from skysweep.results.reporting.tables import latex_text, markdown, math_text
@@ -99,7 +99,12 @@ def test_everything_is_there_and_the_page_needs_nothing_else(reported):
 
 def test_recall_axes_end_at_1(table, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(sweep_figures, "save_figure", lambda figure, path: drawn.append(figure) or path)
+
+    def save(figure, stem, *suffixes):
+        drawn.append(figure)
+        return [stem.with_suffix(suffix) for suffix in suffixes]
+
+    monkeypatch.setattr(sweep_figures, "save_figures", save)
     flown_there = by_scenario(load_missions_of(table))["calm"]
     (analysis,) = analyse({"calm": flown_there})
     sweep_figures.draw_pareto(analysis, tmp_path / "pareto")
@@ -316,7 +321,7 @@ def test_comparisons_with_different_parameters_are_not_mixed(tmp_path):
         (lambda f, t: store(t[:0], f), "empty"),
         (lambda f, t: store(t.drop("recall"), f), "no column 'recall'"),
         (lambda f, t: store(t.with_columns(seed=pl.lit(1)), f), "is in the table twice"),
-        (lambda f, t: (f.mkdir(), (f / "missions.parquet").write_text("?")), "is no Parquet table"),
+        (lambda f, t: (f.mkdir(), (f / "missions.parquet").write_text("?")), "not a Parquet table"),
         (lambda f, t: (f.mkdir(), (f / "missions.jsonl").write_text("")), "of an older skysweep"),
     ],
 )
@@ -357,7 +362,7 @@ def flown(
         "false_scans": np.zeros_like(times),
         "false_positives": np.broadcast_to(np.asarray(false_positives, dtype=float), times.shape),
     }
-    label = configuration_label(configuration, with_strategy=False)
+    label = configuration.label(with_strategy=False)
     return Flown(configuration, label, np.arange(len(times)), values, (), 0, 0)
 
 
@@ -558,9 +563,7 @@ def test_labels(table):
     )
     assert in_order([math.inf, 3, 1.5]) == [1.5, 3, math.inf]
     named = Configuration("low-only", (("search.d_c_m", 60.0), ("terrain.surface", "grass"), ("a.b", True)))
-    assert configuration_label(named, with_strategy=True) == (
-        "low-only, d_c = 60 m, terrain surface = grass, a b = true"
-    )
+    assert named.label(with_strategy=True) == ("low-only, d_c = 60 m, terrain surface = grass, a b = true")
 
 
 def test_a_value_that_a_strategy_never_changes_is_not_in_its_label(table):
@@ -581,7 +584,7 @@ def load_missions_of(table: pl.DataFrame):
 def test_text_for_papers(reported):
     assert latex_text("n_c = ∞, a_b & 5 % -3") == r"$n_c$ = $\infty$, a\_b \& 5 \% $-$3"
     assert math_text("h_S = 30 m, $") == r"$h_S$ = 30 m, \$"
-    assert markdown("T", ["a", "b"], [["x|y", "1\n(2)"]], left=1) == (
+    assert markdown(Grid(["a", "b"], [["x|y", "1\n(2)"]], "T"), left=1) == (
         "**T**\n\n| a | b |\n| :--- | ---: |\n| x\\|y | 1 (2) |\n"
     )
     out, _ = reported

@@ -172,7 +172,7 @@ def test_ranges_and_fixed_values():
         (["search.d_c_m=10:inf"], [], ["inf on its own"]),
         (["search.d_c_m=1e-300:1e300"], [], ["search.d_c_m=1e-300:1e300", "more than 1,000 values"]),
         (["search.n_c=1:1e9"], [], ["search.n_c=1:1e9", "more than 1,000 values"]),
-        (["search.n_c=one:two"], [], ["'one' is no number"]),
+        (["search.n_c=one:two"], [], ["'one' is not a number"]),
         (["search.c_t=0.5:1.5"], [], ["search.c_t", "less than 1"]),
         (["search.check_altitude_agl_m=3:60"], [], ["not below the lowest scan altitude"]),
         (["search.n_c=1:3"], ["search.n_c"], ["--fix search.n_c", "leave out one"]),

@@ -192,7 +192,7 @@ def test_another_scenario_in_the_folder_is_refused(whole, tmp_path):
     config["search"]["scan_altitude_agl_m"] += 0.5
     (folder / "config.yaml").write_text(yaml.safe_dump(config))
     for read in (resume_folder, load_run, begun_scenario):
-        with pytest.raises(UserError, match=r"config\.yaml: is not what the mission was begun with"):
+        with pytest.raises(UserError, match=r"config\.yaml: is not the file that the mission began with"):
             read(folder)
 
 

@@ -95,7 +95,7 @@ def test_report_of_a_mission_broken_off_says_so(tmp_path):
         "on. So far 0 of 3 targets confirmed, 1 candidate left unchecked." in page.text
     )
     assert "No target was confirmed." in page.text
-    assert "The mission had not come to it when the journal ends." in page.text
+    assert "The mission had not reached it when the journal ended." in page.text
     assert "0:11 Down to 2 m to check. Broken off. " in page.text
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["ended"], summary["completed"], summary["n_unchecked"]) == (False, False, 1)
@@ -135,7 +135,7 @@ def test_the_report_of_a_damaged_journal_says_what_it_is_of(tiny_folder):
     lines = journal.read_text().splitlines()
     journal.write_text("\n".join([*lines[:12], "rubbish", *lines[13:]]))
     write_results(load_run(tiny_folder, from_sound_lines=True), tiny_folder)
-    told = "The folder is damaged; left out: line 13 of journal.jsonl and what comes after it"
+    told = "The folder is damaged; left out: line 13 of journal.jsonl and all lines after it"
     assert told in read_page(tiny_folder / "report.html").text
 
 

@@ -66,7 +66,7 @@ def test_a_damaged_line_is_named_and_those_before_it_are_read_when_asked_for(tin
     ):
         load_run(tiny_folder)
     run = load_run(tiny_folder, from_sound_lines=True)
-    assert run.left_out == ("line 5 of journal.jsonl and what comes after it",)
+    assert run.left_out == ("line 5 of journal.jsonl and all lines after it",)
     assert [r["kind"] for r in run.records] == ["start", "plan", "state", "state"]
 
 

@@ -1,18 +1,18 @@
-"""How fast things are on this machine. Rates are medians; everything is warmed up before it is timed."""
+"""The speed of this machine. Rates are medians, timed after a warm-up."""
 
 from __future__ import annotations
 
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from skysweep.experiments.workers import run_jobs
+from skysweep.experiments.workers import Job, run_jobs
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.rig import Rig
@@ -20,7 +20,7 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
-from skysweep.scenarios.files import load_scenario
+from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Frame, Setpoint
 from skysweep.vehicles.embedded.multirotor import Multirotor
@@ -42,51 +42,47 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
 
     Real-time factors (``_rtf``) are simulated seconds over wall seconds, for whole missions from take-off to
     landing without set-up. ``rendered_mission_rtf`` uses the scenario's detector rate, ``..._every_frame``
-    has the detector look at every frame of the 10 Hz camera. ``detector_ms`` is one picture with the
-    scenario's model on ``THREADS`` threads, ``render_fps`` clean pictures along the flight at scan altitude.
+    runs the detector on each frame of the 10 Hz camera. ``detector_ms`` is one picture with the scenario's
+    model on ``THREADS`` threads, ``render_fps`` counts clean pictures along the flight at scan altitude.
 
-    ``statistical_mission_rtf`` and ``statistical_mission_s`` (seconds for a mission of 400 s) are of one core
-    and a sensor that looks at 10 Hz. ``missions_per_minute_2_workers`` are whole missions, from scenario to
-    summary, of the paper's three scenarios at their own detector rate; ``local_parallel_efficiency`` is what
-    two workers get done over twice what one does, ``worker_memory_mb`` the most that one ever held.
+    ``statistical_mission_rtf`` and ``statistical_mission_s`` (seconds for a mission of 400 s) use one core
+    and a sensor at 10 Hz. ``missions_per_minute_2_workers`` counts whole missions, from scenario to summary,
+    of the paper's three scenarios at their own detector rate. ``local_parallel_efficiency`` is the rate of
+    two workers over twice that of one, ``worker_memory_mb`` the peak memory of a worker.
 
-    ``report`` is told what is being measured. Raises UserError when the detector or renderer cannot run.
+    ``report`` is called with the name of each measurement. Raises UserError when the detector or renderer
+    cannot run.
     """
     scenario = load_scenario(SCENARIO)
-    every_frame = _at_rate(scenario, 10.0)
+    at_10_hz = {"camera.rate_hz": 10.0, "detector.rate_hz": 10.0}
+    every_frame = change_scenario(scenario, at_10_hz)
     report("vehicle")
-    result: dict[str, Any] = {
-        "scenario": SCENARIO,
-        "cpu_cores": os.cpu_count(),
-        "vehicle_rtf": _vehicle_rtf(scenario),
-    }
+    result: dict[str, Any] = {"scenario": SCENARIO, "cpu_cores": os.cpu_count()}
+    result["vehicle_rtf"] = _vehicle_rtf(scenario)
     report("missions with the statistical sensor")
     rtf = statistics.median(_mission_rtf(every_frame, seed, "statistical") for seed in (0, 0, 1, 2, 3))
     result |= {"statistical_mission_rtf": rtf, "statistical_mission_s": _MISSION_S / rtf}
     report("many missions on two workers, and on one")
-    result |= _many_missions()
+    two_per_s, memory_mb = _throughput(2)
+    one_per_s, _ = _throughput(1)
+    result |= {
+        "missions_per_minute_2_workers": 60.0 * two_per_s,
+        "local_parallel_efficiency": two_per_s / (2.0 * one_per_s),
+        "worker_memory_mb": memory_mb,
+    }
     report("renderer and detector")
     result |= _pictures(scenario)
     report("mission with pictures")
     result["rendered_mission_rtf"] = _mission_rtf(scenario, 0, "imaging")
     report("mission with pictures, detector on every frame")
     result["rendered_mission_rtf_every_frame"] = _mission_rtf(every_frame, 0, "imaging")
-    return {
-        key: float(f"{value:.4g}") if isinstance(value, float) else value for key, value in result.items()
-    }
-
-
-def _at_rate(scenario: Scenario, rate_hz: float) -> Scenario:
-    camera = scenario.camera.model_copy(update={"rate_hz": rate_hz})
-    detector = scenario.detector.model_copy(update={"rate_hz": rate_hz})
-    return scenario.model_copy(update={"camera": camera, "detector": detector})
+    return {key: float(f"{v:.4g}") if isinstance(v, float) else v for key, v in result.items()}
 
 
 def _vehicle_rtf(scenario: Scenario) -> float:
     """The vehicle alone, flying squares, advanced in the mission's ticks."""
-    vehicle = Multirotor(
-        scenario.vehicle, scenario.wind, scenario.camera, (0, 0, 0), lambda _east_m, _north_m: 0.0, 0
-    )
+    parts = (scenario.vehicle, scenario.wind, scenario.camera)
+    vehicle = Multirotor(*parts, (0, 0, 0), lambda _east_m, _north_m: 0.0, 0)
     vehicle.takeoff(30.0)
     vehicle.advance(20.0)
     corners = np.array([[0, 0, 30], [40, 0, 30], [40, 40, 30], [0, 40, 30]], dtype=float)
@@ -108,16 +104,6 @@ def _mission_rtf(scenario: Scenario, seed: int, sensor_name: str) -> float:
         return float(mission.vehicle.state().time_s) / (time.perf_counter() - started)
 
 
-def _many_missions() -> dict[str, Any]:
-    two_per_s, memory_mb = _throughput(2)
-    one_per_s, _ = _throughput(1)
-    return {
-        "missions_per_minute_2_workers": 60.0 * two_per_s,
-        "local_parallel_efficiency": two_per_s / (2.0 * one_per_s),
-        "worker_memory_mb": memory_mb,
-    }
-
-
 def _throughput(workers: int) -> tuple[float, float]:
     """Missions a second once every worker is warm, and the peak memory of the largest worker in MB."""
     jobs = [(_MIX[k % len(_MIX)], k // len(_MIX)) for k in range(_WARM_UP + _MEASURED)]
@@ -130,7 +116,7 @@ def _throughput(workers: int) -> tuple[float, float]:
 
 
 def _fly_one_of_many(job: tuple[str, int]) -> float:
-    """A whole mission; what this process has held at most, in MB."""
+    """Fly a whole mission and return the peak memory of this process in MB."""
     name, seed = job
     fly_in_memory(load_scenario(name), seed)
     status = Path("/proc/self/status").read_text()
@@ -146,22 +132,23 @@ def _pictures(scenario: Scenario) -> dict[str, Any]:
     detector = YoloDetector(scenario.detector.model, scenario.target_classes, threads=THREADS)
     poses = _flight(world, scenario.search.scan_altitude_agl_m)
     images = [renderer.render(_BENCH_LENS, pose) for pose in poses[:5]]
-    render_s, detect_s = [], []
-    for pose in poses:
-        started = time.perf_counter()
-        image = renderer.render(_BENCH_LENS, pose)
-        render_s.append(time.perf_counter() - started)
-    for k in range(_PICTURES):
-        frame = Frame(0.0, images[k % len(images)], poses[0], _BENCH_LENS)
-        started = time.perf_counter()
-        detector.detect(frame)
-        detect_s.append(time.perf_counter() - started)
-    assert image.shape == (_BENCH_LENS.height_px, _BENCH_LENS.width_px, 3)
+    assert images[0].shape == (_BENCH_LENS.height_px, _BENCH_LENS.width_px, 3)
+    frames = [Frame(0.0, images[k % len(images)], poses[0], _BENCH_LENS) for k in range(_PICTURES)]
+    render_s = _median_s(lambda pose: renderer.render(_BENCH_LENS, pose), poses)
     return {
         "renderer": type(renderer).__name__,
-        "render_fps_640x360": 1.0 / statistics.median(render_s),
-        "detector_ms_640x360": 1000.0 * statistics.median(detect_s),
+        "render_fps_640x360": 1.0 / render_s,
+        "detector_ms_640x360": 1000.0 * _median_s(detector.detect, frames),
     }
+
+
+def _median_s(work: Callable[[Job], object], jobs: Sequence[Job]) -> float:
+    times_s = []
+    for job in jobs:
+        started = time.perf_counter()
+        work(job)
+        times_s.append(time.perf_counter() - started)
+    return statistics.median(times_s)
 
 
 def _flight(world: World, altitude_m: float) -> list[CameraPose]:

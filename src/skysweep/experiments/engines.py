@@ -1,4 +1,4 @@
-"""Where many missions fly: in local processes, or on a Ray cluster. The results do not depend on it."""
+"""Engines that fly many missions: local processes, or a Ray cluster. The results do not depend on them."""
 
 from __future__ import annotations
 
@@ -20,44 +20,39 @@ Result = TypeVar("Result")
 
 ENGINES = ("local", "ray")
 
-_BATCH_S = 1.0  # of work in one Ray task: what a task costs is nothing beside it
+_BATCH_S = 1.0  # of work in one Ray task, against which the cost of a task is negligible
 _MAX_BATCH = 64
-_TASKS_PER_CPU = 2  # one that runs, one that waits
+_TASKS_PER_CPU = 2  # one runs while the other waits
 _MAX_RETRIES = 10  # of a task whose node or worker was lost
 _CONNECT_S = 5.0
 
 
 class Engine(Protocol):
-    """Runs jobs somewhere. Use it as a context manager: the resources are given back at its end."""
+    """Runs jobs. As a context manager it frees its resources at the end."""
 
     def __enter__(self) -> Engine: ...
 
     def __exit__(self, *error: object) -> None: ...
 
     @property
-    def workers(self) -> int:
-        """How many jobs run at a time."""
-        ...
+    def workers(self) -> int: ...
 
     def run(
         self, work: Callable[[Job], Result], jobs: Iterable[Job]
     ) -> Generator[tuple[Job, Result], None, None]:
-        """Yield (job, work(job)) as they finish, in any order. ``jobs`` is read as needed, never ahead.
+        """Yield (job, work(job)) as they finish, in any order. ``jobs`` is read as needed.
 
-        ``work`` and jobs are pickled. What ``work`` raises ends the run.
+        ``work`` and jobs are pickled. An exception in ``work`` ends the run.
         """
         ...
 
 
 def make_engine(name: str, address: str | None = None, workers: int | None = None) -> Engine:
-    """The engine called ``name``: local, or ray.
+    """The engine ``local`` or ``ray``.
 
     ``address`` is Ray's: ``auto``, ``host:port`` or ``ray://host:port``; None starts a Ray on this machine.
-    ``workers`` limits a local engine, or the Ray that is started here. Default: one a core.
-
-    Raises:
-        UserError: no such engine, or options that do not belong to it.
-        MissingExtraError: Ray is not installed.
+    ``workers`` limits a local engine, or the Ray that is started here. The default is one per core. Raises
+    UserError for an unknown engine or options of the other one, MissingExtraError without Ray.
     """
     if name not in ENGINES:
         raise UserError(f"--engine {name}: there is no such engine; write one of {', '.join(ENGINES)}")
@@ -66,9 +61,7 @@ def make_engine(name: str, address: str | None = None, workers: int | None = Non
             raise UserError(f"--address {address}: belongs to Ray; add --engine ray")
         return LocalEngine(workers)
     if address is not None and workers is not None:
-        raise UserError(
-            "--workers: the cluster at --address says how many run at a time; leave one of the two out"
-        )
+        raise UserError("--workers: the cluster at --address sets the number; leave one of the two out")
     return RayEngine(address, workers)
 
 
@@ -81,13 +74,12 @@ class LocalEngine:
     def __enter__(self) -> LocalEngine:
         return self
 
-    def __exit__(self, *error: object) -> None:
-        """Every run ends its own processes."""
+    def __exit__(self, *error: object) -> None: ...
 
     def run(
         self, work: Callable[[Job], Result], jobs: Iterable[Job]
     ) -> Generator[tuple[Job, Result], None, None]:
-        """See ``Engine.run``. Raises UserError where a process dies, as for want of memory."""
+        """See ``Engine.run``. Raises UserError where a process dies, for example out of memory."""
         try:
             yield from run_jobs(work, jobs, self.workers)
         except BrokenProcessPool:
@@ -100,8 +92,8 @@ class LocalEngine:
 class RayEngine:
     """A Ray cluster, or a Ray started on this machine. Implements ``Engine``.
 
-    Jobs travel in batches that take about a second, twice as many as there are CPUs, so that the driver's
-    memory does not grow with the number of jobs. Batches of a node that is lost are run again elsewhere.
+    Jobs travel in batches of about a second, twice as many as there are CPUs, so that the driver's memory
+    does not grow with the number of jobs. Batches of a lost node run again elsewhere.
     """
 
     def __init__(self, address: str | None = None, workers: int | None = None) -> None:
@@ -117,7 +109,7 @@ class RayEngine:
         try:
             self._ray.init(address=self._address or "local", **options)
         except Exception as error:
-            reason = str(error).strip().split("\n")[0].rstrip(".")
+            reason = _first_line(error)
             if self._address is None:
                 raise UserError(f"Ray cannot be started here ({reason}); try --engine local") from None
             raise UserError(
@@ -131,7 +123,6 @@ class RayEngine:
 
     @property
     def workers(self) -> int:
-        """CPUs that the cluster has now."""
         return max(1, int(self._ray.cluster_resources().get("CPU", 1)))
 
     def run(
@@ -155,15 +146,19 @@ class RayEngine:
                     size = max(1, min(_MAX_BATCH, round(_BATCH_S * len(batch) / max(seconds, 1e-6))))
                     yield from zip(batch, results, strict=True)
         except (ray.exceptions.RaySystemError, ray.exceptions.WorkerCrashedError, ConnectionError) as error:
-            reason = str(error).strip().split("\n")[0].rstrip(".")
-            raise UserError(f"Ray was lost ({reason}); give the same command again to go on") from None
+            reason = f"the connection to Ray was lost ({_first_line(error)})"
+            raise UserError(f"{reason}; give the same command again to go on") from None
         finally:
             for task in running:
                 ray.cancel(task, force=True)
 
 
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0].rstrip(".")
+
+
 def _run_batch(work: Callable[[Job], Result], batch: list[Job]) -> tuple[list[Result], float]:
-    """The results of a batch and how many seconds it took; on one thread, as each CPU has its own task."""
+    """The results of a batch and its seconds. It computes on one thread, as each CPU has its own task."""
     prepare_process()
     started = time.perf_counter()
     return [work(job) for job in batch], time.perf_counter() - started
@@ -171,7 +166,7 @@ def _run_batch(work: Callable[[Job], Result], batch: list[Job]) -> tuple[list[Re
 
 def _import_ray() -> Any:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # its warning about that is noise
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # silences a warning
     try:
         import ray
     except ImportError:
@@ -180,7 +175,7 @@ def _import_ray() -> Any:
 
 
 def _check_reachable(address: str) -> None:
-    """Ray itself would try for minutes, and then end the process. Raises UserError."""
+    """Raises UserError where nothing answers. Ray would try for minutes, then end the process."""
     if address == "auto":
         return
     match = re.fullmatch(r"(?:ray://)?\[?([^/\]]+?)\]?:(\d{1,5})", address)

@@ -1,4 +1,4 @@
-"""The missions of a comparison that its store lacks, flown in local processes."""
+"""Flies the missions of a comparison that its store lacks, in local processes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,15 @@ from skysweep.experiments.store import OLDER_FILE, MissionStore, row_of
 from skysweep.files.folder import Folder
 from skysweep.files.locking import locked
 from skysweep.files.writing import make_folder
+from skysweep.flights.fly import fly_in_memory
 from skysweep.results.summary import Summary
 
 OnDone = Callable[[MissionJob, Summary], None]
+
+
+def fly_job(job: MissionJob) -> Summary:
+    """Fly one mission and leave no files."""
+    return fly_in_memory(job.scenario, job.seed, job.sensor)
 
 
 def fly_missing(
@@ -28,13 +34,11 @@ def fly_missing(
     workers: int | None = None,
     on_done: OnDone = lambda _job, _summary: None,
 ) -> dict[str, Summary]:
-    """Fly what ``out`` lacks of the matrices; the summaries of all that it then holds, by ``config_hash``.
+    """Fly what ``out`` lacks of the matrices and return all summaries in it by ``config_hash``.
 
-    ``on_done`` hears of every mission of the matrices: first of those that ``out`` holds, then of each that
-    finishes. What ``fly`` raises ends it; what was flown is kept.
-
-    Raises UserError when ``out`` is damaged, is of a sweep or of an older skysweep, or another process flies
-    into it.
+    ``on_done`` is called with each mission of the matrices: first those that ``out`` holds, then each as it
+    finishes. An exception in ``fly`` ends the run; finished missions are kept. Raises UserError when ``out``
+    is damaged, belongs to a sweep or an older skysweep, or another process flies into it.
     """
     make_folder(out)
     if (out / OLDER_FILE).exists():
@@ -46,10 +50,10 @@ def fly_missing(
     with locked(out):
         summaries = store.summaries()
         jobs = {job.config_hash: job for matrix in matrices for job in matrix.jobs()}
-        held = [job for key, job in jobs.items() if key in summaries]
         todo = sorted((job for key, job in jobs.items() if key not in summaries), key=lambda job: job.seed)
-        for job in held:
-            on_done(job, summaries[job.config_hash])
+        for key, job in jobs.items():
+            if key in summaries:
+                on_done(job, summaries[key])
         if todo:
             asked = pl.concat([matrix.table() for matrix in matrices], how="diagonal")
             with (

@@ -17,8 +17,7 @@ from skysweep.detection.model_files import sha256_of
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies.given import source_of
 
-# A change of this number says: missions of the same scenario and seed end otherwise than they did.
-RESULTS_VERSION = 2
+RESULTS_VERSION = 2  # increased when missions of the same scenario and seed end differently than before
 
 _PACKAGE = Path(skysweep.__file__).parent
 _SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical/default.yaml"}
@@ -46,12 +45,12 @@ class MissionJob:
 
 @dataclass(frozen=True)
 class Matrix:
-    """Every configuration with every seed. All configurations fly one seed before the next seed's turn."""
+    """Each configuration with each seed. All configurations fly a seed before the next seed begins."""
 
     configurations: tuple[LabelledScenario, ...]
     seeds: Sequence[int]
     sensor: str
-    fields: tuple[str, ...]  # dotted, in which the configurations differ
+    fields: tuple[str, ...]  # dotted names of the fields in which the configurations differ
 
     @classmethod
     def of(
@@ -62,7 +61,7 @@ class Matrix:
         fields: Iterable[str],
         results_version: int = RESULTS_VERSION,
     ) -> Matrix:
-        """The missions of ``scenarios`` (label and scenario); those that come out the same are one."""
+        """The missions of ``scenarios`` (label and scenario), without duplicates."""
         configurations = {
             (label, digest): LabelledScenario(label, scenario, digest)
             for label, scenario in scenarios
@@ -74,17 +73,15 @@ class Matrix:
         return len(self.configurations) * len(self.seeds)
 
     def job(self, number: int) -> MissionJob:
-        """The mission with this number, counted from 0."""
         turn, place = divmod(number, len(self.configurations))
         c, seed = self.configurations[place], self.seeds[turn]
         return MissionJob(c.label, c.scenario, seed, self.sensor, _config_hash(c.digest, seed))
 
     def jobs(self, numbers: Iterable[int] | None = None) -> Iterator[MissionJob]:
-        """These missions, or all, made as they are asked for."""
         return (self.job(number) for number in (range(len(self)) if numbers is None else numbers))
 
     def table(self) -> pl.DataFrame:
-        """One row a mission: job, scenario, strategy, seed, sensor, param.<field> ..., config_hash."""
+        """One row per mission: job, scenario, strategy, seed, sensor, param.<field> ..., config_hash."""
         cells = pl.DataFrame(
             {
                 "scenario": [c.label for c in self.configurations],
@@ -107,7 +104,7 @@ class Matrix:
         )
 
     def _values(self, field: str) -> pl.Series:
-        """What each configuration has in a field: numbers are floats."""
+        """The value of a field in each configuration. Numbers are floats."""
         values = [attrgetter(field)(c.scenario) for c in self.configurations]
         is_number = all(v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in values)
         return pl.Series(values, dtype=pl.Float64 if is_number else None)
@@ -118,16 +115,11 @@ def _config_hash(digest: str, seed: int) -> str:
 
 
 def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
-    """Of the resolved scenario, the sensor, the files that its missions read, and the results' version."""
+    """A digest of the resolved scenario, the sensor, the files that missions read, and the version."""
     fields = scenario.model_dump(by_alias=True)
     own = source_of(scenario.search.strategy)
     named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
-    files = [
-        str(_PACKAGE / _SHIPPED_FILE[sensor]),
-        *(n for n in named if isinstance(n, str) and os.path.isfile(n)),
-    ]
-    text = json.dumps(
-        [fields, sensor, [sha256_of(Path(f)) for f in files], results_version],
-        sort_keys=True,
-    )
+    files = [_PACKAGE / _SHIPPED_FILE[sensor]]
+    files += [Path(n) for n in named if isinstance(n, str) and os.path.isfile(n)]
+    text = json.dumps([fields, sensor, [sha256_of(f) for f in files], results_version], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

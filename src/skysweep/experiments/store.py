@@ -1,8 +1,8 @@
 """Missions in a folder: parts while they are flown, one table when they are complete.
 
-``missions.parquet`` has one row a mission and the same bytes however it was flown; ``timings.parquet``
-has what differs from run to run. ``SHA256SUMS`` has their digests and that of a sweep's ``spec.yaml``; a part
-is named by its own. What does not have its digest any more is refused.
+``missions.parquet`` has one row per mission and the same bytes however it was flown. ``timings.parquet`` has
+the values that differ from run to run. ``SHA256SUMS`` has their digests and that of a sweep's ``spec.yaml``;
+a part is named by its own digest. A file that does not match its digest is refused.
 """
 
 from __future__ import annotations
@@ -17,30 +17,21 @@ import polars as pl
 
 from skysweep.errors import UserError
 from skysweep.files.folder import Folder
-from skysweep.results.checksums import (
-    SUMS_FILE,
-    Sums,
-    dump_sums,
-    read_sums,
-    refuse_changed,
-    refuse_misnamed,
-    sha256,
-)
-from skysweep.results.metrics import finite_or_inf
-from skysweep.results.summary import Summary
+from skysweep.results import checksums
+from skysweep.results.checksums import SUMS_FILE, Sums, sha256
+from skysweep.results.summary import Summary, finite_or_inf
 
 SPEC_FILE = "spec.yaml"
 TABLE_FILE = "missions.parquet"
 TIMINGS_FILE = "timings.parquet"
 PARTS = "parts"
-OLDER_FILE = "missions.jsonl"  # where comparisons and tuning kept missions before they had tables
+OLDER_FILE = "missions.jsonl"  # comparisons and tuning kept missions there before they had tables
 
 KEY = ("scenario", "config_hash")
-MATRIX_COLUMNS = ("scenario", "strategy", "seed", "sensor")  # of a summary, which the matrix knows
+MATRIX_COLUMNS = ("scenario", "strategy", "seed", "sensor")  # of a summary, known to the matrix
 TIMINGS = ("wall_time_s", "real_time_factor")
 
-_PART_S = 1.0, 30.0  # a part is written after a twentieth of the time so far, within these limits
-_PART_SHARE = 0.05
+_PART_SHARE, _PART_S = 0.05, (1.0, 30.0)  # a part is written after this share of the time so far
 _PART_ROWS = 2000
 
 Row = dict[str, Any]
@@ -48,19 +39,18 @@ _Schema = dict[str, pl.DataType | type[pl.DataType]]
 
 
 def _columns_of_summaries() -> _Schema:
-    """A summary as columns: limits are floats, the curve is two lists."""
+    """The columns of a summary that are in no matrix and no timings. The curve is two lists."""
     scalars = {float: pl.Float64, str: pl.String, bool: pl.Boolean, int: pl.Int64}
     columns: _Schema = {}
     for key, kind in get_type_hints(Summary).items():
-        kinds = {kind, *get_args(kind)}
-        dtype = next((d for scalar, d in scalars.items() if scalar in kinds), pl.List(pl.Float64))
-        columns |= dict.fromkeys(("pos_time_s", "pos_value") if key == "pos_curve" else (key,), dtype)
+        if key not in (*MATRIX_COLUMNS, *TIMINGS):
+            kinds = {kind, *get_args(kind)}
+            dtype = next((d for scalar, d in scalars.items() if scalar in kinds), pl.List(pl.Float64))
+            columns |= dict.fromkeys(("pos_time_s", "pos_value") if key == "pos_curve" else (key,), dtype)
     return columns
 
 
-SUMMARY_COLUMNS = {
-    name: dtype for name, dtype in _columns_of_summaries().items() if name not in (*MATRIX_COLUMNS, *TIMINGS)
-}
+SUMMARY_COLUMNS = _columns_of_summaries()
 _SCHEMA: _Schema = {
     **dict.fromkeys(KEY, pl.String),
     **SUMMARY_COLUMNS,
@@ -70,7 +60,7 @@ _SCHEMA: _Schema = {
 
 
 def row_of(label: str, config_hash: str, summary: Summary | None, error: str | None = None) -> Row:
-    """The row of a mission: its summary flattened, or all nulls and the error."""
+    """The row of a mission: its flattened summary, or nulls and the error."""
     row: Row = dict.fromkeys(_SCHEMA)
     if summary is not None:
         curve = summary["pos_curve"] or ()
@@ -81,7 +71,7 @@ def row_of(label: str, config_hash: str, summary: Summary | None, error: str | N
 
 
 def summary_of(row: Row) -> Summary:
-    """The summary that a row of a comparison was made of."""
+    """The summary behind a row of a comparison."""
     curve = [list(point) for point in zip(row["pos_time_s"], row["pos_value"], strict=True)]
     limits = {key: finite_or_inf(row[key]) for key in ("n_c", "d_c_m")}
     told = {**row, **limits, "pos_curve": curve or None}
@@ -89,10 +79,9 @@ def summary_of(row: Row) -> Summary:
 
 
 def numbered(outcomes: pl.DataFrame) -> pl.DataFrame:
-    """The missions of a comparison with their ``job``, which does not depend on how they were flown."""
-    parameters = _parameters(outcomes)
-    ordered = outcomes.sort("scenario", "strategy", *parameters, "sensor", "seed", "config_hash")
-    return ordered.with_row_index("job").cast({"job": pl.Int64})
+    """The missions of a comparison with a number, ``job``, that is independent of the order of flight."""
+    order = ["scenario", "strategy", *_parameters(outcomes), "sensor", "seed", "config_hash"]
+    return outcomes.sort(order).with_row_index("job").cast({"job": pl.Int64})
 
 
 class MissionStore:
@@ -102,20 +91,19 @@ class MissionStore:
         self._folder = folder
 
     def spec(self) -> str | None:
-        """The text of a sweep's spec; None where there is none."""
+        """The text of a sweep's spec, if there is one."""
         content = self._checked(SPEC_FILE)
         return None if content is None else content.decode("utf-8")
 
     def write_spec(self, text: str) -> None:
-        """Keep the spec beside its results."""
         self._replace({SPEC_FILE: text.encode("utf-8")})
 
     def known(self) -> pl.DataFrame:
-        """Scenario, config_hash and error of every mission that is finished."""
+        """Scenario, config_hash and error of each finished mission."""
         return self.outcomes([*KEY, "error"])
 
     def summaries(self) -> dict[str, Summary]:
-        """Those of a comparison, by config_hash. Raises UserError where the missions are a sweep's."""
+        """The summaries of a comparison by config_hash. Raises UserError where the missions are a sweep's."""
         rows = self.outcomes()
         told = "strategy" in rows.columns and not rows["error"].count()
         if self.spec() is not None or (len(rows) and not told):
@@ -123,19 +111,16 @@ class MissionStore:
         return {row["config_hash"]: summary_of(row) for row in rows.iter_rows(named=True)}
 
     def has_table(self) -> bool:
-        """Whether missions were complete once."""
         return self._folder.exists(TABLE_FILE)
 
     def has_parts(self) -> bool:
-        """Whether missions wait to join the table."""
         return bool(self._folder.names(PARTS))
 
     def is_complete(self) -> bool:
-        """Whether the table is there and nothing waits to join it."""
         return self.has_table() and not self.has_parts()
 
     def append(self, rows: Sequence[Row], matrix: pl.DataFrame | None = None) -> None:
-        """Write finished missions down, as one part; what ``matrix`` tells of them stands there, too."""
+        """Write finished missions as one part, with the columns that ``matrix`` has of them."""
         part = pl.DataFrame(rows, schema=_SCHEMA, orient="row")
         if matrix is not None:
             part = matrix.drop("job").join(part, on=KEY, how="inner")
@@ -146,9 +131,9 @@ class MissionStore:
     def parts(
         self, started: float, rows: Sequence[Row] = (), matrix: pl.DataFrame | None = None
     ) -> Iterator[Callable[[Row], None]]:
-        """Takes rows; appends what it has from time to time and when the block ends, however it ends.
+        """Take rows and append them from time to time, and when the block ends, however it ends.
 
-        ``started`` is when their flying began by ``time.monotonic``, ``rows`` what was flown since.
+        ``started`` is the start by ``time.monotonic``; ``rows`` were flown since.
         """
         waiting, written = list(rows), started
 
@@ -169,9 +154,9 @@ class MissionStore:
                 self.append(waiting, matrix)
 
     def finish(self, matrix: pl.DataFrame) -> None:
-        """Make the table from the parts and remove them. ``matrix`` has one row for each mission.
+        """Make the table from the parts and remove these. ``matrix`` has one row per mission.
 
-        Raises UserError where a mission is missing, because somebody removed parts.
+        Raises UserError where parts were removed meanwhile.
         """
         parts = self._folder.names(PARTS)
         table = matrix.join(self.outcomes(list(_SCHEMA)), on=KEY, how="inner", maintain_order="left")
@@ -182,18 +167,18 @@ class MissionStore:
             )
         timings, metrics = table.select("job", *TIMINGS), table.drop(*TIMINGS)
         self._replace({TIMINGS_FILE: _parquet(timings), TABLE_FILE: _parquet(metrics)})
-        if self._folder.names(PARTS) == parts:  # else another process flies into the folder, too
+        if self._folder.names(PARTS) == parts:  # else another process flies into the folder
             self._folder.remove(PARTS)
 
     def finish_all(self) -> None:
-        """Make the table of all that parts and table hold of a comparison, and remove the parts."""
+        """Make the table of a comparison from all that parts and table hold."""
         held = numbered(self.outcomes())
         self.finish(held.select("job", *MATRIX_COLUMNS, *_parameters(held), "config_hash"))
 
     def outcomes(self, columns: list[str] | None = None) -> pl.DataFrame:
-        """These columns, or all but ``job``, of every finished mission, from the parts and the table.
+        """These columns, or all but ``job``, of each finished mission, from the parts and the table.
 
-        A mission that failed and was flown again stands there twice; what counts is where it did not fail.
+        Of a mission that failed and was flown again, the row without an error counts.
         """
         frames = [self._part(name) for name in self._folder.names(PARTS)]
         if self.has_table():
@@ -206,7 +191,6 @@ class MissionStore:
         return failed_last.unique(KEY, keep="first", maintain_order=True)
 
     def table(self) -> pl.DataFrame:
-        """The table, without timings. Raises UserError where it is damaged or missing."""
         return self._read(TABLE_FILE)
 
     def _read(self, name: str) -> pl.DataFrame:
@@ -214,32 +198,32 @@ class MissionStore:
 
     def _part(self, name: str) -> pl.DataFrame:
         content, where = self._folder.read(name) or b"", self._folder.where(name)
-        refuse_misnamed(name, content, where)
+        checksums.refuse_misnamed(name, content, where)
         return _frame(content, where)
 
     def _checked(self, name: str) -> bytes | None:
-        """What is in a file; None where there is none. Raises UserError where it is damaged."""
+        """The content of a file, if there is one. Raises UserError where it is damaged."""
         content = self._folder.read(name)
         if content is not None:
-            refuse_changed(self._sums(), name, content, self._folder.where(name))
+            checksums.refuse_changed(self._sums(), name, content, self._folder.where(name))
         return content
 
     def _sums(self) -> Sums | None:
         content = self._folder.read(SUMS_FILE)
-        return None if content is None else read_sums(content, self._folder.where(SUMS_FILE))
+        return None if content is None else checksums.read_sums(content, self._folder.where(SUMS_FILE))
 
     def _replace(self, contents: Mapping[str, bytes]) -> None:
-        """Write files and their digests; a kill in between leaves nothing that would be refused."""
+        """Write files and their digests. A kill in between leaves a folder that is still valid."""
         sums = self._sums()
         if sums is None:
             found = {name: self._folder.read(name) for name in (SPEC_FILE, TABLE_FILE, TIMINGS_FILE)}
             sums = {name: frozenset([sha256(old)]) for name, old in found.items() if old is not None}
         new = {name: frozenset([sha256(content)]) for name, content in contents.items()}
         both = {name: sums.get(name, frozenset()) | digest for name, digest in new.items()}
-        self._folder.write(SUMS_FILE, dump_sums({**sums, **both}))
+        self._folder.write(SUMS_FILE, checksums.dump_sums({**sums, **both}))
         for name, content in contents.items():
             self._folder.write(name, content)
-        self._folder.write(SUMS_FILE, dump_sums({**sums, **new}))
+        self._folder.write(SUMS_FILE, checksums.dump_sums({**sums, **new}))
 
 
 def _parameters(table: pl.DataFrame) -> list[str]:
@@ -247,7 +231,6 @@ def _parameters(table: pl.DataFrame) -> list[str]:
 
 
 def _parquet(frame: pl.DataFrame) -> bytes:
-    """The same bytes for the same rows."""
     content = io.BytesIO()
     frame.write_parquet(content, compression="zstd", compression_level=3, row_group_size=100_000)
     return content.getvalue()
@@ -258,5 +241,5 @@ def _frame(content: bytes, where: str) -> pl.DataFrame:
         return pl.read_parquet(io.BytesIO(content))
     except (pl.exceptions.PolarsError, OSError):
         raise UserError(
-            f"{where}: is no Parquet table, or missing; delete it and give the command that flew it again"
+            f"{where}: is missing, or not a Parquet table; delete it and give the command that flew it again"
         ) from None

@@ -1,4 +1,4 @@
-"""Many missions in local processes. The result does not depend on how many."""
+"""Many jobs in local processes. The results do not depend on their number."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from typing import TypeVar
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_GARBAGE = 50_000  # new objects between two searches for cycles, of which missions make few: 3 % of the time
-_WINDOW = 8  # jobs handed out for each worker: enough that none waits while a result is written down
+_GARBAGE = 50_000  # new objects between two searches for cycles: missions make few, and this saves 3 % time
+_WINDOW = 8  # jobs handed out per worker, so that none waits while a result is written
 
 
 def run_jobs(
@@ -24,8 +24,8 @@ def run_jobs(
 ) -> Iterator[tuple[Job, Result]]:
     """Yield (job, result) as they finish, from ``workers`` fresh processes (default: one a core).
 
-    ``jobs`` is read as they are needed and only a few are held at a time, so it may be endless. Every process
-    computes on one thread, so that processes do not fight over cores. An exception in ``work`` ends it all.
+    ``jobs`` may be endless: it is read as needed, a few at a time. Each process computes on one thread, so
+    that processes do not compete for cores. An exception in ``work`` ends the run.
     """
     workers = workers or os.cpu_count() or 1
     context = multiprocessing.get_context("spawn")
@@ -48,14 +48,14 @@ def run_jobs(
 
 
 def _start_worker() -> None:
-    """Ctrl-C is the parent's business; an end with it, even where it is killed."""
+    """Leave Ctrl-C to the parent, and end with it even where it is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     prepare_process()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def prepare_process() -> None:
-    """One thread for everything, as each core has its own process; and garbage is looked for less often."""
+    """Compute on one thread, as each core has its own process, and collect garbage less often."""
     os.environ.update(OMP_NUM_THREADS="1", LP_NUM_THREADS="1", NUMBA_NUM_THREADS="1")
     gc.set_threshold(_GARBAGE)
 

@@ -1,4 +1,4 @@
-"""What is told of a mission while it flies: finds, what stayed unchecked, and what safety does."""
+"""Announcements while a mission flies: finds, unchecked candidates, and safety actions."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Record = Mapping[str, Any]
 
 
 class Announcer:
-    """Hears the lines of a journal as they are written; says a sentence for each that a watcher waits for.
+    """Hears the lines of a journal as they are written, and announces those of interest in a sentence.
 
-    ``before`` are the journal's earlier lines: known, and not said again. ``picture_of`` gives the picture of
-    the candidate that was confirmed just now, or None.
+    ``before`` are the journal's earlier lines, which are not announced again. ``picture_of`` gives the
+    picture of a candidate that was just confirmed, or None.
     """
 
     def __init__(
@@ -34,7 +34,6 @@ class Announcer:
         self._records = [r for r in before if r["kind"] in OF_A_CANDIDATE]
 
     def hear(self, record: Record) -> None:
-        """One line of the journal."""
         kind = record["kind"]
         if kind in OF_A_CANDIDATE:
             self._records.append(record)

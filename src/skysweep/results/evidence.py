@@ -1,4 +1,4 @@
-"""The pictures that a mission kept as evidence, one a candidate, and what each shows in words."""
+"""The pictures that a mission kept as evidence, one per candidate, with their captions."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from skysweep.results.reporting.wording import clock
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.types import EventKind
 
-SHOWN_WIDTH_PX = 640  # in a report; the folder has them whole
+SHOWN_WIDTH_PX = 640  # in a report; the folder has the originals
 _NAME = re.compile(r"candidate-(\d+)-(\d+\.\d)s$")
 _SAME_LOOK_S = 0.06  # the name rounds the time to a tenth of a second
 VERDICTS = ("Confirmed", "Rejected", "Unchecked")
 
 
 def picture_name(candidate: int, time_s: float) -> str:
-    """File name of the picture of a candidate, taken at mission time ``time_s``."""
+    """File name of the picture of a candidate at mission time ``time_s``."""
     return f"candidate-{candidate}-{time_s:.1f}s.jpg"
 
 
 def told_by_name(path: Path) -> tuple[int, float] | None:
-    """Candidate and mission time in seconds of a picture with such a name."""
+    """Candidate and mission time in seconds from such a name, or None."""
     told = _NAME.match(path.stem)
     return None if told is None else (int(told[1]), float(told[2]))
 
@@ -35,18 +35,18 @@ def told_by_name(path: Path) -> tuple[int, float] | None:
 def evidence(run: Run) -> dict[str, list[Picture]]:
     """The pictures in the run's folder by verdict, each group in the order of its candidates' verdicts.
 
-    A candidate that was seen once and never listed is left out. Pictures of an older skysweep are ``Other``.
+    Candidates that were seen once and never listed are left out. Pictures of an older skysweep are ``Other``.
     """
     titles = {target.candidate: f"Confirmed {target.name}" for target in found_targets(run)}
     titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
     pictures: dict[int, Path] = {}
     other = []
-    for path in sorted(run.pictures, key=_taken_s):
-        told = _NAME.match(path.stem)
+    for path in sorted(run.pictures, key=lambda path: (told_by_name(path) or (0, 0.0))[1]):
+        told = told_by_name(path)
         if told is None:
             other.append((path, path.stem.replace("_", " ").replace("-", " ")))
         else:
-            pictures[int(told[1])] = path
+            pictures[told[0]] = path
     groups: dict[str, list[tuple[Path, str]]] = {verdict: [] for verdict in VERDICTS}
     for story in run.candidates:
         title = titles.get(story.id)
@@ -61,13 +61,8 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
     }
 
 
-def _taken_s(path: Path) -> float:
-    told = _NAME.match(path.stem)
-    return 0.0 if told is None else float(told[2])
-
-
 def _view(run: Run, story: CandidateStory, path: Path) -> str:
-    """How sure the detector was, from how high and when."""
+    """The detector's confidence, the height and the time of a picture."""
     time_s = float(path.stem.rpartition("-")[2].removesuffix("s"))
     looks = (r for r in run.events("sighting") if r["candidate"] == story.id)
     seen = next((r for r in looks if abs(r["t"] - time_s) < _SAME_LOOK_S), None)

@@ -17,10 +17,10 @@ _SYMBOLS = {"confirmed": "Flag, Red", "unchecked": "Flag, Blue"}  # of GPX
 
 @dataclass(frozen=True, slots=True)
 class FoundTarget:
-    """One confirmed or unchecked target where a ground team would look for it (WGS 84)."""
+    """One confirmed or unchecked target, for a ground team (WGS 84)."""
 
     name: str
-    candidate: int  # its number in the journal
+    candidate: int  # number in the journal
     class_name: str
     latitude_deg: float
     longitude_deg: float
@@ -39,7 +39,7 @@ def found_targets(run: Run) -> list[FoundTarget]:
 
 
 def unchecked_targets(run: Run) -> list[FoundTarget]:
-    """Candidates that nobody checked, in the order in which they were first seen."""
+    """Unchecked candidates in the order in which they were first seen."""
     return [_found(run, number, story) for number, story in enumerate(run.unchecked, start=1)]
 
 
@@ -61,7 +61,7 @@ def write_exports(run: Run, folder: str | Path) -> list[Path]:
 
 
 def geojson(found: list[FoundTarget]) -> str:
-    """A FeatureCollection. Altitude is a property: RFC 7946 coordinates would mean the ellipsoid's."""
+    """A FeatureCollection. Altitude is a property, since RFC 7946 coordinates are above the ellipsoid."""
     features = [
         {
             "type": "Feature",

@@ -1,7 +1,6 @@
 """Figures for reports and papers: map of a run, the paper's panels, POS over time.
 
-Colours are safe for the common kinds of colour blindness: trajectories in viridis (darkest when low), marks
-from Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), and every mark has its own shape as well.
+Trajectories are in viridis, darkest when low. Each mark has a shape of its own as well as a colour.
 """
 
 from __future__ import annotations
@@ -22,9 +21,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MplPath
-from numpy.typing import NDArray
 
-from skysweep.results.metrics import finite_or_inf, match
+from skysweep.results.metrics import match
 from skysweep.results.reporting.statistics import t_quantile
 from skysweep.results.reporting.style import (
     COLUMN_IN,
@@ -33,17 +31,17 @@ from skysweep.results.reporting.style import (
     ORANGE,
     PAGE_IN,
     PURPLE,
-    SERIES_COLOURS,
-    SERIES_DASHES,
     VERMILLION,
+    draw_pos_axis,
     figure_bytes,
     save_figure,
+    save_figures,
     step_values,
     style,
 )
 from skysweep.results.run_folder import Run
-
-F64 = NDArray[np.float64]
+from skysweep.results.summary import finite_or_inf
+from skysweep.types import F64
 
 ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(
     "altitude", colormaps["viridis"](np.linspace(0.0, 0.87, 256))
@@ -78,13 +76,11 @@ def run_map_png(run: Run) -> bytes:
 
 
 def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
-    """The paper's figures in one: a row a scenario, a column an ``n_c`` or strategy; PNG, SVG and PDF.
+    """The paper's figures in one, with a row per scenario and a column per ``n_c`` or strategy.
 
-    Scenarios stand in the order in which they come first in ``runs``, columns by rising ``n_c``, then the
-    other strategies; of several runs of one cell the first is drawn. All panels share one altitude scale.
-
-    Returns:
-        The three files, named after ``path`` without its suffix.
+    Scenarios are in the order of ``runs``. Columns are by rising ``n_c``, then by other strategies. Of
+    several runs of one cell the first is drawn. All panels share one altitude scale. Returns the PNG, SVG and
+    PDF, named after ``path`` without its suffix.
     """
     scenarios = list(dict.fromkeys(run.scenario.name for run in runs))
     by_n_c = sorted(runs, key=lambda run: (run.strategy != "scan-check", run.scenario.search.n_c))
@@ -105,36 +101,31 @@ def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
                 _top_view(axis, run, norm, _extent(runs), detail=False)
                 axis.set_title(f"{scenario}, {way}: {_mission_time(run)}", loc="left", fontsize=7)
                 axis.label_outer(remove_inner_ticks=False)
-        figure.colorbar(_mappable(norm), ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
+        scale = ScalarMappable(norm, ALTITUDE_COLOURS)
+        figure.colorbar(scale, ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
         figure.legend(handles=_legend(runs), loc="outside lower center", ncols=4, frameon=False)
-        return [save_figure(figure, Path(path).with_suffix(suffix)) for suffix in (".png", ".svg", ".pdf")]
+        return save_figures(figure, Path(path), ".png", ".svg", ".pdf")
 
 
 def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
-    """Probability of success over time: one line a label, the mean over its missions, with the 95 % band.
+    """Probability of success over time: a line per label, the mean over its missions, with the 95 % band.
 
-    Args:
-        curves: label -> for each mission the steps (K, 2) of time s and fraction of targets confirmed.
-        path: where to write; the suffix chooses PNG, SVG or PDF.
+    ``curves`` has, for each label and mission, the steps (K, 2) of time in s and share of targets confirmed.
+    The suffix of ``path`` chooses PNG, SVG or PDF.
     """
     end = max((steps[-1][0] for missions in curves.values() for steps in missions), default=1.0)
     time_s = np.linspace(0.0, end, 400)
+    bands = []
+    for label, missions in curves.items():
+        pos = np.array([step_values(np.asarray(steps, dtype=float), time_s) for steps in missions])
+        mean, half = pos.mean(axis=0), np.full(len(time_s), np.nan)
+        if len(pos) > 1:
+            half = t_quantile(len(pos)) * pos.std(axis=0, ddof=1) / math.sqrt(len(pos))
+        bands.append((label, mean, *np.clip([mean - half, mean + half], 0, 1)))
     with style():
         figure = Figure(figsize=(COLUMN_IN, 2.4), layout="constrained")
         axis = figure.subplots()
-        for k, (label, missions) in enumerate(curves.items()):
-            pos = np.array([step_values(np.asarray(steps, dtype=float), time_s) for steps in missions])
-            mean = pos.mean(axis=0)
-            colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
-            dash = SERIES_DASHES[k % len(SERIES_DASHES)]
-            axis.plot(time_s, mean, dash, color=colour, label=label, lw=1.4, clip_on=False)
-            if len(pos) > 1:
-                half = t_quantile(len(pos)) * pos.std(axis=0, ddof=1) / math.sqrt(len(pos))
-                low, high = np.clip([mean - half, mean + half], 0, 1)
-                axis.fill_between(time_s, low, high, color=colour, alpha=0.15, lw=0)
-        axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)", ylim=(0, 1))
-        axis.set_xlim(0, end)
-        axis.grid(lw=0.3, color="0.85")
+        draw_pos_axis(axis, time_s, bands)
         axis.legend(frameon=False)
         return save_figure(figure, path)
 
@@ -147,7 +138,8 @@ def _map_of(run: Run) -> Figure:
     norm = _altitude_norm([run])
     _top_view(above, run, norm, extent)
     above.set_title(_title(run), loc="left")
-    figure.colorbar(_mappable(norm), ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
+    scale = ScalarMappable(norm, ALTITUDE_COLOURS)
+    figure.colorbar(scale, ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
     _profile(below, run, norm)
     figure.legend(handles=_legend([run]), loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -161,7 +153,8 @@ def _top_view(
     plan = run.plan_enu_m
     axis.plot(plan[:, 0], plan[:, 1], color="0.72", lw=0.6, ls=(0, (4, 2)), zorder=1)
     xy = run.states.position_enu_m[:, :2]
-    axis.add_collection(_coloured_line(xy, run.altitudes_agl_m, norm, 1.3 if detail else 1.0))
+    look: dict[str, Any] = {"lw": 1.3 if detail else 1.0, "capstyle": "round", "zorder": 2}
+    axis.add_collection(_coloured_line(xy, run.altitudes_agl_m, norm, **look))
     scale = 1.0 if detail else 0.72
     for name, points in _points(run).items():
         axis.plot(points[:, 0], points[:, 1], **_mark(name, scale), zorder=4)
@@ -173,12 +166,7 @@ def _top_view(
 
 def _profile(axis: Axes, run: Run, norm: Normalize) -> None:
     time_s, altitude_m = run.states.time_s, run.altitudes_agl_m
-    points = np.column_stack([time_s, altitude_m])
-    line = LineCollection(
-        list(np.stack([points[:-1], points[1:]], axis=1)), cmap=ALTITUDE_COLOURS, norm=norm, lw=1.4
-    )
-    line.set_array(altitude_m[1:])
-    axis.add_collection(line)
+    axis.add_collection(_coloured_line(np.column_stack([time_s, altitude_m]), altitude_m, norm, lw=1.4))
     marks = _marks_of_candidates(run)
     for story in run.candidates:
         if story.verdict_s is None:
@@ -196,10 +184,10 @@ def _profile(axis: Axes, run: Run, norm: Normalize) -> None:
     axis.grid(lw=0.3, color="0.88")
 
 
-def _coloured_line(points: F64, altitude_m: F64, norm: Normalize, width: float) -> LineCollection:
-    """A line through points (N, 2), coloured by the altitude (N,) that each piece ends at."""
+def _coloured_line(points: F64, altitude_m: F64, norm: Normalize, **look: Any) -> LineCollection:
+    """A line through points (N, 2), each piece coloured by the altitude (N,) at its end."""
     pieces = list(np.stack([points[:-1], points[1:]], axis=1))
-    line = LineCollection(pieces, cmap=ALTITUDE_COLOURS, norm=norm, lw=width, capstyle="round", zorder=2)
+    line = LineCollection(pieces, cmap=ALTITUDE_COLOURS, norm=norm, **look)
     line.set_array(altitude_m[1:])
     return line
 
@@ -210,7 +198,6 @@ def _mark(name: str, scale: float) -> dict[str, Any]:
 
 
 def _marks_of_candidates(run: Run) -> dict[int, str]:
-    """Candidate -> the mark that says what became of it."""
     marks = dict.fromkeys((c.id for c in run.unchecked), "unchecked")
     if not run.has_truth:
         judged = {"confirmed": "found", "rejected": "rejected"}
@@ -226,7 +213,7 @@ def _marks_of_candidates(run: Run) -> dict[int, str]:
 
 
 def _points(run: Run) -> dict[str, F64]:
-    """Points (N, 2) of every kind of mark that this run has."""
+    """Points (N, 2) of each kind of mark in this run."""
     points: dict[str, list[Any]] = {name: [] for name in _MARKS}
     points["home"].append(run.scenario.home.position_enu_m)
     for thing in run.world.objects if run.has_truth else ():
@@ -255,12 +242,8 @@ def _altitude_norm(runs: Sequence[Run]) -> Normalize:
     return Normalize(0.0, max([float(run.altitudes_agl_m.max(initial=1.0)) for run in runs], default=1.0))
 
 
-def _mappable(norm: Normalize) -> ScalarMappable:
-    return ScalarMappable(norm, ALTITUDE_COLOURS)
-
-
 def _extent(runs: Sequence[Run]) -> tuple[float, float, float, float]:
-    """West, east, south, north of all that the maps of these runs show."""
+    """West, east, south and north limits of the maps of these runs."""
     points: list[Any] = []
     for run in runs:
         points += [np.array(run.scenario.area_enu_m.exterior.coords), [run.scenario.home.position_enu_m]]
@@ -276,16 +259,13 @@ def _scale_bar(axis: Axes, width_m: float, west: float, south: float) -> None:
     length = max(k * magnitude for k in (1, 2, 5) if k * magnitude <= width_m / 4)
     x, y = west + 0.97 * width_m - length, south + 0.02 * width_m
     axis.plot([x, x + length], [y, y], color="black", lw=2.5, solid_capstyle="butt", zorder=6)
-    axis.text(
-        x + length / 2, y + 0.008 * width_m, f"{length:g} m", ha="center", va="bottom", fontsize=7, zorder=6
-    )
+    place: Any = {"ha": "center", "va": "bottom", "fontsize": 7, "zorder": 6}
+    axis.text(x + length / 2, y + 0.008 * width_m, f"{length:g} m", **place)
 
 
 def _polygon_patch(polygon: shapely.Polygon, **style: Any) -> PathPatch:
-    rings = [polygon.exterior, *polygon.interiors]
-    return PathPatch(
-        MplPath.make_compound_path(*[MplPath(np.array(r.coords), closed=True) for r in rings]), **style
-    )
+    rings = [MplPath(np.array(r.coords), closed=True) for r in (polygon.exterior, *polygon.interiors)]
+    return PathPatch(MplPath.make_compound_path(*rings), **style)
 
 
 def _title(run: Run) -> str:
@@ -294,7 +274,7 @@ def _title(run: Run) -> str:
 
 
 def _way(run: Run) -> str:
-    """``n_c`` of Algorithm 1, or the strategy to which it means nothing."""
+    """``n_c`` of Algorithm 1, or the name of another strategy."""
     return n_c_label(run.scenario.search.n_c) if run.strategy == "scan-check" else run.strategy
 
 
@@ -304,5 +284,5 @@ def n_c_label(value: float) -> str:
 
 
 def _mission_time(run: Run) -> str:
-    """Mission time; of a search that was not finished a lower bound."""
+    """Mission time, or a lower bound for an unfinished search."""
     return f"{'' if run.finished_s is not None else '> '}{run.search_end_s:.0f} s"

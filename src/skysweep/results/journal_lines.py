@@ -1,4 +1,4 @@
-"""What the lines of a journal must say for results to be made of them, and for a mission to go on."""
+"""Models of a journal's lines, which results and resumed missions rely on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from skysweep.mission.notes import OF_A_CANDIDATE
 from skysweep.mission.safety import Action
@@ -14,8 +14,8 @@ from skysweep.mission.safety import Action
 _Place = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Pair = Annotated[list[_Finite], Field(min_length=2, max_length=2)]
-_ROUNDED = 0.01  # by that much the determinant of a rotation may be off
 _Matrix = Annotated[list[_Pair], Field(min_length=2, max_length=2)]
+_ROUNDED = 0.01  # tolerance of a rotation's determinant
 
 
 def _turns(rows: list[float]) -> list[float]:
@@ -71,8 +71,7 @@ class _End(_Line):
     reason: str
 
 
-class _Setup(_Line):
-    seed: int = Field(ge=0)
+class _Setup(_Start):
     sensor: str
     renderer: str | None
     threads: int = Field(ge=1, le=1024)
@@ -99,37 +98,31 @@ class _Snapshot(_Line):
     tracker: dict[str, Any]
 
 
-_OTHER = TypeAdapter(_Line)
-_KNOWN: dict[str, TypeAdapter[Any]] = {
-    "start": TypeAdapter(_Start),
-    "plan": TypeAdapter(_Plan),
-    "state": TypeAdapter(_State),
-    "safety": TypeAdapter(_Safety),
-    "unsearched": TypeAdapter(_Unsearched),
-    "end": TypeAdapter(_End),
-    **dict.fromkeys(OF_A_CANDIDATE, TypeAdapter(_OfCandidate)),
+_KNOWN: dict[str, type[_Line]] = {
+    "start": _Start,
+    "plan": _Plan,
+    "state": _State,
+    "safety": _Safety,
+    "unsearched": _Unsearched,
+    "end": _End,
+    **dict.fromkeys(OF_A_CANDIDATE, _OfCandidate),
 }
-
-_GONE_ON_WITH = _KNOWN | {
-    "setup": TypeAdapter(_Setup),
-    "look": TypeAdapter(_Look),
-    "snapshot": TypeAdapter(_Snapshot),
-}
+_GONE_ON_WITH = _KNOWN | {"setup": _Setup, "look": _Look, "snapshot": _Snapshot}
 
 
 def can_be_told(record: Mapping[str, Any]) -> bool:
-    """Whether a line says what lines of its kind say."""
+    """Whether a line has the fields that results need."""
     return _says(_KNOWN, record)
 
 
 def can_be_gone_on_with(record: Mapping[str, Any]) -> bool:
-    """Whether a mission can go on from a line as well."""
+    """Whether a line also has the fields that a resumed mission needs."""
     return _says(_GONE_ON_WITH, record)
 
 
-def _says(known: Mapping[str, TypeAdapter[Any]], record: Mapping[str, Any]) -> bool:
+def _says(known: Mapping[str, type[_Line]], record: Mapping[str, Any]) -> bool:
     try:
-        known.get(str(record.get("kind")), _OTHER).validate_python(record)
+        known.get(str(record.get("kind")), _Line).model_validate(record)
     except ValidationError:
         return False
     return True

@@ -1,4 +1,4 @@
-"""What one mission achieved, in numbers. Every number is defined in docs/results.md."""
+"""The numbers of one mission, as defined in docs/results.md."""
 
 from __future__ import annotations
 
@@ -14,44 +14,33 @@ from scipy.optimize import linear_sum_assignment
 from skysweep.errors import UserError
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
-from skysweep.results.summary import Limit, RunSummary, Summary
-from skysweep.types import Doubt, EventKind, Mode
+from skysweep.results.summary import RunSummary, Summary, finite_or_inf
+from skysweep.types import F64, Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
 from skysweep.worlds.world import WorldObject
 
-F64 = NDArray[np.float64]
-
 MATCH_DISTANCE_M = 3.0
 _NEEDS_TRUTH = (
-    "n_targets",
-    "recall",
-    "time_to_confirm_s",
-    "pos_curve",
-    "false_scans",
-    "false_positives",
-    "duplicates",
-    "wrong_rejections",
-    "median_localisation_error_m",
+    *("n_targets", "recall", "time_to_confirm_s", "pos_curve", "false_scans", "false_positives"),
+    *("duplicates", "wrong_rejections", "median_localisation_error_m"),
 )
 _FORBIDDEN_M = 1e6
-_GROUND_POINTS = 2000  # about so many tell how much of the ground crowns and buildings hide
+_GROUND_POINTS = 2000  # about this many points sample the ground that crowns and buildings hide
 _GROUND_TRIES = 1_000_000  # at most, where the area is thin
 _ABOVE_GROUND_M = 0.1
-_FLATTEST_VIEW = (
-    -0.1
-)  # vertical part of a unit ray; flatter views reach the horizon and count as nothing seen
+_FLATTEST_VIEW = -0.1  # vertical part of a unit ray: flatter views reach the horizon and see nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Matches:
-    """Which checked candidate is which true target. ``candidate id -> index of the target``."""
+    """The true targets of checked candidates, ``candidate id -> index of the target``."""
 
-    confirmed: dict[int, int]  # right: one candidate a target
-    duplicates: frozenset[int]  # confirmed, but their target had been confirmed already
-    false_alarms: frozenset[int]  # confirmed, and no target of the class is there
-    wrong_rejections: dict[int, int]  # rejected, although a target that nobody confirmed is there
-    rejected: frozenset[int]  # rightly: nothing there, or a second candidate of a confirmed target
+    confirmed: dict[int, int]  # rightly, one candidate per target
+    duplicates: frozenset[int]  # confirmed, but their target had been confirmed before
+    false_alarms: frozenset[int]  # confirmed without a target of the class nearby
+    wrong_rejections: dict[int, int]  # rejected, although an unconfirmed target is there
+    rejected: frozenset[int]  # rightly: nothing is there, or a target confirmed by another candidate
 
     @property
     def false_positives(self) -> frozenset[int]:
@@ -67,15 +56,16 @@ class Matches:
 def match(run: Run) -> Matches:
     """Assign checked candidates to true targets of the same class within ``MATCH_DISTANCE_M``, one to one.
 
-    Confirmed candidates first: in the order of their confirmation each one counts if it can have a target of
-    its own (so a duplicate is always the later one); among those the assignment has the least total distance.
-    Rejected candidates then share the targets that are left.
+    Confirmed candidates come first. In the order of their confirmation, each counts if it can have a target
+    of its own, so a duplicate is always the later one. Among these the assignment has the least total
+    distance. Rejected candidates share the targets that are left.
     """
     targets = run.world.targets
     confirmed = [c for c in run.candidates if c.verdict == EventKind.CONFIRMED]
     rejected = [c for c in run.candidates if c.verdict == EventKind.REJECTED]
-    right = _assign(confirmed, targets, set(range(len(targets))))
-    wrong = _assign(rejected, targets, set(range(len(targets))) - set(right.values()))
+    everything = set(range(len(targets)))
+    right = _assign(confirmed, targets, everything)
+    wrong = _assign(rejected, targets, everything - set(right.values()))
     distances = _distances_m(confirmed, targets)
     near_one = {c.id: bool((row < _FORBIDDEN_M).any()) for c, row in zip(confirmed, distances, strict=True)}
     return Matches(
@@ -88,13 +78,9 @@ def match(run: Run) -> Matches:
 
 
 def compute_summary(
-    run: Run,
-    *,
-    scan_only_time_s: float | None = None,
-    wall_time_s: float | None = None,
-    real_time_factor: float | None = None,
+    run: Run, *, scan_only_time_s: float | None = None, wall_time_s: float | None = None
 ) -> Summary:
-    """The numbers of a mission. Without truth ``n_confirmed`` counts every confirmed candidate."""
+    """The numbers of a mission. Without truth ``n_confirmed`` counts all confirmed candidates."""
     search = run.scenario.search
     targets = run.world.targets
     matches = match(run)
@@ -108,8 +94,7 @@ def compute_summary(
     mission_time_s = run.search_end_s
     total_time_s = run.landed_s if run.landed_s is not None else run.last_s
     wall_time_s = _rounded(wall_time_s)
-    if real_time_factor is None and wall_time_s:
-        real_time_factor = (total_time_s - run.resumed_s) / wall_time_s
+    real_time_factor = (total_time_s - run.resumed_s) / wall_time_s if wall_time_s else None
     searching = run.states.time_s <= mission_time_s
     clearance = _clearance(run)
     path_m, vertical_m = travelled_m(run.states.position_enu_m[searching])
@@ -162,13 +147,13 @@ def compute_summary(
 
 
 def whole_summary(run: Run, wall_time_s: float | None = None) -> RunSummary:
-    """The same with what a run folder's has beside it: whether the mission ended, and what it left."""
+    """The summary of a run folder, with whether the mission ended and the number of unchecked candidates."""
     numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
     return {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked)}
 
 
 def _scan_only_time_s(run: Run) -> float | None:
-    """As planned; None where the plan was drawn elsewhere and its file is not here, or is another now."""
+    """The planned time; None where the plan comes from a file that is missing or was changed."""
     if not run.has_its_plan:
         return None
     try:
@@ -177,8 +162,8 @@ def _scan_only_time_s(run: Run) -> float | None:
         return None
 
 
-def _clearance(run: Run) -> dict[str, Any]:
-    """What the simulator saw; where none flew, or there is nothing but flat ground, the believed track's."""
+def _clearance(run: Run) -> Any:
+    """From the simulator, or else from the believed track."""
     seen = run.events("clearance")
     if seen:
         return {key: seen[-1][key] for key in ("collisions", "min_clearance_m")}
@@ -194,9 +179,9 @@ def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
 
 
 def seen_area(run: Run) -> shapely.Geometry:
-    """The part of the search area that lay in the camera's picture in mode SCAN while looks were answered.
+    """The part of the search area that the camera pictured in mode SCAN while looks were answered.
 
-    Each believed camera pose gives one footprint on the level of the ground below it.
+    Each believed camera pose gives one footprint at the level of the ground below it.
     """
     states, lens = run.states, run.scenario.camera.lens
     scanning = _scanning(run)
@@ -217,8 +202,8 @@ def seen_area(run: Run) -> shapely.Geometry:
 def seen_m2_of(run: Run) -> float:
     """Square metres of the search area's ground that the camera saw in mode SCAN.
 
-    Of ``seen_area`` the share of a grid of points to which the view was free in one picture at least: crowns
-    and buildings hide what is behind and below them.
+    Crowns and buildings hide ground. A grid of points in ``seen_area`` gives the share with a free view in at
+    least one picture.
     """
     area = seen_area(run)
     solids = Occluders(run.world).solids
@@ -233,19 +218,14 @@ def seen_m2_of(run: Run) -> float:
     xy = grid.reshape(-1, 2) + step_m / 2
     xy = xy[shapely.contains_xy(area, xy)]
     points = np.column_stack([xy, run.world.terrain.height_m(xy) + _ABOVE_GROUND_M])
-    pictured, seen = count_seen(
-        points,
-        states.camera_position_enu_m[scanning],
-        states.R_camera_to_enu[scanning],
-        lens.width_px / (2 * lens.focal_px),
-        lens.height_px / (2 * lens.focal_px),
-        solids,
-    )
+    poses = states.camera_position_enu_m[scanning], states.R_camera_to_enu[scanning]
+    u, v = lens.width_px / (2 * lens.focal_px), lens.height_px / (2 * lens.focal_px)
+    pictured, seen = count_seen(points, *poses, u, v, solids)
     return float(area.area) * seen / max(pictured, 1)
 
 
 def _scanning(run: Run) -> NDArray[np.bool_]:
-    """Which states are of a SCAN that was not flown blind."""
+    """(N,) the states in mode SCAN that were not flown blind."""
     states = run.states
     scanning = np.array([mode == Mode.SCAN for mode in states.mode], dtype=bool)
     for since_s, until_s in _blind_spans_s(run):
@@ -256,7 +236,7 @@ def _scanning(run: Run) -> NDArray[np.bool_]:
 
 
 def _looked(run: Run, time_s: F64) -> NDArray[np.bool_]:
-    """At which times (N,) a look that counts was near; gaps that a mission does not call blind are none."""
+    """(N,) whether times are near a valid look. Gaps too short to count as blind are ignored."""
     scenario = run.scenario
     reach_s = 0.5 * (scenario.safety.detector_silent_s + 1.0 / scenario.detector.rate_hz)
     counts = [look for look in run.events("look") if "failure" not in look and "doubt" not in look]
@@ -267,7 +247,7 @@ def _looked(run: Run, time_s: F64) -> NDArray[np.bool_]:
 
 
 def _blind_spans_s(run: Run) -> list[tuple[float, float]]:
-    """Since when, and until when, looks failed or their pictures were not trusted."""
+    """Start and end of the times when looks failed or their pictures were not trusted."""
     spans: list[tuple[float, float]] = []
     since_s = math.inf
     for look in run.events("look"):
@@ -283,19 +263,12 @@ def _blind_spans_s(run: Run) -> list[tuple[float, float]]:
 
 
 def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> float:
-    """Distance over ground between an estimated position and the truth."""
+    """Horizontal distance between an estimated position and the truth."""
     return float(np.linalg.norm(candidate.position_enu_m[:2] - target.position_enu_m[:2]))
 
 
-def finite_or_inf(value: float) -> Limit:
-    """The number itself, as an int where it is whole, or the string ``"inf"``."""
-    if math.isinf(value):
-        return "inf"
-    return int(value) if float(value).is_integer() else float(value)
-
-
 def _distances_m(candidates: list[CandidateStory], targets: tuple[WorldObject, ...]) -> F64:
-    """Distances (candidates, targets); forbidden pairs are very far apart."""
+    """Distances (candidates, targets), very large for forbidden pairs."""
     distances = np.full((len(candidates), len(targets)), _FORBIDDEN_M)
     for i, candidate in enumerate(candidates):
         for j, target in enumerate(targets):

@@ -1,4 +1,4 @@
-"""JPEG files that know when they are damaged: a comment in front holds their name and a checksum."""
+"""JPEG files that show when they are damaged: a comment in front has their name and a checksum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def write_picture(path: Path, jpeg: bytes) -> None:
 
 
 def is_sound(path: Path) -> bool:
-    """Whether a picture is what ``write_picture`` wrote under this name. Raises OSError."""
+    """Whether a picture is unchanged since ``write_picture`` wrote it under this name. Raises OSError."""
     data = path.read_bytes()
     before = len(_START) + len(_segment(path.name, b""))
     return data == _sealed(path.name, _START + data[before:])

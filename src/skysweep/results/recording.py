@@ -1,8 +1,7 @@
 """A mission as an MCAP file of ROS 2 messages, as rosbag2 writes it (profile ros2, CDR).
 
-One file for everybody: ``ros2 bag``, ``rosbags``, Foxglove and Rerun read ROS 2 messages. Time in the file is
-seconds since the take-off command. Topics are those of ``skysweep ros``, and ``/skysweep/world``: area, home
-and the truth.
+``ros2 bag``, ``rosbags``, Foxglove and Rerun can read it. Time in the file is seconds since the take-off
+command. The topics are those of ``skysweep ros``, and ``/skysweep/world`` with area, home and the truth.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import numpy as np
 import shapely
 from matplotlib.colors import to_rgba
 from mcap.writer import Writer
-from numpy.typing import NDArray
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_from_euler
@@ -25,11 +23,11 @@ from skysweep.ros import topics
 from skysweep.ros.interfaces import definition, to_cdr, type_hash
 from skysweep.ros.targets import TargetBoard
 from skysweep.ros.topics import Topic
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 Timed = tuple[float, Topic, Any]
 
-_PATH_EVERY = 20  # states; a path is written whole each time
+_PATH_EVERY = 20  # states, since a path is written whole each time
 _QUIET_KINDS = ("state", "sighting", "plan", "look", "snapshot")
 
 
@@ -46,15 +44,9 @@ def write_recording(run: Run, path: str | Path) -> Path:
                 text = definition(topic.type_name).encode()
                 schemas[topic.type_name] = writer.register_schema(topic.type_name, "ros2msg", text)
             if topic.name not in channels:
-                channels[topic.name] = writer.register_channel(
-                    topic.full_name,
-                    "cdr",
-                    schemas[topic.type_name],
-                    {
-                        "offered_qos_profiles": topics.rosbag_profile(topic.quality),
-                        "topic_type_hash": type_hash(topic.type_name),
-                    },
-                )
+                schema, profile = schemas[topic.type_name], topics.rosbag_profile(topic.quality)
+                told = {"offered_qos_profiles": profile, "topic_type_hash": type_hash(topic.type_name)}
+                channels[topic.name] = writer.register_channel(topic.full_name, "cdr", schema, told)
             nanoseconds = round(time_s * 1e9)
             writer.add_message(channels[topic.name], nanoseconds, to_cdr(message), nanoseconds)
         writer.finish()  # type: ignore[no-untyped-call]
@@ -101,13 +93,12 @@ def _flight(run: Run) -> Iterable[Timed]:
 
 
 def _level_body(R_camera_to_enu: F64) -> F64:
-    """The body's attitude, of which the journal keeps the heading alone, as that of the picture's top."""
+    """The body's attitude: the heading of the picture's top, as the journal keeps no roll and pitch."""
     top = -R_camera_to_enu[:, 1] + R_camera_to_enu[:, 2]
     return rotation_from_euler(0.0, 0.0, float(np.arctan2(top[1], top[0])))
 
 
 def _still_life(run: Run) -> list[m.Mark]:
-    """What does not change: area and the truth, where there is one."""
     area: shapely.Polygon = run.scenario.area_enu_m
     terrain = run.world.terrain
     marks = []

@@ -1,4 +1,4 @@
-"""Read a finished (or broken off) mission back from its run folder."""
+"""Reads a mission, finished or broken off, back from its run folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
@@ -24,10 +23,9 @@ from skysweep.results.summary_file import read_summary
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.text import printable
-from skysweep.types import EventKind, Mode
+from skysweep.types import F64, EventKind, Mode
 from skysweep.worlds.world import World, build_world
 
-F64 = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 CONFIG_FILE = "config.yaml"
@@ -57,10 +55,10 @@ class States:
 
 @dataclass(frozen=True, slots=True)
 class CandidateStory:
-    """What became of one candidate. ``verdict`` is confirmed, rejected, or None (never checked)."""
+    """The history of one candidate. ``verdict`` is confirmed, rejected, or None (never checked)."""
 
     id: int
-    class_name: str | None  # None: the journal does not say and the scenario has several classes
+    class_name: str | None  # None where the journal does not say and the scenario has several classes
     position_enu_m: F64  # (3,) newest estimate
     n_sightings: int
     first_seen_s: float
@@ -80,20 +78,19 @@ class CandidateStory:
 
 @dataclass(frozen=True)
 class Run:
-    """One mission as its journal tells it. Times count from the take-off command."""
+    """One mission from its journal. Times count from the take-off command."""
 
     scenario: Scenario
     records: tuple[Record, ...]
     folder: Path | None = None
     known_world: World | None = field(default=None, repr=False)
-    seal: int = 0  # of the journal's last line: it speaks for all of them
-    pictures: tuple[Path, ...] = ()  # that were kept in flight
+    seal: int = 0  # checksum of the journal's last line, which covers all of them
+    pictures: tuple[Path, ...] = ()  # kept in flight
     summary: Record | None = None  # as written, of a mission that has ended
-    left_out: tuple[str, ...] = ()  # what was damaged
+    left_out: tuple[str, ...] = ()  # damaged parts
 
     @cached_property
     def start(self) -> Record:
-        """The journal's first record."""
         return self._first("start") or {"t": 0.0, "seed": 0}
 
     @property
@@ -111,23 +108,22 @@ class Run:
 
     @cached_property
     def has_truth(self) -> bool:
-        """Whether the sensor saw the scenario's world, with targets in it; else nothing is judged."""
-        setup = self._first("setup") or {}
-        return bool(setup.get("truth", True)) and bool(self.world.targets)
+        """Whether the sensor saw the scenario's world, with targets in it. Else nothing can be judged."""
+        return bool(self._setup.get("truth", True)) and bool(self.world.targets)
 
     @cached_property
     def has_its_plan(self) -> bool:
-        """Whether what ``search.plan`` names, if it names a file, is what was flown."""
-        return digest_of_plan(self.scenario) == (self._first("setup") or {}).get(PLAN)
+        """Whether the file of ``search.plan``, if any, is the one that was flown."""
+        return digest_of_plan(self.scenario) == self._setup.get(PLAN)
 
     @cached_property
     def keeps_looks(self) -> bool:
-        """Whether every look of the detector is in the journal."""
-        return (self._first("setup") or {}).get("sensor") == "imaging"
+        """Whether the journal has all looks of the detector."""
+        return self._setup.get("sensor") == "imaging"
 
     @cached_property
     def states(self) -> States:
-        """Believed states of the vehicle; those without a position are left out."""
+        """Believed states of the vehicle, without those that lack a position."""
         told = [r for r in self.records if r["kind"] == "state"]
         known = np.isfinite(np.array([r["p"] for r in told], dtype=float).reshape(-1, 3)).all(axis=1)
         rows = [r for r, is_known in zip(told, known.tolist(), strict=True) if is_known]
@@ -157,23 +153,20 @@ class Run:
 
     @cached_property
     def candidates(self) -> tuple[CandidateStory, ...]:
-        """Every candidate that was seen, in the order of their verdicts, those without one last."""
+        """All candidates in the order of their verdicts, those without one last."""
         told: dict[int, list[Record]] = {}
-        for record in self.records:
-            if record["kind"] in OF_A_CANDIDATE:
-                identity = record.get("candidate")
-                if identity is not None:
-                    told.setdefault(int(identity), []).append(record)
+        for record in self.events(*OF_A_CANDIDATE):
+            if record.get("candidate") is not None:
+                told.setdefault(int(record["candidate"]), []).append(record)
         stories = [self._story(identity, records) for identity, records in told.items()]
-        return tuple(
-            sorted(stories, key=lambda s: (s.verdict_s is None, s.verdict_s or s.first_seen_s, s.id))
-        )
+        stories.sort(key=lambda s: (s.verdict_s is None, s.verdict_s or s.first_seen_s, s.id))
+        return tuple(stories)
 
     @cached_property
     def unchecked(self) -> tuple[CandidateStory, ...]:
         """Candidates without a verdict that deserve a look, in the order in which they were first seen.
 
-        The mission's own list where it ended; else those that were scanned or seen at least twice.
+        These are the mission's own list where it ended, else all that were scanned or seen at least twice.
         """
         left = {record["candidate"] for record in self.events(EventKind.UNCHECKED)}
         if not self.ended:
@@ -182,17 +175,17 @@ class Run:
 
     @property
     def ended(self) -> bool:
-        """Whether the journal is whole. Without its end the mission was broken off, or still flies."""
+        """Whether the journal has its end. Without it the mission was broken off, or still flies."""
         return self._first("end") is not None
 
     @property
     def finished_s(self) -> float | None:
-        """When the last candidate had its verdict and F was empty; None for a mission broken off."""
+        """When the last candidate had its verdict and F was empty; None for an unfinished search."""
         return self._time_of(EventKind.FINISHED)
 
     @property
     def search_end_s(self) -> float:
-        """When the search ended: finished, or broken off for the way home, or the newest record."""
+        """When the search ended: it was finished, or left for the way home, or the journal ends."""
         if self.finished_s is not None:
             return self.finished_s
         homeward = (r for r in self.records if r.get("mode") in (Mode.RETURN, Mode.LAND))
@@ -204,27 +197,27 @@ class Run:
 
     @property
     def resumed_s(self) -> float:
-        """When the newest part of a flight that was broken off began; 0 for one in one piece."""
+        """When the mission was last resumed; 0 for one in one piece."""
         return max((self.since_start(r) for r in self.events("resumed")), default=0.0)
 
     @property
     def last_s(self) -> float:
-        """Time of the newest record."""
         return max((self.since_start(r) for r in self.records), default=0.0)
 
     @property
     def end_reason(self) -> str:
-        """Why the mission ended; ``broken off`` where the journal does not say."""
         record = self._first("end")
         return str(record["reason"]) if record else "broken off"
 
     def events(self, *kinds: str) -> tuple[Record, ...]:
-        """Records of these kinds, oldest first."""
         return tuple(r for r in self.records if r["kind"] in kinds)
 
     def since_start(self, record: Record) -> float:
-        """A record's time in seconds since the take-off command."""
         return float(record["t"]) - float(self.start["t"])
+
+    @cached_property
+    def _setup(self) -> Record:
+        return self._first("setup") or {}
 
     def _first(self, kind: str) -> Record | None:
         return next((r for r in self.records if r["kind"] == kind), None)
@@ -254,23 +247,26 @@ class Run:
 
 
 def load_run(folder: str | Path, from_sound_lines: bool = False) -> Run:
-    """Read the mission of a run folder, also one that was broken off or still flies; nothing is written.
+    """Read the mission of a run folder, also one that was broken off or still flies. Nothing is written.
 
-    A last line cut short by a crash is left out. With ``from_sound_lines`` so is whatever is damaged or does
-    not agree with the rest, and ``left_out`` says what.
-
-    Raises:
-        UserError: a file is missing, damaged, a link, or of another mission than the others, or the mission
-            had not begun.
+    A last line cut short by a crash is left out. With ``from_sound_lines``, so is all that is damaged or
+    contradicts the rest, and ``left_out`` names it. Raises UserError where a file is missing, damaged, a
+    link, or of another mission than the others, or where the mission had not begun.
     """
     try:
-        return _with_summary(load_flown(folder, from_sound_lines), from_sound_lines)
+        run = load_flown(folder, from_sound_lines)
+        try:
+            return replace(run, summary=_summary_of(run))
+        except UserError:
+            if not from_sound_lines:
+                raise
+            return replace(run, left_out=(*run.left_out, f"{SUMMARY_FILE} with the wall time"))
     except OSError as error:
         raise UserError(f"{folder}: cannot be read ({error.strerror}); check its rights") from None
 
 
 def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
-    """The same of what was written in flight: configuration, journal and pictures, without the results."""
+    """The same from configuration, journal and pictures alone, without the results."""
     folder = Path(folder)
     path = folder / JOURNAL_FILE
     for needed in (folder / CONFIG_FILE, path):
@@ -286,7 +282,7 @@ def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
         raise UserError(f"{path}: {why}, so there are no results; fly the mission into a new folder")
     left_out = []
     if lines.damaged is not None:
-        left_out.append(f"line {lines.damaged} of {JOURNAL_FILE} and what comes after it")
+        left_out.append(f"line {lines.damaged} of {JOURNAL_FILE} and all lines after it")
     pictures = sorted(folder.glob(f"{PICTURES}/*.jpg"))
     spoilt = [] if is_older(lines.records) else [picture for picture in pictures if not is_sound(picture)]
     left_out += [f"{PICTURES}/{picture.name}" for picture in spoilt]
@@ -294,20 +290,15 @@ def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
         lines.refuse_damaged(path, journal_remedy(path))
         if spoilt:
             raise UserError(f"{spoilt[0]}: is damaged; delete it, the mission's results need no pictures")
-    return Run(
-        flown_scenario(folder, lines.records),
-        tuple(lines.records),
-        folder,
-        seal=lines.seal,
-        pictures=tuple(picture for picture in pictures if picture not in spoilt),
-        left_out=tuple(left_out),
-    )
+    scenario, records = flown_scenario(folder, lines.records), tuple(lines.records)
+    sound = tuple(picture for picture in pictures if picture not in spoilt)
+    return Run(scenario, records, folder, seal=lines.seal, pictures=sound, left_out=tuple(left_out))
 
 
 def summary_of_complete(folder: Path, from_sound_lines: bool = False) -> Record | None:
     """The summary of a mission that has ended and whose results are written, else None.
 
-    Raises UserError where its folder is damaged; with ``from_sound_lines`` such a mission is not complete.
+    Raises UserError where its folder is damaged. With ``from_sound_lines`` such a mission is not complete.
     """
     if not (folder / SUMMARY_FILE).is_file():
         return None
@@ -320,11 +311,12 @@ def summary_of_complete(folder: Path, from_sound_lines: bool = False) -> Record 
 
 
 def flown_scenario(folder: Path, records: Sequence[Record]) -> Scenario:
-    """The scenario that a mission with these lines was begun with. Raises UserError where it was changed."""
+    """The scenario at the start of a mission with these lines. Raises UserError where it was changed."""
     path = folder / CONFIG_FILE
     if not is_older(records) and digest_of_config(folder) != records[0][CONFIG]:
         raise UserError(
-            f"{path}: is not what the mission was begun with (SHA-256 {records[0][CONFIG]}); put that back"
+            f"{path}: is not the file that the mission began with (SHA-256 {records[0][CONFIG]}); restore "
+            "the original"
         )
     return load_scenario(path)
 
@@ -335,34 +327,25 @@ def digest_of_config(folder: Path) -> str:
 
 
 def digest_of_plan(scenario: Scenario) -> str | None:
-    """SHA-256 of the file that ``search.plan`` names, in hexadecimal; None where there is none."""
+    """SHA-256 of the file of ``search.plan`` in hexadecimal, if there is one."""
     path = Path(scenario.search.plan or "")
     return sha256_of(path) if path.is_file() else None
 
 
 def is_older(records: Sequence[Record]) -> bool:
-    """Whether a skysweep wrote them that did not protect configuration, summary and pictures yet."""
+    """Whether they are of an older skysweep, which did not protect configuration, summary and pictures."""
     return not records or CONFIG not in records[0]
 
 
 def refuse_links(folder: Path) -> None:
-    """Raises UserError where something in a run folder is a link: what is written would leave the folder."""
+    """Raises UserError where a run folder has a link, through which writing would leave the folder."""
     link = next((p for p in (*folder.glob("*"), *folder.glob(f"{PICTURES}/*")) if p.is_symlink()), None)
     if link is not None:
         raise UserError(f"{link}: is a link; put the file itself there, or delete it")
 
 
-def _with_summary(run: Run, from_sound_lines: bool) -> Run:
-    try:
-        return replace(run, summary=_summary_of(run))
-    except UserError:
-        if not from_sound_lines:
-            raise
-        return replace(run, left_out=(*run.left_out, f"{SUMMARY_FILE} with the wall time"))
-
-
 def _summary_of(run: Run) -> Record | None:
-    """The written summary of a mission that has ended. Raises UserError where that is of another journal."""
+    """The written summary of a mission that has ended. Raises UserError where it is of another journal."""
     assert run.folder is not None
     path = run.folder / SUMMARY_FILE
     if not path.is_file():
@@ -378,7 +361,7 @@ def _summary_of(run: Run) -> Record | None:
     if summary["ended"] and journal != run.seal:
         held = run.folder / JOURNAL_FILE
         raise UserError(
-            f"{held}: has {len(run.records)} sound lines, and {SUMMARY_FILE} was made from others; "
+            f"{held}: has {len(run.records)} sound lines, but {SUMMARY_FILE} was made from others; "
             f"{journal_remedy(held)}"
         )
     return summary if summary["ended"] else None

@@ -13,7 +13,7 @@ from skysweep.results.evidence import evidence
 from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
 from skysweep.results.metrics import MATCH_DISTANCE_M, horizontal_distance_m, match
 from skysweep.results.reporting.html import Grid, Section, picture, write_page
-from skysweep.results.reporting.wording import clock, definitions, parameters, safety_words
+from skysweep.results.reporting.wording import clock, counted, definitions, parameters, safety_words
 from skysweep.results.run_folder import Run
 from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import dump_scenario
@@ -28,26 +28,19 @@ _EVIDENCE = {
 
 
 def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
-    """Write ``report.html`` of one mission; ``map.png`` of the folder and the run's pictures go inside."""
+    """Write ``report.html`` of one mission, with ``map.png`` of the folder and the run's pictures inside."""
     found, unchecked = found_targets(run), unchecked_targets(run)
+    caption = (
+        "Above: the mission from the top, north up. The line is the vehicle's estimated path, coloured by "
+        "altitude. Below: altitude over time with all verdicts."
+    )
     sections = [
-        Section(
-            "Map",
-            pictures=[
-                picture(
-                    folder / "map.png",
-                    "Above: the mission from the top, north up; the line is the vehicle's estimated path, "
-                    "coloured by altitude. Below: altitude over time with every verdict.",
-                )
-            ],
-        ),
+        Section("Map", pictures=[picture(folder / "map.png", caption)]),
         Section("What happened", steps=_timeline(run, [*found, *unchecked])),
         _found_section(run, found, unchecked),
     ]
     pictures = evidence(run)
-    sections += [
-        Section(t, pictures=pictures[verdict]) for verdict, t in _EVIDENCE.items() if pictures[verdict]
-    ]
+    sections += [Section(t, pictures=pictures[v]) for v, t in _EVIDENCE.items() if pictures[v]]
     sections += [
         Section("All numbers", grids=[_numbers(summary)], folded=True),
         Section("What it was flown with", [_strategy(run)], grids=[parameters(run.scenario)]),
@@ -55,7 +48,7 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
         Section("What the words mean", grids=[definitions()], folded=True),
     ]
     title = f"Mission: {run.scenario.name}"
-    return write_page(folder / "report.html", title, _run_lead(run, summary), _tiles(summary), sections)
+    return write_page(folder / "report.html", title, _run_lead(run, summary), sections, _tiles(summary))
 
 
 def _run_lead(run: Run, s: Summary) -> str:
@@ -66,7 +59,7 @@ def _run_lead(run: Run, s: Summary) -> str:
         text = f"The search of {area} ended {when}:"
     else:
         text = f"The journal ends {when}: the search of {area} was broken off, or is still going on. So far"
-    confirmed = f"{s['n_confirmed']} target{'' if s['n_confirmed'] == 1 else 's'}"
+    confirmed = counted(s["n_confirmed"], "target")
     if run.has_truth:
         confirmed = f"{s['n_confirmed']} of {s['n_targets']} targets"
     text += f" {confirmed} confirmed"
@@ -74,10 +67,9 @@ def _run_lead(run: Run, s: Summary) -> str:
         without = s["false_scans"] if run.has_truth else s["n_checked"] - s["n_confirmed"]
         text += f", {without} of {s['n_checked']} checks found no target"
     if run.unchecked:
-        n = len(run.unchecked)
-        text += f", {n} candidate{'' if n == 1 else 's'} left unchecked"
+        text += f", {counted(len(run.unchecked), 'candidate')} left unchecked"
     if s["collisions"]:
-        text += f". The vehicle ran into {s['collisions']} obstacle{'s' * (s['collisions'] > 1)}"
+        text += f". The vehicle ran into {counted(s['collisions'], 'obstacle')}"
     if run.ended and not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
     if run.left_out:
@@ -102,17 +94,16 @@ def _tiles(s: Summary) -> list[tuple[str, str]]:
         (f"{s['path_length_m']:.0f} m", "flown"),
         (f"{s['vertical_m']:.0f} m", "up and down"),
     ]
-    if s["min_clearance_m"] is not None:
-        tiles.append((f"{s['min_clearance_m']:.1f} m", "nearest to an obstacle"))
-    if s["energy_wh"] is not None:
-        tiles.append((f"{s['energy_wh']:.1f} Wh", "energy"))
-    if s["median_localisation_error_m"] is not None:
-        tiles.append((f"{s['median_localisation_error_m']:.2f} m", "median position error"))
-    return tiles
+    optional = (
+        (s["min_clearance_m"], "{:.1f} m", "nearest to an obstacle"),
+        (s["energy_wh"], "{:.1f} Wh", "energy"),
+        (s["median_localisation_error_m"], "{:.2f} m", "median position error"),
+    )
+    return tiles + [(form.format(value), label) for value, form, label in optional if value is not None]
 
 
 def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
-    """What happened in plain words; one step for each descent."""
+    """The events in plain words, with one step for each descent."""
     names = {target.candidate: target.name for target in named}
     search = run.scenario.search
     steps = [(0.0, "Take-off.")]
@@ -132,7 +123,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((time_s, safety_words(record)))
         elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
             (outside if check is None else check).append(record)
-        elif kind == EventKind.UNCHECKED and not _is_refused(run, record):
+        elif kind == EventKind.UNCHECKED and (_cause(run, record) or {}).get("action") != "REFUSE_CHECK":
             left.setdefault(time_s, []).append(record)
         elif kind in SETTLING:
             if check is None:
@@ -145,9 +136,8 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             check = None
         if kind == EventKind.FINISHED:
             reachable = "reachable " if run.events(EventKind.UNCHECKED) else ""
-            steps.append(
-                (time_s, f"All transects flown, all {reachable}candidates checked: the way home begins.")
-            )
+            text = f"All transects flown, all {reachable}candidates checked: the way home begins."
+            steps.append((time_s, text))
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
@@ -177,7 +167,7 @@ def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
     if confirmed:
         parts.append(f"confirmed {', '.join(confirmed)}")
     if rejected:
-        parts.append(f"rejected {rejected} candidate{'' if rejected == 1 else 's'}")
+        parts.append(f"rejected {counted(rejected, 'candidate')}")
     if unchecked:
         parts.append(f"not flown to {', '.join(unchecked)}")
     text = "; ".join(parts)
@@ -186,34 +176,28 @@ def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
 
 def _left_words(run: Run, records: Sequence[Any], names: dict[int, str]) -> str:
     which = ", ".join(_name(r, names) for r in records)
-    n = f"{len(records)} candidate{'' if len(records) == 1 else 's'}"
     why = _why_unchecked(run, records[0]["candidate"])
     if len(records) > 1:
         why = why.replace("It lies", "They lie")
-    return f"{n} left unchecked ({which}): {why}"
+    return f"{counted(len(records), 'candidate')} left unchecked ({which}): {why}"
 
 
 def _name(record: Any, names: dict[int, str]) -> str:
-    """A candidate that was left unchecked may have had its verdict later, when the mission went on."""
+    """The name of a candidate. One left unchecked may have had its verdict later, after a resumption."""
     return names.get(record["candidate"], f"candidate {record['candidate']}")
 
 
 def _cause(run: Run, record: Any) -> Any:
-    """The safety line that made the mission leave a candidate unchecked, or None."""
+    """The safety record that made the mission leave a candidate unchecked, or None."""
     before = run.records[: run.records.index(record)]
     asked = ("REFUSE_CHECK",) if record.get("reason") else ("REFUSE_CHECK", "RETURN", "LAND", "KEEP_OUT")
     return next((r for r in reversed(before) if r["kind"] == "safety" and r["action"] in asked), None)
 
 
-def _is_refused(run: Run, record: Any) -> bool:
-    cause = _cause(run, record)
-    return cause is not None and cause["action"] == "REFUSE_CHECK"
-
-
 def _why_unchecked(run: Run, candidate: int) -> str:
     record = next((r for r in run.events(EventKind.UNCHECKED) if r["candidate"] == candidate), None)
     if record is None:
-        return "The mission had not come to it when the journal ends."
+        return "The mission had not reached it when the journal ended."
     if record.get("reason") == OUTSIDE:
         return "It lies outside the area that is searched."
     cause = _cause(run, record)
@@ -221,15 +205,12 @@ def _why_unchecked(run: Run, candidate: int) -> str:
 
 
 def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[FoundTarget]) -> Section:
-    header = [
-        "Found", "Confirmed (min:s)", "Latitude (°)", "Longitude (°)", "95 % radius (m)", "Confidence",
-    ]  # fmt: skip
+    header = ["Found", "Confirmed (min:s)", "Latitude (°)", "Longitude (°)", "95 % radius (m)", "Confidence"]
     rows = [
         [
             target.name,
             clock(target.confirmed_s or 0.0),
-            f"{target.latitude_deg:.7f}",
-            f"{target.longitude_deg:.7f}",
+            *_place(target),
             _or_dash(target.radius_95_m, "{:.1f}"),
             _or_dash(target.confidence, "{:.2f}"),
         ]
@@ -244,11 +225,15 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
     grids = [Grid(header, rows)] if rows else []
     if missed:
         lost = [(t.kind, *(f"{v:.1f}" for v in t.position_enu_m[:2]), _how_missed(run, t)) for t in missed]
-        grids.append(
-            Grid(("Missed", "East (m)", "North (m)", "Why"), lost, "Targets that were not confirmed")
-        )
+        header = ["Missed", "East (m)", "North (m)", "Why"]
+        grids.append(Grid(header, lost, "Targets that were not confirmed"))
     if unchecked:
-        grids.append(_unchecked_grid(run, unchecked))
+        header = ["Unchecked", "Latitude (°)", "Longitude (°)", "Confidence", "Why"]
+        rows = [
+            [t.name, *_place(t), _or_dash(t.confidence, "{:.2f}"), _why_unchecked(run, t.candidate)]
+            for t in unchecked
+        ]
+        grids.append(Grid(header, rows, "Candidates that were not checked: have a look"))
     text = "The same places are in targets.geojson, targets.kml, targets.gpx and targets.csv (WGS 84)."
     if not found:
         text = "No target was confirmed."
@@ -256,7 +241,7 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
 
 
 def _truth(run: Run, target: FoundTarget) -> tuple[str, str]:
-    """Whether a confirmed target is one, and how far off its position is."""
+    """Whether a confirmed target is a true one, and its position error."""
     matches = match(run)
     index = matches.confirmed.get(target.candidate)
     if index is None:
@@ -265,22 +250,8 @@ def _truth(run: Run, target: FoundTarget) -> tuple[str, str]:
     return "yes", f"{horizontal_distance_m(story, run.world.targets[index]):.2f}"
 
 
-def _unchecked_grid(run: Run, unchecked: Sequence[FoundTarget]) -> Grid:
-    rows = [
-        (
-            target.name,
-            f"{target.latitude_deg:.7f}",
-            f"{target.longitude_deg:.7f}",
-            _or_dash(target.confidence, "{:.2f}"),
-            _why_unchecked(run, target.candidate),
-        )
-        for target in unchecked
-    ]
-    return Grid(
-        ("Unchecked", "Latitude (°)", "Longitude (°)", "Confidence", "Why"),
-        rows,
-        "Candidates that were not checked: have a look",
-    )
+def _place(target: FoundTarget) -> tuple[str, str]:
+    return f"{target.latitude_deg:.7f}", f"{target.longitude_deg:.7f}"
 
 
 def _how_missed(run: Run, target: Any) -> str:
@@ -300,14 +271,13 @@ def _strategy(run: Run) -> str:
 
 
 def _numbers(summary: RunSummary) -> Grid:
-    rows = []
-    for key, value in summary.items():
-        if key not in ("pos_curve", "time_to_confirm_s"):
-            rows.append(
-                (key, "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value))
-            )
+    rows = [
+        (key, _or_dash(value, "{:.4g}" if isinstance(value, float) else "{}"))
+        for key, value in summary.items()
+        if key not in ("pos_curve", "time_to_confirm_s")
+    ]
     return Grid(("summary.json", "Value"), rows)
 
 
-def _or_dash(value: float | None, form: str) -> str:
+def _or_dash(value: Any, form: str) -> str:
     return "-" if value is None else form.format(value)

@@ -1,15 +1,16 @@
-"""The numbers of one mission, by name. docs/results.md says what each means."""
+"""The numbers of one mission, by name. docs/results.md explains them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, TypedDict, cast
 
-Limit = float | str  # n_c or d_c; JSON has no infinity: it is the string "inf"
+Limit = float | str  # n_c or d_c; infinity is the string "inf", since JSON has none
 
 
 class Summary(TypedDict):
-    """What a mission achieved. None: does not apply; without truth nothing is judged."""
+    """The numbers of a mission. None means not applicable; without truth nothing can be judged."""
 
     scenario: str
     strategy: str
@@ -51,7 +52,7 @@ class Summary(TypedDict):
 
 
 class RunSummary(Summary):
-    """What ``summary.json`` holds beside its checksums; the mission may still fly."""
+    """The content of ``summary.json`` without its checksums. The mission may still fly."""
 
     ended: bool
     n_unchecked: int
@@ -60,3 +61,21 @@ class RunSummary(Summary):
 def value_of(summary: Summary, key: str) -> Any:
     """A number of a summary whose name is not written out."""
     return cast("Mapping[str, Any]", summary)[key]
+
+
+def finite_or_inf(value: float) -> Limit:
+    """The number itself, as an int where it is whole, or the string ``"inf"``."""
+    if math.isinf(value):
+        return "inf"
+    return int(value) if float(value).is_integer() else float(value)
+
+
+def plain(node: Any) -> Any:
+    """A value that JSON can hold: infinity becomes the string ``"inf"``, NaN null."""
+    if isinstance(node, dict):
+        return {key: plain(value) for key, value in node.items()}
+    if isinstance(node, list | tuple):
+        return [plain(value) for value in node]
+    if isinstance(node, float) and not math.isfinite(node):
+        return None if math.isnan(node) else "inf" if node > 0 else "-inf"
+    return node

@@ -1,7 +1,7 @@
-"""``summary.json``: a mission's numbers, with a checksum and the journal that they were made from.
+"""``summary.json``: a mission's numbers, with a checksum of the file and of the journal behind them.
 
-The last two fields are ``journal``, the checksum of that journal's last line, which speaks for all of them,
-and ``crc``, the CRC-32 (that of zlib, in hexadecimal) of the file before the comma in front of it.
+The last two fields are ``journal``, the checksum of the journal's last line, which covers all lines, and
+``crc``, the CRC-32 (zlib's, in hexadecimal) of the file up to the comma before it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def write_summary(path: Path, summary: Mapping[str, Any], journal: int) -> None:
 
 
 def read_summary(path: Path) -> tuple[dict[str, Any], int]:
-    """A summary and the checksum of its journal's last line. Raises UserError where it is not sound."""
+    """A summary and the checksum of its journal's last line. Raises UserError where it is damaged."""
     data = path.read_bytes()
     text = data[:-_SEAL_LENGTH]
     if data[-_SEAL_LENGTH:] != (_SEAL % zlib.crc32(text)).encode():

@@ -1,4 +1,4 @@
-"""Everything that is made of a mission's journal."""
+"""All results that are made from a mission's journal."""
 
 from __future__ import annotations
 
@@ -18,13 +18,9 @@ from skysweep.results.summary_file import write_summary
 def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> RunSummary:
     """Write summary, map, positions, recording and report of a mission into ``out``, whole or not at all.
 
-    The mission may have been broken off, or still fly: then ``ended`` is false in the summary.
-
-    Returns:
-        What ``summary.json`` holds, without its checksums. It is written last.
-
-    Raises:
-        CannotWriteError: ``out`` cannot be written to.
+    The mission may have been broken off, or still fly: then ``ended`` is false in the summary, which is
+    written last and returned without its checksums. Raises CannotWriteError where ``out`` cannot be written
+    to.
     """
     summary = whole_summary(run, wall_time_s)
     with whole_files(out) as unfinished:

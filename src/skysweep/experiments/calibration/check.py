@@ -1,8 +1,8 @@
 """Goodness of fit of the statistical sensor, on looks that the fit has not seen.
 
-Worlds are dealt into folds; each fold is told by what was fitted to the others. Looks of one world share
-ground, light and objects, so nothing of a fold is known to its fit. Successive looks are correlated: the
-intervals that one would draw around the measured shares are wider than those of as many independent looks.
+Worlds are dealt into folds, and each fold is predicted from a fit to the others. Looks of one world share
+ground, light and objects, so the fit knows nothing of the fold that it predicts. Successive looks are
+correlated, so the measured shares are less certain than those of as many independent looks.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from skysweep.experiments.calibration.fit import MISSION_CONFIDENCE_MIN, Key, fi
 from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, ScoredLooks
 from skysweep.sensing.statistical.factors import CONTRAST_UNIT, CONTRAST_USUAL, NAMES
 from skysweep.sensing.statistical.model import Fit, HeldOut
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 FOLDS = 5
-THRESHOLDS = (MISSION_CONFIDENCE_MIN, 0.6)  # what missions report, what confirms a candidate
-LEAST = 1e-3  # chance of a report of what was not reported in any other fold
+THRESHOLDS = (MISSION_CONFIDENCE_MIN, 0.6)  # missions report from the first, and confirm from the second
+LEAST = 1e-3  # chance of a report that occurs in no other fold
 EDGES: dict[str, tuple[float, ...]] = {
     "pixels": (4, 7, 10, 14, 20, 40, 80, 220),
     "off nadir (deg)": (0, 10, 20, 30, 40, 50),
@@ -39,7 +39,7 @@ EDGES: dict[str, tuple[float, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """Looks at each kind as each class that it is reported as (M,), and what other folds say of them."""
+    """Looks (M,) at each kind as each class that it is reported as, and their cross-validated predictions."""
 
     subject: I64
     class_index: I64
@@ -50,24 +50,22 @@ class Told:
     rate: F64  # (M, T) of all looks at the kind
 
     def reported(self, t: int) -> NDArray[np.bool_]:
-        """(M,) what was reported with at least threshold ``t``."""
+        """(M,) whether the confidence reached threshold number ``t``."""
         return self.confidences >= THRESHOLDS[t]
 
     @property
     def is_own(self) -> NDArray[np.bool_]:
         """(M,) targets reported as what they are."""
-        own = [kind in CLASSES and CLASSES.index(kind) for kind, _ in SUBJECTS]
-        of_subject = np.array([-1 if index is False else index for index in own])
-        return np.asarray(of_subject[self.subject] == self.class_index)
+        own = np.array([CLASSES.index(kind) if kind in CLASSES else -1 for kind, _ in SUBJECTS])
+        return np.asarray(own[self.subject] == self.class_index)
 
 
 def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
-    """What the folds say of one another."""
+    """Cross-validated predictions."""
     worlds, world = np.unique(looks.world, return_inverse=True)
-    fold_of_world = np.random.default_rng(0).permutation(len(worlds)) % FOLDS
-    fold = fold_of_world[world]
-    parts: list[tuple[F64, ...]] = []
-    rows_of: list[I64] = []
+    fold = (np.random.default_rng(0).permutation(len(worlds)) % FOLDS)[world]
+    no_rows, no_chances = np.zeros(0, dtype=int), np.zeros((0, len(THRESHOLDS)))
+    parts = [(no_rows, no_rows, no_chances, no_chances)]  # rows of the looks, classes, chances, rates
     for f in range(FOLDS):
         train, test = np.flatnonzero(fold != f), np.flatnonzero(fold == f)
         if not len(train) or not len(test):
@@ -84,9 +82,8 @@ def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
                     chance[:, t] = curve.chance(looks.pixels[rows], factors[rows], threshold)
                 if mine.any():
                     rate[:, t] = (known.confidences[mine, c] >= threshold).mean()
-            parts.append((np.full(len(rows), c), looks.confidences[rows, c], chance, rate))
-            rows_of.append(rows)
-    rows = np.concatenate([*rows_of, np.zeros(0, dtype=int)])
+            parts.append((rows, np.full(len(rows), c), chance, rate))
+    rows, class_index, chance, rate = (np.concatenate(column) for column in zip(*parts, strict=True))
     contrast = factors[rows, NAMES.index("contrast")] * CONTRAST_UNIT + CONTRAST_USUAL
     values = {
         "pixels": looks.pixels[rows],
@@ -99,23 +96,14 @@ def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
         "blur over pixels": factors[rows, NAMES.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
     }
-    empty = np.zeros((0, len(THRESHOLDS)))
-    return Told(
-        looks.subject[rows],
-        np.concatenate([*(p[0] for p in parts), np.zeros(0)]).astype(int),
-        factors[rows],
-        values,
-        np.concatenate([*(p[1] for p in parts), np.zeros(0)]),
-        np.clip(np.concatenate([*(p[2] for p in parts), empty]), LEAST, 1 - LEAST),
-        np.clip(np.concatenate([*(p[3] for p in parts), empty]), LEAST, 1 - LEAST),
-    )
+    subject, confidences = looks.subject[rows], looks.confidences[rows, class_index]
+    chances = (np.clip(part, LEAST, 1 - LEAST) for part in (chance, rate))
+    return Told(subject, class_index, factors[rows], values, confidences, *chances)
 
 
 def goodness(told: Told) -> list[HeldOut]:
-    """Scores at every threshold; the parts of the looks at the missions' threshold only."""
-    if not len(told.subject):
-        return []
-    return [_held_out(told, t) for t in range(len(THRESHOLDS))]
+    """Scores at each threshold, with those of parts of the looks at the missions' threshold."""
+    return [_held_out(told, t) for t in range(len(THRESHOLDS))] if len(told.subject) else []
 
 
 def _held_out(told: Told, t: int) -> HeldOut:
@@ -137,7 +125,7 @@ def _deviance(y: F64, p: F64) -> float:
 
 
 def calibration_error(y: F64, p: F64, bins: int = 10) -> float:
-    """Mean distance of the measured share and the mean chance, over bins of equal width, by looks."""
+    """Mean distance between measured share and mean chance over bins of equal width, weighted by looks."""
     which = np.minimum((p * bins).astype(int), bins - 1)
     gaps = np.abs(np.bincount(which, y - p, minlength=bins))
     return float(gaps.sum() / len(y))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,20 +20,13 @@ from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, SURFACES, 
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import DEFAULT_SIZE_M
 from skysweep.sensing.statistical.factors import FACTORS
-from skysweep.sensing.statistical.model import (
-    BackgroundModel,
-    KindModel,
-    StatisticalModel,
-    score_of,
-)
-
-F64 = NDArray[np.float64]
+from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
+from skysweep.types import F64
 
 _COLOURS = dict(zip(CLASSES, ("#D55E00", "#0072B2", "#009E73"), strict=True))
 _COLUMNS = 4
-_TICKS_PX = [5, 10, 20, 50, 100, 200]
 _MIN_LOOKS = 8
-_USUAL_LOOKS = 200  # over which what is drawn is averaged
+_USUAL_LOOKS = 200  # over which the lines average
 _NO_SHIFT = np.zeros((1, len(FACTORS) + len(SURFACES)))
 _DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 
@@ -41,20 +34,18 @@ _DISTRACTORS = [kind for kind in DEFAULT_SIZE_M if kind not in CLASSES]
 def draw_fit(
     looks: ScoredLooks, background: Background, told: Told, model: StatisticalModel, path: Path
 ) -> None:
-    """Everything in one picture.
+    """Draw everything in one picture.
 
-    Above, a pair of panels for each kind and pose: rate and confidence of reports over pixels on target.
-    Dots with bars: measured, with 95 % (Clopper-Pearson) intervals. Lines: what the sensor draws at the
-    missions' threshold for a usual look (the middle of the measured factors); the band holds two thirds.
-    Below: looks that the fit has not seen, by factor and by what was told of them; reports where nothing is,
-    and what look-alikes are taken for, over altitude.
+    Above are two panels for each kind and pose: rate and confidence of reports over pixels on target. Dots
+    with bars are measured, with 95 % (Clopper-Pearson) intervals. Lines are what the sensor draws at the
+    missions' threshold for usual looks; the band holds two thirds. Below are held-out looks, by factor and by
+    their predicted chance. The last panels show reports of nothing and reports of look-alikes over altitude.
     """
     rows = -(-len(SUBJECTS) // _COLUMNS)
     check_rows = -(-(len(EDGES) + 3) // _COLUMNS)
     heights = [3.3 * rows, 3.3 * check_rows]
     figure = Figure(figsize=(3.1 * _COLUMNS, sum(heights) + 0.2), layout="constrained")
-    parts: Any = figure.subfigures(2, 1, height_ratios=heights)
-    above, below = parts
+    above, below = cast("Any", figure.subfigures(2, 1, height_ratios=heights))
     _draw_kinds(above, rows, looks, told, model)
     panels = below.subplots(check_rows, _COLUMNS).ravel()
     _draw_checks(panels, told)
@@ -72,6 +63,7 @@ def draw_fit(
 
 def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: StatisticalModel) -> None:
     axes = figure.subplots(2 * rows, _COLUMNS, sharex=True, height_ratios=[1.0, 0.8] * rows, squeeze=False)
+    fits = {(k.kind, k.pose, k.reported_as): k for k in model.kinds}
     for index, (kind, pose) in enumerate(SUBJECTS):
         row, column = divmod(index, _COLUMNS)
         above, below = axes[2 * row, column], axes[2 * row + 1, column]
@@ -79,17 +71,14 @@ def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: S
         above.set_title(f"{kind}, {pose} ({len(mine.pixels)} looks)", fontsize=9)
         usual = _usual_factors(told, index)
         for c, name in enumerate(CLASSES):
-            fitted = next(
-                (k for k in model.kinds if (k.kind, k.pose, k.reported_as) == (kind, pose, name)), None
-            )
-            if fitted is not None:
+            if (kind, pose, name) in fits:
                 _measured(above, below, mine.pixels, mine.confidences[:, c], name)
-                _drawn(above, below, fitted, usual, name)
+                _drawn(above, below, fits[kind, pose, name], usual, name)
         _decorate(above, below, first=column == 0)
     for spare in range(len(SUBJECTS), rows * _COLUMNS):
         row, column = divmod(spare, _COLUMNS)
-        axes[2 * row, column].set_axis_off()
-        axes[2 * row + 1, column].set_axis_off()
+        for axis in axes[2 * row : 2 * row + 2, column]:
+            axis.set_axis_off()
     handles = [
         above.errorbar([], [], [], fmt="-o", color=colour, markersize=3, label=f"reported as {name}")
         for name, colour in _COLOURS.items()
@@ -98,7 +87,7 @@ def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: S
 
 
 def _usual_factors(told: Told, subject: int) -> F64:
-    """(M, F) of some of the looks, evenly chosen."""
+    """(M, F) of evenly chosen looks."""
     factors = told.factors[told.subject == subject]
     return factors[:: -(-len(factors) // _USUAL_LOOKS)] if len(factors) else _NO_SHIFT
 
@@ -129,9 +118,8 @@ def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str
 def _dot(axes: Axes, x: float, k: int, n: int, colour: str) -> None:
     """A measured share with its 95 % interval."""
     low, high = binomtest(k, n).proportion_ci()
-    axes.errorbar(
-        [x], [k / n], [[k / n - low], [high - k / n]], fmt="o", color=colour, markersize=3, linewidth=0.9
-    )
+    bar = [[k / n - low], [high - k / n]]
+    axes.errorbar([x], [k / n], bar, fmt="o", color=colour, markersize=3, linewidth=0.9)
 
 
 def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -> None:
@@ -139,9 +127,8 @@ def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -
     above.plot(GRID_PX, rates, color=_COLOURS[name], linewidth=1.3)
     steps = np.linspace(MISSION_CONFIDENCE_MIN, 0.999, 200)
     share_above = np.array([drawn_rates(kind, factors, step) for step in steps]) / np.maximum(rates, 1e-9)
-    low, middle, high = (
-        np.array([np.interp(q, 1.0 - share, steps) for share in share_above.T]) for q in (0.16, 0.5, 0.84)
-    )
+    quantiles = (0.16, 0.5, 0.84)
+    low, middle, high = np.array([np.interp(quantiles, 1.0 - share, steps) for share in share_above.T]).T
     likely = rates >= 0.01
     below.plot(GRID_PX, np.where(likely, middle, np.nan), color=_COLOURS[name], linewidth=1.3)
     below.fill_between(GRID_PX, low, high, where=list(likely), color=_COLOURS[name], alpha=0.18, linewidth=0)
@@ -149,13 +136,9 @@ def _drawn(above: Axes, below: Axes, kind: KindModel, factors: F64, name: str) -
 
 def _decorate(above: Axes, below: Axes, first: bool) -> None:
     for axes in (above, below):
-        axes.set_xscale("log")
-        axes.set_xlim(3.7, 230)
+        _log_axis(axes, (3.7, 230), [5, 10, 20, 50, 100, 200])
         axes.set_ylim(-0.03, 1.03)
         axes.grid(alpha=0.25, linewidth=0.5)
-        axes.xaxis.set_major_locator(FixedLocator(_TICKS_PX))
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.tick_params(labelsize=7, labelbottom=axes is below)
     below.set_ylim(0.2, 1.03)
     below.set_xlabel("pixels on target", fontsize=8)
@@ -165,7 +148,6 @@ def _decorate(above: Axes, below: Axes, first: bool) -> None:
 
 
 def _draw_checks(panels: NDArray[Any], told: Told) -> None:
-    """Targets of held-out worlds: reports by factor, and by the chance that they were given."""
     own = told.is_own
     for axes, (name, edges) in zip(panels, EDGES.items(), strict=False):
         labels = []
@@ -200,17 +182,15 @@ def _draw_background(axes: Axes, seen: Background, model: StatisticalModel) -> N
         counts, _ = np.histogram(seen.altitude_agl_m[seen.picture_of_report[strong]], edges)
         ground, _ = np.histogram(seen.altitude_agl_m, edges, weights=seen.hectares)
         some = (ground > 0) & (counts > 0)
-        middles, rates = np.sqrt(edges[1:] * edges[:-1])[some], counts[some] / ground[some]
+        middles, rates = np.sqrt(edges[1:] * edges[:-1]), counts[some] / ground[some]
         bars = np.sqrt(counts[some]) / ground[some]
-        axes.errorbar(middles, rates, bars, fmt="o", color=_COLOURS[name], markersize=3, linewidth=0.9)
+        axes.errorbar(middles[some], rates, bars, fmt="o", color=_COLOURS[name], markersize=3, linewidth=0.9)
         fitted = next((b for b in model.background if b.reported_as == name), None)
         if fitted is not None:
-            expected, _ = np.histogram(
-                seen.altitude_agl_m, edges, weights=seen.hectares * background_rates(fitted, model, seen)
-            )
+            reports = seen.hectares * background_rates(fitted, model, seen)
+            expected, _ = np.histogram(seen.altitude_agl_m, edges, weights=reports)
             looked = ground > 0
-            centres = np.sqrt(edges[1:] * edges[:-1])[looked]
-            axes.plot(centres, expected[looked] / ground[looked], color=_COLOURS[name])
+            axes.plot(middles[looked], expected[looked] / ground[looked], color=_COLOURS[name])
     axes.set_ylim(bottom=0.0)
     _finish_altitudes(axes, "reports where nothing is", "a hectare and look")
 
@@ -225,21 +205,20 @@ def _draw_distractors(axes: Axes, model: StatisticalModel) -> None:
 
 
 def background_rates(fitted: BackgroundModel, model: StatisticalModel, seen: Background) -> F64:
-    """(M,): what the model says of each picture, reports a hectare with the missions' threshold."""
+    """(M,): predicted reports per hectare of each picture at the missions' threshold."""
     at, grid = np.log(seen.altitude_agl_m), np.log(fitted.altitude_agl_m)
     excess = score_of(MISSION_CONFIDENCE_MIN) - score_of(model.experiment.confidence_floor)
     scale = fitted.unit_scale * np.interp(at, grid, fitted.score_scale)
     strong = np.exp(-((excess / scale) ** fitted.score_shape))
     on = np.array([fitted.surfaces[name] for name in SURFACES])[seen.surface]
-    return np.asarray(
-        np.interp(at, grid, fitted.per_hectare) * strong * on * np.where(seen.wooded, fitted.wooded, 1)
-    )
+    rates = np.interp(at, grid, fitted.per_hectare) * strong * on
+    return np.asarray(rates * np.where(seen.wooded, fitted.wooded, 1))
 
 
 def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:
-    """Altitudes (m) and the chance that a look from there reports one of this kind as any target.
+    """Altitudes (m) and the chance that a look from there reports this kind as any target.
 
-    Of the usual size, from straight above and against the usual ground, through the calibrated lens.
+    The object has the usual size and ground and is seen from straight above through the calibrated lens.
     """
     camera = model.camera
     lens = Lens(camera.width_px, camera.height_px, camera.hfov_rad)
@@ -254,13 +233,17 @@ def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:
 
 
 def _finish_altitudes(axes: Axes, title: str, ylabel: str) -> None:
-    axes.set_xscale("log")
-    axes.set_xlim(2.5, 130)
-    axes.xaxis.set_major_locator(FixedLocator([3, 6, 12, 25, 50, 100]))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    _log_axis(axes, (2.5, 130), [3, 6, 12, 25, 50, 100])
     axes.set_xlabel("altitude above ground (m)", fontsize=8)
     _finish(axes, title, ylabel)
+
+
+def _log_axis(axes: Axes, limits: tuple[float, float], ticks: list[int]) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(limits)
+    axes.xaxis.set_major_locator(FixedLocator(ticks))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def _finish(axes: Axes, title: str, ylabel: str) -> None:

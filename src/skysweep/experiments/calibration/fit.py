@@ -1,18 +1,18 @@
 """From looks to the numbers of the statistical sensor.
 
-The score of a look is normal, its mean smooth over log pixels (second differences are penalised: Eilers and
-Marx, Statistical Science 11, 1996) plus linear factors and, for every ground, what it does beside the usual
-one; looks without a report are censored at the floor of the experiment. Every kind, pose and class is fitted
-by penalised maximum likelihood, twice: first each on its own, then with the means over all kinds as priors of
-factors, spread and shares (partial pooling).
+The score of a look is normal. Its mean is smooth over log pixels (second differences are penalised: Eilers
+and Marx, Statistical Science 11, 1996) plus linear factors and one shift for each ground. Looks without a
+report are censored at the floor of the experiment. Each kind, pose and class is fitted by penalised maximum
+likelihood twice: first on its own, then with the means over all kinds as priors (partial pooling).
 
-What is common to looks at one object and to looks of one pass are shares of the score's variance. They do
-not touch the fit of single looks and come from pairs of looks by their likelihood (composite likelihood:
+Looks at one object, and looks of one pass, share a part of the score's variance. These shares do not affect
+the fit of single looks. They are estimated from the likelihood of pairs of looks (composite likelihood:
 Varin, Reid and Firth, Statistica Sinica 21, 2011).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,6 +25,7 @@ from scipy.stats import weibull_min
 from skysweep.experiments.calibration.looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
+    I64,
     PASS_LOOKS,
     SUBJECTS,
     SURFACES,
@@ -39,28 +40,20 @@ from skysweep.sensing.statistical.factors import (
     NAMES,
     factors_of_look,
 )
-from skysweep.sensing.statistical.model import (
-    BackgroundModel,
-    BoxModel,
-    ContrastModel,
-    KindModel,
-    score_of,
-)
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from skysweep.sensing.statistical.model import BackgroundModel, BoxModel, ContrastModel, KindModel, score_of
+from skysweep.types import F64
 
 GRID_PX = (4.0, 5.5, 7.5, 10.0, 14.0, 20.0, 28.0, 40.0, 57.0, 80.0, 113.0, 160.0, 220.0)
 ALTITUDES_M = (3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 MISSION_CONFIDENCE_MIN = 0.25
-MIN_REPORTS, MIN_OBJECTS = 5, 3  # fewer reports, from fewer objects: the kind is not reported as the class
+MIN_REPORTS, MIN_OBJECTS = 5, 3  # with fewer reports or objects a kind counts as never reported as the class
 
 FLOOR_SCORE = float(score_of(CONFIDENCE_FLOOR))
 _SPREAD_KNOTS_PX = (5.5, 20.0, 80.0)  # of its log, linear in between
 _LAPSE_KNOTS_PX = (4.0, 7.5, 20.0)  # of its logit
-_LOOK_WEIGHT = 0.7  # looks of one pass are alike: three say about as much as two
+_LOOK_WEIGHT = 0.7  # looks of one pass are alike: three carry about as much information as two
 _CURVE_STD = 0.3  # of the second differences of the mean from node to node
-_SLOPE_STD = 0.5  # of the first: where nothing was seen, the mean stays as it is
+_SLOPE_STD = 0.5  # of the first differences: the mean stays constant where nothing was seen
 _MEAN = (-1.0, 2.0)  # prior of the mean
 _SPREAD_STD = 0.4  # prior of the log spread
 _USUAL_SPREAD = 0.4
@@ -76,7 +69,7 @@ _LIMITS = (
 _N = len(GRID_PX)
 _FIRST_SHIFT = _N + len(_SPREAD_KNOTS_PX)
 _LAPSE_AT = _FIRST_SHIFT + len(FACTORS) + len(SURFACES)
-_PAIR_REACH = 16  # looks at an object further apart in the list of them are not paired
+_PAIR_REACH = 16  # looks at an object that are further apart in the list are not paired
 _PAIR_WEIGHT = 0.2
 _MAX_PAIRS = 4000
 _SHARES = np.linspace(0.0, 0.9, 19)
@@ -101,42 +94,34 @@ class ScoreCurve:
 
     @property
     def spread(self) -> F64:
-        """(G,) over the grid."""
+        """(G,) over the grid, as is ``lapse``."""
         return np.asarray(np.exp(np.interp(np.log(GRID_PX), np.log(_SPREAD_KNOTS_PX), self.log_spread)))
 
     @property
     def lapse(self) -> F64:
-        """(G,) over the grid."""
         return np.asarray(expit(np.interp(np.log(GRID_PX), np.log(_LAPSE_KNOTS_PX), self.lapse_logit)))
 
     def at(self, pixels: F64, factors: F64) -> tuple[F64, F64, F64]:
-        """Mean and spread of the scores of looks and their lapse: (N,) pixels, (N, S) factors."""
+        """Mean and spread of the scores, and the lapse, of looks with (N,) pixels and (N, S) factors."""
         x, grid = np.log(pixels), np.log(GRID_PX)
         mean, spread, lapse = (np.interp(x, grid, table) for table in (self.mean, self.spread, self.lapse))
         return mean + factors @ self.shifts, spread, lapse
 
     def chance(self, pixels: F64, factors: F64, confidence: float) -> F64:
-        """Of a report with at least this confidence (N,)."""
+        """(N,) chance of a report with at least this confidence."""
         mean, spread, lapse = self.at(pixels, factors)
         return np.asarray((1.0 - lapse) * ndtr((mean - score_of(confidence)) / spread))
 
 
-@dataclass(frozen=True, slots=True)
-class Priors:
-    """Means over all kinds."""
-
-    log_spread: F64
-    shifts: F64
-
-
-FIRST_PRIORS = Priors(np.full(3, np.log(_USUAL_SPREAD)), _SHIFT_MEAN)
+Priors = tuple[F64, F64]  # log_spread and shifts of a ScoreCurve, means over all kinds
+FIRST_PRIORS: Priors = np.full(3, np.log(_USUAL_SPREAD)), _SHIFT_MEAN
 Key = tuple[int, int]  # index in SUBJECTS, index in CLASSES
 
 
 def factors_of(looks: ScoredLooks) -> F64:
     """(N, S): FACTORS, then 1 for the ground among SURFACES.
 
-    Colours that were not measured are those of the kind on this ground.
+    Colours that were not measured are set to the mean of the kind on this ground.
     """
     colour = looks.colour.copy()
     for subject, surface in {*zip(looks.subject.tolist(), looks.surface.tolist(), strict=True)}:
@@ -144,24 +129,14 @@ def factors_of(looks: ScoredLooks) -> F64:
         known = colour[rows & np.isfinite(colour)]
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
-    seen = zip(
-        looks.view,
-        looks.front,
-        looks.pixels,
-        looks.hidden,
-        looks.cut,
-        looks.edge_y > 0.0,
-        looks.beside,
-        looks.blur_px,
-        contrast,
-        strict=True,
-    )
-    factors = np.array([factors_of_look(*look) for look in seen]).reshape(-1, len(FACTORS))
+    seen = (looks.view, looks.front, looks.pixels, looks.hidden, looks.cut, looks.edge_y > 0.0, looks.beside)
+    rows = zip(*seen, looks.blur_px, contrast, strict=True)
+    factors = np.array([factors_of_look(*look) for look in rows]).reshape(-1, len(FACTORS))
     return np.hstack([factors, np.eye(len(SURFACES))[looks.surface]])
 
 
 def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
-    """Every kind and pose as every class that it is reported as, pooled."""
+    """The curve of each kind and pose for each class that it is reported as."""
     keys = [
         (subject, c)
         for subject in range(len(SUBJECTS))
@@ -172,13 +147,12 @@ def fit_curves(looks: ScoredLooks, factors: F64) -> dict[Key, ScoreCurve]:
     for _ in range(2):
         for subject, c in keys:
             rows = looks.subject == subject
-            curves[subject, c] = fit_curve(
-                looks.pixels[rows], factors[rows], looks.confidences[rows, c], priors
-            )
+            mine = looks.where(rows)
+            curves[subject, c] = fit_curve(mine.pixels, factors[rows], mine.confidences[:, c], priors)
         if keys:
             n = [((looks.subject == s) & (looks.confidences[:, c] > 0)).sum() for s, c in keys]
             weights = np.minimum(n, 300.0)
-            priors = Priors(
+            priors = (
                 np.average([curves[k].log_spread for k in keys], axis=0, weights=weights),
                 np.average([curves[k].shifts for k in keys], axis=0, weights=weights),
             )
@@ -190,22 +164,23 @@ def _is_reported(reports: ScoredLooks, c: int) -> bool:
     return bool(strong.sum() >= MIN_REPORTS and len(np.unique(reports.instance[strong])) >= MIN_OBJECTS)
 
 
-def node_weights(pixels: F64) -> F64:
-    """(N, G): linear interpolation over log pixels between the nodes."""
-    x, grid = np.clip(np.log(pixels), np.log(GRID_PX[0]), np.log(GRID_PX[-1])), np.log(GRID_PX)
-    return np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))], axis=1)
-
-
 def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRST_PRIORS) -> ScoreCurve:
-    """The curve that makes looks (N,) and priors most likely together; confidence 0 is no report."""
+    """The curve that makes looks (N,) and priors most likely together. Confidence 0 is no report."""
     seen = confidences > 0
     x = score_of(confidences[seen])
-    design = np.hstack([node_weights(pixels), factors])
-    spread_design = node_weights(pixels) @ _from_knots(_SPREAD_KNOTS_PX)
-    lapse_design = node_weights(pixels) @ _from_knots(_LAPSE_KNOTS_PX)
-    slopes = np.diff(np.eye(_N), axis=0)
-    bends = np.vstack([np.diff(slopes, axis=0) / _CURVE_STD, slopes / _SLOPE_STD])
+    nodes = _hats(pixels, GRID_PX)
+    design = np.hstack([nodes, factors])
+    spread_design = nodes @ _hats(GRID_PX, _SPREAD_KNOTS_PX)
+    lapse_design = nodes @ _hats(GRID_PX, _LAPSE_KNOTS_PX)
+    bends = _smoothness(_N, _CURVE_STD, _SLOPE_STD)
     mean_places = [*range(_N), *range(_FIRST_SHIFT, _LAPSE_AT)]
+    usual_log_spread, usual_shifts = priors
+    prior: list[tuple[slice, F64 | float, F64 | float]] = [
+        (slice(0, _N), *_MEAN),
+        (slice(_N, _FIRST_SHIFT), usual_log_spread, _SPREAD_STD),
+        (slice(_FIRST_SHIFT, _LAPSE_AT), usual_shifts, _SHIFT_STD),
+        (slice(_LAPSE_AT, None), *_LAPSE),
+    ]
 
     def cost(theta: F64) -> tuple[float, F64]:
         mean, log_std = design @ theta[mean_places], spread_design @ theta[_N:_FIRST_SHIFT]
@@ -229,7 +204,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
         bend = bends @ theta[:_N]
         value += 0.5 * bend @ bend
         gradient[:_N] += bends.T @ bend
-        for place, centre, std_ in _prior_of(priors):
+        for place, centre, std_ in prior:
             off = (theta[place] - centre) / std_
             value += 0.5 * float(np.sum(off * off))
             gradient[place] += off / std_
@@ -237,7 +212,7 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
 
     start = np.full(_LAPSE_AT + len(_LAPSE_KNOTS_PX), _LAPSE[0])
     start[:_N] = x.mean() if len(x) else FLOOR_SCORE
-    start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors.log_spread, priors.shifts
+    start[_N:_FIRST_SHIFT], start[_FIRST_SHIFT:_LAPSE_AT] = priors
     best = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=_LIMITS, options={"maxiter": 400}).x
     mean, shifts = best[:_N], best[_FIRST_SHIFT:_LAPSE_AT]
     usual = factors[:, len(FACTORS) :].mean(axis=0) @ shifts[len(FACTORS) :]
@@ -246,19 +221,15 @@ def fit_curve(pixels: F64, factors: F64, confidences: F64, priors: Priors = FIRS
     return ScoreCurve(mean, best[_N:_FIRST_SHIFT], shifts, best[_LAPSE_AT:])
 
 
-def _from_knots(knots_px: tuple[float, ...]) -> F64:
-    """(G, K): values on the grid from those at a few knots."""
-    units = np.eye(len(knots_px))
-    return np.stack([np.interp(np.log(GRID_PX), np.log(knots_px), unit) for unit in units], axis=1)
+def _hats(x: Sequence[float] | F64, grid: Sequence[float]) -> F64:
+    """(N, G) weights of linear interpolation between the nodes of a grid, both on a log scale."""
+    return np.stack([np.interp(np.log(x), np.log(grid), unit) for unit in np.eye(len(grid))], axis=1)
 
 
-def _prior_of(priors: Priors) -> list[tuple[slice, F64, F64]]:
-    return [
-        (slice(0, _N), np.full(_N, _MEAN[0]), np.full(_N, _MEAN[1])),
-        (slice(_N, _FIRST_SHIFT), priors.log_spread, np.full(3, _SPREAD_STD)),
-        (slice(_FIRST_SHIFT, _LAPSE_AT), priors.shifts, _SHIFT_STD),
-        (slice(_LAPSE_AT, _LAPSE_AT + 3), np.full(3, _LAPSE[0]), np.full(3, _LAPSE[1])),
-    ]
+def _smoothness(nodes: int, curve_std: float, slope_std: float) -> F64:
+    """Rows that turn values at nodes into bends and slopes, in standard deviations."""
+    slopes = np.diff(np.eye(nodes), axis=0)
+    return np.vstack([np.diff(slopes, axis=0) / curve_std, slopes / slope_std])
 
 
 # ---- what looks have in common -----------------------------------------------------------------------
@@ -266,7 +237,7 @@ def _prior_of(priors: Priors) -> list[tuple[slice, F64, F64]]:
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Two looks each at one object: standardised scores, or the floor where not ``seen``."""
+    """Pairs of looks at one object: standardised scores, or the floor where not ``seen``."""
 
     first: F64
     second: F64
@@ -277,7 +248,7 @@ class Pairs:
     second_lapse: F64
 
     def log_likelihood(self, correlation: F64) -> float:
-        """Of all pairs together, given their correlations (N,)."""
+        """The log-likelihood of all pairs, given their correlations (N,)."""
         rho, total = np.broadcast_to(correlation, self.first.shape), 0.0
         rest = np.sqrt(1.0 - rho**2)
         both = self.first_seen & self.second_seen
@@ -309,7 +280,7 @@ def both_below(a: F64, b: F64, correlation: F64) -> F64:
 
 
 def pairs_of(looks: ScoredLooks, factors: F64, curve: ScoreCurve, c: int) -> tuple[Pairs, Pairs]:
-    """Pairs of looks at one object: of two passes, and of one pass one after the other."""
+    """Pairs of looks at one object from two passes, and from one pass."""
     mean, spread, lapse = curve.at(looks.pixels, factors)
     seen = looks.confidences[:, c] > 0
     score = np.where(seen, score_of(np.where(seen, looks.confidences[:, c], 0.5)), FLOOR_SCORE)
@@ -338,7 +309,7 @@ def pairs_of(looks: ScoredLooks, factors: F64, curve: ScoreCurve, c: int) -> tup
 def fit_shares(
     looks: ScoredLooks, factors: F64, curves: dict[Key, ScoreCurve]
 ) -> tuple[dict[Key, tuple[float, float]], float]:
-    """The shares of object and pass in each kind's variance, and the pixels over which the latter fades."""
+    """The shares of object and pass in each kind's variance, and the pixels over which the pass's fades."""
     pairs = {
         (s, c): pairs_of(looks.where(looks.subject == s), factors[looks.subject == s], curve, c)
         for (s, c), curve in curves.items()
@@ -366,7 +337,7 @@ def fit_shares(
 
 
 def _pooled(tables: dict[Key, list[float]], usual: float) -> dict[Key, float]:
-    """The best of the shares for each kind, drawn to the mean of all."""
+    """The best share for each kind, drawn towards the mean of all."""
     centre, found = usual, dict[Key, float]()
     for _ in range(2):
         prior = -0.5 * ((_SHARES - centre) / _SHARE_STD) ** 2
@@ -379,44 +350,37 @@ def _pooled(tables: dict[Key, list[float]], usual: float) -> dict[Key, float]:
 # ---- the rest of the model ---------------------------------------------------------------------------
 
 
-def kind_models(curves: dict[Key, ScoreCurve], shares: dict[Key, tuple[float, float]]) -> list[KindModel]:
-    """As the model's file holds them."""
-    models = []
-    for (subject, c), curve in curves.items():
-        kind, pose = SUBJECTS[subject]
-        own, of_pass = shares[subject, c]
-        shifts = [round(float(b), 3) for b in curve.shifts]
-        models.append(
-            KindModel(
-                kind=kind,
-                pose=pose,
-                reported_as=CLASSES[c],
-                score=[round(float(v), 3) for v in curve.mean],
-                spread=[round(float(v), 3) for v in curve.spread],
-                **dict(zip(NAMES, shifts, strict=False)),
-                grounds=dict(zip(SURFACES, shifts[len(FACTORS) :], strict=True)),
-                lapse=[round(float(v), 4) for v in curve.lapse],
-                object_share=round(own, 3),
-                pass_share=round(of_pass, 3),
-            )
-        )
-    return models
+def kind_model(key: Key, curve: ScoreCurve, own_share: float, pass_share: float) -> KindModel:
+    """One kind as the model's file holds it."""
+    kind, pose = SUBJECTS[key[0]]
+    shifts = curve.shifts.round(3).tolist()
+    return KindModel(
+        kind=kind,
+        pose=pose,
+        reported_as=CLASSES[key[1]],
+        score=curve.mean.round(3).tolist(),
+        spread=curve.spread.round(3).tolist(),
+        **dict(zip(NAMES, shifts, strict=False)),
+        grounds=dict(zip(SURFACES, shifts[len(FACTORS) :], strict=True)),
+        lapse=curve.lapse.round(4).tolist(),
+        object_share=round(own_share, 3),
+        pass_share=round(pass_share, 3),
+    )
 
 
 def shifts_of(kind: KindModel) -> F64:
-    """(S,) as a curve has them."""
+    """(S,) in the order of ``ScoreCurve.shifts``."""
     return np.array([*kind.factors, *(kind.grounds.get(surface, 0.0) for surface in SURFACES)])
 
 
 def contrast_models(looks: ScoredLooks) -> list[ContrastModel]:
-    """Mean and spread over the objects of each kind, for every ground they stood on."""
+    """Mean and spread over the objects of each kind, for each ground that they stood on."""
     _, first = np.unique(looks.instance, return_index=True)
     models = []
     for subject, (kind, pose) in enumerate(SUBJECTS):
         surfaces = {}
         for k, surface in enumerate(SURFACES):
-            rows = first[(looks.subject[first] == subject) & (looks.surface[first] == k)]
-            colour = looks.colour[rows]
+            colour = looks.colour[first[(looks.subject[first] == subject) & (looks.surface[first] == k)]]
             colour = colour[np.isfinite(colour)]
             if len(colour) >= 3:
                 surfaces[surface] = (round(float(colour.mean()), 1), round(float(colour.std()), 1))
@@ -426,13 +390,13 @@ def contrast_models(looks: ScoredLooks) -> list[ContrastModel]:
 
 
 def fit_box(looks: ScoredLooks) -> BoxModel:
-    """Error of a box's centre from objects reported as what they are.
+    """Error of a box's centre, from objects reported as what they are.
 
-    Robust (median absolute deviation), so that a box on something else nearby does not count.
+    The median absolute deviation keeps boxes on something else nearby from counting.
     """
     variances, sizes, blurs = [], [], []
     for low, high in pairwise(GRID_PX):
-        for slow, fast in ((0.0, 0.7), (0.7, 2.0), (2.0, 99.0)):
+        for slow, usual, fast in ((0.0, 0.3, 0.7), (0.7, 1.2, 2.0), (2.0, 3.5, 99.0)):
             errors = []
             for index, (kind, pose) in enumerate(SUBJECTS):
                 if kind in CLASSES and pose != "standing":
@@ -445,7 +409,7 @@ def fit_box(looks: ScoredLooks) -> BoxModel:
             if len(found) >= 20:
                 variances.append((1.4826 * np.median(np.abs(found - np.median(found)))) ** 2)
                 sizes.append(np.sqrt(low * high))
-                blurs.append({0.0: 0.3, 0.7: 1.2, 2.0: 3.5}[slow])
+                blurs.append(usual)
     if len(variances) < 6:
         return BoxModel(pixels=0.7, of_object=0.03, of_blur=0.0)
     design = np.column_stack([np.ones(len(sizes)), np.square(sizes), np.square(blurs)])
@@ -455,12 +419,13 @@ def fit_box(looks: ScoredLooks) -> BoxModel:
 
 
 def fit_background(seen: Background, class_index: int) -> BackgroundModel | None:
-    """Reports of one class on no object, from the lowest of the altitudes up; None where there are too few.
+    """Reports of one class on no object, from the lowest altitude up; None where there are too few.
 
-    A rate a hectare, log-linear over log altitude (Poisson, smoothed), times a factor for the surface and one
-    for trees, both drawn towards 1 where little was seen; scores over the floor are Weibull's, their mean
-    log-linear over log altitude too. What one world shows again and again is one finding: both likelihoods
-    are divided by the reports a world that has any (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
+    The rate per hectare is Poisson, smoothed and log-linear over log altitude. A factor for the surface and
+    one for trees multiply it; both are drawn towards 1 where little was seen. Scores over the floor follow a
+    Weibull distribution, whose mean is log-linear over log altitude too. Repeated reports in one world count
+    as one finding: both likelihoods are divided by the mean number of reports of the worlds that have any
+    (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
     """
     high = seen.altitude_agl_m >= ALTITUDES_M[0]
     mine = (seen.class_index == class_index) & high[seen.picture_of_report]
@@ -469,10 +434,11 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         return None
     pictures = seen.picture_of_report[mine]
     alike = len(found) / len(np.unique(seen.world[pictures]))
-    ground = _background_design(seen.altitude_agl_m, seen.surface, seen.wooded)
+    altitude = _hats(seen.altitude_agl_m, ALTITUDES_M)
+    ground = np.column_stack([altitude, np.eye(len(SURFACES))[seen.surface], seen.wooded.astype(float)])
     hectares = np.where(high, seen.hectares, 0.0)
     at, n = ground[pictures].sum(axis=0), len(ALTITUDES_M)
-    bends = _smoothness(_RATE_CURVE_STD, _RATE_SLOPE_STD)
+    bends = _smoothness(n, _RATE_CURVE_STD, _RATE_SLOPE_STD)
 
     def cost(logs: F64) -> tuple[float, F64]:
         bend, factors = bends @ logs[:n], logs[n:] / _GROUND_STD
@@ -489,7 +455,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
     again = seen.again[followed]
     repeats = again > 0
     over = score_of(found) - FLOOR_SCORE
-    hats = ground[pictures, :n]
+    hats = altitude[pictures]
     scales = _scales(hats, over, alike)
     above = np.column_stack([seen.confidences[followed][repeats], again[repeats]])
     excess = score_of(np.minimum(above, 0.999)) - FLOOR_SCORE
@@ -500,7 +466,7 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         per_hectare=[float(f"{r:.3g}") for r in rates],
         surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=False)},
         wooded=float(f"{factors[-1]:.3g}"),
-        score_scale=[round(float(s), 3) for s in scales],
+        score_scale=scales.round(3).tolist(),
         score_shape=round(_shape(over / (hats @ scales), alike), 3),
         again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),
         same_share=round(float(np.clip((same + 0.5 * 5) / (len(excess) + 5), 0.0, 1.0)), 3),
@@ -509,8 +475,8 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
 
 
 def _scales(hats: F64, over: F64, alike: float) -> F64:
-    """Means of values (K,) at the altitudes, of rows (K, A) of altitude's hats (quasi-likelihood)."""
-    bends = _smoothness(_SCALE_CURVE_STD, _SCALE_SLOPE_STD)
+    """Means of values (K,) at the altitudes, given their rows of weights (K, A) (quasi-likelihood)."""
+    bends = _smoothness(len(ALTITUDES_M), _SCALE_CURVE_STD, _SCALE_SLOPE_STD)
 
     def cost(logs: F64) -> tuple[float, F64]:
         bend, share = bends @ logs, over * np.exp(-hats @ logs)
@@ -522,27 +488,10 @@ def _scales(hats: F64, over: F64, alike: float) -> F64:
 
 
 def _shape(ratios: F64, alike: float) -> float:
-    """Of the Weibull distribution of values (K,) whose mean is 1, drawn to that of an exponential one."""
+    """Shape of the Weibull distribution of values (K,) whose mean is 1, drawn towards the exponential's."""
     ratios = np.maximum(ratios, 1e-3)
     shapes, costs = np.linspace(0.5, 2.5, 81), []
     for k in shapes:
         likelihood = weibull_min.logpdf(ratios, k, scale=1.0 / gamma(1.0 + 1.0 / k)).sum()
         costs.append(-likelihood / alike + 0.5 * (np.log(k) / _SHAPE_STD) ** 2)
     return float(shapes[np.argmin(costs)])
-
-
-def _smoothness(curve_std: float, slope_std: float) -> F64:
-    """Rows that take what is known at the altitudes to its bends and slopes in standard deviations."""
-    slopes = np.diff(np.eye(len(ALTITUDES_M)), axis=0)
-    return np.vstack([np.diff(slopes, axis=0) / curve_std, slopes / slope_std])
-
-
-def _background_design(altitude_agl_m: F64, surface: I64, wooded: NDArray[np.bool_]) -> F64:
-    """Rows of the log rate's regressors: altitude's hats, one column a surface, one for trees."""
-    altitude = _hats(np.log(altitude_agl_m), np.log(ALTITUDES_M))
-    return np.column_stack([altitude, np.eye(len(SURFACES))[surface], wooded.astype(float)])
-
-
-def _hats(x: F64, grid: F64) -> F64:
-    x = np.clip(x, grid[0], grid[-1])
-    return np.stack([np.interp(x, grid, unit) for unit in np.eye(len(grid))], axis=1)

@@ -1,4 +1,4 @@
-"""How well a detector that learned from our renderer sees in Gazebo's pictures: the same views, both ways."""
+"""The recall of a detector trained on our renderer, in Gazebo's pictures of the same views."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.gazebo.lockstep import GazeboRenderer
@@ -14,15 +13,13 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.cameras.effects import CameraEffects
-from skysweep.types import Detections, Detector, Frame
+from skysweep.types import F64, Detections, Detector, Frame
 from skysweep.worlds.rendering.renderer import Painter, Renderer, make_renderer
 from skysweep.worlds.world import World, build_world
 
-F64 = NDArray[np.float64]
-
 VISIBLE_MIN = 0.5  # share of a target's pixels that must be seen for it to count
 TILT_STD_RAD = np.radians(2.0)
-_EDGE_SHARE = 0.4  # targets are this far from the picture's middle, of its height, at most
+_EDGE_SHARE = 0.4  # greatest distance of a target from the picture's middle, as a share of its height
 _SLACK_PX = 1.0
 
 
@@ -35,7 +32,7 @@ class TransferScore:
     n_pictures: int = 0
     n_targets: int = 0
     n_found: int = 0
-    n_confirming: int = 0  # found with at least the scenario's c_t
+    n_confirming: int = 0  # found with a confidence of the scenario's c_t or more
     n_false: int = 0
 
     @property
@@ -50,7 +47,7 @@ class _Seen:
 
     kind: str
     box_px: F64  # (4,) x, y, x, y
-    counts: bool  # seen whole
+    counts: bool  # not cut by the edge, and mostly unhidden
 
 
 def transfer(
@@ -60,17 +57,16 @@ def transfer(
     seed: int,
     progress: Callable[[], None] = lambda: None,
 ) -> list[TransferScore]:
-    """Recall at h_S and h_C on ``pictures`` views each, by our renderer and by Gazebo, from the same poses.
+    """Recall at h_S and h_C on ``pictures`` views each, by our renderer and by Gazebo from the same poses.
 
-    Each view has one of the targets somewhere around its middle; every target that is seen whole counts. A
-    target is found when a box of its class has its centre within it; a box with its centre in no target is
-    false. Raises UserError without targets or Gazebo.
+    Each view has a target near its middle. All targets that are uncut and at most half hidden count. A target
+    is found when the centre of a box of its class lies in it. A box with its centre in no target is false.
+    Raises UserError without targets or Gazebo.
     """
     world = build_world(scenario, seed)
     if not world.targets:
         raise UserError(f"{scenario.name}: has no targets to look for; write some under targets")
-    camera = scenario.camera
-    search = scenario.search
+    camera, search = scenario.camera, scenario.search
     ours = make_renderer(world)
     gazebo = GazeboRenderer(world, scenario, min(scenario.detector.rate_hz, camera.rate_hz))
     painters: tuple[Painter, ...] = (ours, gazebo)
@@ -80,10 +76,8 @@ def transfer(
             pair = [TransferScore(p.backend, altitude) for p in painters]
             scores += pair
             rng = np.random.default_rng([seed, round(altitude * 100), 59])
-            noise = int(rng.integers(2**31))
-            effects = CameraEffects(
-                camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, noise
-            )
+            look = (camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality)
+            effects = CameraEffects(*look, int(rng.integers(2**31)))
             for number in range(pictures):
                 pose = _view(world, camera.lens, altitude, rng)
                 boxes = _visible(world, ours, camera.lens, pose)
@@ -100,7 +94,7 @@ def transfer(
 
 
 def _view(world: World, lens: Lens, altitude_agl_m: float, rng: np.random.Generator) -> CameraPose:
-    """About straight down, with some target in the middle part of the picture."""
+    """Roughly nadir, with a target in the middle part of the picture."""
     target = world.targets[int(rng.integers(len(world.targets)))]
     reach = _EDGE_SHARE * lens.footprint_m(altitude_agl_m)[1]
     xy = target.position_enu_m[:2] + rng.uniform(-reach, reach, 2)
@@ -111,7 +105,6 @@ def _view(world: World, lens: Lens, altitude_agl_m: float, rng: np.random.Genera
 
 
 def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> list[_Seen]:
-    """All targets of which something is in the picture."""
     seen = renderer.render_ids(lens, pose)
     alone = renderer.render_ids(lens, pose, occluders=False)
     boxes = []
@@ -127,7 +120,7 @@ def _visible(world: World, renderer: Renderer, lens: Lens, pose: CameraPose) -> 
 
 
 def _count(score: TransferScore, found: Detections, targets: list[_Seen], c_t: float) -> None:
-    """Each target takes the most confident box in it, those that count first."""
+    """Each target takes the most confident box in it; those that count choose first."""
     score.n_pictures += 1
     free = list(range(len(found)))
     centres = 0.5 * (found.boxes_xyxy_px[:, :2] + found.boxes_xyxy_px[:, 2:])

@@ -1,17 +1,17 @@
 """The designed experiment behind the statistical sensor: known objects, rendered, shown to the real detector.
 
-Worlds hold one kind of ground, one light and objects of held-out looks on a loose grid, many of them beside
-trees that hide a part of them. Every pass is aimed at one object at a chosen number of pixels and looks at it
-twice, the camera a chosen step further the second time and moving so that the picture is blurred by a chosen
-length; whatever else is in view is scored as well. What is reported beside all objects is background; since
-that is rare, the last third of the pictures is for it alone.
+Each world has one kind of ground, one light and objects of held-out looks on a loose grid, many of them
+beside trees that hide a part of them. Each pass is aimed at one object at a chosen number of pixels and takes
+two looks, the second a chosen step further on. The camera moves so that the picture is blurred by a chosen
+length. All other objects in view are scored as well. Reports on no object are background. They are rare, so
+the last third of the pictures shows background alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import get_args
 
 import cv2
@@ -25,56 +25,54 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
 from skysweep.sensing.cameras.effects import CameraEffects
 from skysweep.sensing.statistical.factors import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
-from skysweep.types import Detections, Frame
+from skysweep.types import F64, U8, Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
 from skysweep.worlds.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 
-F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-U8 = NDArray[np.uint8]
 
-CONFIDENCE_FLOOR = 0.1  # detections below are not looked at
+CONFIDENCE_FLOOR = 0.1  # weaker detections are ignored
 PASS_LOOKS = 2  # successive looks from nearly one place
 PASSES_PER_WORLD = 20
 PICTURES_PER_WORLD = PASS_LOOKS * PASSES_PER_WORLD
-EMPTY_SHARE = 0.3  # of the passes show no object, ...
-BACKGROUND_SHARE = 1 / 3  # ... and of the worlds nothing else is shown
-EDGE_SHARE = 0.4  # of the others begin with one that the picture's edge cuts
+EMPTY_SHARE = 0.3  # of the passes show no object
+BACKGROUND_SHARE = 1 / 3  # of the pictures, the last ones, come from passes without objects alone
+EDGE_SHARE = 0.4  # of the other passes begin with an object cut by the picture's edge
 PIXELS = (4.0, 220.0)
-STEP_PX = (0.5, 120.0)  # that the picture moves on between two looks of a pass
+STEP_PX = (0.5, 120.0)  # by which the picture shifts between two looks of a pass
 BLUR_PX = (0.05, 6.0)
 MIN_HEIGHT_M = 1.2
 MAX_HEIGHT_M = 250.0
 MAX_TILT_DEG = 35.0
 NADIR_SHARE = 0.6
-HIT_RADIUS = 0.6  # of the object's pixels, ...
-HIT_RADIUS_MIN_PX = 6.0  # ... but at least this
+HIT_RADIUS = 0.6  # of the object's pixels
+HIT_RADIUS_MIN_PX = 6.0
 CLASSES: tuple[str, ...] = get_args(TargetClass)
 SURFACES = ("grass", "forest floor", "rock", "sand", "snow", "asphalt", "water")
 
 _IOU_MAX = 0.5
-_TREE_SHARE = 0.5  # of the worlds on land have bushes and trees between the objects
-_BESIDE_SHARE = 0.6  # of the objects there stand beside one
+_TREE_SHARE = 0.5  # of the worlds on land have bushes and trees
+_BESIDE_SHARE = 0.6  # of the objects in these stand beside one
 _FAR_M = 400.0
 _LOOK_PERIOD_S = 0.4
-_CONTRAST_MIN_PX = 8.0  # smaller objects are not measured for their colour
-_AGAIN_PX = 12.0  # so near the same place on the ground is the same thing
-_CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # so far from every object is background: nearer there are shadows
+_CONTRAST_MIN_PX = 8.0  # the colour of smaller objects is not measured
+_AGAIN_PX = 12.0  # reports this near to the same place on the ground are of the same thing
+_CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # background begins this far from every object, beyond its shadow
 
 
 @dataclass(frozen=True, slots=True)
 class WorldLayout:
-    """What stands in a world, on a grid so wide that neighbours stay apart in every picture."""
+    """The contents of a world, on a grid so wide that neighbours stay apart in every picture."""
 
-    subjects: tuple[tuple[str, str], ...]  # kind and pose; one that stands here twice is seen twice as often
+    subjects: tuple[tuple[str, str], ...]  # kind and pose; a subject listed twice is seen twice as often
     surfaces: tuple[str, ...]
     spacing_m: float
     columns: int
     share: float  # of the worlds
 
 
-LAYOUTS = (  # look-alikes twice: they are rarely reported
+LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
     WorldLayout(
         (
             ("stop sign", "face-up"),
@@ -130,8 +128,13 @@ class ScoredLooks:
     offsets_px: F64  # (N, C, 2) of that detection's centre from the object's; NaN for none
 
     def where(self, chosen: NDArray[np.bool_] | I64) -> ScoredLooks:
-        """Some of the looks."""
         return ScoredLooks(*(getattr(self, f.name)[chosen] for f in fields(ScoredLooks)))
+
+
+_SHAPES = {"places_px": (2,), "confidences": (len(CLASSES),), "offsets_px": (len(CLASSES), 2)}
+_LOOK = [  # name, type and shape of each field of one look
+    (f.name, int if f.type == "I64" else float, _SHAPES.get(f.name, ())) for f in fields(ScoredLooks)
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,21 +178,20 @@ def observe(
 
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
-    YoloDetector(model_path)  # an error here is told once and before anything is rendered
+    YoloDetector(model_path)  # raises an error once, before anything is rendered
     refuse_unrenderable(camera)
-    jobs = plan_jobs(model_path, camera, pictures, seed)
     results: dict[int, tuple[ScoredLooks, Background]] = {}
     done = 0
-    for job, result in run_jobs(look_around, jobs, workers):
+    for job, result in run_jobs(look_around, plan_jobs(model_path, camera, pictures, seed), workers):
         results[job.index] = result
         done += job.n_pictures
         progress(done, pictures)
-    ordered = [results[job.index] for job in jobs]
-    return _join_looks([r[0] for r in ordered]), _join_background([r[1] for r in ordered])
+    looks, backgrounds = zip(*(results[index] for index in sorted(results)), strict=True)
+    return _join_looks(looks), _join_background(backgrounds)
 
 
 def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> list[WorldJob]:
-    """Worlds in a fixed order, layouts by share; those for the background last."""
+    """Worlds in a fixed order, with layouts by their share. Those for the background come last."""
     jobs: list[WorldJob] = []
     counts = [0] * len(LAYOUTS)
     left = pictures
@@ -202,16 +204,6 @@ def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) ->
         jobs.append(WorldJob(model_path, camera, LAYOUTS[chosen], empty_share, len(jobs), n, seed))
         left -= n
     return jobs
-
-
-@dataclass(slots=True)
-class _Notes:
-    """Rows of ScoredLooks and Background while they grow."""
-
-    looks: list[tuple[object, ...]] = field(default_factory=list)
-    pictures: list[tuple[float, float]] = field(default_factory=list)
-    strays: list[list[float]] = field(default_factory=list)
-    colours: dict[int, list[float]] = field(default_factory=dict)
 
 
 def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
@@ -255,17 +247,11 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
         kind, pose = layout.subjects[kinds[k]]
         x, y = middles[k] + jitter[k]
         low, high = (0.85, 1.12) if kind == "person" else (0.7, 1.3)
-        objects.append(
-            WorldObject(
-                kind,
-                np.array([x, y, 0.0]),
-                float(rng.uniform(0, 2 * np.pi)),
-                DEFAULT_SIZE_M[kind] * float(rng.uniform(low, high)),
-                pose,
-                kind in CLASSES,
-                HELD_OUT_VARIANTS + int(rng.integers(1000)),
-            )
-        )
+        yaw_rad = float(rng.uniform(0, 2 * np.pi))
+        size_m = DEFAULT_SIZE_M[kind] * float(rng.uniform(low, high))
+        variant = HELD_OUT_VARIANTS + int(rng.integers(1000))
+        place = np.array([x, y, 0.0])
+        objects.append(WorldObject(kind, place, yaw_rad, size_m, pose, kind in CLASSES, variant))
     surface = str(rng.choice(layout.surfaces))
     has_trees = surface != "water" and rng.random() < _TREE_SHARE
     trees = _trees(objects, half, rng) if has_trees else ()
@@ -279,11 +265,9 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
 
 
 def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:
-    """Beside many of the objects, and all around the grid where nothing else stands."""
     around = rng.uniform(-_FAR_M, _FAR_M, (700, 2))
-    places: list[tuple[F64, WorldObject | None]] = [
-        (xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0
-    ]
+    places: list[tuple[F64, WorldObject | None]]
+    places = [(xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0]
     places += [(o.position_enu_m[:2], o) for o in objects if rng.random() < _BESIDE_SHARE]
     trees = []
     for place, beside in places:
@@ -300,7 +284,7 @@ def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) 
 
 
 def _pass(world: World, job: WorldJob, rng: np.random.Generator) -> tuple[list[CameraPose], F64]:
-    """Where a pass looks from, and the velocity that blurs its pictures."""
+    """The camera poses of a pass and the velocity that blurs its pictures."""
     lens, exposure_s = job.camera.lens, job.camera.exposure_s
     empty = rng.random() < job.empty_share
     first, distance = _empty_view(job.layout, rng) if empty else _view(world, lens, rng)
@@ -320,7 +304,7 @@ def _pass(world: World, job: WorldJob, rng: np.random.Generator) -> tuple[list[C
 
 
 def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPose, float]:
-    """From where an object spans a log-uniform number of pixels, anywhere in the picture; and its depth."""
+    """A pose from which an object spans a log-uniform number of pixels, and the object's depth in metres."""
     while True:
         thing = world.objects[int(rng.integers(len(world.objects)))]
         wanted = float(np.exp(rng.uniform(*np.log(PIXELS))))
@@ -344,7 +328,7 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
 
 
 def _empty_view(layout: WorldLayout, rng: np.random.Generator) -> tuple[CameraPose, float]:
-    """Of ground beside the objects, from any height; and that height."""
+    """A view of ground beside the objects, and its height in metres."""
     height = float(np.exp(rng.uniform(*np.log([3.0, 120.0]))))
     away = 0.75 * layout.columns * layout.spacing_m + 2.5 * height
     angle = rng.uniform(0, 2 * np.pi)
@@ -369,7 +353,7 @@ def _inside_tree(world: World, position: F64) -> bool:
 
 
 class Scorer:
-    """Assigns reports to the objects in view of one world; those on no object are background."""
+    """Assigns reports to the objects in view of one world. Reports on no object are background."""
 
     def __init__(self, world: World, lens: Lens, exposure_s: float) -> None:
         self._world, self._lens, self._exposure_s = world, lens, exposure_s
@@ -379,11 +363,17 @@ class Scorer:
         self._feet = np.array([o.position_enu_m for o in world.objects])
         self._clear_m = np.array([max(_CLEAR_SIZES * o.size_m, _CLEAR_MIN_M) for o in world.objects])
         self._size_px = np.array([lens.width_px, lens.height_px], dtype=float)
-        self._notes = _Notes()
-        self._last: list[list[float]] = []  # strays of the last picture: row in notes.strays, ground x, y
+        self._surface = SURFACES.index(world.terrain.surface)
+        self._looks: list[tuple[object, ...]] = []
+        self._colours: dict[int, list[float]] = {}  # object -> differences to the ground
+        self._pictures: list[tuple[float, float]] = []  # altitude in metres, hectares
+        self._strays: list[
+            list[float]
+        ] = []  # class, picture, confidence, pixels, confidence in the next look
+        self._last: list[list[float]] = []  # strays of the last picture: index, ground x, y
 
     def measure_colours(self, renderer: Renderer, clean: U8, pose: CameraPose) -> None:
-        """How much the objects differ in colour from the ground around them."""
+        """The differences in colour between the objects and the ground around them."""
         ids = renderer.render_ids(self._lens, pose)
         lab = cv2.cvtColor(clean.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
         centres, depths = project(self._lens, pose, self._places)
@@ -399,16 +389,15 @@ class Scorer:
             own, ground = ids[window] == i + 1, ids[window] == 0
             if own.sum() >= 12 and ground.sum() >= 12:
                 gap = lab[window][own].mean(axis=0) - lab[window][ground].mean(axis=0)
-                self._notes.colours.setdefault(i, []).append(float(np.linalg.norm(gap)))
+                self._colours.setdefault(i, []).append(float(np.linalg.norm(gap)))
 
     def _pixels(self, i: int, pose: CameraPose, depth_m: float) -> float:
-        """On object ``i``."""
         thing, focal_px = self._world.objects[i], self._lens.focal_px
         east, north, up = self._places[i] - pose.position_enu_m
         return float(pixels_on_target(focal_px, shape_of(thing), thing.size_m, east, north, up, depth_m))
 
     def score(self, number: int, follows: bool, found: Detections, velocity: F64, rates: F64) -> None:
-        """One picture; ``follows`` another of the same pass. Motion in the camera's axes."""
+        """One picture, which may follow another of the same pass. Motion is in the camera's axes."""
         lens, pose = self._lens, found.camera
         centres, depths = project(lens, pose, self._places)
         before = depths > 0.1
@@ -449,24 +438,13 @@ class Scorer:
                 if found.confidences[k] > confidences[classes[k]]:
                     confidences[classes[k]] = found.confidences[k]
                     offsets[classes[k]] = middles[k] - seen_middles[i]
-            subject = SUBJECTS.index((thing.kind, thing.pose))
-            row = (
-                subject,
-                i,
-                number,
-                pixels[i],
-                centres[i],
-                view,
-                front,
-                hidden,
-                cut,
-                inside[i, 1] < 1.0 - CUT_MIN,
-                self._beside[i],
-                blur_px,
-                confidences,
-                offsets,
+            subject, edge_y = SUBJECTS.index((thing.kind, thing.pose)), inside[i, 1] < 1.0 - CUT_MIN
+            self._looks.append(  # the world and the colour are known at the end
+                (
+                    *(subject, i, -1, self._surface, number, pixels[i], centres[i], view, front, hidden, cut),
+                    *(edge_y, self._beside[i], blur_px, np.nan, confidences, offsets),
+                )
             )
-            self._notes.looks.append(row)
 
     def _note_strays(
         self,
@@ -482,80 +460,55 @@ class Scorer:
         corners = _on_ground(self._lens, pose, np.array([[0, 0], [size[0], 0], [*size], [0, size[1]]]))
         x, y = corners.T
         area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
-        self._notes.pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4))
+        self._pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4))
         if follows:
             for index, gx, gy in self._last:
-                stray_row = self._notes.strays[int(index)]
+                stray_row = self._strays[int(index)]
                 place, depth = project(self._lens, pose, [[gx, gy, 0.0]])
                 if depth[0] > 0.1 and ((place[0] >= 0) & (place[0] <= size)).all():
                     gap = np.linalg.norm(middles - place[0], axis=1)
                     same = (gap <= _AGAIN_PX) & (classes == stray_row[0])
                     stray_row[-1] = float(found.confidences[same].max()) if same.any() else 0.0
         self._last = []
-        row = len(self._notes.pictures) - 1
+        row = len(self._pictures) - 1
         for k in np.flatnonzero(stray):
             extent = float((found.boxes_xyxy_px[k, 2:] - found.boxes_xyxy_px[k, :2]).max())
             ground = _on_ground(self._lens, pose, middles[k : k + 1])[0]
-            self._last.append([len(self._notes.strays), *ground])
-            self._notes.strays.append([float(classes[k]), row, float(found.confidences[k]), extent, np.nan])
+            self._last.append([len(self._strays), *ground])
+            self._strays.append([float(classes[k]), row, float(found.confidences[k]), extent, np.nan])
 
     def packed(self, job: WorldJob) -> tuple[ScoredLooks, Background]:
-        """Everything that was seen in this world."""
-        notes, n, c = self._notes, len(self._notes.looks), len(CLASSES)
-        columns = [np.array(column) for column in zip(*notes.looks, strict=True)] if n else [np.zeros(0)] * 14
-        subject, index, number = (column.astype(int) for column in columns[:3])
-        pixels, centres, *factors, confidences, offsets = columns[3:]
-        view, front, hidden, cut, edge_y, beside, blur_px = (f.astype(float) for f in factors)
-        colour = np.array([np.mean(notes.colours.get(int(i), [np.nan])) for i in index], dtype=float)
-        looks = ScoredLooks(
-            subject=subject,
-            instance=1000 * job.index + index,
-            world=np.full(n, job.index),
-            surface=np.full(n, SURFACES.index(self._world.terrain.surface)),
-            picture=number,
-            pixels=pixels.astype(float),
-            places_px=centres.reshape(n, 2),
-            view=view,
-            front=front,
-            hidden=hidden,
-            cut=cut,
-            edge_y=edge_y,
-            beside=beside,
-            blur_px=blur_px,
-            colour=colour,
-            confidences=confidences.reshape(n, c),
-            offsets_px=offsets.reshape(n, c, 2),
-        )
-        strays = np.array(notes.strays, dtype=float).reshape(-1, 5).T
-        pictures = np.array(notes.pictures, dtype=float).reshape(-1, 2).T
-        m = pictures.shape[1]
-        surface, wooded = SURFACES.index(self._world.terrain.surface), bool(self._world.trees)
-        return looks, Background(
-            altitude_agl_m=pictures[0],
-            hectares=pictures[1],
-            world=np.full(m, job.index),
-            surface=np.full(m, surface),
-            wooded=np.full(m, wooded),
-            picture_of_report=strays[1].astype(int),
-            class_index=strays[0].astype(int),
-            confidences=strays[2],
-            pixels=strays[3],
-            again=strays[4],
+        looks = np.array(self._looks, dtype=_LOOK)
+        looks["colour"] = [np.mean(self._colours.get(i, [np.nan])) for i in looks["instance"].tolist()]
+        looks["instance"] += 1000 * job.index
+        looks["world"] = job.index
+        altitude_agl_m, hectares = np.array(self._pictures, dtype=float).reshape(-1, 2).T
+        class_index, picture, *reports = np.array(self._strays, dtype=float).reshape(-1, 5).T
+        m = len(hectares)
+        return ScoredLooks(*(looks[f.name].copy() for f in fields(ScoredLooks))), Background(
+            altitude_agl_m,
+            hectares,
+            np.full(m, job.index),
+            np.full(m, self._surface),
+            np.full(m, bool(self._world.trees)),
+            picture.astype(int),
+            class_index.astype(int),
+            *reports,
         )
 
 
 def _on_ground(lens: Lens, pose: CameraPose, pixels: F64) -> F64:
-    """East and north (N, 2) of where pixels show level ground; flat rays are taken to fall a little."""
+    """East and north (N, 2) of level ground at pixels. Flat rays are taken to fall a little."""
     rays = rays_enu(lens, pose, pixels)
     fall = np.maximum(-rays[:, 2], 0.2)
     return np.asarray(pose.position_enu_m[:2] + rays[:, :2] * (pose.position_enu_m[2] / fall)[:, None])
 
 
-def _join_looks(parts: list[ScoredLooks]) -> ScoredLooks:
+def _join_looks(parts: Sequence[ScoredLooks]) -> ScoredLooks:
     return ScoredLooks(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(ScoredLooks)))
 
 
-def _join_background(parts: list[Background]) -> Background:
+def _join_background(parts: Sequence[Background]) -> Background:
     joined = Background(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Background)))
     before = np.cumsum([0] + [len(p.world) for p in parts[:-1]])
     return replace(

@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from skysweep.detection.model_files import OWN_MODEL, model_file, sha256_of
-from skysweep.experiments.calibration.check import Told, goodness, tell
+from skysweep.experiments.calibration.check import goodness, tell
 from skysweep.experiments.calibration.figure import draw_fit
 from skysweep.experiments.calibration.fit import (
     GRID_PX,
@@ -18,9 +18,9 @@ from skysweep.experiments.calibration.fit import (
     fit_box,
     fit_curves,
     fit_shares,
-    kind_models,
+    kind_model,
 )
-from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, Background, ScoredLooks, observe
+from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, observe
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.statistical.model import (
@@ -41,63 +41,34 @@ def calibrate(
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> StatisticalModel:
-    """Measure a detector on rendered objects, write the sensor model and beside it a picture of the fit.
+    """Measure a detector on rendered objects; write the sensor model and, as ``.png``, a picture of the fit.
 
-    The same arguments give the same file, whatever the number of workers.
-
-    Args:
-        model: an ONNX file, or "skysweep" for the model that the package ships.
-        camera: lens and effects to measure with.
-        out_yaml: where to write the model; the picture has the same name and the suffix ``.png``.
-        pictures: how many to render; a few thousand make the numbers steady.
-        seed: of worlds and views.
-        workers: processes; default: one a core.
-        progress: called with pictures done and total.
-
-    Raises:
-        UserError: the detector's file cannot be used, or the results cannot be written.
+    The same arguments give the same file, whatever the number of workers. ``model`` is an ONNX file, or
+    "skysweep" for the shipped one; ``camera`` gives lens and effects. ``progress`` is called with pictures
+    done and total. Raises UserError when the detector cannot be used or the results cannot be written.
     """
     looks, background = observe(model, camera, pictures, seed, workers, progress)
-    name = OWN_MODEL if model == OWN_MODEL else Path(model).name
-    fitted, told = fit_sensor(
-        looks, background, Detecting(name=name, sha256=sha256_of(model_file(model))), camera, pictures, seed
-    )
-    with whole_files(out_yaml.parent) as unfinished:
-        (unfinished / out_yaml.name).write_text(
-            "# Written by skysweep calibrate.\n"
-            + yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110),
-            encoding="utf-8",
-        )
-        draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
-    return fitted
-
-
-def fit_sensor(
-    looks: ScoredLooks,
-    background: Background,
-    detector: Detecting,
-    camera: CameraModel,
-    pictures: int,
-    seed: int,
-) -> tuple[StatisticalModel, Told]:
-    """The model that the looks support, with its goodness of fit, and what that was computed from."""
     factors = factors_of(looks)
     curves = fit_curves(looks, factors)
     shares, fade_px = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
-    model = StatisticalModel(
+    name, n = OWN_MODEL if model == OWN_MODEL else Path(model).name, len(looks.pixels)
+    fitted = StatisticalModel(
         version=VERSION,
-        detector=detector,
+        detector=Detecting(name=name, sha256=sha256_of(model_file(model))),
         camera=CalibratedCamera(**camera.model_dump(include=set(CalibratedCamera.model_fields))),
-        experiment=Experiment(
-            pictures=pictures, seed=seed, looks=len(looks.pixels), confidence_floor=CONFIDENCE_FLOOR
-        ),
+        experiment=Experiment(pictures=pictures, seed=seed, looks=n, confidence_floor=CONFIDENCE_FLOOR),
         pixels=list(GRID_PX),
         fade_px=fade_px,
         box=fit_box(looks),
-        kinds=kind_models(curves, shares),
+        kinds=[kind_model(key, curve, *shares[key]) for key, curve in curves.items()],
         contrasts=contrast_models(looks),
         background=[b for c in range(len(CLASSES)) if (b := fit_background(background, c)) is not None],
         held_out=goodness(told),
     )
-    return model, told
+    text = yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110)
+    with whole_files(out_yaml.parent) as unfinished:
+        header = "# Written by skysweep calibrate.\n"
+        (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")
+        draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
+    return fitted

@@ -1,28 +1,28 @@
 """Missions with the statistical sensor against the same missions with pictures.
 
-Both tiers fly the same scenarios, worlds and wind; the means of mission time, recall and false scans are
-compared. The tier without pictures is cheap, so it flies further seeds: its mean is then known better than
-the one that it is compared with.
+Both tiers fly the same scenarios, worlds and wind, and their means of mission time, recall and false scans
+are compared. Missions without pictures are cheap, so that tier flies more seeds and its means are more
+precise.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t as student
 
-from skysweep.experiments.flying import OnDone, fly_missing
-from skysweep.experiments.matrix import Matrix, MissionJob
+from skysweep.experiments.flying import OnDone, fly_job, fly_missing
+from skysweep.experiments.matrix import Matrix
 from skysweep.experiments.paper.run import SWEPT, row_scenario
 from skysweep.files.writing import whole_files
-from skysweep.flights.fly import fly_in_memory
+from skysweep.results.reporting.html import Grid
+from skysweep.results.reporting.statistics import mean_ci95
 from skysweep.results.reporting.tables import markdown
-from skysweep.results.summary import Summary, value_of
+from skysweep.results.summary import plain, value_of
 
 SCENARIOS = ("clusters", "abundance", "sparse")
 N_C = (1.0, 5.0, math.inf)
@@ -46,7 +46,6 @@ class TierMeans:
 
     @property
     def difference_percent(self) -> float:
-        """Of the statistical mean from the rendered one; 0 where both are nothing."""
         gap = self.statistical_mean - self.rendered_mean
         if gap == 0:
             return 0.0
@@ -54,7 +53,7 @@ class TierMeans:
 
     @property
     def agrees(self) -> str:
-        """The verdict: inside CI, within 5 %, or no."""
+        """``inside CI``, ``within 5 %`` or ``no``."""
         low, high = self.rendered_ci95
         if low <= self.statistical_mean <= high:
             return "inside CI"
@@ -62,7 +61,6 @@ class TierMeans:
 
     @property
     def row(self) -> tuple[str, ...]:
-        """As the tables print it, in the order of TIER_HEADER."""
         low, high = self.rendered_ci95
         digits = 1 if self.metric == "mission_time_s" else 3
         return (
@@ -85,64 +83,39 @@ def compare_tiers(
     workers: int | None = None,
     on_done: OnDone = lambda _job, _summary: None,
 ) -> list[TierMeans]:
-    """Fly what ``out`` does not hold yet, write ``validate.json`` and ``validate.md``, return the cells.
+    """Fly what ``out`` lacks, write ``validate.json`` and ``validate.md`` and return the cells.
 
-    Missions flown with another detector or another sensor model are flown again. Raises UserError when the
-    sensor model does not fit a scenario.
+    Missions of another detector or sensor model are flown again. Raises UserError when the sensor model does
+    not fit a scenario.
     """
     rows = [(scenario, value, row_scenario(scenario, value, {})) for scenario in scenarios for value in n_c]
+    more = range(seeds * STATISTICAL_TIMES)
     rendered = [Matrix.of([row], range(seeds), "imaging", [SWEPT]) for *_, row in rows]
-    statistical = [
-        Matrix.of([row], range(seeds * STATISTICAL_TIMES), "statistical", [SWEPT]) for *_, row in rows
-    ]
-    flown = fly_missing([*statistical, *rendered], _fly, out, workers, on_done)
-    cells = [
-        _means(scenario, value, metric, *(_values(flown, matrix, metric) for matrix in tiers))
-        for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True)
-        for metric in TIER_METRICS
-    ]
-    _write(cells, out)
+    statistical = [Matrix.of([row], more, "statistical", [SWEPT]) for *_, row in rows]
+    flown = fly_missing([*statistical, *rendered], fly_job, out, workers, on_done)
+    cells = []
+    for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True):
+        for metric in TIER_METRICS:
+            with_pictures, without = (
+                [value_of(flown[job.config_hash], metric) for job in matrix.jobs()] for matrix in tiers
+            )
+            mean, ci95 = mean_ci95(with_pictures)
+            cells.append(TierMeans(scenario, value, metric, seeds, mean, ci95, float(np.mean(without))))
+    records = [asdict(c) | {"difference_percent": c.difference_percent, "agrees": c.agrees} for c in cells]
+    with whole_files(out) as unfinished:
+        text = json.dumps(plain(records), indent=1) + "\n"
+        (unfinished / "validate.json").write_text(text, encoding="utf-8")
+        (unfinished / "validate.md").write_text(validation_text(cells), encoding="utf-8")
     return cells
 
 
-def _fly(job: MissionJob) -> Summary:
-    return fly_in_memory(job.scenario, job.seed, job.sensor)
-
-
-def _values(flown: Mapping[str, Summary], matrix: Matrix, metric: str) -> list[float]:
-    return [value_of(flown[job.config_hash], metric) for job in matrix.jobs()]
-
-
-def _means(
-    scenario: str, n_c: float, metric: str, rendered: Sequence[float], statistical: Sequence[float]
-) -> TierMeans:
-    n, mean = len(rendered), float(np.mean(rendered))
-    half = float(student.ppf(0.975, n - 1) * np.std(rendered, ddof=1) / math.sqrt(n))
-    return TierMeans(scenario, n_c, metric, n, mean, (mean - half, mean + half), float(np.mean(statistical)))
-
-
 def validation_text(cells: Sequence[TierMeans]) -> str:
-    """One line that sums up and the table, in Markdown."""
+    """A one-line summary and the table, in Markdown."""
     agree = sum(cell.agrees != "no" for cell in cells)
     summary = (
         f"{agree} of {len(cells)} means of the statistical tier lie inside the 95 % confidence interval of "
         f"the rendered tier or within {TOLERANCE_PERCENT:g} % of it."
     )
-    caption = (
-        f"Missions with pictures ({cells[0].seeds} seeds) and without ({cells[0].seeds * STATISTICAL_TIMES})"
-    )
-    return f"{summary}\n\n{markdown(caption, TIER_HEADER, [cell.row for cell in cells], left=3)}"
-
-
-def _write(cells: Sequence[TierMeans], out: Path) -> None:
-    rows = [
-        {**asdict(cell), "difference_percent": cell.difference_percent, "agrees": cell.agrees}
-        for cell in cells
-    ]
-    for row in rows:
-        for field in ("n_c", "difference_percent"):
-            if math.isinf(row[field]):
-                row[field] = "inf" if row[field] > 0 else "-inf"
-    with whole_files(out) as unfinished:
-        (unfinished / "validate.json").write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-        (unfinished / "validate.md").write_text(validation_text(cells), encoding="utf-8")
+    seeds = cells[0].seeds
+    caption = f"Missions with pictures ({seeds} seeds) and without ({seeds * STATISTICAL_TIMES})"
+    return f"{summary}\n\n{markdown(Grid(TIER_HEADER, [cell.row for cell in cells], caption), left=3)}"

@@ -1,7 +1,7 @@
-"""What the paper finds, beside what was measured, and whether that shows it.
+"""The paper's findings beside our measurements, and whether these confirm them.
 
-A claim holds when the 95 % intervals of all that it speaks of lie on its side, and does not when one lies on
-the other; anything else, a tie or a single seed, shows nothing.
+A claim holds when all of its 95 % intervals lie on its side. It fails when one lies on the other side.
+Anything else, such as a tie or a single seed, shows nothing.
 """
 
 from __future__ import annotations
@@ -24,19 +24,14 @@ from skysweep.results.summary import Summary
 TIME_TOLERANCE = 0.15
 RECALL_GOAL = 0.95
 
-Claim = tuple[
-    str, str, Sequence[tuple[float, float]]
-]  # what, measured, intervals that are above 0 if it holds
+# the claim, our measurement, and intervals that are above 0 if the claim holds
+Claim = tuple[str, str, Sequence[tuple[float, float]]]
 
 
 def claims(summaries: Sequence[Summary]) -> Grid:
-    """The paper's findings, each with what we measured."""
-    found = [
-        *_faster(summaries),
-        *_times_near_the_papers(summaries),
-        *_most_false_scans(summaries),
-        *_recall(summaries),
-    ]
+    """The paper's findings, each with our measurement."""
+    tests = (_faster, _times_near_the_papers, _most_false_scans, _recall)
+    found = [claim for test in tests for claim in test(summaries)]
     rows = [(what, measured, _verdict(margins)) for what, measured, margins in found]
     return Grid(("Claim", "Measured (95 % interval)", "Holds"), rows, words=True)
 

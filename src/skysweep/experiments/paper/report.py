@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,67 +12,54 @@ import numpy as np
 from skysweep.experiments.paper.claims import claims
 from skysweep.experiments.paper.tables import (
     BASELINE,
-    CHECK_HEADER,
-    HEADER,
-    PAIRED_HEADER,
     Choice,
     CompareRow,
     baselines_json,
-    cells,
-    check_cells,
-    check_effects,
+    check_grid,
     choice_of,
     compare_json,
     compare_rows,
-    grouped,
     markdown_tables,
-    paired_cells,
-    paired_differences,
+    paired_grid,
+    scenario_grids,
 )
 from skysweep.files.writing import whole_files
 from skysweep.results.figures import n_c_label, panels, pos_curves
-from skysweep.results.metrics import finite_or_inf
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
-from skysweep.results.reporting.tables import one_line
-from skysweep.results.reporting.wording import definitions, parameters
+from skysweep.results.reporting.wording import counted, definitions, parameters
 from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run
-from skysweep.results.summary import Summary
+from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
 
 
 def write_compare_report(folder: str | Path, summaries: Sequence[Summary]) -> list[CompareRow]:
-    """Write ``compare.json``, ``baselines.json``, ``compare.md``, figures, ``report.html`` of a comparison.
+    """Write ``compare.json``, ``baselines.json``, ``compare.md``, figures and ``report.html``.
 
-    Trajectories are drawn from the run folders below ``folder/runs``, the lowest seed of each row.
-
-    Returns:
-        The rows of the tables.
-
-    Raises:
-        UserError: ``folder`` cannot be written to.
+    Trajectories are drawn from the run folders below ``folder/runs``, the lowest seed of each row. Returns
+    the rows of the tables. Raises UserError where ``folder`` cannot be written to.
     """
     with whole_files(Path(folder)) as unfinished:
         return _write(unfinished, summaries, Path(folder) / "runs")
 
 
 def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> list[CompareRow]:
-    rows, differences = compare_rows(summaries), paired_differences(summaries)
+    rows = compare_rows(summaries)
     for name, records in (("compare", compare_json(rows)), ("baselines", baselines_json(rows))):
         text = json.dumps(records, indent=1) + "\n"
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
     (folder / "compare.md").write_text(markdown_tables(rows, summaries), encoding="utf-8")
     runs = drawn_runs(runs_folder, rows)
     sections = [
-        Section("Does it show what the paper shows?", grids=[claims(summaries)]),
+        Section("Are the paper's findings confirmed?", grids=[claims(summaries)]),
         Section(
             "Tables 1-3",
             paragraphs=[
-                "Green: the fastest n_c of ours. The paper flew each row once; ours is the mean over the "
-                "seeds with its 95 % confidence interval (Student's t). The paper counts false positives "
-                "without saying which kind; false scans are candidates flown to for nothing, false "
-                "positives are those that were even confirmed."
+                "Green marks our fastest n_c. The paper flew each row once. Ours is the mean over the seeds "
+                "with its 95 % confidence interval (Student's t). The paper does not define its false "
+                "positives. Here, false scans are checked candidates that were no new target, and false "
+                "positives are the confirmed ones among them."
             ],
-            grids=[_table(caption, group) for caption, group in grouped(rows).items()],
+            grids=scenario_grids(rows),
         ),
         Section(
             "Paired over seeds",
@@ -79,28 +67,29 @@ def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> lis
                 "Mission time of the paper's best choice minus that of the other choice in the same world "
                 "with the same wind: below zero means that the paper's choice is faster."
             ],
-            grids=[Grid(PAIRED_HEADER, [paired_cells(d) for d in differences])],
+            grids=[replace(paired_grid(summaries), caption="")],
         ),
     ]
-    if effects := check_effects(summaries):
+    check = check_grid(summaries)
+    if check.rows:
         sections.append(
             Section(
                 "What CHECK costs and brings",
                 paragraphs=[
-                    f"{BASELINE} flies the same transects and never descends: it confirms what it is sure of "
-                    "from the scan altitude. Mean of the paper's best choice minus that of scan-only in the "
-                    "same world with the same wind, with its 95 % confidence interval: above zero in time is "
-                    "slower, above zero in recall finds more."
+                    f"{BASELINE} flies the same transects and never descends. It confirms targets that it "
+                    "is sure of from the scan altitude. The table shows the mean of the paper's best choice "
+                    "minus that of scan-only in the same world with the same wind, with its 95 % confidence "
+                    "interval. Above zero in time is slower, above zero in recall finds more."
                 ],
-                grids=[Grid(CHECK_HEADER, [check_cells(effect) for effect in effects])],
+                grids=[replace(check, caption="")],
             )
         )
     if runs:
-        drawn = panels(runs, folder / "trajectories")
+        drawn, *_ = panels(runs, folder / "trajectories")
         seeds = sorted({run.seed for run in runs})
         which = f"seed {seeds[0]}" if len(seeds) == 1 else "the lowest seed of each row"
         caption = f"Trajectories coloured by altitude, {which}, with scanned, confirmed and false targets."
-        sections.append(Section("Trajectories", pictures=[picture(drawn[0], caption)]))
+        sections.append(Section("Trajectories", pictures=[picture(drawn, caption)]))
     sections.append(Section("Success over time", pictures=_pos_pictures(folder, rows, summaries)))
     if runs:
         sections.append(_assumptions(runs))
@@ -109,22 +98,16 @@ def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> lis
     sensors = ", ".join(sorted({str(s["sensor"]) for s in summaries if s.get("sensor")})) or "unknown"
     lead = (
         f"{len(summaries)} missions: the rows of the paper's tables and {BASELINE}, each flown with "
-        f"{seeds_flown} {'seed' if seeds_flown == 1 else 'seeds'}, sensor: {sensors}."
+        f"{counted(seeds_flown, 'seed')}, sensor: {sensors}."
     )
     unfinished = sum(not s["completed"] for s in summaries)
     if unfinished:
         lead += (
-            f" {unfinished} of them ended before the search was finished (battery): their mission times, and "
-            "the means with them, are too short."
+            f" {unfinished} of them ended before the search was finished (battery), so their mission times "
+            "and the means that include them are too short."
         )
-    write_page(folder / "report.html", "Search strategies: ours beside the paper's", lead, [], sections)
+    write_page(folder / "report.html", "Search strategies: ours beside the paper's", lead, sections)
     return rows
-
-
-def _table(caption: str, group: Sequence[CompareRow]) -> Grid:
-    ours = [k for k, row in enumerate(group) if row.n_c is not None]
-    fastest = sorted(ours, key=lambda k: group[k].mission_time_mean_s)[:1]
-    return Grid([one_line(name) for name in HEADER], [cells(row) for row in group], caption, best=fastest)
 
 
 def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> list[Picture]:
@@ -147,7 +130,7 @@ def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[
 
 
 def drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
-    """One run a row of the tables, the lowest seed that has a folder, in the order of the rows.
+    """The run with the lowest seed for each row of the tables that has a run folder, in their order.
 
     Raises UserError where a run folder is damaged.
     """
@@ -156,18 +139,15 @@ def drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
         if journal.parent.suffix == UNFINISHED:
             continue
         run = load_run(journal.parent)
-        key = (
-            run.scenario.name,
-            None if run.strategy == BASELINE else finite_or_inf(run.scenario.search.n_c),
-        )
-        if key not in found or run.seed < found[key].seed:
-            found[key] = run
+        n_c = None if run.strategy == BASELINE else finite_or_inf(run.scenario.search.n_c)
+        known = found.setdefault((run.scenario.name, n_c), run)
+        if run.seed < known.seed:
+            found[run.scenario.name, n_c] = run
     keys = [(row.scenario, row.n_c) for row in rows]
     return [found[key] for key in keys if key in found]
 
 
 def _assumptions(runs: Sequence[Run]) -> Section:
-    """What the paper does not print and we had to choose."""
     common = {_comparable(run.scenario) for run in runs}
     same = "the same in all rows" if len(common) == 1 else "NOT the same in all rows: compare with care"
     layouts = []
@@ -175,14 +155,8 @@ def _assumptions(runs: Sequence[Run]) -> Section:
         world = next(run.world for run in runs if run.scenario.name == name)
         targets = np.array([t.position_enu_m[:2] for t in world.targets])
         nearest = [np.sort(np.hypot(*(targets - t).T))[1] for t in targets] if len(targets) > 1 else [np.nan]
-        layouts.append(
-            (
-                name,
-                str(len(targets)),
-                f"{np.median(nearest):.1f}",
-                str(sum(not thing.is_target for thing in world.objects)),
-            )
-        )
+        distractors = sum(not thing.is_target for thing in world.objects)
+        layouts.append((name, str(len(targets)), f"{np.median(nearest):.1f}", str(distractors)))
     return Section(
         "Assumptions",
         paragraphs=[

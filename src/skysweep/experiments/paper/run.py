@@ -1,4 +1,4 @@
-"""The paper's Tables 1-3 and scan-only beside them: many seeds, one set of parameters."""
+"""Flies the paper's Tables 1-3, and scan-only beside them: many seeds, one set of parameters."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.experiments.flying import OnDone, fly_missing
+from skysweep.experiments.flying import OnDone, fly_job, fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
 from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
-from skysweep.flights.fly import fly_in_memory, fly_to_folder
+from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
-from skysweep.results.metrics import finite_or_inf
 from skysweep.results.run_folder import UNFINISHED
-from skysweep.results.summary import Summary
+from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
 
@@ -27,7 +26,7 @@ N_ROWS = len(PAPER) + len(CAPTIONS)
 
 
 def row_scenario(name: str, n_c: float | None, changes: Mapping[str, Any]) -> tuple[str, Scenario]:
-    """What a row flies, and its label; ``n_c`` None: scan-only. d_c is infinite in all rows of the paper."""
+    """A row's label and scenario. ``n_c`` None is scan-only; d_c is infinite in all rows of the paper."""
     row: dict[str, Any] = {"search.strategy": BASELINE}
     if n_c is not None:
         row = {"search.strategy": "scan-check", SWEPT: n_c, "search.d_c_m": math.inf}
@@ -36,14 +35,14 @@ def row_scenario(name: str, n_c: float | None, changes: Mapping[str, Any]) -> tu
 
 
 def paper_matrices(seeds: int, sensor: str, changes: Mapping[str, Any] | None = None) -> list[Matrix]:
-    """The paper's rows and those of scan-only, to which n_c means nothing, for every seed."""
+    """The paper's rows and those of scan-only, which has no n_c, with each seed."""
     papers = [row_scenario(row.scenario, row.n_c, changes or {}) for row in PAPER]
     only = [row_scenario(name, None, changes or {}) for name in CAPTIONS]
     return [Matrix.of(rows, range(seeds), sensor, fields) for rows, fields in ((papers, [SWEPT]), (only, []))]
 
 
 def folder_of(job: MissionJob, out: Path) -> Path | None:
-    """Where a mission's files go. With pictures each mission leaves some; without, those of seed 0 do."""
+    """The folder of a mission's files: missions with pictures have one, and all missions of seed 0."""
     if job.sensor == "statistical" and job.seed > 0:
         return None
     search = job.scenario.search
@@ -52,13 +51,13 @@ def folder_of(job: MissionJob, out: Path) -> Path | None:
 
 
 def fly_paper_job(job: MissionJob, out: Path) -> Summary:
-    """Fly one mission of the comparison; its folder appears when it is complete.
+    """Fly one mission of the comparison. Its folder appears when it is complete.
 
-    Raises UserError, with nothing left behind, where the disk is full.
+    Raises UserError, and leaves nothing behind, where the disk is full.
     """
     folder = folder_of(job, out)
     if folder is None:
-        return fly_in_memory(job.scenario, job.seed, job.sensor)
+        return fly_job(job)
     folder.parent.mkdir(parents=True, exist_ok=True)
     for stale in folder.parent.glob(f"{folder.name}-*{UNFINISHED}"):
         shutil.rmtree(stale, ignore_errors=True)
@@ -67,7 +66,7 @@ def fly_paper_job(job: MissionJob, out: Path) -> Summary:
         summary = fly_to_folder(job.scenario, job.seed, unfinished, Rig(job.sensor, threads=1))
     except BaseException as error:
         shutil.rmtree(unfinished, ignore_errors=True)
-        if str(unfinished) in str(error):  # told how to go on with what is removed
+        if str(unfinished) in str(error):  # the message says how to resume in a folder that is gone now
             raise UserError(
                 f"{folder}: cannot be written whole; make room, then give the same command again"
             ) from None
@@ -86,11 +85,9 @@ def compare_paper(
     changes: Mapping[str, Any] | None = None,
     on_done: OnDone = lambda _job, _summary: None,
 ) -> list[Summary]:
-    """Fly everything that ``out`` does not hold yet; return the summaries.
+    """Fly what ``out`` lacks, so that an interrupted comparison continues, and return all summaries.
 
-    ``changes`` (dotted field -> value) apply to all rows alike.
-
-    Finished missions are kept in ``out``, so that an interrupted comparison goes on.
+    ``changes`` (dotted field -> value) apply to all rows.
     """
     matrices = paper_matrices(seeds, sensor, changes)
     summaries = fly_missing(matrices, partial(fly_paper_job, out=out), out, workers, on_done)

@@ -1,9 +1,9 @@
-"""Compare missions over many seeds with the paper's Tables 1-3, and Algorithm 1 with scan-only."""
+"""Missions over many seeds beside the paper's Tables 1-3, and Algorithm 1 beside scan-only."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,20 +12,20 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from skysweep.results.metrics import finite_or_inf
+from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import MeanCI, mean_ci95
 from skysweep.results.reporting.symbols import number
-from skysweep.results.reporting.tables import markdown, one_line
-from skysweep.results.summary import Limit, Summary, value_of
+from skysweep.results.reporting.tables import markdown
+from skysweep.results.summary import Limit, Summary, finite_or_inf, value_of
 
 Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only
 
-BASELINE = "scan-only"  # the same transects without a descent: what Algorithm 1 is measured against
+BASELINE = "scan-only"  # the same transects without a descent, as a reference for Algorithm 1
 
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """One row of the paper's tables: each was flown once."""
+    """One row of the paper's tables, a single flight."""
 
     scenario: str
     n_c: float
@@ -67,7 +67,7 @@ class CompareRow:
 
     @property
     def difference(self) -> float | None:
-        """Our mean over the paper's time, minus 1."""
+        """The relative difference of our mean from the paper's time."""
         return None if self.paper_time_s is None else self.mission_time_mean_s / self.paper_time_s - 1.0
 
 
@@ -84,7 +84,7 @@ class PairedDifference:
 
     @property
     def holds(self) -> bool:
-        """The whole interval says that the paper's best choice is faster."""
+        """Whether the whole interval says that the paper's best choice is faster."""
         return self.ci95_s[1] < 0.0
 
 
@@ -101,7 +101,7 @@ class CheckEffect:
 
     @property
     def brings(self) -> str:
-        """What Algorithm 1 finds more or less than scan-only, where the whole interval says so."""
+        """The metrics in which Algorithm 1 differs from scan-only, where the whole interval says so."""
         shown = [
             f"{more if ci95[0] > 0 else less} {what}"
             for what, more, less, (_, ci95) in (
@@ -114,7 +114,7 @@ class CheckEffect:
 
 
 def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
-    """One row for each scenario and choice flown: the paper's rows in its order, then the others."""
+    """One row for each scenario and choice: the paper's rows in its order, then the others."""
     groups: dict[tuple[str, Choice], list[Summary]] = {}
     for summary in summaries:
         groups.setdefault((summary["scenario"], choice_of(summary)), []).append(summary)
@@ -143,7 +143,7 @@ def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
 
 
 def paired_differences(summaries: Iterable[Summary]) -> list[PairedDifference]:
-    """The paper's best choice of each scenario against its others, seed by seed (same world, same wind)."""
+    """The paper's best choice of each scenario against its others, in the same worlds and wind."""
     times = by_seed(summaries, "mission_time_s")
     differences = []
     for scenario in CAPTIONS:
@@ -156,7 +156,7 @@ def paired_differences(summaries: Iterable[Summary]) -> list[PairedDifference]:
 
 
 def check_effects(summaries: Sequence[Summary]) -> list[CheckEffect]:
-    """What the paper's best choice of each scenario costs and brings beside scan-only, seed by seed."""
+    """The paper's best choice of each scenario against scan-only, in the same worlds and wind."""
     metrics = [by_seed(summaries, key) for key in ("mission_time_s", "recall", "false_positives")]
     effects = []
     for scenario in CAPTIONS:
@@ -168,7 +168,7 @@ def check_effects(summaries: Sequence[Summary]) -> list[CheckEffect]:
 
 
 def by_seed(summaries: Iterable[Summary], key: str) -> dict[tuple[str, Choice], dict[int, float]]:
-    """Scenario and choice -> seed -> a number of the summary, where it has one."""
+    """Scenario and choice -> seed -> a number of the summary. Missions without that number are left out."""
     values: dict[tuple[str, Choice], dict[int, float]] = {}
     for s in summaries:
         if (value := value_of(s, key)) is not None:
@@ -182,24 +182,24 @@ def paired(a: Mapping[int, float], b: Mapping[int, float]) -> list[float]:
 
 
 def choice_of(summary: Summary) -> Choice:
-    """n_c of a mission that Algorithm 1 flew; to scan-only it means nothing."""
+    """n_c of a mission of Algorithm 1; None for scan-only."""
     return None if summary["strategy"] == BASELINE else summary["n_c"]
 
 
 def _paper_order(scenario: str) -> list[Limit]:
-    """The n_c that the paper prints for a scenario, its fastest before the others."""
+    """The paper's n_c of a scenario, the fastest first."""
     printed = {finite_or_inf(row.n_c): row.mission_time_s for row in PAPER if row.scenario == scenario}
     best = min(printed, key=lambda n_c: printed[n_c])
     return [best, *(n_c for n_c in printed if n_c != best)]
 
 
 def compare_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
-    """Algorithm 1's rows as ``compare.json`` holds them; bounds that a single seed leaves open are None."""
+    """The rows of Algorithm 1 for ``compare.json``. Bounds that a single seed leaves open are None."""
     return [asdict(row) | _time_ci95(row) for row in rows if row.n_c is not None]
 
 
 def baselines_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
-    """The rows of scan-only as ``baselines.json`` holds them."""
+    """The rows of scan-only for ``baselines.json``."""
     kept = ("mission_time_mean_s", "recall_mean", "false_positives_mean", "n_seeds")
     return [
         {"scenario": row.scenario, "strategy": BASELINE}
@@ -214,34 +214,40 @@ def _time_ci95(row: CompareRow) -> dict[str, list[float | None]]:
     return {"mission_time_ci95_s": [b if math.isfinite(b) else None for b in row.mission_time_ci95_s]}
 
 
-HEADER = (
-    "n_c",
-    "Mission\ntime (s)",
-    "95 % CI",
-    "Paper\n(s)",
-    "Diffe-\nrence",
-    "False\nscans",
-    "False\npos.",
-    "Paper\nf. p.",
-    "Recall",
-    "Seeds",
+_HEADER = (
+    *("n_c", "Mission\ntime (s)", "95 % CI", "Paper\n(s)", "Diffe-\nrence"),
+    *("False\nscans", "False\npos.", "Paper\nf. p.", "Recall", "Seeds"),
 )
-PAIRED_HEADER = (
-    "Scenario",
-    "Paper's best",
-    "Against",
-    "Difference (s)",
-    "95 % CI",
-    "Pairs",
-    "Faster?",
-)
-PAIRED_CAPTION = "Paired over seeds: best choice minus the other"
-CHECK_HEADER = ("Scenario", "n_c", "Time (s)", "Recall", "False positives", "CHECK brings")
-CHECK_CAPTION = "What CHECK costs and brings: the paper's best choice minus scan-only, paired over seeds"
+_PAIRED_HEADER = ("Scenario", "Paper's best", "Against", "Difference (s)", "95 % CI", "Pairs", "Faster?")
+_CHECK_HEADER = ("Scenario", "n_c", "Time (s)", "Recall", "False positives", "CHECK brings")
 
 
-def cells(row: CompareRow) -> tuple[str, ...]:
-    """A row as text, in the order of ``HEADER``."""
+def scenario_grids(rows: Iterable[CompareRow]) -> list[Grid]:
+    """A table for each scenario. The fastest n_c stands out."""
+    groups: dict[str, list[CompareRow]] = {}
+    for row in rows:
+        groups.setdefault(CAPTIONS.get(row.scenario, row.scenario), []).append(row)
+    grids = []
+    for caption, group in groups.items():
+        ours = [k for k, row in enumerate(group) if row.n_c is not None]
+        fastest = sorted(ours, key=lambda k: group[k].mission_time_mean_s)[:1]
+        grids.append(Grid(_HEADER, [_cells(row) for row in group], caption, best=fastest))
+    return grids
+
+
+def paired_grid(summaries: Iterable[Summary]) -> Grid:
+    """The paper's best choices against the others."""
+    rows = [_paired_cells(difference) for difference in paired_differences(summaries)]
+    return Grid(_PAIRED_HEADER, rows, "Paired over seeds: best choice minus the other")
+
+
+def check_grid(summaries: Sequence[Summary]) -> Grid:
+    """The paper's best choices against scan-only."""
+    caption = "What CHECK costs and brings: the paper's best choice minus scan-only, paired over seeds"
+    return Grid(_CHECK_HEADER, [_check_cells(effect) for effect in check_effects(summaries)], caption)
+
+
+def _cells(row: CompareRow) -> tuple[str, ...]:
     return (
         BASELINE if row.n_c is None else number(float(row.n_c)),
         f"{row.mission_time_mean_s:.1f}",
@@ -256,8 +262,7 @@ def cells(row: CompareRow) -> tuple[str, ...]:
     )
 
 
-def paired_cells(difference: PairedDifference) -> tuple[str, ...]:
-    """A paired difference as text, in the order of ``PAIRED_HEADER``."""
+def _paired_cells(difference: PairedDifference) -> tuple[str, ...]:
     low, high = difference.ci95_s
     return (
         difference.scenario,
@@ -270,8 +275,7 @@ def paired_cells(difference: PairedDifference) -> tuple[str, ...]:
     )
 
 
-def check_cells(effect: CheckEffect) -> tuple[str, ...]:
-    """What CHECK costs and brings as text, in the order of ``CHECK_HEADER``."""
+def _check_cells(effect: CheckEffect) -> tuple[str, ...]:
     return (
         effect.scenario,
         number(float(effect.n_c)),
@@ -282,42 +286,28 @@ def check_cells(effect: CheckEffect) -> tuple[str, ...]:
     )
 
 
-def grouped(rows: Iterable[CompareRow]) -> dict[str, list[CompareRow]]:
-    """Caption -> rows of one scenario."""
-    groups: dict[str, list[CompareRow]] = {}
-    for row in rows:
-        groups.setdefault(CAPTIONS.get(row.scenario, row.scenario), []).append(row)
-    return groups
-
-
 def print_tables(console: Console, rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> None:
-    """The tables on a terminal: our mean, its interval, the paper's number and the difference."""
-    for caption, header, texts in _all_tables(rows, summaries):
-        console.print(_table(caption, header, texts))
+    """All tables on a terminal."""
+    for grid in _all_grids(rows, summaries):
+        table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False)
+        for column in grid.header:
+            table.add_column(column, justify="right", no_wrap=column != _CHECK_HEADER[-1])
+        for row in grid.rows:
+            table.add_row(*row)
+        console.print(table)
 
 
 def markdown_tables(rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> str:
-    """The same tables in Markdown."""
-    return "\n".join(
-        markdown(caption, [one_line(name) for name in header], texts)
-        for caption, header, texts in _all_tables(rows, summaries)
-    )
+    """All tables in Markdown."""
+    return "\n".join(map(markdown, _all_grids(rows, summaries)))
 
 
-def _all_tables(
-    rows: Sequence[CompareRow], summaries: Sequence[Summary]
-) -> Iterator[tuple[str, Sequence[str], list[tuple[str, ...]]]]:
-    """Caption, header and cells of every table."""
-    for caption, group in grouped(rows).items():
-        yield caption, HEADER, [cells(row) for row in group]
-    if differences := paired_differences(summaries):
-        yield PAIRED_CAPTION, PAIRED_HEADER, [paired_cells(d) for d in differences]
-    if effects := check_effects(summaries):
-        yield CHECK_CAPTION, CHECK_HEADER, [check_cells(effect) for effect in effects]
+def _all_grids(rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> list[Grid]:
+    return [g for g in (*scenario_grids(rows), paired_grid(summaries), check_grid(summaries)) if g.rows]
 
 
 def choice(n_c: Choice) -> str:
-    """Which strategy a row is, for a reader."""
+    """The strategy of a row, for a reader."""
     return BASELINE if n_c is None else f"n_c = {number(float(n_c))}"
 
 
@@ -326,18 +316,8 @@ def _interval(bounds: tuple[float, float]) -> str:
 
 
 def _difference(found: MeanCI, digits: int) -> str:
-    """Mean with its sign and, in brackets, its interval."""
     mean, (low, high) = found
     if math.isnan(mean):
         return "-"
     interval = f"{low:.{digits}f} to {high:.{digits}f}" if math.isfinite(low) else "one seed"
     return f"{mean:+.{digits}f}\n({interval})"
-
-
-def _table(caption: str, header: Sequence[str], texts: Iterable[Sequence[str]]) -> Table:
-    table = Table(title=caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 0), pad_edge=False)
-    for column in header:
-        table.add_column(column, justify="right", no_wrap=column != CHECK_HEADER[-1])
-    for text in texts:
-        table.add_row(*text)
-    return table

@@ -1,4 +1,4 @@
-"""What a sweep shows: intervals, paired differences, the Pareto front, what each parameter does."""
+"""The analysis of a sweep: intervals, paired differences, the Pareto front, effects of parameters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.experiments.sweep.missions import (
     COMPARED,
@@ -20,7 +19,6 @@ from skysweep.experiments.sweep.missions import (
     Flown,
     Metric,
     Value,
-    configuration_label,
     in_order,
 )
 from skysweep.results.reporting.statistics import (
@@ -35,38 +33,36 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
-
-F64 = NDArray[np.float64]
+from skysweep.results.reporting.wording import counted
+from skysweep.types import F64
 
 MIN_RECALL = 0.95
-MOST_LOST = 0.05  # share of failed and unfinished missions up to which a configuration can be the best
+MOST_LOST = 0.05  # greatest share of failed and unfinished missions of the best configuration
 MOST_CURVES = 6
-FEW_SEEDS = 20  # below, bootstrap intervals are clearly too narrow (see docs/statistics.md)
+FEW_SEEDS = 20  # with fewer, bootstrap intervals are clearly too narrow (see docs/statistics.md)
 _OBJECTIVES = (MISSION_TIME, RECALL, FALSE_POSITIVES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
-    """One configuration in one scenario and what its missions show."""
+    """One configuration in one scenario, with its statistics."""
 
     flown: Flown
-    estimates: dict[str, Estimate]  # metric -> over all its missions without an error
+    estimates: dict[str, Estimate]  # by metric, over all missions without an error
     on_front: bool  # of mean mission time, recall and false positives
-    front_share: float  # how often it is there when the seeds are drawn anew; NaN: not known
+    front_share: float  # of the resamplings of the seeds that leave it there; NaN where unknown
 
     @property
     def label(self) -> str:
-        """What a reader knows it by."""
         return self.flown.label
 
     def mean(self, metric: Metric) -> float:
-        """Mean, NaN where there is none."""
         return self.estimates[metric.key].mean if metric.key in self.estimates else math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two configurations of one scenario, a - b over the seeds that both flew."""
+    """Two configurations of one scenario, a - b over common seeds."""
 
     scenario: str
     metric: Metric
@@ -78,17 +74,17 @@ class Comparison:
 
     @property
     def distinguishable(self) -> bool:
-        """The corrected p is below 5 % and the interval does not hold zero."""
+        """Whether the corrected p is below 5 % and the interval excludes zero."""
         return self.p_holm < SIGNIFICANCE and (self.test.low > 0 or self.test.high < 0)
 
     @property
     def too_few(self) -> bool:
-        """So few pairs that no outcome whatever could have been told from chance."""
+        """Whether no outcome of so few pairs can be distinguished from chance."""
         return self.test.n_pairs < pairs_needed(self.family)
 
     @property
     def undecided(self) -> bool:
-        """Not distinguishable for want of pairs: too few for any outcome, or for the correction alone."""
+        """Whether more pairs might decide: there are too few for any outcome, or for the correction."""
         return not self.distinguishable and (self.too_few or self.test.low > 0 or self.test.high < 0)
 
 
@@ -96,9 +92,9 @@ class Comparison:
 class Analysis:
     """One scenario of a sweep.
 
-    ``tiers`` are the members whose missions finished, by ``best_rule``: those with the recall and the false
-    positives of the best, those with more false positives, those with less recall, each the fastest first.
-    Where none has the recall that is asked for, ``reached`` is false and one tier lists all by their recall.
+    ``tiers`` are the members whose missions finished, by ``best_rule``: those with the recall and false
+    positives of the best, those with more false positives, and those with less recall, each with the fastest
+    first. Where none has the required recall, ``reached`` is false and one tier has all by their recall.
     """
 
     scenario: str
@@ -109,42 +105,44 @@ class Analysis:
 
     @property
     def ranking(self) -> tuple[int, ...]:
-        """All members of the tiers, the best first."""
         return tuple(chain.from_iterable(self.tiers))
 
     def compare(self, metric: Metric, a: int, b: int) -> Comparison:
-        """The difference a - b, whichever way around it was tested."""
         if a < b:
             return self.comparisons[metric.key, a, b]
         found = self.comparisons[metric.key, b, a]
-        return replace(found, a=a, b=b, test=_turned(found.test))
+        test, signed = found.test, ("mean", "rank_biserial", "cohens_dz")
+        turned = {name: 0.0 - getattr(test, name) for name in signed}
+        turned |= {"low": 0.0 - test.high, "high": 0.0 - test.low}
+        return replace(found, a=a, b=b, test=replace(test, **turned))
 
     @property
     def metrics(self) -> list[Metric]:
-        """Those that at least one configuration has."""
+        """The metrics of at least one configuration."""
         return [m for m in METRICS if any(math.isfinite(member.mean(m)) for member in self.members)]
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """How metrics follow one parameter."""
+    """Metrics over the values of one parameter."""
 
     label: str
     values: tuple[Value, ...]
-    estimates: dict[str, tuple[Estimate, ...]]  # metric -> one a value
+    estimates: dict[str, tuple[Estimate, ...]]  # by metric, one per value
     averaged_over: int  # configurations at each value
 
 
 def analyse(groups: Mapping[str, Sequence[Flown]], min_recall: float = MIN_RECALL) -> list[Analysis]:
-    """Everything that the report says about each scenario.
+    """The analysis of each scenario.
 
-    Holm's correction counts all pairs of configurations of all scenarios as one family, for each metric.
+    In Holm's correction, all pairs of configurations of all scenarios are one family for each metric.
     """
-    pairs: list[Comparison] = []
-    for scenario, flown in groups.items():
-        for metric in COMPARED:
-            pairs += _compare_all(scenario, metric, flown)
-    pairs = _corrected(pairs)
+    pairs = []
+    for metric in COMPARED:
+        family = [c for scenario, flown in groups.items() for c in _compare_all(scenario, metric, flown)]
+        p = np.array([c.test.p if c.test.n_pairs else math.nan for c in family])
+        size = int(np.isfinite(p).sum())
+        pairs += [replace(c, p_holm=float(q), family=size) for c, q in zip(family, holm(p), strict=True)]
     analyses = []
     for scenario, flown in groups.items():
         members = _members(flown)
@@ -154,7 +152,7 @@ def analyse(groups: Mapping[str, Sequence[Flown]], min_recall: float = MIN_RECAL
 
 
 def best_rule(min_recall: float = MIN_RECALL) -> str:
-    """How the best is chosen, in a sentence."""
+    """The rule that chooses the best."""
     return (
         f"The best: of the configurations with a mean recall of at least {min_recall:g} and at most "
         f"{MOST_LOST:.0%} of their missions failed or unfinished, those whose recall is not distinguishable "
@@ -188,34 +186,29 @@ def _cost(metric: Metric, value: F64 | float) -> F64 | float:
 
 
 def _at(flown: Flown, metric: Metric, seeds: Sequence[int]) -> F64:
-    """Values of a metric at given seeds, each of which was flown."""
+    """Values of a metric at given seeds, all of which were flown."""
     return flown.values[metric.key][np.searchsorted(flown.seeds, seeds)]
 
 
 def _tiers(
     members: Sequence[Member], comparisons: Mapping[tuple[str, int, int], Comparison], min_recall: float
 ) -> tuple[tuple[tuple[int, ...], ...], bool]:
-    """``tiers`` and ``reached`` of an analysis."""
 
     def not_worse(metric: Metric, among: list[int]) -> list[int]:
         best = min(among, key=lambda k: _cost(metric, members[k].mean(metric)))
         pairs = {k: (metric.key, min(k, best), max(k, best)) for k in among if k != best}
         return [k for k in among if k == best or not comparisons[pairs[k]].distinguishable]
 
-    flying = sorted(
-        (k for k, member in enumerate(members) if member.flown.n), key=lambda k: members[k].mean(MISSION_TIME)
-    )
-    good = [
-        k
-        for k in flying
-        if not members[k].mean(RECALL) < min_recall and _lost_share(members[k].flown) <= MOST_LOST
-    ]
+    flying = [k for k, member in enumerate(members) if member.flown.n]
+    flying.sort(key=lambda k: members[k].mean(MISSION_TIME))
+    whole = [k for k in flying if _lost_share(members[k].flown) <= MOST_LOST]
+    good = [k for k in whole if not members[k].mean(RECALL) < min_recall]
     if not good:
         return (tuple(sorted(flying, key=lambda k: -members[k].mean(RECALL))),), False
     thorough = not_worse(RECALL, good)
     finalists = not_worse(FALSE_POSITIVES, thorough)
     noisy = [k for k in thorough if k not in finalists]
-    hasty = [k for k in flying if k not in thorough and _lost_share(members[k].flown) <= MOST_LOST]
+    hasty = [k for k in whole if k not in thorough]
     return (tuple(finalists), tuple(noisy), tuple(hasty)), True
 
 
@@ -224,7 +217,7 @@ def _lost_share(flown: Flown) -> float:
 
 
 def _compare_all(scenario: str, metric: Metric, flown: Sequence[Flown]) -> list[Comparison]:
-    """All pairs of one scenario; those over the same seeds are tested at once. p is not corrected yet."""
+    """All pairs of one scenario, tested together where they have the same seeds. p is not corrected yet."""
     if not any(metric.key in f.values for f in flown):
         return []
     seeds = np.unique(np.concatenate([f.seeds for f in flown]))
@@ -244,33 +237,12 @@ def _compare_all(scenario: str, metric: Metric, flown: Sequence[Flown]) -> list[
     return comparisons
 
 
-def _corrected(comparisons: Sequence[Comparison]) -> list[Comparison]:
-    done = []
-    for metric in COMPARED:
-        family = [c for c in comparisons if c.metric is metric]
-        p = np.array([c.test.p if c.test.n_pairs else math.nan for c in family])
-        size = int(np.isfinite(p).sum())
-        done += [replace(c, p_holm=float(q), family=size) for c, q in zip(family, holm(p), strict=True)]
-    return done
-
-
-def _turned(test: PairedTest) -> PairedTest:
-    return replace(
-        test,
-        mean=0.0 - test.mean,
-        low=0.0 - test.high,
-        high=0.0 - test.low,
-        rank_biserial=0.0 - test.rank_biserial,
-        cohens_dz=0.0 - test.cohens_dz,
-    )
-
-
 def sensitivity(flown: Sequence[Flown], field: str) -> list[Curve]:
-    """How the metrics follow one swept field; empty when nothing was flown at two of its values.
+    """Metrics over one swept field; empty unless two of its values were flown.
 
-    A curve is what has all other choices alike. Where that would be more than ``MOST_CURVES``, there is one
-    for each strategy instead: the mean over all settings of the other fields that were flown at every value,
-    seed by seed, so that no value is helped by the company that it was flown in.
+    All else is equal along a curve. Instead of more than ``MOST_CURVES`` there is one per strategy: the mean,
+    seed by seed, over those settings of the other fields that were flown at every value, so that all values
+    are averaged over the same settings.
     """
     cells: dict[Configuration, dict[Value, Flown]] = {}
     for f in flown:
@@ -279,30 +251,16 @@ def sensitivity(flown: Sequence[Flown], field: str) -> list[Curve]:
             cells.setdefault(f.configuration.without(field), {})[value] = f
     cells = {others: row for others, row in cells.items() if len(row) > 1}
     if len(cells) <= MOST_CURVES:
-        varied = _varied(list(cells))
-        return [_curve(_other_label(others, varied), [row]) for others, row in cells.items()]
+        fields = dict.fromkeys(name for others in cells for name, _ in others.parameters)
+        varied = [f for f in fields if len({dict(others.parameters).get(f) for others in cells}) > 1]
+        several = len({others.strategy for others in cells}) > 1
+        return [_curve(others.only(varied).label(several), [row]) for others, row in cells.items()]
     values = {value for row in cells.values() for value in row}
     whole: dict[str, list[dict[Value, Flown]]] = {}
     for others, row in cells.items():
         if set(row) == values:
             whole.setdefault(others.strategy, []).append(row)
     return [_curve(strategy, rows) for strategy, rows in list(whole.items())[:MOST_CURVES]]
-
-
-def _varied(configurations: Sequence[Configuration]) -> tuple[bool, set[str]]:
-    """Whether strategies differ, and the fields whose values do."""
-    seen: dict[str, set[Value | None]] = {}
-    fields = {field for c in configurations for field, _ in c.parameters}
-    for c in configurations:
-        for field in fields:
-            seen.setdefault(field, set()).add(dict(c.parameters).get(field))
-    strategies = len({c.strategy for c in configurations}) > 1
-    return strategies, {field for field, values in seen.items() if len(values) > 1}
-
-
-def _other_label(others: Configuration, varied: tuple[bool, set[str]]) -> str:
-    shown = Configuration(others.strategy, tuple(p for p in others.parameters if p[0] in varied[1]))
-    return configuration_label(shown, with_strategy=varied[0])
 
 
 def _curve(label: str, rows: Sequence[dict[Value, Flown]]) -> Curve:
@@ -320,7 +278,7 @@ def _curve(label: str, rows: Sequence[dict[Value, Flown]]) -> Curve:
 
 
 def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
-    """What a person can quote: the best configuration, by how much, and whether that can be told at all."""
+    """The best configuration, by how much, and how certain that is, in sentences to quote."""
     name = f"{analysis.scenario}:"
     if not analysis.ranking:
         return f"{name} all missions failed."
@@ -348,14 +306,13 @@ def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
 
 
 def _figures(member: Member) -> str:
-    """Recall, false positives and mission time with their intervals."""
     metrics = [m for m in (RECALL, FALSE_POSITIVES, MISSION_TIME) if math.isfinite(member.mean(m))]
     shown = ", ".join(f"{m.name.lower()} {_with_interval(member, m)}" for m in metrics)
-    return f"{shown} over {member.flown.n} {'seed' if member.flown.n == 1 else 'seeds'}"
+    return f"{shown} over {counted(member.flown.n, 'seed')}"
 
 
 def _not_weighed(analysis: Analysis) -> list[str]:
-    """That time alone decided, where the seeds are too few to tell recall or false positives apart."""
+    """A warning where the seeds are too few to compare recall and false positives."""
     best, *others = analysis.ranking
     found = [analysis.compare(m, k, best) for k in others for m in (RECALL, FALSE_POSITIVES)]
     missing = [c for c in found if c.too_few and c.test.n_zero < c.test.n_pairs]
@@ -372,50 +329,43 @@ def _against_runner_up(analysis: Analysis) -> str:
     label = analysis.members[second].label
     found = analysis.compare(MISSION_TIME, second, best)
     test = found.test
+    alike = f"not distinguishable from the runner-up {label}"
     if not test.n_pairs:
         return f"the runner-up {label} was flown on other seeds, so that the two cannot be compared"
     if test.n_pairs == 1:
-        return f"not distinguishable from the runner-up {label} ({test.mean:+.1f} s on the one common seed)"
+        return f"{alike} ({test.mean:+.1f} s on the one common seed)"
     if test.n_zero == test.n_pairs:
-        return (
-            f"not distinguishable from the runner-up {label}: equal with each of {test.n_pairs} common seeds"
-        )
+        return f"{alike}: equal with each of {test.n_pairs} common seeds"
     gap = f"{test.mean:.1f} s (95 % CI {test.low:.1f} to {test.high:.1f}, {test.n_pairs} common seeds)"
     if found.distinguishable:
         return f"it is {gap} faster than the runner-up {label}, corrected p {p_text(found.p_holm)}"
-    others = analysis.tiers[0][1:]
-    alike = sum(not analysis.compare(MISSION_TIME, other, best).distinguishable for other in others)
-    counted = (
-        f"; not distinguishable in time from {alike} of the {len(others)} others with recall and false "
-        "positives that are as good"
-        if len(others) > 1
-        else ""
-    )
+    others, counted = analysis.tiers[0][1:], ""
+    if len(others) > 1:
+        n = sum(not analysis.compare(MISSION_TIME, other, best).distinguishable for other in others)
+        counted = (
+            f"; not distinguishable in time from {n} of the {len(others)} others with recall and false "
+            "positives that are as good"
+        )
     if found.undecided:
         correcting = f" after correcting for {found.family} comparisons" if found.family > 1 else ""
         return (
             f"the runner-up {label} is {gap} slower, but these are too few seeds to tell{correcting}: at "
             f"least {pairs_to_tell(test, found.family)} common seeds are needed{counted}"
         )
-    return (
-        f"not distinguishable from the runner-up {label}: {gap} slower, corrected p {p_text(found.p_holm)}"
-        f"{counted}"
-    )
+    return f"{alike}: {gap} slower, corrected p {p_text(found.p_holm)}{counted}"
 
 
 def _with_interval(member: Member, metric: Metric) -> str:
-    e = member.estimates[metric.key]
-    unit = f" {metric.unit}" if metric.unit else ""
+    e, digits = member.estimates[metric.key], metric.decimals
     if e.n < 2:
-        return f"{e.mean:.{metric.decimals}f}{unit} (1 seed: no interval)"
-    if e.low == e.high:
-        return f"{e.mean:.{metric.decimals}f}{unit} (with every seed)"
-    return (
-        f"{e.mean:.{metric.decimals}f}{unit} "
-        f"(95 % CI {e.low:.{metric.decimals}f} to {e.high:.{metric.decimals}f})"
-    )
+        spread = "1 seed: no interval"
+    elif e.low == e.high:
+        spread = "with every seed"
+    else:
+        spread = f"95 % CI {e.low:.{digits}f} to {e.high:.{digits}f}"
+    return f"{e.mean:.{digits}f} {metric.unit}".rstrip() + f" ({spread})"
 
 
 def p_text(p: float) -> str:
-    """A p for a reader."""
+    """A p-value with its relation, for a reader."""
     return "< 0.001" if p < 0.001 else f"= {p:.3f}" if p < 0.1 else f"= {p:.2f}"

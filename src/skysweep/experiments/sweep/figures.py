@@ -1,4 +1,4 @@
-"""The figures of a sweep: Pareto front, POS over time, what each parameter does; each with its data."""
+"""The figures of a sweep, each with its data: Pareto front, POS over time, effects of parameters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from skysweep.experiments.sweep.analysis import Analysis, Curve, Member
 from skysweep.experiments.sweep.missions import (
@@ -25,77 +24,59 @@ from skysweep.experiments.sweep.missions import (
 )
 from skysweep.results.reporting.statistics import Estimate, pointwise_band
 from skysweep.results.reporting.style import (
+    BLUE,
     PAGE_IN,
     SERIES_COLOURS,
     SERIES_DASHES,
-    save_figure,
+    draw_pos_axis,
+    save_figures,
     step_values,
     style,
 )
 from skysweep.results.reporting.symbols import field_title, field_unit, value_text
 from skysweep.results.reporting.tables import math_text
 
-F64 = NDArray[np.float64]
-
 POS_STEPS = 200
 MOST_POS_CURVES = 6
 _MOST_NAMED = 12
-_BLUE = SERIES_COLOURS[0]
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def draw_pareto(analysis: Analysis, stem: Path) -> Path:
-    """Mean recall and false positives over mean mission time; members of the front are numbered and named.
+    """Mean recall and false positives over mean mission time, with the front's members numbered and named.
 
-    Returns:
-        The SVG; ``stem.pdf`` and ``stem.csv`` lie beside it.
+    Returns the SVG, and writes ``stem.pdf`` and ``stem.csv`` beside it, as the other figures do.
     """
     below = [m for m in (RECALL, FALSE_POSITIVES) if m in analysis.metrics]
-    front = sorted(
-        (m for m in analysis.members if m.on_front and m.flown.n), key=lambda m: m.mean(MISSION_TIME)
-    )
-    others = [m for m in analysis.members if m.flown.n and m not in front]
+    flown = [m for m in analysis.members if m.flown.n]
+    front = sorted((m for m in flown if m.on_front), key=lambda m: m.mean(MISSION_TIME))
+    others = [m for m in flown if not m.on_front]
+    on_front: dict[str, Any] = {"marker": "o", "ls": "", "ms": 5, "color": BLUE}
+    dominated: dict[str, Any] = {"marker": "x", "ls": "", "ms": 4, "color": "0.6"}
     with style():
         named = front[:_MOST_NAMED]
         height = 2.6 + 0.15 * math.ceil((len(named) + 2) / 3)
         figure = Figure(figsize=(PAGE_IN, height), layout="constrained")
         axes = figure.subplots(1, len(below), squeeze=False)[0]
         for axis, metric in zip(axes, below, strict=True):
-            for k, member in enumerate([*others, *front]):
+            for member in [*others, *front]:
+                look = on_front | {"zorder": 3} if member.on_front else dominated | {"zorder": 2}
                 x, y = member.estimates[MISSION_TIME.key], member.estimates[metric.key]
-                on_front = k >= len(others)
-                axis.errorbar(
-                    x.mean,
-                    y.mean,
-                    xerr=_bars(x),
-                    yerr=_bars(y),
-                    fmt="o" if on_front else "x",
-                    ms=5 if on_front else 4,
-                    color=_BLUE if on_front else "0.6",
-                    elinewidth=0.7,
-                    zorder=3 if on_front else 2,
-                )
+                axis.errorbar(x.mean, y.mean, xerr=_bars(x), yerr=_bars(y), elinewidth=0.7, **look)
+            bold: Any = {"fontsize": 7.5, "fontweight": "bold", "zorder": 4}
             for place, numbers in _numbered(named, metric).items():
-                axis.annotate(
-                    ", ".join(numbers),
-                    place,
-                    (4, 4),
-                    textcoords="offset points",
-                    fontsize=7.5,
-                    fontweight="bold",
-                    zorder=4,
-                )
+                axis.annotate(", ".join(numbers), place, (4, 4), textcoords="offset points", **bold)
             axis.set(xlabel="Mean mission time (s)", ylabel=f"Mean {metric.name.lower()}")
             axis.grid(lw=0.3, color="0.85")
             axis.margins(0.08)
             _end_recall_at_1(axis, metric)
-        axes[0].plot([], [], "o", ms=5, color=_BLUE, label="on the Pareto front")
+        axes[0].plot([], [], label="on the Pareto front", **on_front)
         if others:
-            axes[0].plot([], [], "x", ms=4, color="0.6", label="dominated")
+            axes[0].plot([], [], label="dominated", **dominated)
         for number, member in enumerate(named, 1):
             axes[0].plot([], [], " ", label=f"{number}: {math_text(member.label)}")
         figure.legend(loc="outside lower center", ncols=3, frameon=False, handlelength=1.2)
-        path = _save(figure, stem)
+        _, path = save_figures(figure, stem, ".pdf", ".svg")
     rows = []
     for member in analysis.members:
         row = {"configuration": member.label, "on_front": member.on_front, "front_share": member.front_share}
@@ -108,7 +89,7 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
 
 
 def _end_recall_at_1(axis: Axes, metric: Metric) -> None:
-    """No axis promises a recall that cannot be; marks at 1 are drawn whole."""
+    """End the axis of recall at 1, with marks at 1 drawn whole."""
     if metric is RECALL:
         axis.set_ylim(top=1.0)
         axis.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))  # 1 is a multiple of each
@@ -117,7 +98,7 @@ def _end_recall_at_1(axis: Axes, metric: Metric) -> None:
 
 
 def _numbered(named: Sequence[Member], metric: Metric) -> dict[tuple[float, float], list[str]]:
-    """Point of the figure -> the numbers of the members that lie on it."""
+    """Point of the figure -> the numbers of the members on it."""
     places: dict[tuple[float, float], list[str]] = {}
     for number, member in enumerate(named, 1):
         place = round(member.mean(MISSION_TIME), 6), round(member.mean(metric), 6)
@@ -128,8 +109,8 @@ def _numbered(named: Sequence[Member], metric: Metric) -> dict[tuple[float, floa
 def draw_pos(analysis: Analysis, stem: Path) -> Path | None:
     """POS(t): mean share of targets confirmed, with the pointwise 95 % bootstrap band over the seeds.
 
-    Draws the best configurations, then those of the Pareto front, ``MOST_POS_CURVES`` at most; the CSV holds
-    all. None where no mission has a curve.
+    It shows at most ``MOST_POS_CURVES`` configurations, the best and those of the Pareto front first. The CSV
+    has all. Returns None where no mission has a curve.
     """
     members = [m for m in analysis.members if m.flown.pos]
     if not members:
@@ -139,44 +120,27 @@ def draw_pos(analysis: Analysis, stem: Path) -> Path | None:
     ranked = [analysis.members[k] for k in analysis.ranking]
     wanted = [*ranked[:2], *(m for m in members if m.on_front), *ranked, *members]
     drawn = [m for m in dict.fromkeys(wanted) if m.flown.pos][:MOST_POS_CURVES]
-    frames = []
+    frames, bands = [], []
+    for member in [*drawn, *(m for m in members if m not in drawn)]:
+        curves = np.array([step_values(steps, time_s) for steps in member.flown.pos])
+        mean, (low, high) = curves.mean(axis=0), pointwise_band(curves)
+        told = {"configuration": member.label, "n": len(curves), "time_s": time_s}
+        frames.append(pl.DataFrame(told | {"pos_mean": mean, "pos_low": low, "pos_high": high}))
+        bands.append((math_text(member.label), mean, low, high))
     with style():
         figure = Figure(figsize=(PAGE_IN, 2.8), layout="constrained")
         axis = figure.subplots()
-        for member in [*drawn, *(m for m in members if m not in drawn)]:
-            curves = np.array([step_values(steps, time_s) for steps in member.flown.pos])
-            mean, (low, high) = curves.mean(axis=0), pointwise_band(curves)
-            frames.append(
-                pl.DataFrame(
-                    {
-                        "configuration": [member.label] * len(time_s),
-                        "n": [len(curves)] * len(time_s),
-                        "time_s": time_s,
-                        "pos_mean": mean,
-                        "pos_low": low,
-                        "pos_high": high,
-                    }
-                )
-            )
-            if member in drawn:
-                k = drawn.index(member)
-                colour, dash = SERIES_COLOURS[k], SERIES_DASHES[k % len(SERIES_DASHES)]
-                label = math_text(member.label)
-                axis.plot(time_s, mean, dash, color=colour, lw=1.4, label=label, clip_on=False)
-                axis.fill_between(time_s, low, high, color=colour, alpha=0.15, lw=0)
-        axis.set(xlabel="Time since take-off (s)", ylabel="POS (share of targets confirmed)")
-        axis.set(xlim=(0, end_s), ylim=(0, 1))
-        axis.grid(lw=0.3, color="0.85")
+        draw_pos_axis(axis, time_s, bands[: len(drawn)])
         axis.legend(frameon=False, loc="upper left" if len(drawn) <= 3 else "best")
-        path = _save(figure, stem)
+        _, path = save_figures(figure, stem, ".pdf", ".svg")
     _write_frame(pl.concat(frames), stem.with_suffix(".csv"))
     return path
 
 
 def draw_sensitivity(curves: Sequence[Curve], field: str, stem: Path) -> Path:
-    """Mission time, recall, false scans and false positives over one parameter: means and 95 % intervals.
+    """Means and 95 % intervals of mission time, recall, false scans and false positives over one parameter.
 
-    Numbers stand where they belong, infinity as a category of its own at the right, words side by side.
+    Numbers are drawn to scale, infinity is a category of its own at the right, words stand side by side.
     """
     metrics = [
         m
@@ -205,17 +169,14 @@ def draw_sensitivity(curves: Sequence[Curve], field: str, stem: Path) -> Path:
             handles, labels = axes[0].get_legend_handles_labels()
             columns = 4 if len(curves) == 4 else 3
             figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
-        path = _save(figure, stem)
+        _, path = save_figures(figure, stem, ".pdf", ".svg")
     records = [
         {
             "curve": curve.label,
             "configurations_averaged": curve.averaged_over,
             field: float(v) if isinstance(v, (int, float)) and not isinstance(v, bool) else str(v),
             "metric": metric,
-            "n": e.n,
-            "mean": e.mean,
-            "low": e.low,
-            "high": e.high,
+            **{part: getattr(e, part) for part in ("n", "mean", "low", "high")},
         }
         for curve in curves
         for metric, estimates in curve.estimates.items()
@@ -226,7 +187,7 @@ def draw_sensitivity(curves: Sequence[Curve], field: str, stem: Path) -> Path:
 
 
 def _places(values: Sequence[Value]) -> dict[Value, float]:
-    """Where values stand on the axis: numbers to scale (a logarithmic one over a decade), others apart."""
+    """Places of values on the axis: numbers to scale (logarithmic over more than a decade), others apart."""
     numbers = sorted(v for v in values if not isinstance(v, (str, bool)) and math.isfinite(v))
     if len(numbers) + any(v == math.inf for v in values) < len(values):
         return {v: float(k) for k, v in enumerate(values)}
@@ -241,7 +202,7 @@ def _places(values: Sequence[Value]) -> dict[Value, float]:
 def _curve(
     axis: Axes, curve: Curve, metric: Metric, places: dict[Value, float], shift: float, k: int
 ) -> None:
-    """Means joined by a line with their band; bars, moved aside by ``shift``, where nothing is joined."""
+    """Means joined by a line with their band, or with bars, moved aside by ``shift``, where not joined."""
     colour, marker = SERIES_COLOURS[k % len(SERIES_COLOURS)], _MARKERS[k % len(_MARKERS)]
     dash = SERIES_DASHES[k % len(SERIES_DASHES)]
     estimates = curve.estimates[metric.key]
@@ -260,7 +221,7 @@ def _curve(
 
 
 def _value_axis(axis: Axes, places: dict[Value, float], field: str) -> None:
-    """Ticks at the values flown, where they do not run into one another."""
+    """Ticks at the values flown, without those that would overlap."""
     span = max(places.values()) - min(places.values())
     kept: list[Value] = []
     for value in sorted(places, key=lambda v: places[v]):
@@ -279,17 +240,12 @@ def _tick(field: str, value: Value) -> str:
 
 
 def _bars(e: Estimate) -> list[list[float]] | None:
-    """Lengths of an error bar down and up, none without an interval."""
+    """Lengths of an error bar down and up, or None without an interval."""
     return [[e.mean - e.low], [e.high - e.mean]] if math.isfinite(e.low) else None
 
 
-def _save(figure: Figure, stem: Path) -> Path:
-    save_figure(figure, stem.with_suffix(".pdf"))
-    return save_figure(figure, stem.with_suffix(".svg"))
-
-
 def write_csv(records: Sequence[Mapping[str, object]], path: Path) -> None:
-    """Records as CSV; what is not known stays empty."""
+    """Records as CSV. Unknown values stay empty."""
     _write_frame(pl.DataFrame(records, infer_schema_length=None), path)
 
 

@@ -1,9 +1,9 @@
-"""The missions of a sweep, or of a comparison with the paper, by scenario and configuration."""
+"""The missions of a sweep or of a comparison with the paper, by scenario and configuration."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,8 @@ from skysweep.errors import UserError
 from skysweep.experiments.store import KEY, OLDER_FILE, TABLE_FILE, MissionStore, numbered
 from skysweep.files.folder import Folder
 from skysweep.results.reporting.symbols import field_name, value_text
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
 Value = float | str | bool
 
 PARAMETER = "param."
@@ -25,7 +25,7 @@ _WRITERS = "give a folder that 'skysweep run', 'skysweep sweep' or 'skysweep com
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A number of summary.json that configurations are compared by."""
+    """A number of summary.json for comparing configurations."""
 
     key: str
     name: str
@@ -35,7 +35,6 @@ class Metric:
 
     @property
     def title(self) -> str:
-        """Name with unit."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
@@ -56,41 +55,46 @@ METRICS = (
 
 @dataclass(frozen=True, slots=True)
 class Missions:
-    """A table of missions, one row each, and where it comes from."""
+    """A table of missions, one row each, and its source."""
 
     source: str
     table: pl.DataFrame
-    finished: bool  # no: a sweep that still runs or was stopped
+    finished: bool  # false for a sweep that still runs or was stopped
     spec: str = ""  # text of the sweep's specification
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Swept fields of the scenario, such as ``search.n_c``."""
-        return tuple(
-            name.removeprefix(PARAMETER) for name in self.table.columns if name.startswith(PARAMETER)
-        )
+        columns = self.table.columns
+        return tuple(name.removeprefix(PARAMETER) for name in columns if name.startswith(PARAMETER))
 
     @property
     def failed(self) -> pl.DataFrame:
-        """Rows of the missions that ended with an error."""
         return self.table.filter(pl.col("error").is_not_null())
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """What was chosen: a strategy and the values of the swept fields."""
+    """A strategy and the values of the swept fields."""
 
     strategy: str
     parameters: tuple[tuple[str, Value], ...]
 
+    def only(self, fields: Collection[str]) -> Configuration:
+        return Configuration(self.strategy, tuple(p for p in self.parameters if p[0] in fields))
+
     def without(self, field: str) -> Configuration:
-        """The same with one field left open."""
         return Configuration(self.strategy, tuple(p for p in self.parameters if p[0] != field))
+
+    def label(self, with_strategy: bool) -> str:
+        """Such as ``scan-check, n_c = 5, d_c = 60 m``."""
+        parts = [f"{field_name(field)} = {value_text(field, value)}" for field, value in self.parameters]
+        return ", ".join([self.strategy, *parts] if with_strategy or not parts else parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flown:
-    """The missions of one configuration in one scenario; arrays over those without an error, by seed."""
+    """The missions of one configuration in one scenario. Arrays are of those without an error, by seed."""
 
     configuration: Configuration
     label: str
@@ -102,24 +106,15 @@ class Flown:
 
     @property
     def n(self) -> int:
-        """Missions without an error."""
         return len(self.seeds)
 
 
 def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = None) -> Missions:
-    """The missions below a folder or fsspec URL.
+    """The missions in a folder or fsspec URL: of a sweep, finished or not, or of a comparison.
 
-    Reads the table of a finished sweep, what a running one has so far, or those of a comparison.
-
-    Args:
-        folder: path or URL.
-        matrix: from the text of a specification to the missions that it asks for, one row each: job,
-            scenario, strategy, seed, sensor, parameters, config_hash. Parts of a running sweep lack all of
-            these but scenario and config_hash.
-
-    Raises:
-        UserError: no such folder, no missions in it, not readable, damaged, or not one mission without
-            an error.
+    ``matrix`` turns the text of a specification into a table of its missions (job, scenario, strategy, seed,
+    sensor, parameters, config_hash). Parts of a running sweep have only scenario and config_hash of these.
+    Raises UserError where the folder is missing, unreadable, damaged, or has no mission without an error.
     """
     kept = Folder(folder)
     store = MissionStore(kept)
@@ -143,26 +138,26 @@ def load_missions(folder: str, matrix: Callable[[str], pl.DataFrame] | None = No
             raise UserError(f"{folder}: holds no missions ({TABLE_FILE}); {_WRITERS}")
     except UserError:
         raise
-    except Exception as error:  # a store raises what it likes
+    except Exception as error:  # each file system has its own
         reason = " ".join(str(error).split()) or type(error).__name__
         raise UserError(f"{folder}: cannot be read ({reason}); {_WRITERS}") from None
     return Missions(folder, _checked(table, folder), finished, spec or "")
 
 
 def _so_far(jobs: pl.DataFrame, flown: pl.DataFrame, folder: str) -> pl.DataFrame:
-    """Those of the missions asked for that are flown."""
+    """The flown ones of the missions in the specification."""
     known = [name for name in jobs.columns if name not in KEY]
     table = jobs.join(flown.drop(known, strict=False), on=KEY, how="inner")
     if not len(table):
         raise UserError(
-            f"{folder}: the sweep is not finished, and what it has flown so far is of another version of "
-            "skysweep or of its specification; give the sweep again"
+            f"{folder}: the sweep is not finished, and its missions so far are of another version of "
+            "skysweep or of the specification; give the sweep again"
         )
     return table
 
 
 def _checked(table: pl.DataFrame, folder: str) -> pl.DataFrame:
-    """The rows in order, each once."""
+    """The rows in order, without duplicates. Raises UserError where the table makes no sense."""
     if "error" not in table.columns:
         table = table.with_columns(error=pl.lit(None, dtype=pl.String))
     if "job" in table.columns:
@@ -190,36 +185,27 @@ def _checked(table: pl.DataFrame, folder: str) -> pl.DataFrame:
 
 
 def by_scenario(missions: Missions) -> dict[str, list[Flown]]:
-    """Scenario -> its configurations, both in the order in which they first stand in the table."""
+    """Scenario -> its configurations, both in the order of the table."""
     table = missions.table
     columns = [PARAMETER + field for field in missions.parameters]
     several = table["strategy"].n_unique() > 1
     varied = {
-        (strategy, field)
+        strategy: [field for field in missions.parameters if rows[PARAMETER + field].n_unique() > 1]
         for (strategy,), rows in table.group_by("strategy")
-        for field in missions.parameters
-        if rows[PARAMETER + field].n_unique() > 1
     }
     groups: dict[str, list[Flown]] = {}
     for key, rows in table.group_by("scenario", "strategy", *columns, maintain_order=True):
         scenario, strategy, *values = key
         chosen = tuple((f, v) for f, v in zip(missions.parameters, values, strict=True) if v is not None)
         configuration = Configuration(str(strategy), chosen)
-        shown = Configuration(str(strategy), tuple(p for p in chosen if (strategy, p[0]) in varied))
-        label = configuration_label(shown, with_strategy=several)
+        label = configuration.only(varied[strategy]).label(with_strategy=several)
         groups.setdefault(str(scenario), []).append(_flown(configuration, label, rows))
     return groups
 
 
 def _flown(configuration: Configuration, label: str, rows: pl.DataFrame) -> Flown:
     good = rows.filter(pl.col("error").is_null()).sort("seed")
-    pos: list[F64] = []
-    if {"pos_time_s", "pos_value"} <= set(good.columns):
-        pos = [
-            np.column_stack([time_s, value]).astype(float)
-            for time_s, value in good.select("pos_time_s", "pos_value").iter_rows()
-            if time_s
-        ]
+    curves = good.select("pos_time_s", "pos_value").iter_rows() if "pos_time_s" in good.columns else ()
     return Flown(
         configuration=configuration,
         label=label,
@@ -229,18 +215,12 @@ def _flown(configuration: Configuration, label: str, rows: pl.DataFrame) -> Flow
             for metric in METRICS
             if metric.key in good.columns
         },
-        pos=tuple(pos),
+        pos=tuple(np.column_stack(curve).astype(float) for curve in curves if curve[0]),
         n_failed=len(rows) - len(good),
         n_unfinished=int((~good["completed"].cast(pl.Boolean).fill_null(False)).sum()),
     )
 
 
-def configuration_label(configuration: Configuration, with_strategy: bool) -> str:
-    """Such as ``scan-check, n_c = 5, d_c = 60 m``."""
-    parts = [f"{field_name(field)} = {value_text(field, value)}" for field, value in configuration.parameters]
-    return ", ".join([configuration.strategy, *parts] if with_strategy or not parts else parts)
-
-
 def in_order(values: Sequence[Value]) -> list[Value]:
-    """Different values by size, infinity last; words by the alphabet."""
+    """Distinct values, ascending, with infinity last; words alphabetically."""
     return sorted(set(values), key=lambda v: (isinstance(v, str), v))

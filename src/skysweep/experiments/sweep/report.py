@@ -1,4 +1,4 @@
-"""The report of a sweep: sentences to quote, tables, figures, and one page that holds them all."""
+"""The report of a sweep: sentences to quote, tables, figures, and one page with all of them."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ from skysweep.results.reporting.html import Grid, Picture, Section, picture, wri
 from skysweep.results.reporting.statistics import pairs_needed, pairs_to_tell
 from skysweep.results.reporting.symbols import field_name
 from skysweep.results.reporting.tables import write_tables
-from skysweep.results.reporting.wording import definitions
+from skysweep.results.reporting.wording import counted, definitions, glossary
 
 MOST_ROWS_BEFORE_FIGURES = 12
-_NOT_FINISHED = "The sweep is not finished: this is what it has flown so far."
+_NOT_FINISHED = "The sweep is not finished: this report has its missions so far."
 REPORT_FILE, TABLES, FIGURES = "report.html", "tables", "figures"
 
 
@@ -52,19 +52,11 @@ def write_sweep_report(
     min_recall: float = MIN_RECALL,
     on_step: Callable[[int, int], None] = lambda _done, _of: None,
 ) -> list[str]:
-    """Write ``report.html``, ``tables/`` and ``figures/`` into ``out``.
+    """Write ``report.html``, ``tables/`` and ``figures/`` into ``out``, in place of an earlier report.
 
-    Args:
-        missions: what was flown.
-        out: folder, made where it is missing; a report that is there is replaced.
-        min_recall: mean recall that the best configuration must have.
-        on_step: is told how many of how many parts are done.
-
-    Returns:
-        Whether the sweep is not finished, and for each scenario the best configuration and how sure that is.
-
-    Raises:
-        UserError: ``out`` cannot be written to.
+    The best configuration must have a mean recall of ``min_recall``. ``on_step`` is called with parts done
+    and total. Returns sentences: that the sweep is not finished, where that is so, and for each scenario the
+    best configuration and how certain that is. Raises UserError where ``out`` cannot be written to.
     """
     groups = by_scenario(missions)
     steps = 1 + 2 * len(groups)
@@ -93,30 +85,22 @@ def write_sweep_report(
                 sections.append(Section(analysis.scenario, grids=[_front(analysis)], pictures=drawn))
                 sections.append(Section(f"{analysis.scenario}: every configuration", grids=grids))
             on_step(3 + 2 * k, steps)
-        write_page(
-            unfinished / REPORT_FILE,
-            _title(missions),
-            _lead(missions),
-            [],
-            sections + _appendix(missions, analyses),
-        )
+        sections += _appendix(missions, analyses)
+        title = f"Sweep {missions.source.rstrip('/').rpartition('/')[2]}: what the missions show"
+        write_page(unfinished / REPORT_FILE, title, _lead(missions), sections)
     return sentences if missions.finished else [_NOT_FINISHED, *sentences]
-
-
-def _title(missions: Missions) -> str:
-    name = missions.source.rstrip("/").rpartition("/")[2]
-    return f"Sweep {name}: what the missions show"
 
 
 def _lead(missions: Missions) -> str:
     table = missions.table
+    parameters = [f"param.{field}" for field in missions.parameters]
     counts = [
         (len(table), "mission"),
         (table["scenario"].n_unique(), "scenario"),
-        (table.select("strategy", *_parameter_columns(missions)).n_unique(), "configuration"),
+        (table.select("strategy", *parameters).n_unique(), "configuration"),
         (table["seed"].n_unique(), "seed"),
     ]
-    text = ", ".join(f"{n} {word}{'' if n == 1 else 's'}" for n, word in counts)
+    text = ", ".join(counted(n, word) for n, word in counts)
     sensors = sorted(set(table["sensor"].drop_nulls())) if "sensor" in table.columns else []
     lead = text + (f"; sensor: {', '.join(sensors)}." if sensors else ".")
     if not missions.finished:
@@ -124,12 +108,7 @@ def _lead(missions: Missions) -> str:
     return lead
 
 
-def _parameter_columns(missions: Missions) -> list[str]:
-    return [f"param.{field}" for field in missions.parameters]
-
-
 def _cautions(analyses: Sequence[Analysis]) -> list[str]:
-    """What a reader must know before believing a number."""
     members = [member for analysis in analyses for member in analysis.members]
     failed = sum(m.flown.n_failed for m in members)
     unfinished = sum(m.flown.n_unfinished for m in members)
@@ -139,43 +118,41 @@ def _cautions(analyses: Sequence[Analysis]) -> list[str]:
         cautions.append(f"{failed} missions failed with an error and are in no mean; they are listed below.")
     if unfinished:
         cautions.append(
-            f"{unfinished} missions ended before the search was finished (battery, for one): their mission "
-            "times, and the means with them, are too short. A configuration of which more than "
-            f"{MOST_LOST:.0%} failed or were not finished is never called the best."
+            f"{unfinished} missions ended before the search was finished (an empty battery, for example), so "
+            "their mission times and the means that include them are too short. A configuration with more "
+            f"than {MOST_LOST:.0%} of its missions failed or unfinished is never called the best."
         )
     if smallest < 2:
         cautions.append("Some configurations have 1 mission or none: no interval, and nothing can be tested.")
     elif smallest < FEW_SEEDS:
         cautions.append(
-            f"Some configurations have only {smallest} missions. Below {FEW_SEEDS} bootstrap intervals are "
-            "too narrow: with 10 they hold the truth in about 88 % of cases instead of 95 %, with 5 in 82 %."
+            f"Some configurations have only {smallest} missions. With fewer than {FEW_SEEDS}, bootstrap "
+            "intervals are too narrow: about 88 % of them hold the truth with 10 missions, 82 % with 5."
         )
     family = max((c.family for a in analyses for c in a.comparisons.values()), default=0)
     if family and any(c.too_few for a in analyses for c in a.comparisons.values()):
         cautions.append(
             f"With {family} pairs of configurations compared at once, at least {pairs_needed(family)} common "
-            "seeds are needed before any difference, however large, can be told from chance."
+            "seeds are needed to distinguish any difference from chance."
         )
     return cautions
 
 
 def _statistics(analysis: Analysis) -> Grid:
-    """One row a configuration: means with their intervals; the best one stands out."""
+    """One row per configuration: means with their intervals. The best one stands out."""
     metrics = [metric for metric in COMPARED if metric in analysis.metrics]
     lost = any(m.flown.n_failed or m.flown.n_unfinished for m in analysis.members)
-    header = ["Configuration", "Seeds", *(f"{metric.title}" for metric in metrics), "On front"]
-    rows = []
-    for member in analysis.members:
-        cells = [member.label, str(member.flown.n), *(_cell(member, metric) for metric in metrics)]
-        cells.append(_front_cell(member))
-        rows.append([*cells, f"{member.flown.n_failed} / {member.flown.n_unfinished}"] if lost else cells)
+    header = ["Configuration", "Seeds", *(metric.title for metric in metrics), "On front"]
+    rows = [
+        [m.label, str(m.flown.n), *(_cell(m, metric) for metric in metrics), _front_cell(m)]
+        for m in analysis.members
+    ]
+    if lost:
+        header.append("Failed / unfinished")
+        for row, member in zip(rows, analysis.members, strict=True):
+            row.append(f"{member.flown.n_failed} / {member.flown.n_unfinished}")
     best = analysis.ranking[:1] if analysis.reached and len(analysis.members) > 1 else ()
-    return Grid(
-        [*header, "Failed / unfinished"] if lost else header,
-        rows,
-        f"{analysis.scenario}: means with 95 % intervals",
-        best=best,
-    )
+    return Grid(header, rows, f"{analysis.scenario}: means with 95 % intervals", best=best)
 
 
 def _cell(member: Member, metric: Metric) -> str:
@@ -190,39 +167,25 @@ def _cell(member: Member, metric: Metric) -> str:
 
 
 def _front_cell(member: Member) -> str:
-    """Whether it is on the front, and how often it is when the seeds are drawn anew."""
     share = "" if math.isnan(member.front_share) else f"\n({member.front_share:.0%})"
     return f"{'yes' if member.on_front else 'no'}{share}" if member.flown.n else "-"
 
 
 def _differences(analysis: Analysis, metrics: Sequence[Metric]) -> list[Grid]:
-    """Every other configuration minus the best, over common seeds: a table a metric."""
+    """The other configurations minus the best, over common seeds: a table per metric."""
     if not analysis.ranking or len(analysis.members) < 2:
         return []
     best = analysis.ranking[0]
-    best_label = analysis.members[best].label
+    header = (
+        *("Configuration", "Difference (95 % CI)", "Common seeds", "Equal"),
+        *("p", "Corrected p", "r", "d_z", "Distinguishable"),
+    )
     grids = []
-    for metric in metrics:
-        if metric not in analysis.metrics:
-            continue
+    for metric in (m for m in metrics if m in analysis.metrics):
         found = [analysis.compare(metric, k, best) for k in range(len(analysis.members)) if k != best]
-        grids.append(
-            Grid(
-                (
-                    "Configuration",
-                    "Difference (95 % CI)",
-                    "Common seeds",
-                    "Equal",
-                    "p",
-                    "Corrected p",
-                    "r",
-                    "d_z",
-                    "Distinguishable",
-                ),
-                [(analysis.members[c.a].label, *_test_cells(c)) for c in found],
-                f"{analysis.scenario}: {metric.title} minus that of {best_label}, seed by seed",
-            )
-        )
+        rows = [(analysis.members[c.a].label, *_test_cells(c)) for c in found]
+        than = f"minus that of {analysis.members[best].label}, seed by seed"
+        grids.append(Grid(header, rows, f"{analysis.scenario}: {metric.title} {than}"))
     return grids
 
 
@@ -249,19 +212,17 @@ def _test_cells(comparison: Comparison) -> tuple[str, ...]:
 
 
 def _told(comparison: Comparison) -> str:
-    """Whether two configurations are distinguishable; if not for want of seeds, how many are needed."""
+    """Whether two configurations are distinguishable, or how many seeds might decide it."""
     if comparison.undecided:
         return f"too few seeds\n(at least {pairs_to_tell(comparison.test, comparison.family)})"
     return "yes" if comparison.distinguishable else "no"
 
 
 def _signed(value: float, digits: int) -> str:
-    """With its sign, zero without."""
     return f"{rounded:+.{digits}f}" if (rounded := round(value, digits)) else f"{0:.{digits}f}"
 
 
 def _write_tables(analyses: Sequence[Analysis], missions: Missions, folder: Path) -> None:
-    """Tables for readers as Markdown and LaTeX, the numbers behind them as CSV."""
     write_tables(folder / "statistics", [_statistics(a) for a in analyses])
     differences = [grid for a in analyses for grid in _differences(a, COMPARED)]
     if differences:
@@ -269,17 +230,11 @@ def _write_tables(analyses: Sequence[Analysis], missions: Missions, folder: Path
     statistics, pairs = [], []
     for analysis in analyses:
         for member in analysis.members:
-            names = _names(analysis, member)
+            lost = {"failed": member.flown.n_failed, "unfinished": member.flown.n_unfinished}
             statistics += [
-                names
-                | {
-                    "metric": metric.key,
-                    "failed": member.flown.n_failed,
-                    "unfinished": member.flown.n_unfinished,
-                }
-                | asdict(member.estimates[metric.key])
-                for metric in analysis.metrics
-                if metric.key in member.estimates
+                {**_names(analysis, member), "metric": m.key, **lost, **asdict(member.estimates[m.key])}
+                for m in analysis.metrics
+                if m.key in member.estimates
             ]
         best = analysis.ranking[0] if analysis.ranking else None
         pairs += [
@@ -324,19 +279,14 @@ def _names(analysis: Analysis, member: Member) -> dict[str, object]:
 
 
 def _front(analysis: Analysis) -> Grid:
-    """The Pareto front, the fastest first."""
     metrics = [metric for metric in COMPARED if metric in analysis.metrics]
-    front = sorted((m for m in analysis.members if m.on_front), key=lambda m: m.mean(MISSION_TIME))
+    rows = []
+    for member in sorted((m for m in analysis.members if m.on_front), key=lambda m: m.mean(MISSION_TIME)):
+        share = "-" if math.isnan(member.front_share) else f"{member.front_share:.0%}"
+        rows.append((member.label, *(_cell(member, metric) for metric in metrics), share))
     return Grid(
         ("Configuration", *(metric.title for metric in metrics), "Stays there"),
-        [
-            (
-                member.label,
-                *(_cell(member, metric) for metric in metrics),
-                "-" if math.isnan(member.front_share) else f"{member.front_share:.0%}",
-            )
-            for member in front
-        ],
+        rows,
         f"{analysis.scenario}: Pareto front of mission time, recall and false positives",
     )
 
@@ -345,8 +295,8 @@ def _pictures(analysis: Analysis, name: str, folder: Path) -> list[Picture]:
     drawn = []
     if len(analysis.members) > 1 and {RECALL, FALSE_POSITIVES}.intersection(analysis.metrics):
         caption = (
-            f"{analysis.scenario}: what each configuration costs and gives. On the front: no other is "
-            "at least as good in mission time, recall and false positives and better in one. Bars: 95 % "
+            f"{analysis.scenario}: mission time against recall and false positives. A configuration is on "
+            "the front when no other is at least as good in all three and better in one. Bars: 95 % "
             "intervals."
         )
         drawn.append(picture(draw_pareto(analysis, folder / f"pareto-{name}"), caption, wide=True))
@@ -368,7 +318,7 @@ def _parameter_pictures(flown: Sequence[Flown], missions: Missions, name: str, f
             path = draw_sensitivity(curves, field, folder / f"{_slug(field)}-{name}")
             averaged = max(curve.averaged_over for curve in curves)
             over = f", averaged over {averaged} settings of the other parameters" if averaged > 1 else ""
-            caption = f"What {field_name(field)} ({field}) does: means with 95 % intervals{over}."
+            caption = f"Effect of {field_name(field)} ({field}): means with 95 % intervals{over}."
             drawn.append(picture(path, caption, wide=True))
     return drawn
 
@@ -377,9 +327,8 @@ def _appendix(missions: Missions, analyses: Sequence[Analysis]) -> list[Section]
     others = [g for a in analyses for g in _differences(a, [m for m in COMPARED if m is not MISSION_TIME])]
     sections = []
     if others:
-        sections.append(
-            Section("Differences in recall, false scans, false positives, energy", grids=others, folded=True)
-        )
+        title = "Differences in recall, false scans, false positives, energy"
+        sections.append(Section(title, grids=others, folded=True))
     if len(missions.failed):
         failures = _failures(missions).head(20)
         rows = [[str(cell) for cell in row] for row in failures.iter_rows()]
@@ -403,45 +352,28 @@ def _failures(missions: Missions) -> pl.DataFrame:
 
 
 def _methods() -> Grid:
-    rows = [
-        (
-            "Interval",
-            "95 % BCa bootstrap interval of the mean, 5000 samples of the seeds, drawn alike every time.",
-        ),
-        (
-            "Difference",
-            "Mean over the seeds that both flew: the same world, wind and noise. Its interval is a "
+    return glossary(
+        {
+            "Interval": "95 % BCa bootstrap interval of the mean, from 5000 fixed samples of the seeds.",
+            "Difference": "Mean over common seeds, with the same world, wind and noise. Its interval is a "
             "bootstrap, too.",
-        ),
-        (
-            "p, corrected p",
-            "Wilcoxon's signed-rank test, two-sided, equal pairs left out, exact up to 50 pairs; corrected "
-            "by Holm for all pairs of configurations of all scenarios, in each metric.",
-        ),
-        (
-            "All alike",
-            "Every seed gave the same: what was not seen in n missions can still happen in up to 3 in n.",
-        ),
-        ("r", "Matched-pairs rank-biserial correlation: +1 where the other is larger with every seed."),
-        ("d_z", "Cohen's: mean of the differences over their standard deviation."),
-        (
-            "Distinguishable",
-            "The corrected p is below 0.05 and the interval does not hold zero. Too few seeds: the interval "
-            "does not hold zero but the corrected p is 0.05 or more, or no outcome could have been told; in "
-            "brackets about how many common seeds would tell a difference like this one.",
-        ),
-        (
-            "Pareto front",
-            "Means that no other configuration beats in one of mission time, recall and false positives "
-            "while being at least as good in the rest; in brackets how often it stays there when the seeds "
-            "are drawn anew.",
-        ),
-    ]
-    return Grid(("Word", "Meaning"), rows, words=True)
+            "p, corrected p": "Wilcoxon's signed-rank test, two-sided, without equal pairs, exact up to 50 "
+            "pairs; corrected by Holm for all pairs of configurations of all scenarios, in each metric.",
+            "All alike": "All seeds gave the same value. An event not seen in n missions can still have a "
+            "probability of up to 3 in n.",
+            "r": "Matched-pairs rank-biserial correlation: +1 where the other is larger with every seed.",
+            "d_z": "Cohen's: mean of the differences over their standard deviation.",
+            "Distinguishable": "The corrected p is below 0.05 and the interval excludes zero. Too few seeds: "
+            "the interval excludes zero but the corrected p is 0.05 or more, or no outcome could be "
+            "distinguished. In brackets: about how many common seeds would show a difference like this one.",
+            "Pareto front": "No other configuration is better in one of the means of mission time, recall "
+            "and false positives and at least as good in the others. In brackets: the share of resamplings "
+            "of the seeds that leave it there.",
+        }
+    )
 
 
 def _file_names(scenarios: Sequence[str]) -> list[str]:
-    """A file name for each scenario, no two alike."""
     names: list[str] = []
     for scenario in scenarios:
         name = _slug(scenario)

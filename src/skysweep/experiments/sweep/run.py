@@ -1,4 +1,4 @@
-"""Thousands of missions into one table, on any engine, in any number of goes."""
+"""Flies thousands of missions into one table, on any engine, in any number of runs."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from skysweep.files.folder import Folder
 from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import fly_in_memory
 
-_FIRST = 16  # missions at least that the estimate is made from, of as many configurations
-_FIRST_S = 20.0  # and after this long no more of them than needed
+_FIRST = 16  # least number of missions behind the estimate, from as many configurations
+_FIRST_S = 20.0  # after this time the estimate waits for no more of them than needed
 _MAX_ERROR = 500  # characters
 _MAX_DIFFERENCES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """How long a sweep will take, from the missions that it flew first."""
+    """The estimated duration of a sweep, from its first missions."""
 
     missions: int  # that are left
     workers: int
@@ -36,17 +36,14 @@ class Outlook:
 
     @property
     def seconds(self) -> float:
-        """Until the sweep is complete."""
         return self.missions * self.mission_s / self.workers
 
 
 class Sweep:
-    """A spec and the folder that holds what was flown of it; ``out`` is a path or an fsspec URL.
+    """A spec and the folder of its missions, a path or an fsspec URL.
 
-    With ``retry_failed`` missions that failed are flown again.
-
-    Raises:
-        UserError: the spec flies nothing, or the folder holds other missions.
+    With ``retry_failed``, failed missions are flown again. Raises UserError where the folder holds other
+    missions.
     """
 
     def __init__(self, spec: SweepSpec, out: str | os.PathLike[str], retry_failed: bool = False) -> None:
@@ -61,22 +58,19 @@ class Sweep:
 
     @property
     def configurations(self) -> int:
-        """How many different missions fly with every seed."""
+        """The number of different missions that fly with each seed."""
         return len(self._matrix.configurations)
 
     @property
     def missions(self) -> int:
-        """How many missions the table will have."""
         return len(self._matrix)
 
     @property
     def left(self) -> int:
-        """How many of them are not flown yet."""
         return len(self._todo)
 
     @property
     def address(self) -> str:
-        """Where the table is, or will be."""
         return self._folder.where(TABLE_FILE)
 
     def fly(
@@ -87,12 +81,10 @@ class Sweep:
     ) -> None:
         """Fly what is left and make the table.
 
-        ``confirm`` is asked once the first missions tell how long it will take; what it raises ends the
-        sweep with nothing written. ``on_done`` gets every mission's error, or None. An interruption keeps
-        what was flown: another ``Sweep`` with the same folder goes on.
-
-        Raises UserError, with nothing flown, where a configuration's sensor does not fit its detector or
-        camera, or the folder cannot be written to.
+        ``confirm`` is called with the estimate after the first missions; its exception ends the sweep.
+        ``on_done`` is called with the error, or None, of each mission. After an interruption another
+        ``Sweep`` with the same folder continues. Raises UserError, and flies nothing, where a configuration's
+        sensor does not fit its detector or camera, or the folder cannot be written to.
         """
         if self._todo:
             for configuration in self._matrix.configurations:
@@ -107,7 +99,6 @@ class Sweep:
         self._todo = []
 
     def errors(self) -> list[str]:
-        """What went wrong in each mission that failed."""
         known = self._store.known().join(self._table, on=KEY, how="semi")
         return known["error"].drop_nulls().to_list()
 
@@ -141,7 +132,7 @@ class Sweep:
                     on_done(row["error"])
 
     def _known(self) -> pl.DataFrame:
-        """What the folder holds already. Raises UserError where that is not of this sweep."""
+        """The missions already in the folder. Raises UserError where they are not of this sweep."""
         stored = self._store.spec()
         if stored is None and self._store.has_table():
             raise UserError(f"{self._folder}: holds a {TABLE_FILE} and no {SPEC_FILE}; write another --out")
@@ -150,7 +141,7 @@ class Sweep:
             return known
         ours = yaml.safe_load(dump_spec(self._spec))
         what = list(differences(yaml.safe_load(stored or ""), ours))[:_MAX_DIFFERENCES] or [
-            "the detector's, the sensor's or the plan's file is another"
+            "the file of the detector, the sensor or the plan differs"
         ]
         raise UserError(
             f"{self._folder}: holds the results of another sweep ({'; '.join(what)}); write another --out"
@@ -158,7 +149,7 @@ class Sweep:
 
 
 def fly_job(job: MissionJob) -> Row:
-    """The row of one mission. What goes wrong in it is its error."""
+    """The row of one mission, with its error where it failed."""
     try:
         return row_of(job.label, job.config_hash, fly_in_memory(job.scenario, job.seed, job.sensor))
     except Exception as error:
@@ -168,12 +159,11 @@ def fly_job(job: MissionJob) -> Row:
 
 
 def _spread(numbers: list[int], count: int) -> list[int]:
-    """About ``count`` of the numbers, evenly spread."""
     return numbers[:: -(-len(numbers) // count)]
 
 
 def _mission_s(rows: list[Row], workers: int) -> float:
-    """Mean time of a mission. The first of each worker also loads the program: left out where others are."""
+    """Mean time of a mission, where possible without each worker's first, which also loads the program."""
     times = [row["wall_time_s"] for row in rows if row["wall_time_s"] is not None]
     if len(times) > workers:
         times = times[workers:]

@@ -1,9 +1,10 @@
-"""What a sweep flies: a YAML file of scenarios, strategies, parameters and seeds."""
+"""The specification of a sweep: a YAML file of scenarios, strategies, parameters and seeds."""
 
 from __future__ import annotations
 
 import difflib
 import itertools
+import math
 import os
 from collections import deque
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from skysweep.errors import UserError
 from skysweep.experiments.matrix import RESULTS_VERSION, Matrix
@@ -36,25 +37,24 @@ _WRITE = {
     "points": "a number, .inf, a word, true or false",
     "seeds": "how many, or a list of whole numbers",
 }
+_LABEL = r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$"
 _OWN_PLACE = {"search.strategy": "strategies", "name": "a scenario's label"}
 
 
 class Variant(Model):
-    """One scenario of a sweep: a shipped one, a file's or a whole one, with fields changed."""
+    """One scenario of a sweep: a shipped one, a file or its fields, with changes."""
 
     scenario: str | dict[str, Any] = Field(
         description="Name of a shipped scenario, path of a YAML file (from the spec's folder), or its fields"
     )
-    label: str | None = Field(
-        None, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$", description="Added to its name in the results"
-    )
+    label: str | None = Field(None, pattern=_LABEL, description="Added to its name in the results")
     changes: dict[str, Any] = Field(
         default_factory=dict, alias="set", description="Dotted fields of the scenario and their values"
     )
 
 
 class StrategyChoice(Model):
-    """One strategy of a sweep, with parameters of its own where the sweep's do not concern it."""
+    """One strategy of a sweep, with its own parameters where the sweep's do not apply."""
 
     strategy: str
     parameters: Parameters | None = Field(None, description="Instead of the sweep's parameters and points")
@@ -73,7 +73,7 @@ class StrategyChoice(Model):
 class SweepSpec(Model):
     """Scenarios x strategies x (every combination of parameters, and single points) x seeds."""
 
-    name: str = Field(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")
+    name: str = Field(min_length=1, max_length=80, pattern=_LABEL)
     description: str = ""
     scenarios: list[Variant] = Field(min_length=1)
     strategies: list[StrategyChoice] | None = Field(
@@ -86,15 +86,14 @@ class SweepSpec(Model):
     sensor: Literal["statistical", "imaging"] = "statistical"
     results_version: int = Field(RESULTS_VERSION, description="Written by the sweep")
 
-    @field_validator("scenarios", mode="before")
+    @field_validator("scenarios", "strategies", mode="before")
     @classmethod
-    def _plain_scenarios(cls, entries: Any) -> Any:
-        return _spelt_out(entries, "scenario")
-
-    @field_validator("strategies", mode="before")
-    @classmethod
-    def _plain_strategies(cls, entries: Any) -> Any:
-        return _spelt_out(entries, "strategy")
+    def _spelt_out(cls, entries: Any, info: ValidationInfo) -> Any:
+        """A bare name stands for an entry with that name."""
+        if not isinstance(entries, list):
+            return entries
+        field = {"scenarios": "scenario", "strategies": "strategy"}[str(info.field_name)]
+        return [{field: entry} if isinstance(entry, str) else entry for entry in entries]
 
     @field_validator("seeds", mode="before")
     @classmethod
@@ -118,22 +117,13 @@ class SweepSpec(Model):
         return seeds
 
     @model_validator(mode="after")
-    def _one_way_to_say_which(self) -> SweepSpec:
+    def _can_be_flown(self) -> SweepSpec:
         if isinstance(self.seeds, list) and self.first_seed:
             raise ValueError("first_seed: seeds is a list, which says where it starts; leave first_seed out")
-        return self
-
-    @model_validator(mode="after")
-    def _fields_exist(self) -> SweepSpec:
         for field in swept_fields(self):
             _check_field(field)
-        return self
-
-    @model_validator(mode="after")
-    def _can_be_flown(self) -> SweepSpec:
-        configurations = len(self.scenarios) * sum(
-            _count(parameters, points) for _, parameters, points in _per_strategy(self)
-        )
+        per_scenario = sum(_count(parameters, points) for _, parameters, points in _per_strategy(self))
+        configurations = len(self.scenarios) * per_scenario
         missions = configurations * len(seeds_of(self))
         if missions > MAX_MISSIONS:
             raise ValueError(
@@ -144,21 +134,16 @@ class SweepSpec(Model):
 
 
 def load_spec(path: str | Path) -> SweepSpec:
-    """The sweep in a file, with every scenario written out.
-
-    Raises:
-        UserError: not found, not YAML, or not a sweep that can be flown.
-    """
+    """The sweep in a file. Raises UserError where there is none, and as ``parse_spec``."""
     path = Path(os.path.expanduser(path))
     text = read_text_limited(path, MAX_YAML_BYTES)
     return parse_spec(text, str(path), path.parent)
 
 
 def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
-    """The sweep in YAML text, with every scenario written out. ``source`` names it in errors.
+    """The sweep in YAML text, with each scenario in full. ``source`` names it in errors.
 
-    Raises:
-        UserError: not YAML, or not a sweep that can be flown.
+    Raises UserError where the text is not YAML, or not a sweep that can be flown.
     """
     fields = parse_fields(text, source, "sweep", "name, scenarios, parameters, seeds")
     spec = validated(SweepSpec, fields, source, _WRITE)
@@ -171,7 +156,7 @@ def parse_spec(text: str, source: str, folder: Path = Path()) -> SweepSpec:
 
 
 def dump_spec(spec: SweepSpec) -> str:
-    """The sweep as YAML: ``parse_spec`` gives the same one back."""
+    """The sweep as YAML, for ``parse_spec``."""
     return dump_yaml(spec.model_dump(by_alias=True, exclude_none=True))
 
 
@@ -183,7 +168,7 @@ def seeds_of(spec: SweepSpec) -> tuple[int, ...] | range:
 
 
 def swept_fields(spec: SweepSpec) -> list[str]:
-    """Dotted fields that the sweep varies, in the order in which they are written."""
+    """Dotted fields that the sweep varies, in the order of the file."""
     fields = [
         field
         for _, parameters, points in [("", spec.parameters, spec.points), *_per_strategy(spec)]
@@ -193,10 +178,9 @@ def swept_fields(spec: SweepSpec) -> list[str]:
 
 
 def scenarios_of(spec: SweepSpec) -> Iterator[tuple[str, Scenario]]:
-    """Every label with its scenario, once for each strategy and combination of parameters.
+    """Each label and scenario, once per strategy and combination of parameters.
 
-    Raises:
-        UserError: a combination makes no valid scenario.
+    Raises UserError where a combination makes no valid scenario.
     """
     for variant in spec.scenarios:
         base = _scenario(variant, Path())
@@ -208,13 +192,12 @@ def scenarios_of(spec: SweepSpec) -> Iterator[tuple[str, Scenario]]:
 
 def matrix_of(spec: SweepSpec) -> Matrix:
     """The missions of the sweep. Raises UserError as ``scenarios_of``."""
-    return Matrix.of(
-        scenarios_of(spec), seeds_of(spec), spec.sensor, swept_fields(spec), spec.results_version
-    )
+    fields = swept_fields(spec)
+    return Matrix.of(scenarios_of(spec), seeds_of(spec), spec.sensor, fields, spec.results_version)
 
 
 def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
-    """What differs between two plain values, such as ``seeds: 10 there, 20 here``."""
+    """The differences between two plain values, such as ``seeds: 10 there, 20 here``."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in dict.fromkeys([*old, *new]):
             yield from differences(old.get(key), new.get(key), f"{path}.{key}" if path else str(key))
@@ -225,15 +208,8 @@ def differences(old: Any, new: Any, path: str = "") -> Iterator[str]:
         yield f"{path}: {_shown(old)} there, {_shown(new)} here"
 
 
-def _spelt_out(entries: Any, field: str) -> Any:
-    """A bare name stands for an entry with that name."""
-    if not isinstance(entries, list):
-        return entries
-    return [{field: entry} if isinstance(entry, str) else entry for entry in entries]
-
-
 def _per_strategy(spec: SweepSpec) -> list[tuple[str | None, Parameters, Points]]:
-    """Strategy (None: the scenario's own), parameters and points of each part of the sweep."""
+    """Strategy (None for the scenario's own), parameters and points of each part of the sweep."""
     if spec.strategies is None:
         return [(None, spec.parameters, spec.points)]
     return [
@@ -252,14 +228,12 @@ def _combinations(parameters: Parameters, points: Points) -> Iterator[dict[str, 
 
 
 def _count(parameters: Parameters, points: Points) -> int:
-    product = 1
-    for values in parameters.values():
-        product *= len(values)
-    return len(points) + (product if parameters or not points else 0)
+    combinations = math.prod(len(values) for values in parameters.values())
+    return len(points) + (combinations if parameters or not points else 0)
 
 
 def _scenario(variant: Variant, folder: Path) -> Scenario:
-    """The variant's scenario with its changes; relative paths count from ``folder``."""
+    """The variant's scenario with its changes. Relative paths start at ``folder``."""
     if isinstance(variant.scenario, dict):
         base = validated(Scenario, variant.scenario, "scenarios")
     elif variant.scenario in list_scenarios():
@@ -274,7 +248,7 @@ def _label(variant: Variant, scenario: Scenario) -> str:
 
 
 def _written_out(spec: SweepSpec, folder: Path) -> list[Variant]:
-    """Every scenario in full, so that the sweep depends on no other file."""
+    """Each scenario in full, so that the sweep depends on no other file."""
     whole: dict[str, Variant] = {}
     for index, variant in enumerate(spec.scenarios):
         scenario = _scenario(variant, folder)
@@ -289,7 +263,7 @@ def _written_out(spec: SweepSpec, folder: Path) -> list[Variant]:
 def _check_field(field: str) -> None:
     """Raises ValueError, with the nearest names, where a scenario has no such field to vary."""
     if field in _OWN_PLACE:
-        raise ValueError(f"{field}: is no parameter of a sweep; write it under {_OWN_PLACE[field]}")
+        raise ValueError(f"{field}: is not a parameter of a sweep; write it under {_OWN_PLACE[field]}")
     known = {
         name: info.description or ""
         for name, info in leaf_fields(Scenario)
@@ -297,19 +271,14 @@ def _check_field(field: str) -> None:
     }
     if field in known:
         return
+    leaves: dict[str, list[str]] = {}
+    for name in known:
+        leaves.setdefault(name.rpartition(".")[2], []).append(name)
     leaf = field.rpartition(".")[2]
-    by_leaf = [name for name in known if name.rpartition(".")[2] == leaf]
     meant = [name for name, description in known.items() if description == leaf]
-    close = [
-        *difflib.get_close_matches(field, known, n=3),
-        *(
-            name
-            for near in difflib.get_close_matches(leaf, {n.rpartition(".")[2] for n in known}, n=2)
-            for name in known
-            if name.rpartition(".")[2] == near
-        ),
-    ]
-    nearest = list(dict.fromkeys([*meant, *by_leaf, *close]))[:3]
+    close = [name for near in difflib.get_close_matches(leaf, leaves, n=2) for name in leaves[near]]
+    found = [*meant, *leaves.get(leaf, ()), *difflib.get_close_matches(field, known, n=3), *close]
+    nearest = list(dict.fromkeys(found))[:3]
     hint = f"did you mean {' or '.join(nearest)}?" if nearest else "see 'skysweep scenarios show'"
     raise ValueError(f"{field}: a scenario has no such parameter; {hint}")
 

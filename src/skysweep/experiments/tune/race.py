@@ -1,7 +1,7 @@
-"""What missions are worth, and when a candidate is clearly beaten: pure functions of their outcomes.
+"""The cost of missions, and when a candidate is clearly beaten: pure functions of outcomes.
 
-All candidates fly the same seeds in the same order (common random numbers), so that they are compared pair by
-pair and what a seed makes hard or easy drops out.
+All candidates fly the same seeds in the same order (common random numbers). They are compared seed by seed,
+so differences between the seeds drop out.
 """
 
 from __future__ import annotations
@@ -12,36 +12,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from skysweep.errors import UserError
 from skysweep.results.reporting.statistics import pareto_front
+from skysweep.types import F64
 
-F64 = NDArray[np.float64]
-
-FIRST_BLOCK = 4  # seeds before anybody is judged
-DROP_CONFIDENCE = 0.99  # one-sided, of "clearly": a good candidate rarely goes by bad luck
-RECALL_SLACK = 0.01  # recall this close to the best is as good, where recall comes first
+FIRST_BLOCK = 4  # seeds before the first judgement
+DROP_CONFIDENCE = 0.99  # one-sided, of "clearly", so that bad luck rarely drops a good candidate
+RECALL_SLACK = 0.01  # recall this close to the best counts as equal, where recall comes first
 _KEYS = (
-    "mission_time_s",
-    "recall",
-    "false_positives",
-    "false_scans",
-    "n_targets",
-    "n_confirmed",
-    "completed",
-    "energy_wh",
+    *("mission_time_s", "recall", "false_positives", "false_scans"),
+    *("n_targets", "n_confirmed", "completed", "energy_wh"),
 )
-Outcome = dict[str, float]  # of one mission: the quantities of ``_KEYS``
+Outcome = dict[str, float]  # of one mission, the quantities of ``_KEYS``
 
 
 def outcome_of(summary: Mapping[str, Any]) -> Outcome:
-    """What tuning keeps of a mission's summary.
-
-    Raises:
-        UserError: the mission had no targets, so that its recall means nothing.
-    """
+    """The part of a mission's summary that tuning needs. Raises UserError where there were no targets."""
     if summary["recall"] is None:
         raise UserError(
             f"{summary['scenario']}: there are no targets, so no search can be tuned; "
@@ -58,7 +46,7 @@ class Outcomes:
 
     @staticmethod
     def of(outcomes: Iterable[Outcome], scenarios: int) -> Outcomes:
-        """From outcomes in the order seed by seed, scenario by scenario."""
+        """From outcomes ordered by seed, then by scenario."""
         rows = [[outcome[key] for key in _KEYS] for outcome in outcomes]
         return Outcomes(np.array(rows, dtype=float).reshape(-1, scenarios, len(_KEYS)))
 
@@ -67,11 +55,10 @@ class Outcomes:
         return len(self.values)
 
     def first(self, seeds: int) -> Outcomes:
-        """The same candidate after its first ``seeds`` only."""
         return Outcomes(self.values[:seeds])
 
     def per_seed(self, key: str) -> F64:
-        """(seeds,) of a quantity, the mean over the scenarios."""
+        """(seeds,) means of a quantity over the scenarios."""
         return np.asarray(self.values[:, :, _KEYS.index(key)].mean(axis=1))
 
     def mean(self, key: str) -> float:
@@ -79,54 +66,51 @@ class Outcomes:
 
     @property
     def recalls(self) -> F64:
-        """(scenarios,) mean recall of each."""
+        """(scenarios,) mean recalls."""
         return np.asarray(self.values[:, :, _KEYS.index("recall")].mean(axis=0))
 
     @property
     def unfinished(self) -> float:
-        """Share of missions that ended before the search was finished: their times are too short."""
+        """Share of missions that ended before the search was finished, so that their times are too short."""
         return 1.0 - self.mean("completed")
 
     def recall_bounds_above(self) -> F64:
-        """(scenarios,) what the true recall hardly exceeds: Clopper-Pearson over all targets flown for."""
-        targets, found = (
-            self.values[:, :, _KEYS.index(key)].sum(axis=0) for key in ("n_targets", "n_confirmed")
-        )
+        """(scenarios,) upper bounds of the true recall: Clopper-Pearson over all targets."""
+        totals = dict(zip(_KEYS, self.values.sum(axis=0).T, strict=True))
+        targets, found = totals["n_targets"], totals["n_confirmed"]
         bound = stats.beta.ppf(DROP_CONFIDENCE, found + 1, np.maximum(targets - found, 1e-9))
         return np.where(found < targets, bound, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class RaceRules:
-    """What counts. ``min_recall`` None: recall is an objective of its own, not a constraint."""
+    """Costs and constraints. ``min_recall`` None makes recall an objective instead of a constraint."""
 
     min_recall: float | None = 0.95
     false_positive_cost_s: float = 60.0
 
     def cost_s(self, flown: Outcomes) -> F64:
-        """(seeds,) mission time with every false positive counted as this many seconds more."""
-        return flown.per_seed("mission_time_s") + self.false_positive_cost_s * flown.per_seed(
-            "false_positives"
-        )
+        """(seeds,) mission time plus ``false_positive_cost_s`` for each false positive."""
+        false_positives = flown.per_seed("false_positives")
+        return flown.per_seed("mission_time_s") + self.false_positive_cost_s * false_positives
 
     def objectives(self, flown: Outcomes) -> tuple[float, ...]:
-        """To be minimised: mission time s, false positives, and 1 - recall where it is an objective."""
+        """To minimise: mission time in s, false positives, and 1 - recall where it is an objective."""
         values = (flown.mean("mission_time_s"), flown.mean("false_positives"))
         return values if self.min_recall is not None else (*values, 1.0 - flown.mean("recall"))
 
     def violations(self, flown: Outcomes) -> tuple[float, ...]:
-        """Positive where a constraint is broken: every scenario's recall, and missions left unfinished."""
-        lacking = (
-            () if self.min_recall is None else tuple(self.min_recall - r for r in flown.recalls.tolist())
-        )
-        return (*lacking, flown.unfinished)
+        """Positive where a constraint is broken: the recall of each scenario, and unfinished missions."""
+        if self.min_recall is None:
+            return (flown.unfinished,)
+        return (*(self.min_recall - flown.recalls).tolist(), flown.unfinished)
 
     def feasible(self, flown: Outcomes) -> bool:
         return all(violation <= 1e-12 for violation in self.violations(flown))
 
 
 def blocks(seeds: int) -> list[int]:
-    """After how many seeds a candidate is judged: 4, 8, 16 ... and all."""
+    """The numbers of seeds after which a candidate is judged: 4, 8, 16 ... and all."""
     ends = []
     end = FIRST_BLOCK
     while end < seeds:
@@ -136,7 +120,7 @@ def blocks(seeds: int) -> list[int]:
 
 
 def why_dropped(flown: Outcomes, incumbents: Sequence[Outcomes], rules: RaceRules) -> str | None:
-    """Why this candidate is clearly not the one, or None: it deserves more seeds."""
+    """Why a candidate is clearly not the best; None where it deserves more seeds."""
     if flown.unfinished > 0:
         return "missions ended before the search was finished"
     if rules.min_recall is not None and (flown.recall_bounds_above() < rules.min_recall).any():
@@ -151,7 +135,7 @@ def why_dropped(flown: Outcomes, incumbents: Sequence[Outcomes], rules: RaceRule
 
 
 def clearly_worse_by_s(cost_s: F64, best_s: F64) -> float:
-    """Lower bound of the mean paired difference over the seeds that both flew (Student's t, one-sided)."""
+    """Lower bound of the mean difference over common seeds (Student's t, one-sided)."""
     n = min(len(cost_s), len(best_s))
     if n < 2:
         return -math.inf
@@ -161,9 +145,9 @@ def clearly_worse_by_s(cost_s: F64, best_s: F64) -> float:
 
 
 def incumbents(finished: Sequence[Outcomes], rules: RaceRules) -> list[Outcomes]:
-    """Who a newcomer has to beat, among ``finished``, which flew all seeds.
+    """The candidates that a new one has to beat, among those that flew all seeds.
 
-    That is the cheapest that keeps the constraints; with recall as an objective, all that nobody dominates in
+    That is the cheapest that keeps the constraints. With recall as an objective, it is the Pareto front of
     cost and recall.
     """
     feasible = [flown for flown in finished if rules.feasible(flown)]
@@ -178,8 +162,8 @@ def incumbents(finished: Sequence[Outcomes], rules: RaceRules) -> list[Outcomes]
 def best_first(candidates: Sequence[Outcomes], rules: RaceRules) -> list[int]:
     """Indices of candidates from the best to the worst.
 
-    The cheapest of those that keep the constraints come first. Where recall is no constraint, or nobody keeps
-    it, recall within ``RECALL_SLACK`` of the best is what has to be kept.
+    The cheapest that keep the constraints come first. Where recall is no constraint, or no candidate keeps
+    it, the constraint is a recall within ``RECALL_SLACK`` of the best.
     """
     if not candidates:
         return []

@@ -1,9 +1,10 @@
-"""What a tuning found, told: tables, files and figures, each figure with its data beside it."""
+"""The report of a tuning: tables, files, and figures with their data."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from skysweep.experiments.tune.race import RECALL_SLACK, RaceRules
 from skysweep.experiments.tune.run import Problem
 from skysweep.experiments.tune.space import D_C, TUNED, value_at
 from skysweep.experiments.tune.study import Trial
-from skysweep.experiments.tune.validate import Cell, Effect, Standing, effects
+from skysweep.experiments.tune.validate import Cell, Effect, Standing, distances_m, effects, limits
 from skysweep.files.writing import whole_files
 from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import (
@@ -29,14 +30,17 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
 )
-from skysweep.results.reporting.symbols import field_name, field_title, number, value_text
-from skysweep.results.reporting.tables import one_line
+from skysweep.results.reporting.symbols import field_name, number, value_text
+from skysweep.results.reporting.tables import markdown
+from skysweep.results.summary import plain
 from skysweep.scenarios.files import change_scenario, write_scenario
+
+_COUNTED = ("recall", "false_positives", "false_scans")
 
 
 @dataclass(frozen=True)
 class Tuned:
-    """All that a tuning found. ``matters``: cells by scenario; empty where none were asked for."""
+    """The results of a tuning. ``matters`` has the cells by scenario, and is empty where not asked for."""
 
     problem: Problem
     trials: list[Trial]
@@ -51,30 +55,27 @@ class Tuned:
 def write_tuning(tuned: Tuned, folder: Path) -> list[Path]:
     """Write everything into ``folder`` and return the recommended scenarios' files.
 
-    ``recommended.yaml`` (with several scenarios ``recommended-NAME.yaml``) and ``overlay.yaml``,
+    These are ``recommended.yaml`` (``recommended-NAME.yaml`` with several scenarios) and ``overlay.yaml``,
     ``tuning.json``, ``tuning.md``, ``trials.parquet``, and the figures ``search`` and ``matters-NAME`` as
     PNG and SVG with their CSV. Raises UserError where ``folder`` cannot be written to.
     """
     with whole_files(folder) as unfinished:
-        return [folder / path.name for path in _write(tuned, unfinished)]
+        recommended = _write_scenarios(tuned, unfinished)
+        text = json.dumps(plain(_as_json(tuned)), indent=1) + "\n"
+        (unfinished / "tuning.json").write_text(text, encoding="utf-8")
+        (unfinished / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")
+        table = _trials_table(tuned.problem, tuned.trials)
+        table.write_parquet(unfinished / "trials.parquet")
+        table.write_csv(unfinished / "search.csv")
+        draw_search(table, [p.field for p in tuned.problem.space], unfinished / "search")
+        for name, cells in tuned.matters.items():
+            _cells_table(cells).write_csv(unfinished / f"matters-{name}.csv")
+            draw_matters(cells, name, unfinished / f"matters-{name}")
+    return [folder / path.name for path in recommended]
 
 
-def _write(tuned: Tuned, folder: Path) -> list[Path]:
-    recommended = _write_scenarios(tuned, folder)
-    (folder / "tuning.json").write_text(json.dumps(_as_json(tuned), indent=1) + "\n", encoding="utf-8")
-    (folder / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")
-    table = trials_table(tuned.problem, tuned.trials)
-    table.write_parquet(folder / "trials.parquet")
-    table.write_csv(folder / "search.csv")
-    draw_search(table, [p.field for p in tuned.problem.space], _symbols(tuned.problem), folder / "search")
-    for name, cells in tuned.matters.items():
-        _cells_table(cells).write_csv(folder / f"matters-{name}.csv")
-        draw_matters(cells, name, folder / f"matters-{name}")
-    return recommended
-
-
-def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
-    """One row a trial. ``on_front``: flew all seeds, keeps the constraints, none of those dominates it."""
+def _trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
+    """One row a trial. Trials that flew all seeds and keep the constraints compete for ``on_front``."""
     many, rules = len(problem.scenarios), problem.rules
     flown = [trial.flown(many) for trial in trials]
     whole = [
@@ -93,11 +94,7 @@ def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
             "feasible": rules.feasible(mine),
             "on_front": bool(on_front),
             **{f"param.{field}": float(value) for field, value in trial.values.items()},
-            "mission_time_s": mine.mean("mission_time_s"),
-            "recall": mine.mean("recall"),
-            "false_positives": mine.mean("false_positives"),
-            "false_scans": mine.mean("false_scans"),
-            "energy_wh": mine.mean("energy_wh"),
+            **{key: mine.mean(key) for key in ("mission_time_s", *_COUNTED, "energy_wh")},
             "cost_s": float(rules.cost_s(mine).mean()),
         }
         for trial, mine, on_front in zip(trials, flown, front, strict=True)
@@ -106,7 +103,7 @@ def trials_table(problem: Problem, trials: Sequence[Trial]) -> pl.DataFrame:
 
 
 def recommendation(tuned: Tuned) -> Grid:
-    """The recommended values beside the scenario's own, or each scenario's where there are several."""
+    """The recommended values beside those of each scenario."""
     changes = tuned.best.candidate.changes
     originals = tuned.problem.originals
     rows = [
@@ -122,7 +119,7 @@ def recommendation(tuned: Tuned) -> Grid:
 
 
 def recommendation_sentence(tuned: Tuned) -> str:
-    """What to expect of the recommended parameters."""
+    """The expected results of the recommended parameters."""
     best = tuned.best
     return (
         f"On {best.flown.seeds} fresh seeds: mission time {interval(best.mission_time_s, 1)} s, "
@@ -132,12 +129,10 @@ def recommendation_sentence(tuned: Tuned) -> str:
 
 
 def recommendation_rule(rules: RaceRules) -> str:
-    """How the recommended candidate is chosen, in a sentence."""
-    recall = (
-        f"within {RECALL_SLACK:g} of the highest"
-        if rules.min_recall is None
-        else f"at least {rules.min_recall:g} in every scenario"
-    )
+    """The rule that chooses the recommended candidate."""
+    recall = f"within {RECALL_SLACK:g} of the highest"
+    if rules.min_recall is not None:
+        recall = f"at least {rules.min_recall:g} in every scenario"
     return (
         "Recommended: of the candidates that finished every search with a mean recall of "
         f"{recall}, the one with the least cost: mission time and {rules.false_positive_cost_s:g} s for each "
@@ -147,69 +142,55 @@ def recommendation_rule(rules: RaceRules) -> str:
 
 def standings_table(tuned: Tuned) -> Grid:
     """All candidates on the validation seeds, from the recommended to the worst."""
-    header = (
-        "Candidate",
-        "Time\n(s)",
-        "Recall",
-        "False\npos.",
-        "Cost over the\nfirst (s)",
-        "P(first\nbetter)",
-    )
+    measured = ("Candidate", "Time\n(s)", "Recall", "False\npos.")
     rows = []
     for s in tuned.standings:
         pair = s.cost_over_best_s
-        rows.append(
-            (
-                s.label + ("" if s.feasible else " *"),
-                *(
-                    interval(e, digits).replace(" (", "\n(")
-                    for e, digits in ((s.mission_time_s, 1), (s.recall, 3), (s.false_positives, 2))
-                ),
-                "" if pair is None else interval(pair.test, 1, sign=True).replace(" (", "\n("),
-                "" if pair is None else f"{1 - pair.probability_below:.3f}",
-            )
+        row = [interval(s.mission_time_s, 1), interval(s.recall, 3), interval(s.false_positives, 2)]
+        row += (
+            ["", ""] if pair is None else [interval(pair.test, 1, True), f"{1 - pair.probability_below:.3f}"]
         )
+        label = s.candidate.label + ("" if s.feasible else " *")
+        rows.append([label, *(text.replace(" (", "\n(") for text in row)])
     caption = (
         f"{tuned.best.flown.seeds} fresh seeds, means with 95 % intervals; cost = time + "
         f"{tuned.problem.rules.false_positive_cost_s:g} s for each false positive, compared pair by pair"
     )
     if not all(s.feasible for s in tuned.standings):
         caption += "; * breaks a constraint"
-    return Grid(header, rows, caption, best=[0])
+    return Grid((*measured, "Cost over the\nfirst (s)", "P(first\nbetter)"), rows, caption, best=[0])
 
 
 def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
-    """Mission time over the fastest, n_c down and d_c across."""
-    distances = sorted({c.d_c_m for c in cells if c.d_c_m is not None})
+    """Mission time over the fastest, with n_c down and d_c across."""
+    distances = distances_m(cells)
     fastest = next(c for c in cells if c.time_over_best_s is None)
     rows = []
-    for n_c in sorted({c.n_c for c in cells}):
+    for n_c in limits(cells):
         line = [c for c in cells if c.n_c == n_c]
-        texts: list[str] = []
+        texts = [number(n_c)]
         for d_c_m in distances:
             cell = next((c for c in line if c.d_c_m in (d_c_m, None)), None)
-            texts.append("" if cell is None else "same" if cell.d_c_m is None and texts else _over_best(cell))
-        rows.append((number(n_c), *texts))
-    undecided = [c.time_over_best_s.test for c in cells if c.time_over_best_s and c.undecided]
-    family = len(cells) - 1
-    return Grid(
-        ("n_c", *(f"d_c = {value_text(D_C, d)}" for d in distances)),
-        rows,
+            is_same = cell is not None and cell.d_c_m is None and len(texts) > 1
+            texts.append("" if cell is None else "same" if is_same else _over_best(cell))
+        rows.append(texts)
+    caption = (
         f"{name}: seconds over the fastest (n_c = {number(fastest.n_c)}, d_c = {_distance(fastest)}: "
         f"{fastest.mission_time_s.mean:.1f} s, recall {fastest.flown.mean('recall'):.3f}, false positives "
         f"{fastest.flown.mean('false_positives'):.2f}), paired over {fastest.flown.seeds} seeds, 95 % "
         "intervals; = not distinguishable from it"
-        + (
+    )
+    family = len(cells) - 1
+    if undecided := [c.time_over_best_s.test for c in cells if c.time_over_best_s and c.undecided]:
+        caption += (
             f"; ? too few seeds to tell after correcting for {family} comparisons, at least "
             f"{max(pairs_to_tell(test, family) for test in undecided)} are needed"
-            if undecided
-            else ""
-        ),
-    )
+        )
+    return Grid(("n_c", *(f"d_c = {value_text(D_C, d)}" for d in distances)), rows, caption)
 
 
 def matters_sentences(cells: Sequence[Cell]) -> list[str]:
-    """When n_c matters, and when d_c does: first in one sentence, then one for every line of the table."""
+    """When n_c and d_c matter: a summary, then a sentence for each row and column of the table."""
     found = effects(cells)
     family, seeds = sum(len(effect.others) for effect in found), cells[0].flown.seeds
     if seeds < pairs_needed(family):
@@ -221,7 +202,7 @@ def matters_sentences(cells: Sequence[Cell]) -> list[str]:
 
 
 def how_sure(tuned: Tuned) -> list[str]:
-    """What may be said about the recommended parameters against the runner-up and the scenario's own."""
+    """How certain the recommendation is against the runner-up and the scenario's own values."""
     sentences = []
     rules, best = tuned.problem.rules, tuned.best
     if rules.min_recall is not None and not best.feasible:
@@ -231,7 +212,7 @@ def how_sure(tuned: Tuned) -> list[str]:
         )
     if len(tuned.standings) > 1:
         sentences.append("Runner-up: " + _against(tuned.standings[1]))
-    own = (s for s in tuned.standings[2:] if s.label.startswith("own values") or "(own values" in s.label)
+    own = (s for s in tuned.standings[2:] if re.search(r"(^|\()own values", s.candidate.label))
     return [*sentences, *("Scenario's own: " + _against(standing) for standing in own)]
 
 
@@ -251,7 +232,7 @@ def describe(values: dict[str, float]) -> str:
 def _against(standing: Standing) -> str:
     pair = standing.cost_over_best_s
     assert pair is not None
-    text = f"{standing.label}, cost {interval(pair.test, 1, sign=True)} s; "
+    text = f"{standing.candidate.label}, cost {interval(pair.test, 1, sign=True)} s; "
     if pair.test.n_zero == pair.test.n_pairs:
         return text + "the same in every mission."
     if not math.isfinite(pair.test.low):
@@ -259,9 +240,7 @@ def _against(standing: Standing) -> str:
     probability = f"probability that the recommended is better {1 - pair.probability_below:.3f}"
     if not standing.feasible:
         return text + f"and it breaks a constraint (recall {standing.recall.mean:.3f})."
-    return text + (
-        f"clearly worse, {probability}." if pair.is_clear else f"NOT distinguishable, {probability}."
-    )
+    return f"{text}{'clearly worse' if pair.is_clear else 'NOT distinguishable'}, {probability}."
 
 
 def _headline(found: Sequence[Effect]) -> str:
@@ -279,8 +258,9 @@ def _headline(found: Sequence[Effect]) -> str:
 
 
 def _effect_sentence(effect: Effect) -> str:
-    worst, by_d_c = effect.worst, effect.held == "d_c"
-    over = f"{interval(effect.over_best_s[worst], 1, sign=True)} s (p = {effect.p_corrected[worst]:.2g})"
+    slowest, over_best_s, p = max(effect.others, key=lambda other: other[1].mean)
+    by_d_c = effect.held == "d_c"
+    over = f"{interval(over_best_s, 1, sign=True)} s (p = {p:.2g})"
 
     def choice(cell: Cell) -> str:
         return f"n_c = {number(cell.n_c)}" if by_d_c else f"d_c = {_distance(cell)}"
@@ -288,14 +268,10 @@ def _effect_sentence(effect: Effect) -> str:
     held = f"d_c = {value_text(D_C, effect.value)}" if by_d_c else f"n_c = {number(effect.value)}"
     if not effect.matters:
         return f"{held}: {'n_c' if by_d_c else 'd_c'} makes no difference that shows; the slowest: {over}."
-    text = f"{held}: {choice(effect.best)} is fastest, {choice(effect.others[worst])} slowest: {over}"
-    as_good = [
-        choice(cell)
-        for cell, p, test in zip(effect.others, effect.p_corrected, effect.over_best_s, strict=True)
-        if p >= SIGNIFICANCE and not test.low > 0
-    ]
+    text = f"{held}: {choice(effect.best)} is fastest, {choice(slowest)} slowest: {over}"
+    as_good = [cell for cell, test, p in effect.others if p >= SIGNIFICANCE and not test.low > 0]
     if as_good:
-        text += "; as good as the fastest: " + ", ".join(as_good)
+        text += "; as good as the fastest: " + ", ".join(map(choice, as_good))
     return text + "."
 
 
@@ -316,22 +292,15 @@ def _fields(problem: Problem) -> list[str]:
     return usual + [p.field for p in problem.space if p.field not in usual]
 
 
-def _symbols(problem: Problem) -> dict[str, str]:
-    return {field: field_title(field) for field in _fields(problem)}
-
-
 def _write_scenarios(tuned: Tuned, folder: Path) -> list[Path]:
     changes = tuned.best.candidate.changes
-    paths, overlays = [], []
+    alone, paths, overlays = len(tuned.problem.originals) == 1, [], []
     for original, base in zip(tuned.problem.originals, tuned.problem.overlays, strict=True):
-        name = (
-            "recommended.yaml" if len(tuned.problem.originals) == 1 else f"recommended-{original.name}.yaml"
-        )
+        name = f"recommended{'' if alone else f'-{original.name}'}.yaml"
         paths.append(write_scenario(change_scenario(original, changes), folder / name))
         differs = {field: v for field, v in changes.items() if v != value_at(original, field)}
         overlays.append(base | {"set": base["set"] | differs})
-    overlay = overlays[0] if len(overlays) == 1 else overlays
-    text = yaml.safe_dump(overlay, sort_keys=False, default_flow_style=False)
+    text = yaml.safe_dump(overlays[0] if alone else overlays, sort_keys=False, default_flow_style=False)
     (folder / "overlay.yaml").write_text(text, encoding="utf-8")
     return paths
 
@@ -341,75 +310,55 @@ def _markdown(tuned: Tuned) -> str:
     parts = [
         f"# Tuning of {problem.name}",
         f"{len(tuned.trials)} trials, up to {problem.seeds} seeds each.",
-        _markdown_grid(recommendation(tuned)),
+        markdown(recommendation(tuned)).rstrip(),
         recommendation_sentence(tuned),
         recommendation_rule(problem.rules),
         *how_sure(tuned),
-        _markdown_grid(standings_table(tuned)),
+        markdown(standings_table(tuned)).rstrip(),
         *(
-            f"- {s.label}: {describe(s.candidate.changes)}"
+            f"- {s.candidate.label}: {describe(s.candidate.changes)}"
             for s in tuned.standings
             if s.candidate.changes.keys() == {p.field for p in problem.space}
         ),
     ]
     for name, cells in tuned.matters.items():
-        parts += [f"## When n_c and d_c matter: {name}", _markdown_grid(matters_grid(name, cells))]
+        parts += [f"## When n_c and d_c matter: {name}", markdown(matters_grid(name, cells)).rstrip()]
         parts.append("\n".join(f"- {sentence}" for sentence in matters_sentences(cells)))
     return "\n\n".join(parts) + "\n"
 
 
-def _markdown_grid(grid: Grid) -> str:
-    align = " --- |" if grid.words else " ---: |"
-    lines = [
-        f"**{grid.caption}**",
-        "",
-        "| " + " | ".join(map(one_line, grid.header)) + " |",
-        "|" + align * len(grid.header),
-    ]
-    return "\n".join(lines + ["| " + " | ".join(map(one_line, row)) + " |" for row in grid.rows])
-
-
-def _as_json(tuned: Tuned) -> Any:
+def _as_json(tuned: Tuned) -> dict[str, Any]:
     problem = tuned.problem
-    return _plain(
-        {
-            "problem": problem.as_data(),
-            "trials": len(tuned.trials),
-            "missions_flown": sum(len(t.missions) for t in tuned.trials if t.same_as is None),
-            "validation_seeds": tuned.best.flown.seeds,
-            "recommended": {
-                f: value_at(change_scenario(problem.originals[0], tuned.best.candidate.changes), f)
-                for f in _fields(problem)
-            },
-            "candidates": [
-                {
-                    "label": s.label,
-                    "changes": s.candidate.changes,
-                    "feasible": s.feasible,
-                    "mission_time_s": asdict(s.mission_time_s),
-                    "recall": asdict(s.recall),
-                    "false_positives": asdict(s.false_positives),
-                    "cost_s": asdict(s.cost_s),
-                    "cost_over_recommended_s": s.cost_over_best_s and asdict(s.cost_over_best_s),
-                }
-                for s in tuned.standings
-            ],
-            "rule": recommendation_rule(problem.rules),
-            "how_sure": how_sure(tuned),
-            "matters": {
-                name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}
-                for name, cells in tuned.matters.items()
-            },
-        }
-    )
+    recommended = change_scenario(problem.originals[0], tuned.best.candidate.changes)
+    means = ("mission_time_s", "recall", "false_positives", "cost_s")
+    return {
+        "problem": problem.as_data(),
+        "trials": len(tuned.trials),
+        "missions_flown": sum(len(t.missions) for t in tuned.trials if t.same_as is None),
+        "validation_seeds": tuned.best.flown.seeds,
+        "recommended": {field: value_at(recommended, field) for field in _fields(problem)},
+        "candidates": [
+            {
+                **asdict(s.candidate),
+                "feasible": s.feasible,
+                **{key: asdict(getattr(s, key)) for key in means},
+                "cost_over_recommended_s": s.cost_over_best_s and asdict(s.cost_over_best_s),
+            }
+            for s in tuned.standings
+        ],
+        "rule": recommendation_rule(problem.rules),
+        "how_sure": how_sure(tuned),
+        "matters": {
+            name: {"cells": _cells_table(cells).to_dicts(), "says": matters_sentences(cells)}
+            for name, cells in tuned.matters.items()
+        },
+    }
 
 
 def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
-    """One row a cell; ``d_c_m`` is null where it makes no difference."""
     rows = []
     for cell in cells:
-        pair = cell.time_over_best_s
-        test = pair.test if pair else None
+        test = cell.time_over_best_s.test if cell.time_over_best_s else None
         rows.append(
             {
                 "n_c": cell.n_c,
@@ -422,21 +371,8 @@ def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
                 "over_fastest_low_s": test.low if test else None,
                 "over_fastest_high_s": test.high if test else None,
                 "as_good": cell.as_good,
-                "recall": cell.flown.mean("recall"),
-                "false_positives": cell.flown.mean("false_positives"),
-                "false_scans": cell.flown.mean("false_scans"),
+                **{key: cell.flown.mean(key) for key in _COUNTED},
             }
         )
     floats = {name: pl.Float64 for name in ("d_c_m", "over_fastest_low_s", "over_fastest_high_s")}
     return pl.DataFrame(rows, schema_overrides=floats)
-
-
-def _plain(node: Any) -> Any:
-    """What JSON can hold: infinity is the string ``"inf"`` as in summary.json, NaN is null."""
-    if isinstance(node, dict):
-        return {key: _plain(value) for key, value in node.items()}
-    if isinstance(node, list | tuple):
-        return [_plain(value) for value in node]
-    if isinstance(node, float) and not math.isfinite(node):
-        return None if math.isnan(node) else "inf" if node > 0 else "-inf"
-    return node

@@ -1,8 +1,7 @@
 """Tuning: find the search parameters of a scenario, or of a family of them, by flying many missions.
 
-A study proposes values, every proposal is raced against the best so far on the same seeds (``race``),
-and the best are flown again on fresh seeds beside the scenario's own values and the paper's choices
-(``validate``).
+A study proposes values. Each proposal races against the best so far on the same seeds (``race``). The best
+fly again on fresh seeds, beside the scenario's own values and the paper's choices (``validate``).
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import repeat
+from functools import partial
 from typing import Any
 
 from skysweep import __version__
@@ -38,19 +37,19 @@ FAMILY_SCATTER_M = 5.0
 
 @dataclass(frozen=True)
 class Problem:
-    """What is tuned: one answer for all ``scenarios``, on the mission seeds 0 .. ``seeds`` - 1."""
+    """A tuning problem: one answer for all ``scenarios``, on the mission seeds 0 .. ``seeds`` - 1."""
 
     name: str
-    scenarios: tuple[Scenario, ...]  # as flown: with layouts that differ by seed
+    scenarios: tuple[Scenario, ...]  # as flown, with layouts that differ by seed
     originals: tuple[Scenario, ...]  # as given
-    overlays: tuple[dict[str, Any], ...]  # where each comes from: ``scenario``, and what was ``set``
+    overlays: tuple[dict[str, Any], ...]  # origin of each: ``scenario``, and the fields that were ``set``
     space: tuple[Parameter, ...]
     rules: RaceRules
     seeds: int = 32
     sampler_seed: int = 0
 
     def as_data(self) -> dict[str, Any]:
-        """What makes it another problem; the keys are words of a sentence."""
+        """All that distinguishes problems. The keys are words of an error message."""
         return {
             "scenario": [scenario.name for scenario in self.scenarios],
             "what the scenario says": [_digest(scenario) for scenario in self.scenarios],
@@ -63,39 +62,25 @@ class Problem:
         }
 
     @property
-    def own_values(self) -> dict[str, float]:
-        """The first scenario's own values of what is tuned."""
-        return {p.field: value_at(self.scenarios[0], p.field) for p in self.space}
-
-    @property
     def first_values(self) -> list[dict[str, float]]:
-        """Tried first: the scenario's own, and the paper's n_c with the rest as the scenario has it."""
-        own = self.own_values
+        """The first scenario's own values, then the same with the paper's n_c."""
+        own = {p.field: value_at(self.scenarios[0], p.field) for p in self.space}
         paper = [own | {N_C: n_c} for n_c in PAPER_N_C if N_C in own]
         return [own, *(values for values in paper if values != own)]
-
-
-@dataclass(frozen=True)
-class _SearchJob:
-    problem: Problem
-    storage: str
-    study: str
-    trials: int
-    deadline_unix_s: float
 
 
 def family_of(scenario: Scenario, scatter_m: float | None) -> Scenario:
     """The scenario with a layout that differs by seed.
 
-    ``scatter_m`` None: as the scenario says; where it says that all seeds have the same targets in the same
-    places, they are moved by ``FAMILY_SCATTER_M``, since whoever knows the places needs no search.
+    ``scatter_m`` None keeps the scenario's own. A scenario whose targets stand in the same places with all
+    seeds gets ``FAMILY_SCATTER_M``, since a search for known places would learn them.
     """
     if scatter_m is None:
         varies = scenario.scatter_m > 0 or any(g.seed is None for g in scenario.generators)
         scatter_m = scenario.scatter_m if varies else FAMILY_SCATTER_M
-    return (
-        scenario if scatter_m == scenario.scatter_m else change_scenario(scenario, {"scatter_m": scatter_m})
-    )
+    if scatter_m == scenario.scatter_m:
+        return scenario
+    return change_scenario(scenario, {"scatter_m": scatter_m})
 
 
 def search(
@@ -107,9 +92,9 @@ def search(
     workers: int | None = None,
     on_trial: Callable[[Trial], None] = lambda _trial: None,
 ) -> list[Trial]:
-    """Let the study grow to ``trials``, or until ``minutes`` are over, and return all of its trials.
+    """Let the study grow to ``trials``, or for ``minutes``, and return all of its trials.
 
-    ``on_trial`` hears of every trial, those that the study holds already first. Other processes may work on
+    ``on_trial`` is called with each trial, first with those already in the study. Other processes may work on
     the same study at the same time. Raises UserError where the storage is unusable or holds another problem.
     """
     study = _open(problem, storage, study_name)
@@ -118,12 +103,10 @@ def search(
     for held in known:
         on_trial(held)
     deadline = math.inf if minutes is None else time.time() + 60.0 * minutes
-    job = _SearchJob(problem, storage, study_name, trials, deadline)
-    missing = max(0, trials - len(known))
-    if missing:
-        for _job, trial in LocalEngine(workers).run(_fly_trial, repeat(job, missing)):
-            if trial is not None:
-                on_trial(trial)
+    fly = partial(_fly_trial, problem, storage, study_name, trials, deadline)
+    for _, trial in LocalEngine(workers).run(fly, range(len(known), trials)):
+        if trial is not None:
+            on_trial(trial)
     return study.trials()
 
 
@@ -133,13 +116,15 @@ def _open(problem: Problem, storage: str, study_name: str) -> TuningStudy:
     )
 
 
-def _fly_trial(job: _SearchJob) -> Trial | None:
-    """Work of one worker process: the study's next trial, from its values to its end."""
-    if time.time() >= job.deadline_unix_s:
+def _fly_trial(
+    problem: Problem, storage: str, study_name: str, trials: int, deadline_unix_s: float, _place: int
+) -> Trial | None:
+    """The study's next trial, from its values to its end, in a worker process."""
+    if time.time() >= deadline_unix_s:
         return None
-    study = _open(job.problem, job.storage, job.study)
-    trial = study.ask(job.trials)
-    return None if trial is None else _race(job.problem, study, trial)
+    study = _open(problem, storage, study_name)
+    trial = study.ask(trials)
+    return None if trial is None else _race(problem, study, trial)
 
 
 def _race(problem: Problem, study: TuningStudy, trial: OpenTrial) -> Trial:

@@ -1,8 +1,8 @@
-"""Which parameters a tuning may change, and the values that each may take.
+"""The parameters that a tuning may change, and the values that each may take.
 
-Every parameter is an ascending list of round values (infinity last). Sensible ones come from the scenario and
-its camera: altitudes from which a target still spans enough pixels, speeds that the vehicle can fly; what
-``scenarios.advice`` warns about is left out. The scenario's own value is always among them.
+Each parameter is an ascending list of round values, infinity last. The values suit the scenario and its
+camera: altitudes from which a target spans enough pixels, and speeds that the vehicle can fly. Values that
+``planning.advice`` warns about are left out. The scenario's own value is always included.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from operator import attrgetter
 
 import numpy as np
 
@@ -26,7 +26,7 @@ H_S, H_C = "search.scan_altitude_agl_m", "search.check_altitude_agl_m"
 SCAN_SPEED, CHECK_SPEED, SIDELAP = "search.scan_speed_mps", "search.check_speed_mps", "search.sidelap"
 TUNED = (N_C, D_C, H_S, H_C, SCAN_SPEED, CHECK_SPEED, SIDELAP)
 
-EASILY_SEEN_PX = 20.0  # scanning from lower than this finds nothing more and takes longer
+EASILY_SEEN_PX = 20.0  # a lower scan, with more pixels, takes longer and finds nothing more
 _N_C_VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, math.inf)
 _D_C_SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)  # of the side of a square as large as the area
 _STEPS = (0.01, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -37,14 +37,14 @@ _MAX_SIDELAP = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A dotted field of the scenario and the values that it may take, ascending."""
+    """A dotted field of the scenario and its possible values, ascending."""
 
     field: str
     values: tuple[float, ...]
 
 
 def default_space(scenarios: Sequence[Scenario]) -> list[Parameter]:
-    """The parameters that are tuned unless told otherwise, with values that suit all of ``scenarios``."""
+    """The default parameters, with values that suit all of ``scenarios``."""
     spaces = [_values_for(scenario) for scenario in scenarios]
     return [Parameter(field, _common([space[field] for space in spaces])) for field in TUNED]
 
@@ -54,11 +54,8 @@ def changed_space(
 ) -> tuple[list[Parameter], dict[str, float]]:
     """``space`` after ``--range FIELD=LOW:HIGH`` (``FIELD=1,2,inf``) and ``--fix FIELD`` (``FIELD=VALUE``).
 
-    Returns:
-        The parameters left to tune, and the values that ``--fix`` sets.
-
-    Raises:
-        UserError: unknown field, empty range, values that make no valid scenario, nothing left to tune.
+    Returns the parameters left to tune, and the values that ``--fix`` sets. Raises UserError for an unknown
+    field, an empty range, values that make no valid scenario, or nothing left to tune.
     """
     left = {parameter.field: parameter for parameter in space}
     settings: dict[str, float] = {}
@@ -82,14 +79,14 @@ def changed_space(
     for scenario in scenarios:
         fixed_scenario = change_scenario(scenario, settings)
         for parameter in left.values():
-            for value in (parameter.values[0], parameter.values[-1]):
-                if parameter.field not in (H_S, H_C):
+            if parameter.field not in (H_S, H_C):
+                for value in (parameter.values[0], parameter.values[-1]):
                     change_scenario(fixed_scenario, {parameter.field: value})
     return list(left.values()), settings
 
 
 def known_field(field: str, source: str) -> str:
-    """``field`` if a scenario has such a number; else a UserError with the nearest name."""
+    """``field``. Raises UserError, with the nearest name, unless it is a number of a scenario."""
     fields = [name for name, info in leaf_fields(Scenario) if {int, float} & {*union_arms(info.annotation)}]
     if field in fields:
         return field
@@ -107,14 +104,11 @@ def known_field(field: str, source: str) -> str:
 
 def value_at(scenario: Scenario, field: str) -> float:
     """The scenario's own value of a dotted field."""
-    node: Any = scenario
-    for part in field.split("."):
-        node = getattr(node, part)
-    return float(node)
+    return float(attrgetter(field)(scenario))
 
 
 def nearby_distances_m(scenario: Scenario) -> tuple[float, ...]:
-    """A few d_c around which it may matter: parts of the area's size, the scenario's own, and infinity."""
+    """A few d_c that may matter: parts of the area's size, the scenario's own, and infinity."""
     side = math.sqrt(scenario.area_enu_m.area)
     shares = {_round_distance(share * side) for share in (0.1, 0.2, 0.4)}
     return tuple(sorted(shares | {scenario.search.d_c_m, math.inf}))
@@ -134,28 +128,27 @@ def _values_for(scenario: Scenario) -> dict[str, tuple[float, ...]]:
     }
     values[H_S] = _without_warning(scenario, H_S, values[H_S])
     lowest_scan_m = min([*values[H_S], search.scan_altitude_agl_m])
-    values[H_C] = _without_warning(
-        scenario, H_C, _grid(1.0, min(px_at_1_m / WISHED_AT_CHECK_PX, 0.8 * lowest_scan_m))
-    )
+    highest_check_m = min(px_at_1_m / WISHED_AT_CHECK_PX, 0.8 * lowest_scan_m)
+    values[H_C] = _without_warning(scenario, H_C, _grid(1.0, highest_check_m))
     return {field: tuple(sorted({*values[field], value_at(scenario, field)})) for field in TUNED}
 
 
 def _without_warning(scenario: Scenario, field: str, values: Sequence[float]) -> list[float]:
-    kept = []
-    for value in values:
-        if field == H_C and value >= scenario.search.scan_altitude_agl_m:
-            break
-        if field == H_S and value <= scenario.search.check_altitude_agl_m:
-            continue
-        if field == H_C and value < scenario.safety.descent_floor_agl_m:
-            continue
-        if not any(w.startswith(field) for w in warnings_for(change_scenario(scenario, {field: value}))):
-            kept.append(value)
-    return kept
+    """The altitudes of a scan or a check that are possible and without a warning."""
+    if field == H_S:
+        possible = [v for v in values if v > scenario.search.check_altitude_agl_m]
+    else:
+        floor = scenario.safety.descent_floor_agl_m
+        possible = [v for v in values if floor <= v < scenario.search.scan_altitude_agl_m]
+    return [
+        value
+        for value in possible
+        if not any(w.startswith(field) for w in warnings_for(change_scenario(scenario, {field: value})))
+    ]
 
 
 def _common(spaces: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
-    """Values inside the bounds of all; what the scenarios themselves use stays in."""
+    """Values inside the bounds of all spaces, or all values where these do not overlap."""
     low, high = max(s[0] for s in spaces), min(s[-1] for s in spaces)
     inside = {v for s in spaces for v in s if low <= v <= high}
     return tuple(sorted(inside)) if len(inside) > 1 else tuple(sorted(set().union(*spaces)))
@@ -181,7 +174,7 @@ def _parsed_range(text: str, field: str, wanted: str) -> tuple[float, ...]:
         high = _number(high_text, source) if colon else low
         if colon and (math.isinf(low) or math.isinf(high)):
             raise UserError(
-                f"{source}: a range ends at a number; write inf on its own, such as {field}=1:8,inf"
+                f"{source}: a range must end at a number; write inf on its own, such as {field}=1:8,inf"
             )
         if low > high:
             raise UserError(f"{source}: the range is empty; write LOW:HIGH with LOW below HIGH")
@@ -206,30 +199,24 @@ def _number(text: str, source: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise UserError(f"{source}: '{text.strip()}' is no number; write a number or inf") from None
+        value = math.nan
     if math.isnan(value):
-        raise UserError(f"{source}: nan is no number; write a number or inf")
+        raise UserError(f"{source}: '{text.strip()}' is not a number; write a number or inf")
     return value
 
 
 def _check_altitudes(
     space: Mapping[str, Parameter], scenarios: Sequence[Scenario], settings: Mapping[str, float]
 ) -> None:
-    def values(field: str, scenario: Scenario) -> tuple[float, ...]:
-        if field in space:
-            return space[field].values
-        return (settings.get(field, value_at(scenario, field)),)
-
     for scenario in scenarios:
-        highest_check, lowest_scan = values(H_C, scenario)[-1], values(H_S, scenario)[0]
-        if highest_check >= lowest_scan:
+        scans, checks = (
+            space[field].values if field in space else (settings.get(field, value_at(scenario, field)),)
+            for field in (H_S, H_C)
+        )
+        if checks[-1] >= scans[0]:
             raise UserError(
-                f"--range {H_C}: reaches {highest_check:g} m, not below the lowest scan altitude "
-                f"({lowest_scan:g} m); write ranges that do not meet, or --fix one of them"
+                f"--range {H_C}: reaches {checks[-1]:g} m, not below the lowest scan altitude "
+                f"({scans[0]:g} m); write ranges that do not meet, or --fix one of them"
             )
-        for field in (H_S, H_C):
-            for value in (values(field, scenario)[0], values(field, scenario)[-1]):
-                other = H_C if field == H_S else H_S
-                change_scenario(
-                    scenario, {field: value, other: lowest_scan if other == H_S else values(H_C, scenario)[0]}
-                )
+        for scan_m, check_m in ((scans[0], checks[0]), (scans[-1], checks[0]), (scans[0], checks[-1])):
+            change_scenario(scenario, {H_S: scan_m, H_C: check_m})

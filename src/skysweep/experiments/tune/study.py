@@ -1,8 +1,8 @@
-"""The study of a tuning: Optuna, and the only place that imports it.
+"""The study of a tuning. Only this module imports Optuna.
 
-A study lives in a database, so several processes and machines may work on it at once. Everything that a
-resumed or joining process needs is in it: the problem, every trial's values, its missions and how it ended,
-and a digest of these, since databases keep none: a trial that is not what was written is refused.
+A study lives in a database, so several processes and machines may work on it at once. It holds all that a
+resumed or joining process needs: the problem, and each trial's values, missions and end. Databases keep no
+digests, so the study has its own, and refuses a trial that was changed.
 """
 
 from __future__ import annotations
@@ -31,15 +31,16 @@ except ImportError:  # only POSIX has it
     fcntl = None  # type: ignore[assignment]
 
 _STALE_S = 120.0  # a running trial without a sign of life for longer has lost its process
-_CLAIM_S = 20.0  # and one that nobody has claimed for longer was never begun
-_RANDOM_TRIALS = 12  # before the sampler trusts what it has learnt
-_SEALED = ("values", "missions", "dropped", "same_as", "violations")  # attributes of a trial that ended
-_SEAL = "sha256"  # the attribute that holds their digest; of a trial that waits, that of its values
+_CLAIM_S = 20.0  # a running trial that stays unclaimed for longer was never begun
+_RANDOM_TRIALS = 12  # before the sampler learns from the results
+_TOLD = ("values", "missions", "dropped", "same_as")  # attributes of a trial that ended
+_SEALED = (*_TOLD, "violations")
+_SEAL = "sha256"  # attribute with the digest of these, or, while a trial waits, of its values
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One set of values and how it fared. ``missions`` are outcomes, seed by seed, scenario by scenario."""
+    """One set of values and its results. ``missions`` are ordered by seed, then by scenario."""
 
     number: int
     values: dict[str, float]
@@ -54,18 +55,9 @@ class Trial:
 class TuningStudy:
     """A study in a database, opened by one process.
 
-    Args:
-        storage: URL of a database as SQLAlchemy wants it, such as ``sqlite:///study.db``.
-        name: of the study in that database.
-        problem: what is tuned, as plain data; a study of another problem is refused.
-        space: the parameters.
-        rules: objectives and constraints.
-        seed: of the sampler.
-
-    Raises:
-        MissingExtraError: Optuna is not installed.
-        UserError: the database cannot be used or is damaged, or holds a study of another problem under this
-            name.
+    ``storage`` is an SQLAlchemy URL, such as ``sqlite:///study.db``; ``problem`` says what is tuned, as plain
+    data; ``seed`` is the sampler's. Raises MissingExtraError without Optuna, and UserError when the database
+    cannot be used, is damaged, or holds a study of another problem under this name.
     """
 
     def __init__(
@@ -78,17 +70,18 @@ class TuningStudy:
         seed: int,
     ) -> None:
         self._optuna = _optuna()
+        self._state = self._optuna.trial.TrialState
         self._space, self._rules, self._seed = tuple(space), rules, seed
         self._storage, self._file = storage, storage.partition("sqlite:///")[2]
         self._locks = bool(self._file) and fcntl is not None
         directions = ["minimize"] * (2 if rules.min_recall is not None else 3)
         try:
-            self._refuse_broken_file(storage)
+            self._refuse_broken_file()
             self._study = self._optuna.create_study(
                 storage=_database(storage), study_name=name, directions=directions, load_if_exists=True
             )
-            self._claim(problem, name, storage)
-            self._refuse_changed_trials(storage)
+            self._claim(problem, name)
+            self._refuse_changed_trials()
         except UserError:
             raise
         except ImportError as error:
@@ -96,8 +89,8 @@ class TuningStudy:
                 f"--storage {hidden(storage)}: its driver is not installed ({error.__cause__ or error}); "
                 "install it, or leave --storage out for a file in the output folder"
             ) from None
-        except (LookupError, RuntimeError, TypeError, ValueError) as error:  # Optuna met what nobody wrote
-            raise _damaged(storage, str(error).splitlines()[0]) from None
+        except (LookupError, RuntimeError, TypeError, ValueError) as error:  # from Optuna on damaged content
+            raise self._damaged(str(error).splitlines()[0]) from None
         except Exception as error:  # every database has its own exceptions
             if not type(error).__module__.startswith(("sqlalchemy", "optuna", "alembic")):
                 raise
@@ -108,7 +101,7 @@ class TuningStudy:
             ) from None
 
     def start(self, first: Sequence[dict[str, float]]) -> None:
-        """Queue ``first`` where nobody has begun yet; values out of range are left out."""
+        """Queue ``first`` in a study that is still empty, without values that are out of range."""
         with self._alone():
             for values in first if not self._study.get_trials(deepcopy=False) else ():
                 indices = self._indices(values)
@@ -119,33 +112,31 @@ class TuningStudy:
         """The next trial, or None when the study has ``budget`` of them, whoever flies them."""
         with self._alone():
             self._requeue_abandoned()
-            return self._ask(budget)
-
-    def _ask(self, budget: int) -> OpenTrial | None:
-        state = self._optuna.trial.TrialState
-        before = self._study.get_trials(deepcopy=False, states=(state.COMPLETE, state.RUNNING))
-        ended = sum(trial.state == state.COMPLETE for trial in before)
-        if ended >= budget:
-            return None
-        self._study.sampler = self._sampler(ended, len(before) - ended)
-        trial = self._study.ask()
-        trial.set_user_attr("owner", {"host": socket.gethostname(), "process": os.getpid()})
-        trials = self._study.get_trials(deepcopy=False)
-        if sum(t.number < trial.number and t.state != state.FAIL for t in trials) >= budget:
-            self._study.tell(trial, state=state.FAIL)
-            return None
-        indices = {p.field: trial.suggest_int(p.field, 0, len(p.values) - 1) for p in self._space}
-        values = {p.field: p.values[indices[p.field]] for p in self._space}
-        trial.set_user_attr("values", values)
-        return OpenTrial(self._study, trial, values, self._rules)
+            ended, running = len(self._those(self._state.COMPLETE)), len(self._those(self._state.RUNNING))
+            if ended >= budget:
+                return None
+            self._study.sampler = self._sampler(ended, running)
+            trial = self._study.ask()
+            trial.set_user_attr("owner", {"host": socket.gethostname(), "process": os.getpid()})
+            trials = self._study.get_trials(deepcopy=False)
+            if sum(t.number < trial.number and t.state != self._state.FAIL for t in trials) >= budget:
+                self._study.tell(trial, state=self._state.FAIL)
+                return None
+            indices = {p.field: trial.suggest_int(p.field, 0, len(p.values) - 1) for p in self._space}
+            values = {p.field: p.values[indices[p.field]] for p in self._space}
+            trial.set_user_attr("values", values)
+            return OpenTrial(self._study, trial, values, self._rules)
 
     def trials(self) -> list[Trial]:
         """All that ended, in the order of their numbers."""
-        complete = (self._optuna.trial.TrialState.COMPLETE,)
-        return [_trial(t) for t in self._study.get_trials(deepcopy=False, states=complete)]
+        ended = self._those(self._state.COMPLETE)
+        return [Trial(trial.number, *(trial.user_attrs[key] for key in _TOLD)) for trial in ended]
+
+    def _those(self, state: Any) -> list[Any]:
+        return list(self._study.get_trials(deepcopy=False, states=(state,)))
 
     def _indices(self, values: dict[str, float]) -> dict[str, int] | None:
-        """Which value of each parameter this is; None where one is out of range."""
+        """The index of each parameter's value; None where one is out of range."""
         try:
             return {p.field: p.values.index(values[p.field]) for p in self._space}
         except ValueError:
@@ -153,7 +144,7 @@ class TuningStudy:
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        """No other process asks meanwhile. SQLite locks no rows: two would be given one waiting trial."""
+        """Keep other processes from asking. SQLite locks no rows, so two would get the same waiting trial."""
         if not self._locks:
             yield
             return
@@ -162,16 +153,15 @@ class TuningStudy:
             yield
 
     def _requeue_abandoned(self) -> None:
-        """What a process left when it died fails, and its values wait to be flown again."""
+        """Fail the trials that a process left when it died, and queue their values again."""
         unclaimed = self._unclaimed()
-        failed = self._optuna.trial.TrialState.FAIL
-        for trial in self._running():
+        for trial in self._those(self._state.RUNNING):
             is_claimed = "owner" in trial.user_attrs
             if _is_abandoned(trial) if is_claimed else trial.number in unclaimed:
                 told = trial.user_attrs.get("values")
                 if told is not None and trial.params != self._indices(told):
-                    raise _damaged(self._storage, f"trial {trial.number} is not what was written")
-                self._study.tell(trial.number, state=failed, skip_if_finished=True)
+                    raise self._damaged(f"trial {trial.number} is not what was written")
+                self._study.tell(trial.number, state=self._state.FAIL, skip_if_finished=True)
                 if len(trial.params) == len(self._space):
                     self._enqueue(trial.params)
 
@@ -179,20 +169,17 @@ class TuningStudy:
         self._study.enqueue_trial(indices, user_attrs={_SEAL: _sha256(indices)})
 
     def _unclaimed(self) -> set[int]:
-        """Numbers of the trials whose process died as it was given them, before it could say so."""
+        """Numbers of the trials whose process died before it could claim them."""
         until_s = time.monotonic() + (0.0 if self._locks else _CLAIM_S)
-        while unclaimed := {t.number for t in self._running() if "owner" not in t.user_attrs}:
+        running = self._state.RUNNING
+        while unclaimed := {t.number for t in self._those(running) if "owner" not in t.user_attrs}:
             if time.monotonic() >= until_s:
                 break
             time.sleep(0.05)
         return unclaimed
 
-    def _running(self) -> list[Any]:
-        states = (self._optuna.trial.TrialState.RUNNING,)
-        return list(self._study.get_trials(deepcopy=False, states=states))
-
     def _sampler(self, ended: int, running: int) -> Any:
-        """Multi-objective TPE, seeded by how far the study is, so that one process alone repeats itself."""
+        """Multi-objective TPE, seeded by the study's progress, so that one process alone repeats itself."""
         digest = hashlib.sha256(f"{self._seed} {ended} {running}".encode()).digest()
         with warnings.catch_warnings():  # constraints_func is the one way that Optuna 4 and 5 share
             warnings.simplefilter("ignore")
@@ -204,8 +191,8 @@ class TuningStudy:
                 constraints_func=lambda trial: trial.user_attrs["violations"],
             )
 
-    def _refuse_broken_file(self, storage: str) -> None:
-        """SQLite's own look at its tables and indices."""
+    def _refuse_broken_file(self) -> None:
+        """Let SQLite check its tables and indices."""
         if not self._file or not Path(self._file).is_file():
             return
         url = f"{Path(self._file).absolute().as_uri()}?mode=rw"
@@ -213,39 +200,36 @@ class TuningStudy:
             with closing(sqlite3.connect(url, uri=True, timeout=60)) as file:
                 ((found, *_), *_) = file.execute("PRAGMA integrity_check")
         except sqlite3.OperationalError:
-            return  # locked, or not to be opened: told when the study is
+            return  # locked, or cannot be opened, which opening the study reports
         except sqlite3.DatabaseError as error:
             found = str(error)
         if found != "ok":
-            raise _damaged(storage, found)
+            raise self._damaged(found)
 
-    def _refuse_changed_trials(self, storage: str) -> None:
+    def _refuse_changed_trials(self) -> None:
         trials = self._study.get_trials(deepcopy=False)
         changed = [trial.number for trial in trials if self._is_changed(trial)]
-        if changed or {t.number for t in trials} != set(range(len(trials))):
-            what = f"trial {changed[0]} is not what was written" if changed else "trials are missing"
-            raise _damaged(storage, what)
+        if changed:
+            raise self._damaged(f"trial {changed[0]} is not what was written")
+        if {t.number for t in trials} != set(range(len(trials))):
+            raise self._damaged("trials are missing")
 
     def _is_changed(self, trial: Any) -> bool:
-        """Whether one that waits or has ended is not what was written; others change meanwhile."""
-        state, told, kept = self._optuna.trial.TrialState, trial.user_attrs, trial.system_attrs
-        if trial.state == state.WAITING:
+        """Whether a trial that waits or has ended differs from what was written. Others still change."""
+        told, kept = trial.user_attrs, trial.system_attrs
+        if trial.state == self._state.WAITING:
             return bool(told.get(_SEAL) != _sha256(kept["fixed_params"]))
-        if trial.state != state.COMPLETE:
+        if trial.state != self._state.COMPLETE:
             return False
+        one = self._optuna.distributions.IntDistribution
         return bool(
             told.get(_SEAL) != _digest(trial, trial.values)
-            or trial.distributions != self._distributions
+            or trial.distributions != {p.field: one(0, len(p.values) - 1) for p in self._space}
             or kept.get("constraints", told["violations"]) != told["violations"]  # the sampler's copy
         )
 
-    @property
-    def _distributions(self) -> dict[str, Any]:
-        one = self._optuna.distributions.IntDistribution
-        return {p.field: one(0, len(p.values) - 1) for p in self._space}
-
-    def _claim(self, problem: dict[str, Any], name: str, storage: str) -> None:
-        """Write the problem into a new study; refuse a study of another one."""
+    def _claim(self, problem: dict[str, Any], name: str) -> None:
+        """Write the problem into a new study. Refuse a study of another one."""
         told = json.loads(json.dumps(problem))
         known = self._study.user_attrs.get("problem")
         if known is None:
@@ -254,9 +238,15 @@ class TuningStudy:
         other = [key for key in told if known.get(key) != told[key]]
         if other:
             raise UserError(
-                f"{hidden(storage)}: study '{name}' is of another problem (differs: {', '.join(other)}); "
-                "give the same command to go on with it, or another --out or --study"
+                f"{hidden(self._storage)}: study '{name}' is of another problem (differs: "
+                f"{', '.join(other)}); give the same command to go on with it, or another --out or --study"
             )
+
+    def _damaged(self, what: str) -> UserError:
+        return UserError(
+            f"{hidden(self._storage)}: is damaged, or of an older skysweep ({what}); restore the "
+            "original, or write another --out or --study"
+        )
 
 
 class OpenTrial:
@@ -268,17 +258,15 @@ class OpenTrial:
         self.values = values
 
     def sign_of_life(self) -> None:
-        """Tell other processes that somebody works on it."""
+        """Tell other processes that this one works on it."""
         self._trial.set_user_attr("alive_unix_s", time.time())
 
     def close(
         self, missions: list[Outcome], flown: Outcomes, dropped: str | None, same_as: int | None
     ) -> Trial:
-        """Write down how it fared."""
-        self._trial.set_user_attr("violations", self._rules.violations(flown))
-        self._trial.set_user_attr("missions", missions)
-        self._trial.set_user_attr("dropped", dropped)
-        self._trial.set_user_attr("same_as", same_as)
+        told = {"missions": missions, "dropped": dropped, "same_as": same_as}
+        for key, value in (told | {"violations": self._rules.violations(flown)}).items():
+            self._trial.set_user_attr(key, value)
         objectives = list(self._rules.objectives(flown))
         self._trial.set_user_attr(_SEAL, _digest(self._trial, objectives))
         self._study.tell(self._trial, objectives, skip_if_finished=True)
@@ -292,18 +280,9 @@ def hidden(storage: str) -> str:
     return f"{scheme}{slashes}{user.split(':')[0]}{at}{tail}" if at else storage
 
 
-def _damaged(storage: str, what: str) -> UserError:
-    return UserError(
-        f"{hidden(storage)}: is damaged, or of an older skysweep ({what}); put back the one that was there, "
-        "or write another --out or --study"
-    )
-
-
 def _digest(trial: Any, objectives: Sequence[float]) -> str:
-    """SHA-256 of what is told of a trial that ended, in hexadecimal."""
-    return _sha256(
-        [trial.number, trial.params, {key: trial.user_attrs[key] for key in _SEALED}, list(objectives)]
-    )
+    told = {key: trial.user_attrs[key] for key in _SEALED}
+    return _sha256([trial.number, trial.params, told, list(objectives)])
 
 
 def _sha256(told: Any) -> str:
@@ -321,7 +300,7 @@ def _optuna() -> Any:
 
 @lru_cache(maxsize=4)
 def _database(url: str) -> Any:
-    """A connection, one a process. SQLite waits for the others instead of giving up."""
+    """One connection per process. SQLite waits for the others instead of giving up."""
     options = {"connect_args": {"timeout": 60}} if url.startswith("sqlite") else {"pool_pre_ping": True}
     storage = partial(_optuna().storages.RDBStorage, url, engine_kwargs=options)
     try:
@@ -344,14 +323,3 @@ def _is_abandoned(trial: Any) -> bool:
             pass
     alive_unix_s = trial.user_attrs.get("alive_unix_s", trial.datetime_start.timestamp())
     return bool(time.time() - alive_unix_s > _STALE_S)
-
-
-def _trial(trial: Any) -> Trial:
-    attributes = trial.user_attrs
-    return Trial(
-        trial.number,
-        attributes["values"],
-        attributes["missions"],
-        attributes["dropped"],
-        attributes["same_as"],
-    )

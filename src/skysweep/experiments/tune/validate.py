@@ -1,22 +1,21 @@
-"""After the search: the best on fresh seeds, how sure it is who is better, and when n_c and d_c matter."""
+"""After the search: the best candidates on fresh seeds, how they compare, and when n_c and d_c matter."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
-from skysweep.experiments.flying import fly_missing
-from skysweep.experiments.matrix import Matrix, MissionJob
-from skysweep.experiments.tune.race import F64, Outcomes, RaceRules, best_first, outcome_of
+from skysweep.experiments.flying import fly_job, fly_missing
+from skysweep.experiments.matrix import Matrix
+from skysweep.experiments.tune.race import Outcomes, RaceRules, best_first, outcome_of
 from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
-from skysweep.flights.fly import fly_in_memory
 from skysweep.results.reporting.statistics import (
     SIGNIFICANCE,
     Estimate,
@@ -27,18 +26,18 @@ from skysweep.results.reporting.statistics import (
     resampled_means,
 )
 from skysweep.results.reporting.symbols import number
-from skysweep.results.summary import Summary
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.types import F64
 
-FIRST_VALIDATION_SEED = 1_000_000  # tuning never comes this far
+FIRST_VALIDATION_SEED = 1_000_000  # the search never uses seeds this high
 FINALISTS = 4
 MATTERS_N_C = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
 
 
 @dataclass(frozen=True)
 class Contender:
-    """A way to fly the problem's scenarios: ``changes`` (dotted field -> value) to each of them."""
+    """A way to fly the problem's scenarios, with ``changes`` (dotted field -> value) to each."""
 
     label: str
     changes: dict[str, float]
@@ -59,7 +58,7 @@ class Paired:
 
 @dataclass(frozen=True)
 class Standing:
-    """A candidate on the validation seeds, and how it compares with the recommended one."""
+    """A candidate on the validation seeds, compared with the recommended one."""
 
     candidate: Contender
     flown: Outcomes
@@ -68,16 +67,12 @@ class Standing:
     false_positives: Estimate
     cost_s: Estimate
     feasible: bool
-    cost_over_best_s: Paired | None  # None: the recommended one itself
-
-    @property
-    def label(self) -> str:
-        return self.candidate.label
+    cost_over_best_s: Paired | None  # None for the recommended one
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One n_c and d_c, everything else as the scenario has it. ``d_c_m`` None: it makes no difference."""
+    """One n_c and d_c, with all else as in the scenario. ``d_c_m`` is None where it makes no difference."""
 
     n_c: float
     d_c_m: float | None
@@ -94,34 +89,27 @@ class Cell:
 
     @property
     def undecided(self) -> bool:
-        """Its interval is clear of zero, but the seeds are too few to say so after the correction."""
+        """Its interval excludes zero, but the seeds are too few for the corrected test."""
         pair = self.time_over_best_s
         return pair is not None and self.p_corrected >= SIGNIFICANCE and pair.is_clear
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What the other parameter costs where ``held`` (n_c or d_c) is ``value``: each choice over the best."""
+    """The cost of the other parameter where ``held`` (n_c or d_c) is ``value``: each choice over the best."""
 
     held: str
     value: float
     best: Cell
-    others: tuple[Cell, ...]
-    over_best_s: tuple[PairedTest, ...]
-    p_corrected: tuple[float, ...]  # Holm's, over all choices of all effects
-
-    @property
-    def worst(self) -> int:
-        """Index of the slowest of the others."""
-        return max(range(len(self.others)), key=lambda k: self.over_best_s[k].mean)
+    others: tuple[tuple[Cell, PairedTest, float], ...]  # time over the best; p, corrected over all effects
 
     @property
     def matters(self) -> bool:
-        return min(self.p_corrected) < SIGNIFICANCE
+        return min(p for *_, p in self.others) < SIGNIFICANCE
 
 
 def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Contender]:
-    """The best of the search that flew all seeds, the scenario's own values, and the paper's n_c."""
+    """The best trials that flew all seeds, the scenario's own values, and the paper's n_c."""
     many = len(problem.scenarios)
     finished = [t for t in trials if t.dropped is None and t.same_as is None]
     order = best_first([t.flown(many) for t in finished], problem.rules)[:FINALISTS]
@@ -157,23 +145,17 @@ def fly_candidates(
     workers: int | None = None,
     on_mission: Callable[[int, int], None] = lambda _done, _of: None,
 ) -> list[Outcomes]:
-    """Every candidate on the same fresh seeds. What ``folder`` holds is not flown again.
+    """Fly each candidate on the same fresh seeds, except for missions that ``folder`` already holds.
 
-    ``on_mission`` hears how many missions of how many are there.
+    ``on_mission`` is called with missions done and total.
     """
     fields = sorted({field for candidate in candidates for field in candidate.changes})
     fresh = range(FIRST_VALIDATION_SEED, FIRST_VALIDATION_SEED + seeds)
-    matrices = [
-        Matrix.of(
-            ((s.name, change_scenario(s, candidate.changes)) for s in scenarios), fresh, "statistical", fields
-        )
-        for candidate in candidates
-    ]
+    changed = [[(s.name, change_scenario(s, c.changes)) for s in scenarios] for c in candidates]
+    matrices = [Matrix.of(labelled, fresh, "statistical", fields) for labelled in changed]
     wanted, done = len({job.config_hash for matrix in matrices for job in matrix.jobs()}), count(1)
     on_mission(0, wanted)
-    flown = fly_missing(
-        matrices, _fly, folder, workers, lambda _job, _summary: on_mission(next(done), wanted)
-    )
+    flown = fly_missing(matrices, fly_job, folder, workers, lambda *_: on_mission(next(done), wanted))
     return [
         Outcomes.of([outcome_of(flown[job.config_hash]) for job in matrix.jobs()], len(scenarios))
         for matrix in matrices
@@ -181,7 +163,7 @@ def fly_candidates(
 
 
 def standings(candidates: Sequence[Contender], flown: Sequence[Outcomes], rules: RaceRules) -> list[Standing]:
-    """From the recommended to the worst."""
+    """All candidates, from the recommended to the worst."""
     order = best_first(flown, rules)
     best_cost_s = rules.cost_s(flown[order[0]])
     return [
@@ -202,56 +184,63 @@ def standings(candidates: Sequence[Contender], flown: Sequence[Outcomes], rules:
 def matters_table(
     candidates: Sequence[Contender], flown: Sequence[Outcomes], scenario: Scenario
 ) -> list[Cell]:
-    """Mission time of every n_c and d_c against the fastest, pair by pair.
+    """Mission time of each n_c and d_c against the fastest, seed by seed.
 
     The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. The test is
     Wilcoxon's with Holm's correction for comparing all cells with one.
     """
     fastest = best_first(flown, RaceRules(min_recall=None, false_positive_cost_s=0.0))[0]
     best_s = flown[fastest].per_seed("mission_time_s")
-    differences = [mine.per_seed("mission_time_s") - best_s for mine in flown]
-    pairs = [paired(d) for d in differences]
+    pairs = [paired(mine.per_seed("mission_time_s") - best_s) for mine in flown]
     others = [k for k in range(len(flown)) if k != fastest]
     p = dict(zip(others, holm(np.array([pairs[k].test.p for k in others])), strict=True))
-    cells = []
-    for k, (candidate, mine) in enumerate(zip(candidates, flown, strict=True)):
-        n_c, d_c_m = candidate.changes[N_C], candidate.changes[D_C]
-        cells.append(
-            Cell(
-                n_c=n_c,
-                d_c_m=None if _checks_at_once(n_c, scenario) else d_c_m,
-                flown=mine,
-                mission_time_s=estimate(mine.per_seed("mission_time_s")),
-                time_over_best_s=pairs[k] if k != fastest else None,
-                p_corrected=float(p.get(k, 1.0)),
-            )
+    return [
+        Cell(
+            n_c=candidate.changes[N_C],
+            d_c_m=None if _checks_at_once(candidate.changes[N_C], scenario) else candidate.changes[D_C],
+            flown=mine,
+            mission_time_s=estimate(mine.per_seed("mission_time_s")),
+            time_over_best_s=pairs[k] if k != fastest else None,
+            p_corrected=float(p.get(k, 1.0)),
         )
-    return cells
+        for k, (candidate, mine) in enumerate(zip(candidates, flown, strict=True))
+    ]
+
+
+def limits(cells: Sequence[Cell]) -> list[float]:
+    """All n_c, ascending."""
+    return sorted({cell.n_c for cell in cells})
+
+
+def distances_m(cells: Sequence[Cell]) -> list[float]:
+    """All d_c that make a difference, ascending."""
+    return sorted({cell.d_c_m for cell in cells if cell.d_c_m is not None})
 
 
 def effects(cells: Sequence[Cell]) -> list[Effect]:
-    """How much n_c matters at every d_c, and d_c at every n_c, in mission time."""
-    distances, limits = _distinct(c.d_c_m for c in cells), _distinct(c.n_c for c in cells)
-    lines = [("d_c", d, [c for c in cells if c.d_c_m in (d, None)]) for d in distances]
-    lines += [("n_c", n, [c for c in cells if c.n_c == n]) for n in limits]
+    """The effect of n_c at each d_c, and of d_c at each n_c, on mission time."""
+    lines = [("d_c", d, [c for c in cells if c.d_c_m in (d, None)]) for d in distances_m(cells)]
+    lines += [("n_c", n, [c for c in cells if c.n_c == n]) for n in limits(cells)]
     splits = []
     for held, value, line in lines:
         best, *others = sorted(line, key=lambda cell: cell.mission_time_s.mean)
         if others:
-            splits.append((held, value, best, tuple(others)))
+            splits.append((held, value, best, others))
     differences = [
         other.flown.per_seed("mission_time_s") - best.flown.per_seed("mission_time_s")
-        for _, _, best, others in splits
+        for *_, best, others in splits
         for other in others
     ]
-    tests = iter(paired_tests(np.array(differences).T))
-    found = [(split, tuple(islice(tests, len(split[3])))) for split in splits]
-    p = iter(holm(np.array([test.p for _, mine in found for test in mine])).tolist())
-    return [Effect(*split, mine, tuple(islice(p, len(mine)))) for split, mine in found]
+    tests = paired_tests(np.array(differences).T)
+    found = zip(tests, holm(np.array([test.p for test in tests])).tolist(), strict=True)
+    return [
+        Effect(held, value, best, tuple((cell, *next(found)) for cell in others))
+        for held, value, best, others in splits
+    ]
 
 
 def paired(difference: F64) -> Paired:
-    """What (seeds,) differences say. Resamples whose mean is exactly zero count by half."""
+    """Statistics of (seeds,) differences. Resamples whose mean is exactly zero count by half."""
     means = resampled_means(difference[:, None])[:, 0]
     below = float((means < -1e-9).mean() + 0.5 * (np.abs(means) <= 1e-9).mean())
     return Paired(paired_tests(difference[:, None])[0], below)
@@ -260,11 +249,3 @@ def paired(difference: F64) -> Paired:
 def _checks_at_once(n_c: float, scenario: Scenario) -> bool:
     """With n_c = 1 Algorithm 1 never waits, so that d_c makes no difference."""
     return n_c == 1 and scenario.search.strategy == "scan-check"
-
-
-def _fly(job: MissionJob) -> Summary:
-    return fly_in_memory(job.scenario, job.seed)
-
-
-def _distinct(values: Iterable[float | None]) -> list[float]:
-    return sorted({value for value in values if value is not None})

@@ -1,4 +1,4 @@
-"""The building blocks of a report and the self-contained HTML page that they become."""
+"""The building blocks of a report, and the self-contained HTML page made of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MIME = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg"}
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A table; ``best`` are the rows to stand out, ``words`` aligns all columns left."""
+    """A table. The rows ``best`` stand out; ``words`` aligns all columns left."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -27,7 +27,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An image as a data URI; a wide one has a row of its own among others."""
+    """An image as a data URI. A wide one gets a row of its own."""
 
     data_uri: str
     caption: str
@@ -48,13 +48,13 @@ class Section:
 
 
 def picture(path: Path, caption: str, wide: bool = False) -> Picture:
-    """An image file as a picture inside the report."""
+    """An image file as a picture."""
     data = base64.b64encode(path.read_bytes()).decode("ascii")
     return Picture(f"data:{_MIME[path.suffix]};base64,{data}", caption, wide)
 
 
 def write_page(
-    path: Path, title: str, lead: str, tiles: Sequence[tuple[str, str]], sections: Sequence[Section]
+    path: Path, title: str, lead: str, sections: Sequence[Section], tiles: Sequence[tuple[str, str]] = ()
 ) -> Path:
     """Write one HTML page that needs no other file and no network."""
     environment = Environment(
@@ -64,8 +64,7 @@ def write_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    html = environment.get_template("page.html.j2").render(
-        title=title, lead=lead, tiles=tiles, sections=sections, version=__version__
-    )
+    page = environment.get_template("page.html.j2")
+    html = page.render(title=title, lead=lead, tiles=tiles, sections=sections, version=__version__)
     path.write_text(html, encoding="utf-8")
     return path

@@ -1,8 +1,7 @@
-"""Honest statistics of repeated missions: bootstrap intervals, paired tests, Holm, Pareto. Arrays only.
+"""Statistics of repeated missions, on arrays: bootstrap intervals, paired tests, Holm, Pareto.
 
-Every resampling is seeded by ``SEED`` and the number of missions alone, so that a report made twice is the
-same, and all that were flown with the same seeds are resampled alike. docs/statistics.md tells what is done
-and why in a user's words.
+Only ``SEED`` and the number of missions seed a resampling. A report made twice is the same, and all that flew
+the same seeds are resampled alike. docs/statistics.md explains the methods for users.
 
 Sources: Efron, Better bootstrap confidence intervals, JASA 82 (1987) 171-185 (BCa); Wilcoxon, Individual
 comparisons by ranking methods, Biometrics Bulletin 1 (1945) 80-83; Kerby, The simple difference formula,
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 MeanCI = tuple[float, tuple[float, float]]  # mean and its 95 % confidence interval
 
@@ -31,12 +30,12 @@ RESAMPLES = 5000
 LEVEL = 0.95
 SIGNIFICANCE = 0.05
 EXACT_UP_TO = 50  # pairs; beyond it Wilcoxon's p is by the normal approximation
-_BLOCK = 256  # columns resampled at a time, which bounds the memory to 10 MB a block
+_BLOCK = 256  # columns resampled at a time, which limits the memory to 10 MB
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A sample and the mean that it shows; bounds are NaN where there are fewer than 2 values."""
+    """The mean of a sample. Its bounds are NaN with fewer than 2 values."""
 
     n: int
     mean: float
@@ -50,9 +49,9 @@ class Estimate:
 class PairedTest:
     """Differences a - b over common seeds.
 
-    ``p`` is Wilcoxon's, two-sided, zero differences left out (1 where all are zero). ``rank_biserial`` is
-    +1 where a is larger in every pair, -1 where b is. ``cohens_dz`` is the mean over the standard deviation
-    of the differences, NaN where they do not vary.
+    ``p`` is Wilcoxon's, two-sided, without zero differences (1 where all are zero). ``rank_biserial`` is +1
+    where a is larger in all pairs, -1 where b is. ``cohens_dz`` is the mean over the standard deviation of
+    the differences, NaN where they do not vary.
     """
 
     n_pairs: int
@@ -67,7 +66,7 @@ class PairedTest:
 
 @lru_cache(maxsize=2)
 def resample_counts(n: int, resamples: int = RESAMPLES) -> NDArray[np.float32]:
-    """How often each of ``n`` missions is drawn in every bootstrap sample: (resamples, n), rows sum to n."""
+    """Counts of each of ``n`` missions in each bootstrap sample: (resamples, n). Rows sum to n."""
     rng = np.random.default_rng([SEED, n])
     counts = np.empty((resamples, n), dtype=np.float32)
     for rows in _row_blocks(resamples, n):
@@ -86,7 +85,7 @@ def resampled_means(values: F64, resamples: int = RESAMPLES) -> F64:
 
 
 def _row_blocks(rows: int, columns: int) -> list[slice]:
-    """Slices of rows with at most two million cells each, which bounds the memory."""
+    """Slices of rows with at most two million cells each, which limits the memory."""
     size = max(1, 2_000_000 // columns)
     return [slice(start, start + size) for start in range(0, rows, size)]
 
@@ -94,8 +93,8 @@ def _row_blocks(rows: int, columns: int) -> list[slice]:
 def bca_intervals(values: F64, resamples: int = RESAMPLES) -> tuple[F64, F64]:
     """Bounds of the 95 % BCa bootstrap intervals of the means of columns (n, K): (K,) and (K,).
 
-    The acceleration of a mean has a closed form, sum(d^3) / (6 sum(d^2)^1.5) with d the deviations from the
-    mean: no jackknife is run. Columns that do not vary give an interval without width; n < 2 gives NaN.
+    The acceleration of a mean needs no jackknife: with d the deviations from the mean, it is
+    sum(d^3) / (6 sum(d^2)^1.5). Columns that do not vary give an interval without width; n < 2 gives NaN.
     """
     values = np.asarray(values, dtype=float)
     n, columns = values.shape
@@ -134,7 +133,7 @@ def _bca_block(deviations: F64, resamples: int) -> F64:
 
 
 def _column_quantiles(ordered: F64, shares: F64) -> F64:
-    """A quantile of its own for each column of ordered values (B, K), linear between neighbours."""
+    """One quantile for each column of ordered values (B, K), linear between neighbours."""
     place = shares * (len(ordered) - 1)
     lower = np.floor(place).astype(int)
     upper = np.minimum(lower + 1, len(ordered) - 1)
@@ -144,7 +143,7 @@ def _column_quantiles(ordered: F64, shares: F64) -> F64:
 
 
 def estimate(values: F64) -> Estimate:
-    """Mean with its 95 % BCa interval, median and standard deviation of values (n,); NaN are left out."""
+    """Mean with its 95 % BCa interval, median and standard deviation of values (n,), without NaN."""
     x = np.asarray(values, dtype=float)
     x = x[np.isfinite(x)]
     if not len(x):
@@ -192,9 +191,10 @@ def paired_tests(differences: F64) -> list[PairedTest]:
 def signed_rank_test(differences: F64) -> tuple[float, float]:
     """Wilcoxon's two-sided p and the matched-pairs rank-biserial correlation of differences (n,).
 
-    Zeros are left out, ties share their mean rank. Up to ``EXACT_UP_TO`` pairs p is exact, ties included: the
-    share of all 2^n equally likely signs that give a rank sum at least this far from the middle. Beyond, the
-    normal approximation with the variance corrected for ties. No difference at all: p = 1, correlation 0.
+    Zeros are left out, and ties share their mean rank. Up to ``EXACT_UP_TO`` pairs p is exact, also with
+    ties: the share of all 2^n equally likely signs whose rank sum is at least this far from the middle.
+    Beyond, it is the normal approximation with the variance corrected for ties. Without any difference p is 1
+    and the correlation 0.
     """
     from scipy.stats import rankdata  # imported late: it takes half a second
 
@@ -216,7 +216,7 @@ def signed_rank_test(differences: F64) -> tuple[float, float]:
 
 
 def _rank_sum_chances(ranks: NDArray[np.int64]) -> F64:
-    """Chance of every sum of ranks, each counted or not with chance 1/2: index = sum."""
+    """Probability of each sum of ranks, the index, where each rank counts with probability 1/2."""
     chances = np.zeros(int(ranks.sum()) + 1)
     chances[0] = 1.0
     reached = 0
@@ -229,15 +229,15 @@ def _rank_sum_chances(ranks: NDArray[np.int64]) -> F64:
 
 
 def pairs_needed(family: int) -> int:
-    """The fewest pairs n whose smallest p, 2^(1 - n), stays below 5 % after Holm's correction."""
+    """The fewest pairs n whose smallest possible p, 2^(1 - n), is below 5 % after Holm's correction."""
     return math.ceil(1 + math.log2(max(family, 1) / SIGNIFICANCE))
 
 
 def pairs_to_tell(test: PairedTest, family: int) -> int:
-    """About how many pairs would tell a difference like this one from chance in a family of tests.
+    """About how many pairs would distinguish a difference like this one from chance in a family of tests.
 
-    At least ``pairs_needed``, below which no outcome could; else by the normal approximation of the
-    signed-rank test, whose z grows with the root of the number of pairs, and Bonferroni's correction.
+    That is at least ``pairs_needed``. It uses the normal approximation of the signed-rank test, whose z grows
+    with the square root of the number of pairs, and Bonferroni's correction.
     """
     least = pairs_needed(family)
     z_found = -float(ndtri(test.p / 2))
@@ -248,7 +248,7 @@ def pairs_to_tell(test: PairedTest, family: int) -> int:
 
 
 def holm(p: F64) -> F64:
-    """Holm's step-down correction of p (m,) for the family of all m; NaN stay NaN and do not count."""
+    """Holm's step-down correction of p (m,) for the family of all m. NaN stay NaN and do not count."""
     p = np.asarray(p, dtype=float)
     corrected = np.full(p.shape, np.nan)
     tested = np.flatnonzero(np.isfinite(p))
@@ -259,10 +259,10 @@ def holm(p: F64) -> F64:
 
 
 def pareto_front(costs: F64) -> NDArray[np.bool_]:
-    """Which rows of costs (K, M), all to be small, no other row dominates: (K,).
+    """(K,) the rows of costs (K, M), all to minimise, that no other row dominates.
 
-    A row dominates another when it is nowhere larger and somewhere smaller. Equal rows stay together. A row
-    with NaN is neither on the front nor dominates.
+    A row dominates another when it is nowhere larger and somewhere smaller. Rows with NaN are not on the
+    front and dominate none.
     """
     costs = np.asarray(costs, dtype=float)
     known = np.flatnonzero(np.isfinite(costs).all(axis=1))
@@ -272,11 +272,7 @@ def pareto_front(costs: F64) -> NDArray[np.bool_]:
 
 
 def front_shares(costs: F64) -> F64:
-    """How often each of K stays on the front when the seeds are drawn anew: (K,).
-
-    Args:
-        costs: (n, K, M), one row of K x M for each seed flown by all.
-    """
+    """(K,) shares of the resamplings of n seeds with each row on the front. Costs are (n, K, M)."""
     n, members, objectives = costs.shape
     if n < 2:
         return np.full(members, np.nan)
@@ -287,7 +283,7 @@ def front_shares(costs: F64) -> F64:
 
 
 def _dominated(costs: F64) -> NDArray[np.bool_]:
-    """Which members another one dominates, for every sample: costs (B, K, M) to (B, K)."""
+    """(B, K) the members that another one dominates, for costs (B, K, M) of each sample."""
     shape = (len(costs), costs.shape[1], costs.shape[1])
     no_worse, better = np.ones(shape, dtype=bool), np.zeros(shape, dtype=bool)
     for objective in range(costs.shape[2]):
@@ -303,7 +299,7 @@ def t_quantile(n: int) -> float:
 
 
 def mean_ci95(values: Sequence[float]) -> MeanCI:
-    """Mean and its 95 % confidence interval by Student's t; fewer than 2 values leave it open."""
+    """Mean and its 95 % confidence interval by Student's t, infinite with fewer than 2 values."""
     x = np.asarray(values, dtype=float)
     mean = float(x.mean()) if len(x) else math.nan
     if len(x) < 2:

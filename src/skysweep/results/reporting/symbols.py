@@ -1,4 +1,4 @@
-"""Fields of a scenario and their values for a reader: the paper's symbols, units, infinity."""
+"""Fields of a scenario and their values for a reader, with the paper's symbols, units and infinity."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UNITS = {"m": "m", "mps": "m/s", "s": "s", "px": "px", "rad": "rad", "deg": "°
 
 
 def number(value: float) -> str:
-    """A number; infinity as a sign."""
+    """A number, with a sign for infinity."""
     return "∞" if math.isinf(value) else f"{value:g}"
 
 

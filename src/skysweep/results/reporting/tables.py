@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from skysweep.results.reporting.html import Grid
 
 _SYMBOL = re.compile(r"\b([ndchv])_([cCStz])\b")  # the paper's n_c, d_c, h_S, h_C, c_t; v_S, v_C, d_z
-_LATEX = {
+_LATEX = {character: f"\\{character}" for character in "&%$#_{}"} | {
     "\\": r"\textbackslash{}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "{": r"\{",
-    "}": r"\}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     "∞": r"$\infty$",
@@ -31,20 +24,22 @@ _LATEX = {
 }
 
 
-def markdown(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]], left: int = 0) -> str:
-    """A table in Markdown; all columns but the first ``left`` are aligned right."""
-    marks = " :---" + " | :---" * (left - 1) + " | " if left else " "
-    marks += " | ".join(["---:"] * (len(header) - left))
-    lines = [f"**{caption}**", "", f"| {' | '.join(header)} |", f"|{marks} |"]
-    return "\n".join(lines + ["| " + " | ".join(_cell(c) for c in row) + " |" for row in rows]) + "\n"
+def markdown(grid: Grid, left: int = 0) -> str:
+    """A table in Markdown. Of numbers, all columns but the first ``left`` are aligned right."""
+    n = len(grid.header)
+    marks = ["---"] * n if grid.words else [":---"] * left + ["---:"] * (n - left)
+    header, *rows = ([_one_line(text) for text in row] for row in (grid.header, *grid.rows))
+    lines = [f"| {' | '.join(row)} |" for row in (header, marks, *rows)]
+    return "\n".join([f"**{grid.caption}**", "", *lines]) + "\n"
 
 
-def _cell(text: str) -> str:
-    return text.replace("|", r"\|").replace("\n", " ")
+def _one_line(text: str) -> str:
+    """A cell without the line breaks that narrow terminals need."""
+    return text.replace("|", r"\|").replace("-\n", "").replace("\n", " ")
 
 
 def latex(grid: Grid, label: str) -> str:
-    """A table in LaTeX with booktabs' rules, as wide as the page, the best rows bold."""
+    """A table in LaTeX with booktabs' rules, as wide as the page, with the best rows in bold."""
     columns = "l" * len(grid.header) if grid.words else "l" + "r" * (len(grid.header) - 1)
     lines = [
         r"\begin{table*}",
@@ -64,7 +59,7 @@ def latex(grid: Grid, label: str) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Plain text for LaTeX: special characters escaped, the paper's symbols and minus signs in math."""
+    """Plain text for LaTeX, with the paper's symbols and minus signs in math."""
     parts, end = [], 0
     for symbol in _SYMBOL.finditer(text):
         parts += [_escaped(text[end : symbol.start()]), f"${symbol[1]}_{symbol[2]}$"]
@@ -78,19 +73,14 @@ def _escaped(text: str) -> str:
 
 
 def math_text(text: str) -> str:
-    """Plain text for matplotlib: the paper's symbols in math."""
+    """Plain text for matplotlib, with the paper's symbols in math."""
     return _SYMBOL.sub(r"$\1_\2$", text.replace("$", r"\$"))
 
 
 def write_tables(stem: Path, grids: Sequence[Grid]) -> None:
     """Write grids below one another as ``stem.md`` and ``stem.tex``."""
-    text = "\n".join(markdown(g.caption, g.header, g.rows, left=1) for g in grids)
+    text = "\n".join(markdown(grid, left=1) for grid in grids)
     stem.with_suffix(".md").write_text(text, encoding="utf-8")
     parts = [latex(grid, f"tab:{stem.name}-{index}") for index, grid in enumerate(grids, 1)]
     preamble = "% needs \\usepackage{booktabs}\n\n"
     stem.with_suffix(".tex").write_text(preamble + "\n".join(parts), encoding="utf-8")
-
-
-def one_line(name: str) -> str:
-    """A column's name without the line break that narrow terminals need."""
-    return name.replace("-\n", "").replace("\n", " ")

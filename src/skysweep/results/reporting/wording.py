@@ -1,4 +1,4 @@
-"""What both kinds of report say: how a mission was flown and what the words mean."""
+"""Texts of all reports: the parameters of a mission and the meaning of words."""
 
 from __future__ import annotations
 
@@ -21,84 +21,56 @@ _ACTIONS = {
 
 
 def parameters(scenario: Scenario) -> Grid:
-    """How a mission is flown, but for n_c and d_c."""
-    search, camera, vehicle = scenario.search, scenario.camera, scenario.vehicle
-    rows = [
-        ("Area", f"{scenario.area_enu_m.area / 1e4:.2f} ha, {scenario.terrain.surface}"),
-        (
-            "Scan",
-            f"{search.scan_altitude_agl_m:g} m above ground at {search.scan_speed_mps:g} m/s, "
-            f"sidelap {search.sidelap:.0%}; the smallest target spans "
-            f"{scenario.pixels_on_target(search.scan_altitude_agl_m):.0f} px",
-        ),
-        (
-            "Check",
-            f"{search.check_altitude_agl_m:g} m above ground at {search.check_speed_mps:g} m/s, confirmed "
-            f"from confidence {search.c_t:g}; there it spans "
-            f"{scenario.pixels_on_target(search.check_altitude_agl_m):.0f} px",
-        ),
-        (
-            "Camera",
-            f"{camera.width_px} x {camera.height_px} px, {camera.hfov_rad:g} rad across, "
-            f"{camera.rate_hz:g} Hz, latency {camera.latency_s:g} s, gimbal lag {camera.gimbal.lag_s:g} s",
-        ),
-        (
-            "Detector",
-            f"{scenario.detector.model}, {scenario.detector.rate_hz:g} Hz, from confidence "
-            f"{scenario.detector.confidence_min:g}",
-        ),
-        (
-            "Vehicle",
-            f"climb {vehicle.climb_speed_mps:g} m/s, descent {vehicle.descent_speed_mps:g} m/s, "
-            f"battery {vehicle.battery_wh:g} Wh, position noise {vehicle.position_noise_m:g} m",
-        ),
-        (
-            "Wind",
-            f"{scenario.wind.mean_speed_mps:g} m/s from {scenario.wind.from_heading_deg:g}°, "
-            f"gusts {scenario.wind.gust_std_mps:g} m/s",
-        ),
-    ]
-    return Grid(("What", "Value"), rows, words=True)
+    """The parameters of a mission except n_c and d_c."""
+    search, camera, detector = scenario.search, scenario.camera, scenario.detector
+    vehicle, wind = scenario.vehicle, scenario.wind
+    rows = {
+        "Area": f"{scenario.area_enu_m.area / 1e4:.2f} ha, {scenario.terrain.surface}",
+        "Scan": f"{search.scan_altitude_agl_m:g} m above ground at {search.scan_speed_mps:g} m/s, "
+        f"sidelap {search.sidelap:.0%}; the smallest target spans "
+        f"{scenario.pixels_on_target(search.scan_altitude_agl_m):.0f} px",
+        "Check": f"{search.check_altitude_agl_m:g} m above ground at {search.check_speed_mps:g} m/s, "
+        f"confirmed from confidence {search.c_t:g}; there it spans "
+        f"{scenario.pixels_on_target(search.check_altitude_agl_m):.0f} px",
+        "Camera": f"{camera.width_px} x {camera.height_px} px, {camera.hfov_rad:g} rad across, "
+        f"{camera.rate_hz:g} Hz, latency {camera.latency_s:g} s, gimbal lag {camera.gimbal.lag_s:g} s",
+        "Detector": f"{detector.model}, {detector.rate_hz:g} Hz, from confidence {detector.confidence_min:g}",
+        "Vehicle": f"climb {vehicle.climb_speed_mps:g} m/s, descent {vehicle.descent_speed_mps:g} m/s, "
+        f"battery {vehicle.battery_wh:g} Wh, position noise {vehicle.position_noise_m:g} m",
+        "Wind": f"{wind.mean_speed_mps:g} m/s from {wind.from_heading_deg:g}°, "
+        f"gusts {wind.gust_std_mps:g} m/s",
+    }
+    return Grid(("What", "Value"), list(rows.items()), words=True)
+
+
+def glossary(meanings: Mapping[str, str]) -> Grid:
+    """A table of words and their meanings."""
+    return Grid(("Word", "Meaning"), list(meanings.items()), words=True)
 
 
 def definitions() -> Grid:
-    """The words of a report, in short; docs/results.md has them at length."""
-    rows = [
-        (
-            "Mission time",
-            "From the take-off command until every transect is flown and the last candidate is confirmed or "
-            "rejected. Return and landing are not in it (see total_time_s).",
-        ),
-        ("Scanned", "Seen from the scan altitude and put on the list of candidates."),
-        ("Confirmed", "Detected at the check altitude with enough confidence."),
-        ("Rejected", "Not confirmed although the vehicle was above it at the check altitude."),
-        (
-            "Unchecked",
-            "Put on the list of candidates, but never checked: it may be a target, so have a look.",
-        ),
-        (
-            "Right",
-            f"Confirmed, and a true target of the class, all its own, is within {MATCH_DISTANCE_M:g} m.",
-        ),
-        (
-            "False scan",
-            "A candidate that was checked and was no new target; a second candidate of one counts.",
-        ),
-        ("False positive", "A false scan that was even confirmed; duplicates of a confirmed target count."),
-        ("Recall", "True targets confirmed over all true targets."),
-        ("POS", "Probability of success: share of the true targets confirmed so far."),
-        (
-            "Nearest to an obstacle",
-            "Smallest distance of the vehicle's centre from trees, buildings and, in between take-off and "
-            f"landing, the ground; nearer than {BODY_RADIUS_M:g} m is a collision.",
-        ),
-        (
-            "Area seen",
-            "Share of the area's ground that the camera saw while scanning: in its picture, and no crown or "
-            "building in between.",
-        ),
-    ]
-    return Grid(("Word", "Meaning"), rows, words=True)
+    """The words of a report in short; docs/results.md has them in full."""
+    return glossary(
+        {
+            "Mission time": "From the take-off command until all transects are flown and the last candidate "
+            "is confirmed or rejected, without return and landing (see total_time_s).",
+            "Scanned": "Seen from the scan altitude and put on the list of candidates.",
+            "Confirmed": "Detected at the check altitude with enough confidence.",
+            "Rejected": "Not confirmed although the vehicle was above it at the check altitude.",
+            "Unchecked": "On the list of candidates but never checked: it may be a target, so have a look.",
+            "Right": f"Confirmed, with a true target of its class within {MATCH_DISTANCE_M:g} m that no "
+            "other candidate takes.",
+            "False scan": "A checked candidate that was no new target. Duplicates of a target count.",
+            "False positive": "A false scan that was confirmed. Duplicates of a confirmed target count.",
+            "Recall": "True targets confirmed over all true targets.",
+            "POS": "Probability of success: share of the true targets confirmed so far.",
+            "Nearest to an obstacle": "Smallest distance of the vehicle's centre from trees, buildings and, "
+            "between take-off and landing, the ground. Less than "
+            f"{BODY_RADIUS_M:g} m is a collision.",
+            "Area seen": "Share of the area's ground that the camera saw while scanning: in its picture, and "
+            "not hidden by a crown or building.",
+        }
+    )
 
 
 def safety_words(record: Mapping[str, Any]) -> str:
@@ -107,6 +79,11 @@ def safety_words(record: Mapping[str, Any]) -> str:
         again = "they are scanned again" if record["again"] else "they were not scanned again"
         return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; {again}."
     return f"{_ACTIONS[record['action']]}: {record['sentence']}"
+
+
+def counted(n: int, word: str) -> str:
+    """A number with its noun."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
 
 
 def clock(seconds: float) -> str:
