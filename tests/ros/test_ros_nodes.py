@@ -223,7 +223,7 @@ def test_parameters_win_over_options_and_names_can_be_remapped(link, start, tiny
 def other():
     from skysweep.ros.link import RosLink
 
-    with closing(RosLink("other", namespace="/other")) as made:
+    with closing(RosLink("other", ("--ros-args", "-r", "__ns:=/other"))) as made:
         yield made
 
 

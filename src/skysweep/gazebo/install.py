@@ -1,4 +1,4 @@
-"""Which Gazebo Classic 11 there is: this machine's own, or the folder that ``tools/gazebo-root`` makes."""
+"""Finds Gazebo Classic 11: this machine's own, or the folder that ``tools/gazebo-root`` makes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _BUILD = Path(__file__).parent / "plugin" / "build.sh"
 
 @dataclass(frozen=True, slots=True)
 class Install:
-    """A Gazebo Classic 11 to run: ``root`` is a folder with a whole system in it, or ``/``."""
+    """An installed Gazebo Classic 11: ``root`` is a folder with a complete system, or ``/``."""
 
     root: Path
     plugin: Path  # our world plugin, as seen from inside ``root``
@@ -37,8 +37,8 @@ class Install:
 def find_install() -> Install:
     """The folder named by SKYSWEEP_GAZEBO_ROOT, else this machine's gzserver, else the default folder.
 
-    Builds our plugin for this machine's gzserver at first use. Raises UserError when there is none, when it
-    is of another version, or when it cannot run here.
+    Builds the world plugin for this machine's gzserver at first use. Raises UserError if there is none, if it has
+    another version, and if it cannot run here.
     """
     for tool in ("unshare", "setpriv"):
         if shutil.which(tool) is None:
