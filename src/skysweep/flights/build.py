@@ -24,7 +24,7 @@ from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import Camera, Detector, Sensor, Truth, Vehicle
-from skysweep.vehicles.embedded.multirotor import Multirotor
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.world import World, build_world
 
@@ -46,7 +46,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
     plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
-    vehicle = rig.vehicle or _embedded(scenario, world, seed, rig.unit)
+    vehicle = rig.vehicle or embedded_vehicle(scenario, seed, rig.unit, world.terrain)
     obstacles = Obstacles(world.terrain, world.trees, world.buildings)
     truth = vehicle.truth
     witness = Witness(truth, obstacles) if truth is not None and obstacles.exist else None
@@ -99,15 +99,6 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         pictures,
         witness,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
-    )
-
-
-def _embedded(scenario: Scenario, world: World, seed: int, unit: int) -> Vehicle:
-    home_xy = np.array(scenario.home.position_enu_m, dtype=float)
-    home = np.array([*home_xy, world.terrain.height_m(home_xy)[0]])
-    ground_height_m = world.terrain.height_m
-    return Multirotor(
-        scenario.vehicle, scenario.wind, scenario.camera, home, ground_height_m, seed, unit=unit
     )
 
 

@@ -37,8 +37,8 @@ class Install:
 def find_install() -> Install:
     """The folder named by SKYSWEEP_GAZEBO_ROOT, else this machine's gzserver, else the default folder.
 
-    Builds the world plugin for this machine's gzserver at first use. Raises UserError if there is none, if it has
-    another version, and if it cannot run here.
+    Builds the world plugin for this machine's gzserver at first use. Raises UserError if there is none, or if
+    it has another version or cannot run here.
     """
     for tool in ("unshare", "setpriv"):
         if shutil.which(tool) is None:
