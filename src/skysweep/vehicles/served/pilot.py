@@ -1,4 +1,4 @@
-"""What a mode's manoeuvre sees of the autopilot that flies it."""
+"""The part of the autopilot that a mode's manoeuvre uses."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from skysweep.vehicles.served.parameters import Parameters
 
 
 class Pilot(Protocol):
-    """Where the vehicle is and what is asked of it, and the orders that a manoeuvre is made of."""
+    """The state and settings of the vehicle, and the orders of which a manoeuvre consists."""
 
     site: Site
     parameters: Parameters
@@ -18,17 +18,17 @@ class Pilot(Protocol):
     setpoint: Setpoint | None
     home_enu_m: F64
     rally_enu_m: tuple[F64, ...]
-    speed_mps: float | None  # of automatic modes, where it was changed
+    speed_mps: float | None  # of automatic modes, if it was changed
     flying: bool  # from the order to take off until touchdown
     landing: bool
 
     @property
     def time_s(self) -> float:
-        """The vehicle's."""
+        """The vehicle's time."""
 
     @property
     def yaw_rad(self) -> float:
-        """ENU."""
+        """The vehicle's yaw, ENU."""
 
     @property
     def cruise_mps(self) -> float:
@@ -36,20 +36,20 @@ class Pilot(Protocol):
 
     @property
     def may_lift_off(self) -> bool:
-        """Whether it stands ready: armed, and not landed again since."""
+        """Whether it is armed on the ground and has not flown since."""
 
     @property
     def taking_off(self) -> bool:
-        """Whether the gentle beginning of a take-off is still under way."""
+        """Whether the gentle start of a take-off is still under way."""
 
     def say(self, text: str, severity: int, /) -> None:
         """Tells every listener."""
 
     def enter(self, mode: PX4Mode, doing: Manoeuvre | None = None) -> None:
-        """``mode`` is wanted from now on, and flown by ``doing`` unless a failsafe flies."""
+        """Makes ``mode`` the intended one, flown by ``doing`` unless a failsafe flies."""
 
     def lift_off(self, altitude_enu_m: float) -> None:
-        """Leaves the ground straight up to a height in ENU."""
+        """Climbs straight up from the ground to a height in ENU."""
 
     def fly_to(
         self, position_enu_m: F64, yaw_rad: float, speed_mps: float, velocity_enu_mps: F64 | None = None
@@ -57,17 +57,17 @@ class Pilot(Protocol):
         """Flies towards a setpoint."""
 
     def touch_down(self) -> None:
-        """Descends here until it stands."""
+        """Lands here."""
 
     def is_high_as(self, altitude_enu_m: float) -> bool:
-        """Whether it is at that height, as PX4 counts it."""
+        """Whether it is within NAV_MC_ALT_RAD of that height."""
 
     def outside_fence(self, position_enu_m: F64 | None = None) -> bool:
         """Whether a position (default: the vehicle's) is beyond the fence or farther than GF_MAX_*."""
 
 
 class Manoeuvre(Protocol):
-    """What a mode does."""
+    """The behaviour of a mode."""
 
     def step(self, pilot: Pilot) -> None:
-        """Goes on with it, once a tick."""
+        """Continues; called once a tick."""
