@@ -1,4 +1,4 @@
-"""What is looked at before a PX4 is armed."""
+"""The checks before a PX4 is armed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skysweep.vehicles.px4.fence import upload_fence_and_rally
 from skysweep.vehicles.px4.telemetry import mode_name
 from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
-GIMBAL_S = 5.0  # on the wall, until it looks where it was told
+GIMBAL_S = 5.0  # on the wall, until it has turned
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
 _MAX_STD_M = 5.0
 _FIXES = {2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
@@ -25,14 +25,14 @@ _FALLS = (6, 7)
 _STICKS_LOST = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6: "Disarm"}
 _STICKS_LOST_FALLS = (5, 6)
 _LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land"}
-_NO_FENCE = (0, 1)  # GF_ACTION that keeps nobody inside
-_FENCE_SLACK_M = 3.0  # that a flight may leave its path by
+_NO_FENCE = (0, 1)  # GF_ACTION without effect
+_FENCE_SLACK_M = 3.0  # deviation from the path
 _FENCE_ACTIONS = {0: "nothing", 1: "a warning", 2: "Hold", 3: "Return", 4: "Terminate", 5: "Land"}
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One line of the list. ``passed`` is None for what does not hold up the flight but should be known."""
+    """One line of the list. ``passed`` is None for a warning that does not block the flight."""
 
     name: str
     passed: bool | None
@@ -41,22 +41,22 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Demands:
-    """What a flight asks of the vehicle. Heights are above home."""
+    """The requirements of a flight. Heights are above home."""
 
     plan: QgcPlan
     energy_share: float  # of a full battery, for the plan without checks
     farthest_m: float  # from home, horizontally
     highest_m: float
-    return_clear_m: float  # a Return at this height or higher meets no ground and no known obstacle
+    return_clear_m: float  # a Return at this height is clear of the ground and known obstacles
 
 
 def preflight(
     vehicle: Px4Vehicle, demands: Demands, upload: bool, ready_s: float = READY_S
 ) -> tuple[Check, ...]:
-    """The list for a flight. Waits ``ready_s`` for the vehicle.
+    """The list for a flight. Waits up to ``ready_s`` for the vehicle.
 
-    ``upload``: have it stand by in Hold, and send the plan's fence and rally points when nothing else speaks
-    against the flight. Without, only the gimbal is moved.
+    With ``upload`` the vehicle stands by in Hold, and gets the plan's fence and rally points if no check
+    fails. Without, only the gimbal moves.
     """
     told = vehicle.telemetry
     if upload:
@@ -95,9 +95,7 @@ def _gimbal(vehicle: Px4Vehicle) -> Check:
     vehicle.link.wait(lambda: not told.gimbal_is_off, GIMBAL_S)
     told_deg, looks_rad = math.degrees(told.gimbal_pitch_rad), told.reported_gimbal_pitch_rad
     if looks_rad is None:
-        return Check(
-            "gimbal", None, f"ours, told to look to {told_deg:.0f} degrees; does not say where it looks"
-        )
+        return Check("gimbal", None, f"ours, told {told_deg:.0f} degrees; does not report where it looks")
     said = f"looks to {math.degrees(looks_rad):.0f} degrees, told {told_deg:.0f}"
     if told.gimbal_is_off:
         return Check("gimbal", False, f"{said}: free it, or write a camera.gimbal.pitch_deg that it reaches")
@@ -138,7 +136,7 @@ def _position(vehicle: Px4Vehicle) -> Check:
 def _home(vehicle: Px4Vehicle) -> Check:
     home = vehicle.telemetry.home or {}
     latitude, longitude = home["latitude"] * 1e-7, home["longitude"] * 1e-7
-    away_m = math.dist(vehicle.anchor.home_enu_m[:2], vehicle.scenario.home.position_enu_m)
+    away_m = math.dist(vehicle.home_enu_m[:2], vehicle.scenario.home.position_enu_m)
     return Check("home", True, f"{latitude:.6f}, {longitude:.6f}, {away_m:.1f} m from the scenario's")
 
 
@@ -147,11 +145,9 @@ def _battery(vehicle: Px4Vehicle, needed_share: float) -> Check:
     needs = f"the plan without checks takes {needed_share:.0%}, {RESERVE:.0%} stay"
     if math.isnan(full):
         estimated = vehicle.scenario.safety.battery_estimated
-        cure = (
-            "flown as a full one, by an estimate"
-            if estimated
-            else "write safety.battery_estimated: true to fly"
-        )
+        cure = "write safety.battery_estimated: true to fly"
+        if estimated:
+            cure = "flown as a full one, by an estimate"
         return Check("battery", None if estimated else False, f"does not say how full it is; {cure}; {needs}")
     return Check("battery", full >= needed_share + RESERVE, f"{full:.0%}; {needs}")
 
@@ -164,7 +160,7 @@ def _mode(vehicle: Px4Vehicle) -> Check:
 
 
 def _control(vehicle: Px4Vehicle) -> Check:
-    """A vehicle in the air is gone on with from Hold, or where PX4 lost a program: else it is somebody's."""
+    """A flight continues from Hold, or if PX4 lost its program; otherwise the vehicle is somebody else's."""
     told, name = vehicle.telemetry, "control"
     vehicle.begins_in_air = told.airborne
     if not told.airborne:
@@ -215,14 +211,12 @@ def _return_altitude(vehicle: Px4Vehicle, clear_m: float) -> Check:
     said = f"PX4 returns {altitude_m:g} m above home"
     if altitude_m < clear_m:
         needed_m = math.ceil(clear_m)
-        return Check(
-            name, False, f"{said}, too low for what lies on the way; set RTL_RETURN_ALT to {needed_m}"
-        )
+        return Check(name, False, f"{said}, too low for the way home; set RTL_RETURN_ALT to {needed_m}")
     return Check(name, True, said)
 
 
 def _own_fence(vehicle: Px4Vehicle, demands: Demands) -> Check:
-    """The vehicle's own limits around home (GF_MAX_*), which count besides the fence that is uploaded."""
+    """The vehicle's own limits around home (GF_MAX_*), which apply besides the uploaded fence."""
     limits = {
         "GF_MAX_HOR_DIST": demands.farthest_m + _FENCE_SLACK_M,
         "GF_MAX_VER_DIST": demands.highest_m + _FENCE_SLACK_M,
