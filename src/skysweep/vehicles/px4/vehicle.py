@@ -67,7 +67,7 @@ class Px4Vehicle:
     the vehicle's home, on the scenario's ground there.
 
     Raises UserError if nothing answers in ``timeout_s``, or if the vehicle is not a multicopter with PX4, has
-    no position, or stands far from the scenario's home. ``close``, or any end of the program, hands it over to
+    no position, or stands far from the scenario's home. ``close``, or any end of the program, hands over to
     Hold.
     """
 
