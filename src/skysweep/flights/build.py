@@ -1,4 +1,4 @@
-"""Puts a mission together: the only place that picks concrete parts."""
+"""Assembles a mission: the only place that chooses concrete parts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DEFAULT_RIG = Rig()
 
 
 def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Mission:
-    """A mission ready to fly. Raises UserError on what the scenario or the rig asks for and is not there."""
+    """A mission ready to fly. Raises UserError if a part that scenario or rig ask for is missing."""
     if rig.sensor not in SENSORS:
         raise UserError(f"sensor: there is no sensor '{rig.sensor}'; write one of {', '.join(SENSORS)}")
     search = scenario.search
@@ -103,7 +103,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
 
 
 class _Believed:
-    """What a vehicle believes, for the truth that nobody knows; its camera is held steady."""
+    """The estimates of a vehicle in place of its unknown truth; its camera is steady."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -121,7 +121,7 @@ class _Believed:
 
 
 def _camera(scenario: Scenario, world: World, eye: Truth, seed: int, rig: Rig) -> Camera:
-    """The rig's, or one that renders: that is imported here, so that missions without pictures stay small."""
+    """The rig's camera, or one that renders, imported here so that other missions stay small."""
     if rig.camera is not None:
         return rig.camera
     if rig.make_camera is not None:
@@ -134,7 +134,7 @@ def _camera(scenario: Scenario, world: World, eye: Truth, seed: int, rig: Rig) -
 
 
 def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | Painter:
-    """A simulator draws as often as the detector looks."""
+    """A simulator renders at the detector's rate."""
     looks_hz = min(scenario.detector.rate_hz, scenario.camera.rate_hz)
     if renderer == "gazebo":
         from skysweep.gazebo.lockstep import GazeboRenderer
@@ -148,28 +148,26 @@ def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | P
 
 
 def refuse_unseeable(scenario: Scenario, sensor_name: str) -> None:
-    """Raises UserError where the sensor's or the detector's file is missing or made for something else."""
+    """Raises UserError if the sensor's or the detector's file is missing or of another kind."""
     if sensor_name == "statistical":
         model_for(scenario)
         return
     model = scenario.detector.model
-    registered = {entry.name for entry in entry_points(group="skysweep.detectors")}
-    if model not in registered:
+    if model not in entry_points(group="skysweep.detectors").names:
         try_out(existing_model_file(model))
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:
-    """Ours, an ONNX file, or what a third party registered as ``skysweep.detectors`` under this name.
+    """The detector of a scenario: ours, an ONNX file, or the entry point ``skysweep.detectors`` of this name.
 
-    A registered detector is a callable that takes the scenario and returns a ``types.Detector``.
+    The entry point is a callable that takes the scenario and returns a ``types.Detector``.
     """
     from skysweep.detection.yolo import YoloDetector
 
     d = scenario.detector
-    for entry in entry_points(group="skysweep.detectors"):
-        if entry.name == d.model:
-            made: Detector = entry.load()(scenario)
-            return made
+    for entry in entry_points(group="skysweep.detectors", name=d.model):
+        made: Detector = entry.load()(scenario)
+        return made
     return YoloDetector(
         d.model,
         scenario.target_classes,

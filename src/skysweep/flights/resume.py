@@ -1,4 +1,4 @@
-"""Going on with the mission of a run folder that was broken off."""
+"""Resumes the interrupted mission of a run folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skysweep.files.line_file import read_sound_lines
 from skysweep.flights.build import DEFAULT_RIG, build_mission
 from skysweep.flights.fly import SETUP, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
-from skysweep.flights.rig import Rig, Say
+from skysweep.flights.rig import Rig, Say, nothing
 from skysweep.mission.journal import FileJournal, journal_remedy
 from skysweep.mission.mission import Mission
 from skysweep.results.journal_lines import can_be_gone_on_with
@@ -47,21 +47,17 @@ _OTHER_COMMAND = {
 }
 
 
-def resume_folder(
-    folder: Path,
-    rig: Rig = DEFAULT_RIG,
-    from_sound_lines: bool = False,
-) -> RunSummary:
-    """Go on with the mission of a run folder where it was broken off; its summary.
+def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool = False) -> RunSummary:
+    """Resume the interrupted mission of a run folder; its summary.
 
-    A simulated mission ends as if it had never been broken off, but for the wall time. One that a vehicle
-    from outside flew goes on with that of the ``rig``, from where it is now; sensor, renderer and threads are
-    those it was begun with. Only what is new is said. A complete mission is left alone. With
-    ``from_sound_lines`` a journal that is damaged is set aside, and the mission goes on from the lines before
-    the damage; of a real vehicle's, what was flown after them is flown again.
+    A simulated mission ends as if it had never been interrupted, except for the wall time. A mission of an
+    external vehicle continues with that of the ``rig``, from where it is now, and with the sensor, renderer
+    and threads it was begun with. Only new finds are announced. A complete mission is left alone. With
+    ``from_sound_lines`` a damaged journal is set aside, and the mission continues from the lines before the
+    damage; a real vehicle flies the rest again.
 
-    Raises UserError when there is no mission, it still flies, its folder is damaged, or what it was begun
-    with is not what there is now; nothing is changed then.
+    Raises UserError if there is no mission, it still flies, its folder is damaged, or its parts or settings
+    have changed; nothing is written then.
     """
     started = time.perf_counter()
     summary = summary_of_complete(folder, from_sound_lines)
@@ -93,8 +89,8 @@ def resume_folder(
         return finish(folder, started)
 
 
-def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = lambda _words: None) -> Scenario:
-    """The scenario of a flight that can go on; ``say`` hears what is left out of a damaged journal.
+def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = nothing) -> Scenario:
+    """The scenario of a flight that can be resumed; ``say`` gets what is left out of a damaged journal.
 
     Raises UserError as ``resume_folder`` does.
     """
@@ -125,7 +121,6 @@ def _begun_journal(folder: Path) -> Path:
 
 
 def _begun(folder: Path, records: Sequence[Record]) -> Record:
-    """With what the mission was begun."""
     if not records:
         raise UserError(f"{folder}: {_nothing_begun(folder)}")
     return records[0]
@@ -155,7 +150,7 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
 
 
 def _refuse_ended_flight(folder: Path) -> None:
-    """Its end may be in the lines that are left out, and a vehicle would take off again."""
+    """The lines that are left out may contain its end, and the vehicle would take off again."""
     path = folder / SUMMARY_FILE
     if path.is_file() and read_summary(path)[0]["ended"]:
         raise UserError(
