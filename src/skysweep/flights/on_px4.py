@@ -70,24 +70,22 @@ class Px4Flight:
         self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
         plan_scenario(scenario, self._altitude_agl_m)
         height_m = build_terrain(scenario).height_m
-        self._ending = ExitStack()
-        if signing_key is None:
-            self.vehicle = Px4Vehicle(url, scenario, height_m, timeout_s, system_id)
-        else:
-            link = self._ending.enter_context(closing(SignedLink(url, signing_key, timeout_s)))
+        with ExitStack() as ending:
+            link = None
+            if signing_key is not None:
+                link = ending.enter_context(closing(SignedLink(url, signing_key, timeout_s)))
             try:
-                self.vehicle = Px4Vehicle(link.url, scenario, height_m, timeout_s, system_id)
+                self.vehicle = Px4Vehicle(link.url if link else url, scenario, height_m, timeout_s, system_id)
             except UserError as error:
-                self._ending.close()
+                if link is None:
+                    raise
                 if link.refused == 0 or link.accepted > 0:
                     raise UserError(str(error).replace(link.url, url)) from None
                 raise UserError(
                     f"--connection {url}: {link.refused} frames were heard, and not signed with this key; "
                     "give the key that the vehicle signs with, set it up to sign, or set its clock and ours"
                 ) from None
-            except BaseException:
-                self._ending.close()
-                raise
+            self._ending = ending.pop_all()
         self.scenario = self.vehicle.scenario
 
     def preflight(self, upload: bool, folder: Path) -> tuple[Check, ...]:
@@ -215,7 +213,6 @@ def _along(places_xy_m: NDArray[np.float64], home_xy_m: NDArray[np.float64]) -> 
 
 
 def _storage(folder: Path) -> Check:
-    """The free space for the run folder."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     free = shutil.disk_usage(there).free
     passed = False if free < _LITTLE_BYTES else None if free < _FEW_BYTES else True

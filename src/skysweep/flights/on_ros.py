@@ -62,9 +62,7 @@ def fly_on_ros(
             raise UserError(f"out: '{settings.out}' holds a mission already or is empty; write a new folder")
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
         face = MissionFace(link, publish_looks=not settings.detector)
-        vehicle, camera, detector = _parts(
-            link, scenario, settings.seed, settings.sensor, settings.camera, settings.detector, settings.pose
-        )
+        vehicle, camera, detector = _parts(link, scenario, settings)
         pace = RealTime(settings.speed)
 
         def watch_all(state: VehicleState, mode: Mode, new: Detections | None) -> None:
@@ -106,20 +104,19 @@ def parts_on_topics(
         yield None, None, None
         return
     with closing(RosLink("mission")) as link:
-        yield _parts(link, scenario, seed, sensor, camera, detector, pose)
+        topics = Settings(seed=seed, sensor=sensor, camera=camera, detector=detector, pose=pose)
+        yield _parts(link, scenario, topics)
 
 
-def _parts(
-    link: RosLink, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
-) -> Parts:
-    if sensor != "imaging" and (camera or detector):
+def _parts(link: RosLink, scenario: Scenario, of: Settings) -> Parts:
+    if of.sensor != "imaging" and (of.camera or of.detector):
         raise UserError("sensor: a camera or a detector on a topic needs the sensor 'imaging'")
-    eye = RosCamera(link, camera, scenario.camera.lens) if camera else None
-    finder = None
-    if detector:
-        finder = RosDetector(link, detector, scenario.target_classes, scenario.detector.confidence_min)
-    vehicle = RosPoseVehicle(embedded_vehicle(scenario, seed), link, pose) if pose else None
-    return vehicle, eye, finder
+    camera = RosCamera(link, of.camera, scenario.camera.lens) if of.camera else None
+    detector = None
+    if of.detector:
+        detector = RosDetector(link, of.detector, scenario.target_classes, scenario.detector.confidence_min)
+    vehicle = RosPoseVehicle(embedded_vehicle(scenario, of.seed), link, of.pose) if of.pose else None
+    return vehicle, camera, detector
 
 
 def _parameters(link: RosLink, settings: Settings) -> Settings:

@@ -56,11 +56,9 @@ class PictureBook:
 
     @property
     def failed(self) -> str | None:
-        """As of the journal."""
         return self._journal.failed
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
-        """Write the line and keep its picture."""
         self._journal.write(time_s, kind, **fields)
         if kind == EventKind.CONFIRMED:
             self._confirmed.add(fields["candidate"])
@@ -113,7 +111,6 @@ class PictureBook:
 
 
 def _is_whole(box_xyxy_px: NDArray[np.float64], lens: Lens) -> bool:
-    """Whether a box ends inside the picture."""
     x0, y0, x1, y1 = box_xyxy_px.tolist()
     within_x = x0 > _EDGE_PX and x1 < lens.width_px - _EDGE_PX
     return bool(within_x and y0 > _EDGE_PX and y1 < lens.height_px - _EDGE_PX)

@@ -42,7 +42,6 @@ class ReplayJournal:
 
     @property
     def failed(self) -> str | None:
-        """As of the file."""
         return self._journal.failed
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:

@@ -82,10 +82,12 @@ def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool =
         with closing(mission.sensor):
             _refuse_other_parts(folder, begun, setup_of(mission, begun["threads"]))
             rig.prepare(mission)
-            if rig.vehicle is None:
-                _fly_again(folder, mission, journal, rig)
-            else:
+            if rig.vehicle is not None:
                 _fly_on(folder, mission, journal, rig)
+            else:
+                if mission.pictures is not None:
+                    mission.pictures.recall(recorded_answers(journal.records))
+                fly_in(folder, mission, journal, rig, again=journal.records[1:])
         return finish(folder, started)
 
 
@@ -166,12 +168,6 @@ def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[s
                 f"{folder}: the mission was begun with {field} {begun.get(field)}, and now it is {now}; "
                 "put back what it was, or fly it again into a new folder"
             )
-
-
-def _fly_again(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
-    if mission.pictures is not None:
-        mission.pictures.recall(recorded_answers(journal.records))
-    fly_in(folder, mission, journal, rig, again=journal.records[1:])
 
 
 def _fly_on(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:

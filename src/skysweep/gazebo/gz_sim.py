@@ -71,7 +71,6 @@ class GzLink:
         self._topics.append(topic)
 
     def close(self) -> None:
-        """Ends the subscriptions."""
         for topic in self._topics:
             self._node.unsubscribe(topic)
 

@@ -36,7 +36,6 @@ class GazeboLook:
 
     @classmethod
     def of(cls, sun: Sun) -> GazeboLook:
-        """The look of a scene's light."""
         level = sun.sky_rgb + sun.sun_rgb * sun.direction_enu[2]
         ambient = np.sqrt(sun.sky_rgb / level)
         return cls(level, ambient, (1.0 - ambient) / sun.direction_enu[2], film(sun.haze_rgb))

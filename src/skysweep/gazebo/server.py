@@ -48,7 +48,6 @@ class GazeboServer:
         self.pid = self._process.pid  # its end ends the namespace
 
     def is_running(self) -> bool:
-        """Whether gzserver has not ended by itself."""
         return self._process.poll() is None
 
     def complaint(self) -> str | None:

@@ -84,7 +84,6 @@ class Transport:
         self._received: deque[tuple[str, Any]] = deque()
 
     def close(self) -> None:
-        """Closes every connection."""
         for connection in self._connections:
             connection.sock.close()
         self._listener.close()
@@ -115,7 +114,6 @@ class Transport:
                 self._wait(again - time.monotonic())
 
     def publish(self, topic: str, message: Any) -> None:
-        """Sends to the subscriber of an advertised topic."""
         connection = self._subscribers[topic]
         if connection is not None:
             connection.send(message.SerializeToString())
@@ -152,7 +150,6 @@ class Transport:
                 self._pull((p.topic, p.host, p.port))
 
     def _pull(self, publisher: tuple[str, str, int]) -> None:
-        """Connects to a publisher of a subscribed topic."""
         topic, host, port = publisher
         if topic not in self._subscribed or publisher in self._pulled or port == self._port:
             return

@@ -65,11 +65,9 @@ class MissionFace:
             pass
 
     def operator(self) -> str | None:
-        """The operator's next command."""
         return self._words.popleft() if self._words else None
 
     def watch(self, state: VehicleState, mode: str, new: Detections | None) -> None:
-        """Publish one step."""
         link, time_s = self._link, state.time_s
         self._time_s = time_s
         link.publish(topics.CLOCK, m.clock(time_s))
@@ -104,7 +102,6 @@ class MissionFace:
             self._link.publish(topics.TARGETS, m.markers(self._time_s, self._board.marks(), clear=True))
 
     def end(self, reason: str) -> None:
-        """Publish the end of the mission and its reason."""
         self._say_mode(f"DONE: {reason}")
 
     def _say_mode(self, mode: str) -> None:

@@ -74,8 +74,6 @@ class RosLink:
         self.node.destroy_node()
         self._context.try_shutdown()
 
-    # ---- out ---------------------------------------------------------------------------------------------
-
     def advertise(self, *topics: Topic) -> None:
         """Create the publishers of topics before their first message."""
         for topic in topics:
@@ -91,14 +89,10 @@ class RosLink:
         self._publishers[topic.name].publish(to_cdr(message))
 
     def listeners(self, topic: Topic) -> int:
-        """The number of subscribers to an advertised topic."""
         return int(self._publishers[topic.name].get_subscription_count())
 
     def wait_for_listener(self, topic: Topic, patience_s: float) -> bool:
-        """Whether somebody subscribes within ``patience_s``."""
         return _until(lambda: self.listeners(topic) > 0, patience_s)
-
-    # ---- in ----------------------------------------------------------------------------------------------
 
     def listen(self, name: str, type_names: Sequence[str], patience_s: float) -> Inlet:
         """Subscribe to a topic with its publisher's type and quality of service.
@@ -153,7 +147,6 @@ class Inlet:
             )
 
     def newest(self) -> Arrival | None:
-        """The last message; None before the first."""
         with self._arrived:
             return self._arrivals[-1] if self._arrivals else None
 

@@ -66,7 +66,6 @@ class Log:
         return float(next(filter(None, found.groups()))) if found else 12.0
 
     def exact(self) -> Log:
-        """The same log with exact estimates."""
         no_error = np.zeros_like(self.velocity_error_enu_mps)
         return replace(self, velocity_error_enu_mps=no_error, lean_error=no_error[:, :2])
 

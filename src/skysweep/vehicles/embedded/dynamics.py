@@ -292,11 +292,9 @@ def _limited_xy(px: float, py: float, fx: float, fy: float, limit: float) -> tup
 
 @_inlined
 def _velocity_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
-    ex, ey, ez = (
-        x.target_position[0] - x.position[0] - x.position_error[0],
-        x.target_position[1] - x.position[1] - x.position_error[1],
-        x.target_position[2] - x.position[2] - x.position_error[2],
-    )
+    ex = x.target_position[0] - x.position[0] - x.position_error[0]
+    ey = x.target_position[1] - x.position[1] - x.position_error[1]
+    ez = x.target_position[2] - x.position[2] - x.position_error[2]
     vx, vy = _limited_xy(
         MPC_XY_P * ex, MPC_XY_P * ey, x.target_velocity[0], x.target_velocity[1], x.target_speed
     )

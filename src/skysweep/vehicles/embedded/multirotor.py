@@ -153,7 +153,6 @@ class Multirotor:
     # ---- to resume -----------------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """The complete state as plain lists and numbers."""
         return {
             "state": self._state.tolist(),
             "random": int(self._rng[0]),

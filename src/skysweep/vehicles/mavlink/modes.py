@@ -40,17 +40,14 @@ class PX4Mode(Enum):
 
     @property
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode."""
         main, sub = self.value
         return int(main << 16 | sub << 24)
 
     def base_mode(self, armed: bool) -> int:
-        """HEARTBEAT.base_mode."""
         return _CUSTOM | _FLAGS.get(self, _STABILISED | _AUTO | _GUIDED) | (_ARMED if armed else 0)
 
     @property
     def standard_mode(self) -> int:
-        """CURRENT_MODE.standard_mode, MAV_STANDARD_MODE."""
         return _STANDARD_MODES.get(self, 0)
 
 
@@ -89,11 +86,9 @@ class Site:
     origin_enu_m: F64  # (3,) of local NED: where the estimator started
 
     def ned_from_enu(self, position_enu_m: F64) -> F64:
-        """Local NED (3,) of a position."""
         return ned_from_enu(position_enu_m - self.origin_enu_m)
 
     def enu_from_ned(self, position_ned_m: F64) -> F64:
-        """The position (3,) of local NED."""
         return enu_from_ned(position_ned_m) + self.origin_enu_m
 
     def geodetic(self, position_enu_m: F64) -> tuple[float, float, float]:

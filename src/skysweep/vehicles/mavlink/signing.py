@@ -127,7 +127,6 @@ class Signing:
             self._writer.join()
 
     def stamp(self) -> int:
-        """The timestamp of the next outgoing frame."""
         self._newest = max(self._newest + 1, self._now())
         return self._newest
 

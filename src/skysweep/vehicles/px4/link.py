@@ -259,7 +259,6 @@ class PX4Link:
         self.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 1e6 / rate_hz)
 
     def request(self, name: str) -> None:
-        """Requests a message once."""
         self.command(m.MAV_CMD_REQUEST_MESSAGE, message_id(name))
 
     def stream(self, say: Callable[[], None]) -> Callable[[], None]:
@@ -300,7 +299,6 @@ class PX4Link:
         return self._newest.get(name)
 
     def close(self) -> None:
-        """Disconnects."""
         self._mavsdk.destroy()
 
 

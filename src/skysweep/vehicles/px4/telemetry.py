@@ -82,8 +82,6 @@ class Telemetry:
         link.on("BATTERY_STATUS", self._power)
         link.on("DISTANCE_SENSOR", self._distance)
 
-    # ---- now -----------------------------------------------------------------------------------------
-
     @property
     def silent_s(self) -> float:
         """Seconds on the wall without a position of a newer time."""
@@ -179,8 +177,6 @@ class Telemetry:
             self.wind_enu_mps,
             ground_below_m=self.ground_below_m,
         )
-
-    # ---- hearing -------------------------------------------------------------------------------------
 
     def _take_mode(self, said: Fields) -> None:
         self.flown, self.mode_heard_s = _mode(said["custom_mode"]), self._link.now_s()

@@ -114,7 +114,6 @@ class Px4Vehicle:
     # ---- types.Vehicle -------------------------------------------------------------------------------
 
     def state(self) -> VehicleState:
-        """The estimated state when time last advanced."""
         return self._state
 
     def command(self, setpoint: Setpoint) -> None:
@@ -331,14 +330,9 @@ class Px4Vehicle:
         self.gimbal = True
         self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
         self.link.every("GIMBAL_MANAGER_STATUS", _GIMBAL_STATUS_HZ)
+        what, take, ours = "hand over its gimbal", m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, self.link.own_ids
         with suppress(UserError):  # the preflight list reports who controls it
-            self.link.order(
-                "hand over its gimbal",
-                m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
-                [*self.link.own_ids, _LEAVE, _LEAVE],
-                lambda: self.gimbal_obeys == self.link.own_ids,
-                _GIMBAL_S,
-            )
+            self.link.order(what, take, [*ours, _LEAVE, _LEAVE], lambda: self.gimbal_obeys == ours, _GIMBAL_S)
         self.look(self.telemetry.gimbal_pitch_rad)
         return True
 
@@ -459,7 +453,6 @@ class Px4Vehicle:
         return float(self._ground_height_m(position_enu_m[None, :2])[0])
 
     def _stop_here(self) -> Setpoint:
-        """The place where it comes to rest."""
         told = self.telemetry
         velocity = enu_from_ned(told.velocity_ned_mps)
         speed = math.hypot(velocity[0], velocity[1])

@@ -28,7 +28,6 @@ class Authority:
         self._heard_s = -math.inf
 
     def hear(self, key: Key) -> None:
-        """Notes a sign of life from a program."""
         if key == self._commander:
             self._heard_s = self._pilot.time_s
 

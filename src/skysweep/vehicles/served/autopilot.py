@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
-from skysweep.types import Setpoint, Vehicle
-from skysweep.vehicles.mavlink.modes import F64, STICK_MODES, PX4Mode, Refused, Site
+from skysweep.types import Vehicle
+from skysweep.vehicles.mavlink.modes import STICK_MODES, PX4Mode, Refused, Site
 from skysweep.vehicles.served.failsafes import CRITICAL_BATTERY, Failsafes, Health, Reaction, why_not
-from skysweep.vehicles.served.items import NO_FENCE, UploadedFence
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold, Land, Return, TakeOff
 from skysweep.vehicles.served.mission_run import MissionRun
 from skysweep.vehicles.served.offboard import OffboardControl
 from skysweep.vehicles.served.parameters import Parameters
-from skysweep.vehicles.served.pilot import Manoeuvre
+from skysweep.vehicles.served.pilot import Manoeuvre, Pilot
 from skysweep.vehicles.served.sticks import ByStick, Sticks
 
-_TAKE_OFF_RAMP_S = 4.0  # COM_SPOOLUP_TIME and MPC_TKO_RAMP_T
 _NOT_FROM_THE_GROUND = (PX4Mode.RETURN, PX4Mode.LAND, PX4Mode.TERMINATION)
 _FENCE_EVERY_S = 0.2
 _WITHOUT_GNSS_S = 5.0  # EKF2_NOAID_TOUT: until the estimator loses its position
@@ -35,8 +31,8 @@ _MANOEUVRES: dict[PX4Mode, Callable[[], Manoeuvre]] = {
 }
 
 
-class Autopilot:
-    """Flies ``vehicle`` by PX4's modes. ``say(text, severity)`` tells every listener.
+class Autopilot(Pilot):
+    """Flies ``vehicle`` by PX4's modes.
 
     ``intended`` is the chosen mode, ``mode`` the flown one, which differs in a failsafe. Tests may set
     ``gnss_lost`` and ``battery_share`` (None: the vehicle's own).
@@ -45,27 +41,16 @@ class Autopilot:
     def __init__(
         self, vehicle: Vehicle, site: Site, parameters: Parameters, say: Callable[[str, int], None]
     ) -> None:
-        self.site, self.parameters, self.say = site, parameters, say
-        self.state = vehicle.state()
+        super().__init__(vehicle, site, parameters, say)
         self.intended = self.mode = PX4Mode.HOLD
-        self.armed = False
-        self.flying = False
-        self.landing = False
-        self.setpoint: Setpoint | None = None
-        self.home_enu_m: F64 = self.state.position_enu_m
-        self.speed_mps: float | None = None
-        self.fence: UploadedFence = NO_FENCE
-        self.rally_enu_m: tuple[F64, ...] = ()
         self.mission = MissionRun()
         self.offboard = OffboardControl()
         self.sticks = Sticks()
         self.gnss_lost = False
         self.battery_share: float | None = None
-        self._vehicle = vehicle
         self._doing: Manoeuvre = Hold()
         self._failsafes = Failsafes(parameters, say)
         self._after_disarm: PX4Mode | None = None  # None: no mode was ever chosen
-        self._armed_s = self._lifted_s = self._landed_s = -np.inf
         self.position_lost = False  # the estimator's
         self._gnss_s = 0.0  # when position and GNSS were last both lost or both there
         self._outside, self._fence_next_s = False, 0.0
@@ -89,30 +74,7 @@ class Autopilot:
             self._disarm_when_idle()
 
     @property
-    def time_s(self) -> float:
-        return self.state.time_s
-
-    @property
-    def yaw_rad(self) -> float:
-        R = self.state.R_body_to_enu
-        return float(np.arctan2(R[1, 0], R[0, 0]))
-
-    @property
-    def cruise_mps(self) -> float:
-        speed = self.parameters["MPC_XY_CRUISE"] if self.speed_mps is None else self.speed_mps
-        return min(speed, self.parameters["MPC_XY_VEL_MAX"])
-
-    @property
-    def may_lift_off(self) -> bool:
-        return self.armed and not self.flying and self._landed_s < self._armed_s
-
-    @property
-    def taking_off(self) -> bool:
-        return self.flying and not (self.state.airborne and self.time_s - self._lifted_s >= _TAKE_OFF_RAMP_S)
-
-    @property
     def failsafe(self) -> bool:
-        """Whether a failsafe flies."""
         return self._failsafes.action > Reaction.WARN
 
     @property
@@ -133,7 +95,6 @@ class Autopilot:
         self.say("armed", NOTICE)
 
     def why_not_arm(self) -> str | None:
-        """The reason not to arm now; None if there is none."""
         if self.flying:
             return "still coming down"
         if self.mode in _NOT_FROM_THE_GROUND:
@@ -257,39 +218,6 @@ class Autopilot:
         share = self.battery_remaining
         level = sum(share < self.parameters[name] for name in _BATTERY_LIMITS)
         self._battery_level = max(level, self._battery_level) if self.armed else level
-
-    def outside_fence(self, position_enu_m: F64 | None = None) -> bool:
-        position = self.state.position_enu_m if position_enu_m is None else position_enu_m
-        away = position - self.home_enu_m
-        far, high = self.parameters["GF_MAX_HOR_DIST"], self.parameters["GF_MAX_VER_DIST"]
-        return (
-            not self.fence.allows(position)
-            or bool(0.0 < far < np.hypot(away[0], away[1]))
-            or bool(0.0 < high < away[2])
-        )
-
-    # ---- what manoeuvres are made of -----------------------------------------------------------------
-
-    def lift_off(self, altitude_enu_m: float) -> None:
-        here = self.state.position_enu_m
-        self._vehicle.takeoff(max(altitude_enu_m - here[2], 0.5))
-        self.setpoint = Setpoint(np.array([here[0], here[1], altitude_enu_m]), 0.0, self.yaw_rad)
-        self.flying, self.landing, self._lifted_s = True, False, self.time_s
-
-    def fly_to(
-        self, position_enu_m: F64, yaw_rad: float, speed_mps: float, velocity_enu_mps: F64 | None = None
-    ) -> None:
-        limited = min(speed_mps, self.parameters["MPC_XY_VEL_MAX"])
-        self.setpoint = Setpoint(position_enu_m, limited, yaw_rad, velocity_enu_mps)
-        self.landing = False
-        self._vehicle.command(self.setpoint)
-
-    def touch_down(self) -> None:
-        self.landing = True
-        self._vehicle.land()
-
-    def is_high_as(self, altitude_enu_m: float) -> bool:
-        return bool(abs(self.state.position_enu_m[2] - altitude_enu_m) <= self.parameters["NAV_MC_ALT_RAD"])
 
     def _disarm_when_idle(self) -> None:
         if self.flying:

@@ -60,7 +60,6 @@ class Order:
 
     @classmethod
     def of(cls, message: Message, sender: Sender) -> Order:
-        """From COMMAND_LONG or COMMAND_INT."""
         params = (message.param1, message.param2, message.param3, message.param4)
         if message.get_type() == "COMMAND_INT":
             return cls(params, message.x * 1e-7, message.y * 1e-7, message.z, message.frame, sender)

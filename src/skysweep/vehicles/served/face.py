@@ -175,7 +175,6 @@ class Face:
         return None if listener is None else listener.streams
 
     def say(self, text: str, severity: int) -> None:
-        """Sends a STATUSTEXT to every listener."""
         for listener in self.peers.listening(self.pilot.time_s):
             for message in status_texts(text, severity):
                 listener.peer.send(message)

@@ -147,7 +147,6 @@ class Failsafes:
         self._waited_s = 0.0  # recently, so that an intermittent cause does not wait for ever
 
     def mode(self, intended: PX4Mode) -> PX4Mode:
-        """The mode that is flown."""
         return _MODES.get(self.action, intended)
 
     def update(

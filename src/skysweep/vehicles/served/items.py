@@ -73,7 +73,6 @@ class Item:
 
     @classmethod
     def of(cls, message: Message) -> Item:
-        """From MISSION_ITEM_INT."""
         return cls(
             message.frame,
             message.command,
@@ -92,7 +91,6 @@ class Item:
 
     @property
     def is_place(self) -> bool:
-        """Whether the vehicle flies to a place for it."""
         return self.command in _PLACES
 
     def position_enu_m(self, site: Site, home_enu_m: F64) -> F64:

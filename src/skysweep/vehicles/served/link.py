@@ -46,11 +46,9 @@ class Sender:
         return self.peer.address, self.system, self.component
 
     def reply(self, message: Message, component: int = AUTOPILOT) -> None:
-        """Answers this program alone."""
         self.peer.send(message, component)
 
     def tell(self, text: str, severity: int = WARNING) -> None:
-        """Sends a STATUSTEXT to this program alone."""
         for message in status_texts(text, severity):
             self.reply(message)
 

@@ -29,12 +29,10 @@ class MissionRun:
         self._since_s: float | None = None  # at the place, or of the delay
 
     def load(self, items: tuple[Item, ...]) -> None:
-        """Replaces the mission."""
         self.items = items
         self.go_to(0)
 
     def go_to(self, index: int) -> None:
-        """Continues with this item."""
         if index == 0:
             self._jumps.clear()
         self.current, self.finished = index, False

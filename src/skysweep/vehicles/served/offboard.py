@@ -58,18 +58,15 @@ class OffboardControl:
             self._yaw_rad = setpoint.yaw_rad
 
     def may_control(self, key: Key, pilot: Pilot) -> bool:
-        """Whether nobody else is in control."""
         if self.owner in (None, key):
             return True
         return pilot.time_s - self._heard_s > max(pilot.parameters["COM_OF_LOSS_T"], _SHORTEST_HOLD_S)
 
     def release(self, key: Key) -> None:
-        """The owner gives it up."""
         if self.owner == key:
             self.owner, self._setpoint = None, None
 
     def is_fresh(self, pilot: Pilot) -> bool:
-        """Whether setpoints are streaming in."""
         silent_s = pilot.time_s - self._heard_s
         return self._setpoint is not None and silent_s <= pilot.parameters["COM_OF_LOSS_T"]
 

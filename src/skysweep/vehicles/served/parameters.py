@@ -100,13 +100,13 @@ class Parameters:
         return True
 
     def stretch(self, name: str, factor: float) -> None:
-        """Multiplies a time, up to its limit."""
         self.set(name, min(self._values[name] * factor, self._table[name].high))
 
     def _message(self, name: str) -> Message:
         value = self._values[name]
         if isinstance(value, int):
-            kind, value = mavlink.MAV_PARAM_TYPE_INT32, _float_of_bits(value)
+            kind = mavlink.MAV_PARAM_TYPE_INT32
+            value = struct.unpack("<f", struct.pack("<i", value))[0]
         else:
             kind = mavlink.MAV_PARAM_TYPE_REAL32
         return mavlink.MAVLink_param_value_message(
@@ -130,7 +130,7 @@ class Parameters:
         if name not in self._table:
             return
         if isinstance(self._table[name].default, int) and asked.param_type != mavlink.MAV_PARAM_TYPE_REAL32:
-            self.set(name, _bits_of_float(asked.param_value))
+            self.set(name, struct.unpack("<i", struct.pack("<f", asked.param_value))[0])
         elif asked.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
             self.set(name, asked.param_value)
 
@@ -138,11 +138,3 @@ class Parameters:
         """The messages of all parameters, a few at a time."""
         for i in range(0, len(self._names), _AT_ONCE):
             yield [self._message(name) for name in self._names[i : i + _AT_ONCE]]
-
-
-def _float_of_bits(value: int) -> float:
-    return float(struct.unpack("<f", struct.pack("<i", value))[0])
-
-
-def _bits_of_float(value: float) -> int:
-    return int(struct.unpack("<i", struct.pack("<f", value))[0])

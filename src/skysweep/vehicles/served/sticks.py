@@ -33,7 +33,6 @@ class Sticks:
 
     @property
     def position(self) -> F64:
-        """Centred while they are lost."""
         return _CENTRED if self.lost else self._position
 
     def hear(self, message: Message, address: Address, in_mode: int, time_s: float) -> None:

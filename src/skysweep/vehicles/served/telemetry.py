@@ -8,12 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from skysweep.geometry.frames import (
-    euler_from_rotation,
-    heading_from_yaw,
-    ned_from_enu,
-    rotation_frd_to_ned,
-)
+from skysweep.geometry.frames import euler_from_rotation, heading_from_yaw, ned_from_enu, rotation_frd_to_ned
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, TICK_S, PX4Mode, e7, quaternion
 from skysweep.vehicles.mavlink.wire import Message
@@ -359,7 +354,6 @@ class Streams:
         return round(period * 1e6) if period is not None else -1 if kind in self._messages else 0
 
     def send_due(self, peer: Peer, moment: Moment) -> None:
-        """Sends the messages that are due."""
         now = moment.state.time_s + 1e-6
         for kind, period in self._periods_s.items():
             if now >= self._next_s[kind]:

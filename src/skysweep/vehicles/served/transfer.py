@@ -41,8 +41,6 @@ class Transfers:
         self._take, self._may = take, may
         self._upload: _Upload | None = None
 
-    # ---- up ------------------------------------------------------------------------------------------
-
     def count(self, message: Message, sender: Sender) -> None:
         """MISSION_COUNT: a client starts an upload."""
         kind = message.mission_type
@@ -140,8 +138,6 @@ class Transfers:
             return
         self.stored[kind] = items
         _answer(sender, kind, m.MAV_MISSION_ACCEPTED)
-
-    # ---- down ----------------------------------------------------------------------------------------
 
     def list(self, message: Message, sender: Sender) -> None:
         """MISSION_REQUEST_LIST: answers with the number of items."""
