@@ -153,7 +153,7 @@ def fly_in(
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  "
-            f"{resume_command(folder, mission.replays)}  goes on"
+            f"{resume_command(folder, mission.replays)}  continues"
         )
 
 
@@ -205,8 +205,8 @@ def finish(folder: Path, started: float | None) -> RunSummary:
         return write_results(load_flown(folder), folder, wall_time_s)
     except CannotWriteError as error:
         raise UserError(
-            f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "
-            f"room, then  {resume_command(folder)}  writes them"
+            f"{folder}: the results cannot be written ({error.strerror}), but the journal is complete; "
+            f"make room, then  {resume_command(folder)}  writes them"
         ) from None
 
 
@@ -220,6 +220,6 @@ def refuse_other_mission(folder: Path) -> None:
 def _refuse_flown(folder: Path, records: list[dict[str, Any]]) -> None:
     if records:
         raise UserError(
-            f"{folder}: holds a mission already; write another --out, or go on with it:  "
+            f"{folder}: already holds a mission; write another --out, or resume it with  "
             f"{resume_command(folder, records[0].get('replays', True))}"
         )

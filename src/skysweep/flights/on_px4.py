@@ -82,8 +82,8 @@ class Px4Flight:
                 if link.refused == 0 or link.accepted > 0:
                     raise UserError(str(error).replace(link.url, url)) from None
                 raise UserError(
-                    f"--connection {url}: {link.refused} frames were heard, and not signed with this key; "
-                    "give the key that the vehicle signs with, set it up to sign, or set its clock and ours"
+                    f"--connection {url}: {link.refused} frames were received, none signed with this key; "
+                    "give the vehicle's key, set the vehicle up to sign, or set its clock and ours"
                 ) from None
             self._ending = ending.pop_all()
         self.scenario = self.vehicle.scenario

@@ -59,7 +59,7 @@ def fly_on_ros(
             raise UserError("speed: must be above 0; 1 is real time")
         folder = Path(settings.out)
         if not settings.out or (folder / JOURNAL_FILE).exists():
-            raise UserError(f"out: '{settings.out}' holds a mission already or is empty; write a new folder")
+            raise UserError(f"out: '{settings.out}' already holds a mission or is empty; write a new folder")
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
         face = MissionFace(link, publish_looks=not settings.detector)
         vehicle, camera, detector = _parts(link, scenario, settings)

@@ -52,8 +52,8 @@ class ReplayJournal:
         if line_of(time_s, kind, fields) != recorded:
             raise UserError(
                 f"{self._journal.path}: flown again, the mission differs in line {number} "
-                f"('{recorded['kind']}' at {recorded['t']:.1f} s), so it cannot go on: it was flown by other "
-                "code or on another machine; fly it again into a new folder"
+                f"('{recorded['kind']}' at {recorded['t']:.1f} s), so it cannot be resumed: it was flown by "
+                "other code or on another machine; fly it again into a new folder"
             )
 
 
@@ -132,7 +132,7 @@ def restored(mission: Mission, journal: FileJournal) -> Mission:
             mission.tracker.restore(last["tracker"])
         except (LookupError, TypeError, ValueError, AttributeError):
             raise UserError(
-                f"{journal.path}: its snapshot at {last['t']:.0f} s is not of this strategy and tracker; "
+                f"{journal.path}: its snapshot at {last['t']:.0f} s is not from this strategy and tracker; "
                 "fly the mission into a new folder"
             ) from None
     earlier_s = max((r["t"] for r in records), default=0.0)

@@ -40,10 +40,10 @@ from skysweep.types import EventKind
 _END = "end"  # kind of a whole journal's last line
 _OTHER_COMMAND = {
     False: (
-        "its vehicle, camera or detector was outside of skysweep and cannot be replayed; a flight of "
-        "'skysweep fly' goes on with  skysweep fly {}, any other is flown again into a new folder"
+        "its vehicle, camera or detector is not part of skysweep and cannot be replayed; resume a flight of "
+        "'skysweep fly' with  skysweep fly {}, fly any other again into a new folder"
     ),
-    True: "the mission was simulated; go on with  skysweep resume {}",
+    True: "the mission was simulated; resume it with  skysweep resume {}",
 }
 
 
@@ -108,8 +108,8 @@ def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = noth
         _refuse_ended_flight(folder)
     if lines.damaged is not None:
         say(
-            f"{path}: line {lines.damaged} is damaged; it and all after it are left out, so that what was "
-            f"flown and found after {lines.records[-1]['t']:.0f} s is not known and is searched again"
+            f"{path}: line {lines.damaged} is damaged and left out with all lines after it; the flight after "
+            f"{lines.records[-1]['t']:.0f} s is unknown, and its area is searched again"
         )
     return scenario
 
@@ -134,13 +134,13 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
         version = begun.get("version", "0.1.0")
         other = f"skysweep {version}" if version != __version__ else f"an older skysweep {version}"
         raise UserError(
-            f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to go "
-            "on, or fly it again into a new folder"
+            f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to "
+            "resume it, or fly it again into a new folder"
         )
     odd = next((k for k, record in enumerate(records, start=1) if not can_be_gone_on_with(record)), None)
     if odd is not None:
         raise UserError(
-            f"{folder / JOURNAL_FILE}: line {odd} is not what a mission writes; fly it into a new folder"
+            f"{folder / JOURNAL_FILE}: line {odd} was not written by a mission; fly it into a new folder"
         )
     scenario = flown_scenario(folder, records)
     if digest_of_plan(scenario) != begun.get(PLAN):
@@ -157,7 +157,7 @@ def _refuse_ended_flight(folder: Path) -> None:
     if path.is_file() and read_summary(path)[0]["ended"]:
         raise UserError(
             f"{folder}: its flight had ended; 'skysweep report {shlex.quote(str(folder))} --from-sound-lines "
-            "--out NEW_FOLDER' tells what is sound of it"
+            "--out NEW_FOLDER' reports its undamaged part"
         )
 
 

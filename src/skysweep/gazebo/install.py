@@ -58,7 +58,7 @@ def _in_root(root: Path) -> Install:
     root = root.expanduser().resolve()
     plugins = sorted((root / _PLUGIN_IN_ROOT).glob("*.so"), key=lambda p: p.stat().st_mtime)
     if not (root / _READY).exists() or not plugins:
-        raise UserError(f"{root}: holds no finished Gazebo; run  sudo tools/gazebo-root {root}")
+        raise UserError(f"{root}: holds no complete Gazebo; run  sudo tools/gazebo-root {root}")
     if os.geteuid() != 0:
         raise UserError(f"{root}: only root can run the Gazebo in there; use sudo, or {HOW_TO_GET}")
     return Install(root, Path("/") / plugins[-1].relative_to(root))

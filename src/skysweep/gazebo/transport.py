@@ -54,7 +54,7 @@ class _Connection:
             try:
                 length = int(self._buffer[:_HEADER], 16)
             except ValueError:
-                raise TransportError(f"no Gazebo speaks like this: {bytes(self._buffer[:16])!r}") from None
+                raise TransportError(f"this is not Gazebo's protocol: {bytes(self._buffer[:16])!r}") from None
             if len(self._buffer) < _HEADER + length:
                 return
             frame = bytes(self._buffer[_HEADER : _HEADER + length])

@@ -45,7 +45,7 @@ def _upload(what: str, items: list[MissionItem], send: Callable[[Any], Any], rea
         back = answer[1] if isinstance(answer, tuple) else answer
         if len(back) == len(items) and all(map(_same, items, back)):
             return
-    raise UserError(f"the vehicle does not take the {what} ({why}); nothing was flown")
+    raise UserError(f"the vehicle does not store the {what} ({why}); nothing was flown")
 
 
 def _same(a: MissionItem, b: MissionItem) -> bool:

@@ -147,7 +147,7 @@ def _battery(vehicle: Px4Vehicle, needed_share: float) -> Check:
         estimated = vehicle.scenario.safety.battery_estimated
         cure = "write safety.battery_estimated: true to fly"
         if estimated:
-            cure = "flown as a full one, by an estimate"
+            cure = "assumed to be full and estimated from then on"
         return Check("battery", None if estimated else False, f"does not say how full it is; {cure}; {needs}")
     return Check("battery", full >= needed_share + RESERVE, f"{full:.0%}; {needs}")
 

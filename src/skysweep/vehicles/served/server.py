@@ -66,7 +66,8 @@ class VehicleServer:
                 self._socket.bind((host, local_port))
             except OSError as error:
                 raise UserError(
-                    f"--local-port: {host}:{local_port} cannot be had ({error.strerror}); choose another port"
+                    f"--local-port: {host}:{local_port} is not available ({error.strerror}); "
+                    "choose another port"
                 ) from None
             signing = None if signing_key is None else Signing(signing_key, SigningMemory.of(signing_key))
             undo.pop_all()
