@@ -17,20 +17,9 @@ from skysweep.vehicles.served.link import CRITICAL, NOTICE, WARNING
 from skysweep.vehicles.served.parameters import Parameters
 
 _NO_STICKS = 4  # COM_RC_IN_MODE
-_NEED_POSITION = (
-    PX4Mode.POSITION,
-    PX4Mode.TAKEOFF,
-    PX4Mode.HOLD,
-    PX4Mode.MISSION,
-    PX4Mode.RETURN,
-    PX4Mode.LAND,
-)
-_STICKS_OPTIONAL = {
-    PX4Mode.MISSION: 1,
-    PX4Mode.HOLD: 2,
-    PX4Mode.TAKEOFF: 2,
-    PX4Mode.OFFBOARD: 4,
-}  # COM_RCL_EXCEPT
+_WITHOUT_POSITION = (PX4Mode.ALTITUDE, PX4Mode.STABILIZED, PX4Mode.OFFBOARD, PX4Mode.TERMINATION)
+# Bits of COM_RCL_EXCEPT.
+_STICKS_OPTIONAL = {PX4Mode.MISSION: 1, PX4Mode.HOLD: 2, PX4Mode.TAKEOFF: 2, PX4Mode.OFFBOARD: 4}
 
 
 class Reaction(IntEnum):
@@ -122,7 +111,7 @@ def why_not(mode: PX4Mode, health: Health) -> str | None:
     """The reason that a mode cannot be flown; sticks are needed to choose a stick mode, not to stay in it."""
     if mode is PX4Mode.OFFBOARD and health.setpoints_lost:
         return _NO_OFFBOARD
-    return _NO_POSITION if health.position_lost and mode in _NEED_POSITION else None
+    return _NO_POSITION if health.position_lost and mode not in _WITHOUT_POSITION else None
 
 
 @dataclass(slots=True)

@@ -73,15 +73,9 @@ class Item:
 
     @classmethod
     def of(cls, message: Message) -> Item:
-        return cls(
-            message.frame,
-            message.command,
-            message.autocontinue,
-            (message.param1, message.param2, message.param3, message.param4),
-            message.x,
-            message.y,
-            message.z,
-        )
+        kind = message.frame, message.command, message.autocontinue
+        params = (message.param1, message.param2, message.param3, message.param4)
+        return cls(*kind, params, message.x, message.y, message.z)
 
     def message(self, system: int, component: int, seq: int, kind: int) -> Message:
         """MISSION_ITEM_INT to a program."""
