@@ -45,15 +45,24 @@ def make(type_name: str, **fields: Any) -> Any:
 
     A message within it, or a list of them, may be given as dictionaries of their fields.
     """
-    message_type, definitions = _parts(type_name)
-    for name, kind in definitions:
-        fields[name] = _filled(kind, fields[name]) if name in fields else _zero(kind)
-    return message_type(**fields)
+    message_type, plain, composed = _parts(type_name)
+    for name, kind in composed:
+        if name not in fields:
+            fields[name] = _zero(kind)
+        elif isinstance(value := fields[name], dict):
+            fields[name] = make(kind[1], **value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            (_, element_type), _ = kind[1]
+            fields[name] = [make(element_type, **element) for element in value]
+    return message_type(**(plain | fields))
 
 
 @cache
-def _parts(type_name: str) -> tuple[type, list[tuple[str, Any]]]:
-    return typestore().types[type_name], list(typestore().fielddefs[type_name][1])
+def _parts(type_name: str) -> tuple[type, dict[str, Any], list[tuple[str, Any]]]:
+    """A message's class, the zeros of its numbers and strings, and its other fields."""
+    fields = typestore().fielddefs[type_name][1]
+    plain = {name: _zero(kind) for name, kind in fields if kind[0] == Nodetype.BASE}
+    return typestore().types[type_name], plain, [field for field in fields if field[0] not in plain]
 
 
 def to_cdr(message: Any) -> bytes:
@@ -74,14 +83,6 @@ def definition(type_name: str) -> str:
 def type_hash(type_name: str) -> str:
     """Version and hash of a type, ``RIHS01_...`` (REP-2011)."""
     return typestore().hash_rihs01(type_name)
-
-
-def _filled(kind: Any, value: Any) -> Any:
-    if isinstance(value, dict):
-        return make(kind[1], **value)
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        return [_filled(kind[1][0], element) for element in value]
-    return value
 
 
 def _zero(kind: Any) -> Any:

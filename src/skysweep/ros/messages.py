@@ -69,9 +69,9 @@ def seconds(time: Any) -> float:
     return float(time.sec + time.nanosec * 1e-9)
 
 
-def header(time_s: float, frame_id: str) -> Fields:
-    """Fields of a ``std_msgs/Header``."""
-    return {"stamp": stamp(time_s), "frame_id": frame_id}
+def header(time_s: float, frame_id: str) -> Any:
+    """``std_msgs/Header``."""
+    return make("std_msgs/msg/Header", stamp=stamp(time_s), frame_id=frame_id)
 
 
 def clock(time_s: float) -> Any:
@@ -357,11 +357,13 @@ def _level(position: ArrayLike) -> Fields:
 
 
 def _xyz(vector: ArrayLike) -> Fields:
-    return dict(zip("xyz", np.asarray(vector, dtype=float).tolist(), strict=True))
+    x, y, z = np.asarray(vector, dtype=float).tolist()
+    return {"x": x, "y": y, "z": z}
 
 
 def _quaternion(R: F64) -> Fields:
-    return dict(zip("xyzw", Rotation.from_matrix(R).as_quat().tolist(), strict=True))
+    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
+    return {"x": x, "y": y, "z": z, "w": w}
 
 
 def _colour(rgba: tuple[float, float, float, float]) -> Fields:
