@@ -6,7 +6,6 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.detection.model_files import existing_model_file
 from skysweep.detection.model_trial import try_out
@@ -23,15 +22,13 @@ from skysweep.sensing.statistical.model import model_for
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
-from skysweep.types import Camera, Detector, Sensor, Truth, Vehicle
+from skysweep.types import F64, Camera, Detector, Sensor, Truth, Vehicle
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.world import World, build_world
 
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend, Painter
-
-F64 = NDArray[np.float64]
 
 SENSORS = ("imaging", "statistical")
 DEFAULT_RIG = Rig()

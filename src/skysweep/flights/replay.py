@@ -11,7 +11,7 @@ changed them, and resumes from the last one and from where the vehicle is then.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,9 +20,8 @@ import numpy as np
 from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
+from skysweep.results.run_folder import Record
 from skysweep.types import Answer, Detections, Doubt, Mode, Sensor, Vehicle, VehicleState
-
-Record = Mapping[str, Any]
 
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"

@@ -8,7 +8,6 @@ from typing import Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -16,12 +15,12 @@ from skysweep.gazebo.look import TILE_M, WATER_TILE_M, GazeboLook, ground_tile, 
 from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
 from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
 from skysweep.scenarios.model import Home, Scenario, Wind
+from skysweep.types import F64
 from skysweep.worlds.meshes import Mesh, merge, yaw_rotation
 from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene, build_scene
 from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
 from skysweep.worlds.world import World, build_world
 
-F64 = NDArray[np.float64]
 Format = Literal["gazebo-classic", "gz"]
 
 FORMATS: tuple[Format, ...] = ("gazebo-classic", "gz")

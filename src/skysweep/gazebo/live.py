@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import urlparse
 
 import numpy as np
@@ -24,13 +24,6 @@ OPEN_S = 10.0  # until the first picture
 FRESH_S = 1.0  # for each further picture
 _READ_S = 0.2  # until a reader notices that it is closed
 MASTER_VARIABLE, MASTER_DEFAULT = "GAZEBO_MASTER_URI", "http://127.0.0.1:11345"
-
-
-class _Pictures(Protocol):
-    def newest(self, timeout_s: float) -> NDArray[np.uint8] | None:
-        """The newest picture not returned before; None if none comes. Raises TransportError."""
-
-    def close(self) -> None: ...
 
 
 class LiveCamera:
@@ -74,7 +67,7 @@ class LiveCamera:
         """Disconnects; the simulation continues."""
         self._pictures.close()
 
-    def _open(self, patience_s: float) -> _Pictures:
+    def _open(self, patience_s: float) -> _ClassicPictures | _GzPictures:
         if self._source.startswith(CLASSIC):
             return _ClassicPictures(self._topic, patience_s)
         return _GzPictures(self._topic)
@@ -131,6 +124,7 @@ class _ClassicPictures:
         transport.subscribe(topic, ImageStamped)
 
     def newest(self, timeout_s: float) -> NDArray[np.uint8] | None:
+        """The newest picture not returned before; None if none comes. Raises TransportError."""
         with self._news:
             self._news.wait_for(lambda: self._message or self._error, timeout_s)
             if self._message is None and self._error is not None:

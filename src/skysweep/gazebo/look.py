@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.types import F64, U8
 from skysweep.worlds.rendering.gl import film
 from skysweep.worlds.scene import Sun
 from skysweep.worlds.textures import DETAIL_M, GroundTextures
-
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 TILE_M = 20.0  # of a ground texture that holds every scale
 TILE_PX = 2048

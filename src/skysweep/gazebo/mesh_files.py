@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.gazebo.look import GazeboLook
+from skysweep.types import U8
 from skysweep.worlds.meshes import Mesh
-
-U8 = NDArray[np.uint8]
 
 COLOUR_STEPS = 13  # levels of each colour channel
 

@@ -138,6 +138,5 @@ class RealTime:
         now = time.monotonic()
         if self._start is None:
             self._start = now, time_s
-        ahead_s = (time_s - self._start[1]) / self._speed - (now - self._start[0])
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
+        begun, begun_s = self._start
+        time.sleep(max(0.0, (time_s - begun_s) / self._speed - (now - begun)))

@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.ros.interfaces import make
-from skysweep.types import Detections, Frame, VehicleState
+from skysweep.types import F64, U8, Detections, Frame, VehicleState
 
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 Fields = dict[str, Any]
 
 MAP, ODOM, BASE, GIMBAL, CAMERA = "map", "odom", "base_link", "gimbal", "camera"

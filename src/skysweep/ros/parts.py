@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
@@ -21,8 +20,6 @@ from skysweep.ros import topics
 from skysweep.ros.link import Arrival, Inlet, RosLink
 from skysweep.sensing.believed import DelayedPose
 from skysweep.types import Detections, Frame, Setpoint, Vehicle, VehicleState
-
-F64 = NDArray[np.float64]
 
 PATIENCE_S = 10.0  # for a part to appear
 ANSWER_S = 5.0  # for an answer to one picture

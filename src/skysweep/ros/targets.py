@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.ros.messages import CYLINDER, TEXT, Mark
 from skysweep.text import printable
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 _RGBA = {
     "seen": (0.94, 0.89, 0.26, 0.6),

@@ -26,11 +26,9 @@ from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.frames import enu_from_ned
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
-from skysweep.types import Setpoint
+from skysweep.types import F64, Setpoint
 from skysweep.vehicles.embedded.dynamics import DRAG_PER_MASS, G
 from skysweep.vehicles.embedded.multirotor import Multirotor
-
-F64 = NDArray[np.float64]
 
 _ENTERED_M = 0.5
 _LAWNMOWER_ACCEPTANCE_M, _SQUARE_ACCEPTANCE_M = 1.0, 0.5  # of the logged flights

@@ -19,7 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.types import F64
+
 U64 = NDArray[np.uint64]
 Quaternion = tuple[float, float, float, float]
 Entries = tuple[float, ...]

@@ -15,10 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
-from skysweep.types import Setpoint, Truth, VehicleState
+from skysweep.types import F64, Setpoint, Truth, VehicleState
 from skysweep.vehicles.embedded import dynamics as d
-
-F64 = NDArray[np.float64]
 
 _GROUND_EVERY_STEPS = 125  # how often cruise flight asks for the height of the ground
 _VEHICLE_STREAM = 0x5D_0E  # keeps this vehicle's random stream apart from others of the same seed
@@ -72,8 +70,6 @@ class Multirotor:
         self._known_poses: F64 | None = None  # of this moment, computed on demand
         self._followed: Setpoint | None = None
         self.truth: Truth | None = self
-
-    # ---- types.Vehicle -------------------------------------------------------------------------------
 
     def state(self) -> VehicleState:
         """The estimated state: no delay, but with GNSS and attitude errors. The estimated wind is exact."""
@@ -150,8 +146,6 @@ class Multirotor:
         self._q["gimbal_pitch"] = pitch_rad
         self._known_poses = None
 
-    # ---- to resume -----------------------------------------------------------------------------------
-
     def snapshot(self) -> dict[str, Any]:
         return {
             "state": self._state.tolist(),
@@ -213,8 +207,6 @@ class Multirotor:
     def true_camera_motion(self) -> CameraMotion:
         p = self._poses()
         return CameraMotion(p[16], p[17])
-
-    # ---- inside --------------------------------------------------------------------------------------
 
     def _poses(self) -> F64:
         if self._known_poses is None:

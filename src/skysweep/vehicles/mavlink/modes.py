@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.geometry.frames import LocalFrame, enu_from_ned, ned_from_enu
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 SYSTEM_ID = 1
 AUTOPILOT, CAMERA = 1, 100  # component ids

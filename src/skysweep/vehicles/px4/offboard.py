@@ -6,16 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.geometry.frames import heading_from_yaw, ned_from_enu
-from skysweep.types import Setpoint
+from skysweep.types import F64, Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import Site
 from skysweep.vehicles.px4.link import PX4Link
 from skysweep.vehicles.px4.telemetry import Telemetry
-
-F64 = NDArray[np.float64]
 
 _NO_XY = m.POSITION_TARGET_TYPEMASK_X_IGNORE | m.POSITION_TARGET_TYPEMASK_Y_IGNORE
 _POSITION_VELOCITY_YAW = (

@@ -6,17 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import enu_from_ned, rotation_camera_to_enu, rotation_flu_to_enu, wrap_angle
-from skysweep.types import VehicleState
+from skysweep.types import F64, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import PX4Mode, Site, mode_of
 from skysweep.vehicles.px4.link import Fields, PX4Link
 
-F64 = NDArray[np.float64]
 PxMode = tuple[int, int]  # PX4's main and sub mode
 
 SILENCE_S = 0.5  # on the wall, without a position

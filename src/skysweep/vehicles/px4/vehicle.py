@@ -13,12 +13,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame, enu_from_ned
 from skysweep.scenarios.model import Home, Scenario
-from skysweep.types import Setpoint, Truth, VehicleState
+from skysweep.types import F64, Setpoint, Truth, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import PX4Mode, Site
 from skysweep.vehicles.px4.authority import FlightAuthority, is_free
@@ -26,7 +25,6 @@ from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, PX4Link, message_id
 from skysweep.vehicles.px4.offboard import SetpointStream
 from skysweep.vehicles.px4.telemetry import SILENCE_S, Telemetry, mode_name
 
-F64 = NDArray[np.float64]
 Condition = Callable[[], bool]
 
 MAX_FROM_HOME_M = 200.0  # between the vehicle and a scenario's home on Earth
@@ -67,8 +65,7 @@ class Px4Vehicle:
     the vehicle's home, on the scenario's ground there.
 
     Raises UserError if nothing answers in ``timeout_s``, or if the vehicle is not a multicopter with PX4, has
-    no position, or stands far from the scenario's home. ``close``, or any end of the program, hands over to
-    Hold.
+    no position, or stands far from the scenario's home. ``close``, or the program's end, hands over to Hold.
     """
 
     def __init__(

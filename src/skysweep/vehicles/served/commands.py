@@ -9,11 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import (
     AUTOPILOT,
     CAMERA,
-    F64,
     STICK_MODES,
     PX4Mode,
     Refused,

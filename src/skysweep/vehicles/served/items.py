@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, Refused, Site, finite, whole
+from skysweep.vehicles.mavlink.modes import Refused, Site, finite, whole
 from skysweep.vehicles.mavlink.wire import Message
 
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.modes import F64, PX4Mode
+from skysweep.types import F64
+from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.served.items import heading_towards
 from skysweep.vehicles.served.pilot import Pilot
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, PX4Mode, finite, whole
+from skysweep.vehicles.mavlink.modes import PX4Mode, finite, whole
 from skysweep.vehicles.served.items import Item, heading_towards
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from skysweep.geometry.frames import enu_from_ned, yaw_from_heading
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, TICK_S, Refused, Site, finite
+from skysweep.vehicles.mavlink.modes import TICK_S, Refused, Site, finite
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.items import ABOVE_HOME
 from skysweep.vehicles.served.link import Key

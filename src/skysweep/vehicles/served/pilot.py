@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from skysweep.types import Setpoint, Vehicle
-from skysweep.vehicles.mavlink.modes import F64, PX4Mode, Site
+from skysweep.types import F64, Setpoint, Vehicle
+from skysweep.vehicles.mavlink.modes import PX4Mode, Site
 from skysweep.vehicles.served.items import NO_FENCE, UploadedFence
 from skysweep.vehicles.served.parameters import Parameters
 

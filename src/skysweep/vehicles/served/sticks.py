@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.modes import F64, TICK_S
+from skysweep.types import F64
+from skysweep.vehicles.mavlink.modes import TICK_S
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.link import Address
 from skysweep.vehicles.served.pilot import Pilot
