@@ -10,8 +10,6 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 
-import numpy as np
-
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import euler_from_rotation
@@ -125,8 +123,8 @@ class RosDetector:
             raise NoMessageError(f"{self._answers.name}: no answer to a picture for {waited_s:g} s")
         self._patience_s = self._answer_s
         found = m.read_detections(arrival.message, frame, self._answers.name)
-        wanted = np.isin(found.class_names, self.class_names)
-        keep = np.flatnonzero(wanted & (found.confidences >= self._confidence_min))
+        sure = found.confidences >= self._confidence_min
+        keep = [k for k, name in enumerate(found.class_names) if name in self.class_names and sure[k]]
         return replace(
             found,
             boxes_xyxy_px=found.boxes_xyxy_px[keep],

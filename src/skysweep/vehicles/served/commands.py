@@ -112,8 +112,10 @@ class Commands:
     def receive(self, message: Message, sender: Sender) -> None:
         """Carries out a command and acknowledges it; a refusal comes with its reason as a text."""
         do = self._do.get(message.command)
+        if message.target_component == CAMERA and message.command not in _FOR_CAMERA:
+            do = None
         result = _UNSUPPORTED
-        if do is not None and (message.target_component != CAMERA or message.command in _FOR_CAMERA):
+        if do is not None:
             try:
                 answer = do(Order.of(message, sender))
                 result = _OK if answer is None else answer
