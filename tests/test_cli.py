@@ -73,7 +73,7 @@ def test_run_writes_the_whole_run_folder(tmp_path, scenario):
     assert set(wanted.split()) <= set(summary)
     assert (summary["scenario"], summary["seed"], summary["recall"]) == ("test", 3, 1.0)
     again = skysweep("run", scenario, "--sensor", "statistical", "--out", out, cwd=tmp_path)
-    refused(again, "holds a mission already", "--out")
+    refused(again, "already holds a mission", "--out")
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,7 @@ def test_a_damaged_journal_goes_on_from_its_sound_lines(whole, tmp_path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"version": "0.0.9"}, r"begun by skysweep 0\.0\.9, and this is .*; install that one to go on"),
+        ({"version": "0.0.9"}, r"begun by skysweep 0\.0\.9, and this is .*; install that one to resume it"),
         ({"model": "another"}, r"begun with model another, and now it is [0-9a-f]{64}; put back what it was"),
         ({"seed": 3}, r"flown again, the mission differs in line \d+"),
     ],
@@ -232,7 +232,7 @@ def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
 
 def test_the_folder_of_a_simulated_mission_connects_no_vehicle(whole, tmp_path):
     folder = cut(whole, tmp_path / "run", 60)
-    with pytest.raises(UserError, match="the mission was simulated; go on with  skysweep resume"):
+    with pytest.raises(UserError, match="the mission was simulated; resume it with  skysweep resume"):
         begun_scenario(folder)
 
 
@@ -255,7 +255,7 @@ def test_a_sealed_line_that_no_mission_writes_is_refused(whole, tmp_path, number
         for line in lines:
             file.append(line, sync=False)
     for go_on in (resume_folder, begun_scenario):
-        with pytest.raises(UserError, match=rf"journal\.jsonl: line {number} is not what a mission writes"):
+        with pytest.raises(UserError, match=rf"journal\.jsonl: line {number} was not written by a mission"):
             go_on(folder)
 
 
@@ -323,7 +323,7 @@ def test_an_older_folder_is_reported_on_and_not_gone_on_with(whole, tmp_path):
     del lines[0]["config"]
     (folder / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines[:40]))
     assert len(load_run(folder).records) == 40
-    with pytest.raises(UserError, match=r"begun by an older skysweep .*; install that one to go on"):
+    with pytest.raises(UserError, match=r"begun by an older skysweep .*; install that one to resume it"):
         resume_folder(folder)
 
 
@@ -382,7 +382,7 @@ def test_no_run_folder_is_said(tmp_path):
 
 def test_flying_into_a_begun_folder_names_the_command_that_goes_on(whole, tmp_path):
     folder = cut(whole, tmp_path / "my run", 10)
-    with pytest.raises(UserError, match=r"go on with it:  skysweep resume '.*my run'"):
+    with pytest.raises(UserError, match=r"resume it with  skysweep resume '.*my run'"):
         fly_short(folder)
 
 
@@ -413,7 +413,7 @@ except UserError as error:
     journal = folder / "journal.jsonl"
     assert told == (
         f"{journal}: nothing more can be written (File too large); what it holds is sound, and the vehicle "
-        f"has come home; make room, then  skysweep resume {folder}  goes on"
+        f"has come home; make room, then  skysweep resume {folder}  continues"
     )
     assert modes == ["TAKEOFF", "SCAN", "RETURN", "LAND"]
     assert abs(xy[0] + 12) < 2.0

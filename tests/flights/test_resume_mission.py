@@ -114,9 +114,9 @@ def test_landed_before_the_last_line_it_only_writes_the_end(tmp_path):
 def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
     folder = tmp_path / "run"
     broken_off(folder, first_verdict)
-    with pytest.raises(Exception, match=r"cannot be replayed; .* goes on with  skysweep fly "):
+    with pytest.raises(Exception, match=r"cannot be replayed; .* with  skysweep fly "):
         resume_folder(folder)
-    with pytest.raises(Exception, match="go on with it:  skysweep fly "):
+    with pytest.raises(Exception, match="resume it with  skysweep fly "):
         fly_to_folder(SCENARIO, 0, folder, Rig("statistical"))
     lines = read_journal(folder / "journal.jsonl")
     lines[0]["replays"] = True
@@ -124,5 +124,5 @@ def test_each_kind_of_mission_names_the_command_that_goes_on(tmp_path):
     with closing(FileJournal(folder / "journal.jsonl")) as journal:
         for line in lines:
             journal.write(line.pop("t"), line.pop("kind"), **line)
-    with pytest.raises(Exception, match="the mission was simulated; go on with  skysweep resume"):
+    with pytest.raises(Exception, match="the mission was simulated; resume it with  skysweep resume"):
         resume_folder(folder, Rig(vehicle=embedded_vehicle(SCENARIO, 1)))

@@ -13,7 +13,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.gazebo import rig
-from skysweep.gazebo.export import Clock, write_world
+from skysweep.gazebo.export import write_world
 from skysweep.gazebo.install import Install
 from skysweep.gazebo.live import MASTER_VARIABLE, LiveCamera
 from skysweep.gazebo.server import GazeboServer, wait_for_port
@@ -37,8 +37,7 @@ def server(gazebo: Install, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     scenario = load_scenario("sparse")
     folder: Path = tmp_path_factory.mktemp("live") / "world"
     camera = rig.camera_rig(LENS, 10.0)
-    world, home, wind = build_world(scenario, 0), scenario.home, scenario.wind
-    world_file = write_world(world, "live", home, wind, folder, "gazebo-classic", Clock(), [camera])
+    world_file = write_world(build_world(scenario, 0), scenario, folder, "gazebo-classic", [camera])
     server = GazeboServer(gazebo, world_file)
     assert wait_for_port(server, 60.0)
     yield server

@@ -12,8 +12,9 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.gazebo.gz_messages import Image
-from skysweep.gazebo.gz_sim import IMAGE_TOPIC, GzLink, exposure_s, find_node, image_of
+from skysweep.gazebo.gz_sim import IMAGE_TOPIC, GzLink, find_node, image_of
 from skysweep.gazebo.live import LiveCamera
+from skysweep.gazebo.messages import seconds
 from skysweep.gazebo.rig import MODEL
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
@@ -68,7 +69,7 @@ def gz(monkeypatch: pytest.MonkeyPatch) -> type[RecordedNode]:
 
 def test_recorded_picture() -> None:
     message = Image.FromString(RECORDED_IMAGE)
-    assert exposure_s(message) == pytest.approx(RECORDED_S)
+    assert seconds(message.header.stamp) == pytest.approx(RECORDED_S)
     image = image_of(message, IMAGE_TOPIC)
     assert image.shape == (64, 64, 3)
     red, green = image[:, :, 0].astype(int), image[:, :, 1].astype(int)

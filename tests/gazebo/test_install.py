@@ -47,7 +47,7 @@ def test_another_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, says: 
 
 def test_unfinished_root(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv(ROOT_VARIABLE, str(tmp_path))
-    with pytest.raises(UserError, match="holds no finished Gazebo; run  sudo tools/gazebo-root"):
+    with pytest.raises(UserError, match="holds no complete Gazebo; run  sudo tools/gazebo-root"):
         find_install()
 
 

@@ -161,7 +161,7 @@ def test_nobody_there_is_told_in_time(master: socket.socket) -> None:
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "no Gazebo speaks like this"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "this is not Gazebo's protocol"),
         (b"", "closed the connection"),
     ],
 )

@@ -223,7 +223,7 @@ def test_parameters_win_over_options_and_names_can_be_remapped(link, start, tiny
 def other():
     from skysweep.ros.link import RosLink
 
-    with closing(RosLink("other", namespace="/other")) as made:
+    with closing(RosLink("other", ("--ros-args", "-r", "__ns:=/other"))) as made:
         yield made
 
 
@@ -271,7 +271,7 @@ def test_a_px4_sees_through_a_topic(other, tiny):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"encoding": "bayer_rggb8"}, "/drone/image: the encoding 'bayer_rggb8' is not read"),
+        ({"encoding": "bayer_rggb8"}, "/drone/image: the encoding 'bayer_rggb8' is not supported"),
         ({"width": 160, "height": 90, "step": 480}, "pictures are 160x90, the scenario's camera is 320x180"),
     ],
 )

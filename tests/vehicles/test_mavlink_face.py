@@ -129,6 +129,12 @@ def test_camera_and_gimbal_introduce_themselves(sky, gcs):
     assert (gimbal.pitch_min, gimbal.pitch_max) == pytest.approx((-np.pi / 2, np.pi / 4))
 
 
+def test_the_camera_takes_no_orders_of_the_autopilot(gcs):
+    message = m.MAVLink_command_long_message(1, 100, m.MAV_CMD_DO_SET_MODE, 0, 1, 4, 3, 0, 0, 0, 0)
+    (answer,) = gcs.answers(message, "COMMAND_ACK")
+    assert answer.result == m.MAV_RESULT_UNSUPPORTED
+
+
 def test_the_gimbal_obeys_the_program_that_took_it_and_looks_down(sky, gcs):
     point = (m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, -90, 0, NAN, NAN, 0, 0, 0)
     configure = m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE

@@ -184,7 +184,7 @@ def test_a_taken_port_is_one_sentence():
     of = scenario()
     with VehicleServer(embedded_vehicle(of, 0), of, []) as server:
         port = server.address[1]
-        with pytest.raises(UserError, match=f"{port} cannot be had"):
+        with pytest.raises(UserError, match=f"{port} is not available"):
             VehicleServer(embedded_vehicle(of, 0), of, [], local_port=port)
 
 

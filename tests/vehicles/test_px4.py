@@ -24,10 +24,10 @@ from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.types import Setpoint
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
-from skysweep.vehicles.mavlink.modes import PX4Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode, Site
 from skysweep.vehicles.px4.offboard import horizontal_velocity_enu_mps
 from skysweep.vehicles.px4.preflight import Demands, preflight
-from skysweep.vehicles.px4.telemetry import Anchor, Telemetry
+from skysweep.vehicles.px4.telemetry import Telemetry
 from skysweep.vehicles.px4.vehicle import Px4Vehicle, names_its_place, placed
 from skysweep.vehicles.served.server import LOOPBACK, VehicleServer
 
@@ -93,9 +93,9 @@ def test_it_cruises_no_faster_than_the_setpoint_says(x, y, to_x, to_y, speed):
 
 @given(metres, metres, metres)
 def test_a_place_goes_to_ned_and_back(x, y, z):
-    anchor = Anchor(LocalFrame(60.0, 22.0), np.array([-5.0, -5.0, 2.0]), np.array([0.3, -0.2, 0.1]))
+    site = Site(LocalFrame(60.0, 22.0), np.array([-4.8, -5.3, 2.1]))
     place = np.array([x, y, z])
-    assert anchor.enu(anchor.ned(place)) == pytest.approx(place, abs=1e-9)
+    assert site.enu_from_ned(site.ned_from_enu(place)) == pytest.approx(place, abs=1e-9)
 
 
 def test_a_scenario_without_a_place_is_flown_where_the_vehicle_stands():
@@ -168,13 +168,13 @@ def test_what_is_not_said_is_not_made_up():
 def test_energy_is_voltage_times_current():
     radio = Radio()
     told = Telemetry(radio, -1.57, 98.0)
-    anchor = Anchor(LocalFrame(60.0, 22.0), np.zeros(3), np.zeros(3))
+    site = Site(LocalFrame(60.0, 22.0), np.zeros(3))
     for time_ms in (0, 36_000):
         radio.say("LOCAL_POSITION_NED", **position(time_ms))
         radio.say(
             "BATTERY_STATUS", voltages=[4000] * 4 + [65535] * 6, current_battery=1000, battery_remaining=90
         )
-    assert told.state(anchor, 0.0).energy_used_wh == pytest.approx(1.6)
+    assert told.state(site, 0.0).energy_used_wh == pytest.approx(1.6)
 
 
 def battery(percent, volts=16.0, amperes=10.0, number=0):
@@ -235,9 +235,9 @@ def test_a_silence_of_the_whole_vehicle_does_not_age_its_battery():
 def test_the_energy_of_two_batteries_adds_up():
     radio = Radio()
     told = Telemetry(radio, -1.57, 98.0)
-    anchor = Anchor(LocalFrame(60.0, 22.0), np.zeros(3), np.zeros(3))
+    site = Site(LocalFrame(60.0, 22.0), np.zeros(3))
     told_for(36.5, radio, battery(90), battery(90, number=1))
-    assert told.state(anchor, 0.0).energy_used_wh == pytest.approx(3.2, rel=0.01)
+    assert told.state(site, 0.0).energy_used_wh == pytest.approx(3.2, rel=0.01)
 
 
 def test_a_clock_that_stands_still_is_silence():
@@ -588,7 +588,7 @@ def test_an_address_that_is_none_is_said():
     ("autopilot", "kind", "sentence"),
     [
         (m.MAV_AUTOPILOT_ARDUPILOTMEGA, m.MAV_TYPE_QUADROTOR, "firmware is not PX4"),
-        (m.MAV_AUTOPILOT_PX4, m.MAV_TYPE_FIXED_WING, "no multicopter"),
+        (m.MAV_AUTOPILOT_PX4, m.MAV_TYPE_FIXED_WING, "not a multicopter"),
     ],
 )
 def test_what_this_program_cannot_fly_is_refused(autopilot, kind, sentence):

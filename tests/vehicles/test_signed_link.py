@@ -60,7 +60,7 @@ def test_an_unsigned_order_moves_nothing(signing_vehicle):
 
 def test_with_another_key_nothing_is_heard(signing_vehicle):
     url, server = signing_vehicle
-    with pytest.raises(UserError, match=r"\d frames were heard, and not signed with this key"):
+    with pytest.raises(UserError, match=r"\d frames were received, none signed with this key"):
         Px4Flight(scenario(), url, 3.0, OTHER_KEY)
     assert not server.face.pilot.armed
 

@@ -1,4 +1,4 @@
-"""Puts a mission together: the only place that picks concrete parts."""
+"""Assembles a mission: the only place that chooses concrete parts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.detection.model_files import existing_model_file
 from skysweep.detection.model_trial import try_out
@@ -23,22 +22,20 @@ from skysweep.sensing.statistical.model import model_for
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
 from skysweep.tracking.tracker import GroundTracker
-from skysweep.types import Camera, Detector, Sensor, Truth, Vehicle
-from skysweep.vehicles.embedded.multirotor import Multirotor
+from skysweep.types import F64, Camera, Detector, Sensor, Truth, Vehicle
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
 from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.world import World, build_world
 
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend, Painter
 
-F64 = NDArray[np.float64]
-
 SENSORS = ("imaging", "statistical")
 DEFAULT_RIG = Rig()
 
 
 def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Mission:
-    """A mission ready to fly. Raises UserError on what the scenario or the rig asks for and is not there."""
+    """A mission ready to fly. Raises UserError if a part that scenario or rig ask for is missing."""
     if rig.sensor not in SENSORS:
         raise UserError(f"sensor: there is no sensor '{rig.sensor}'; write one of {', '.join(SENSORS)}")
     search = scenario.search
@@ -46,7 +43,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
     cover_altitude_agl_m = spec.cover_altitude_agl_m(search)
     plan, _ = plan_scenario(scenario, cover_altitude_agl_m)
     world = build_world(scenario, seed)
-    vehicle = rig.vehicle or _embedded(scenario, world, seed, rig.unit)
+    vehicle = rig.vehicle or embedded_vehicle(scenario, seed, rig.unit, world.terrain)
     obstacles = Obstacles(world.terrain, world.trees, world.buildings)
     truth = vehicle.truth
     witness = Witness(truth, obstacles) if truth is not None and obstacles.exist else None
@@ -102,15 +99,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
     )
 
 
-def _embedded(scenario: Scenario, world: World, seed: int, unit: int) -> Vehicle:
-    east_m, north_m = scenario.home.position_enu_m
-    ground_at_m = world.terrain.height_at_m
-    home = (east_m, north_m, ground_at_m(east_m, north_m))
-    return Multirotor(scenario.vehicle, scenario.wind, scenario.camera, home, ground_at_m, seed, unit=unit)
-
-
 class _Believed:
-    """What a vehicle believes, for the truth that nobody knows; its camera is held steady."""
+    """The estimates of a vehicle in place of its unknown truth; its camera is steady."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
@@ -128,7 +118,7 @@ class _Believed:
 
 
 def _camera(scenario: Scenario, world: World, eye: Truth, seed: int, rig: Rig) -> Camera:
-    """The rig's, or one that renders: that is imported here, so that missions without pictures stay small."""
+    """The rig's camera, or one that renders, imported here so that other missions stay small."""
     if rig.camera is not None:
         return rig.camera
     if rig.make_camera is not None:
@@ -141,7 +131,7 @@ def _camera(scenario: Scenario, world: World, eye: Truth, seed: int, rig: Rig) -
 
 
 def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | Painter:
-    """A simulator draws as often as the detector looks."""
+    """A simulator renders at the detector's rate."""
     looks_hz = min(scenario.detector.rate_hz, scenario.camera.rate_hz)
     if renderer == "gazebo":
         from skysweep.gazebo.lockstep import GazeboRenderer
@@ -155,28 +145,26 @@ def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | P
 
 
 def refuse_unseeable(scenario: Scenario, sensor_name: str) -> None:
-    """Raises UserError where the sensor's or the detector's file is missing or made for something else."""
+    """Raises UserError if the sensor's or the detector's file is missing or of another kind."""
     if sensor_name == "statistical":
         model_for(scenario)
         return
     model = scenario.detector.model
-    registered = {entry.name for entry in entry_points(group="skysweep.detectors")}
-    if model not in registered:
+    if model not in entry_points(group="skysweep.detectors").names:
         try_out(existing_model_file(model))
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:
-    """Ours, an ONNX file, or what a third party registered as ``skysweep.detectors`` under this name.
+    """The detector of a scenario: ours, an ONNX file, or the entry point ``skysweep.detectors`` of this name.
 
-    A registered detector is a callable that takes the scenario and returns a ``types.Detector``.
+    The entry point is a callable that takes the scenario and returns a ``types.Detector``.
     """
     from skysweep.detection.yolo import YoloDetector
 
     d = scenario.detector
-    for entry in entry_points(group="skysweep.detectors"):
-        if entry.name == d.model:
-            made: Detector = entry.load()(scenario)
-            return made
+    for entry in entry_points(group="skysweep.detectors", name=d.model):
+        made: Detector = entry.load()(scenario)
+        return made
     return YoloDetector(
         d.model,
         scenario.target_classes,

@@ -1,4 +1,4 @@
-"""One mission into one run folder."""
+"""Flies one mission into one run folder."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ if TYPE_CHECKING:
     from skysweep.flights.pictures import PictureBook
 
 SETUP = "setup"  # kind of a journal's first line
-GIVEN_DETECTOR = {"model": "of another process"}  # in that line: nothing here can go on with it
+GIVEN_DETECTOR = {"model": "of another process"}  # in that line: no resumed mission has it
 
 
 def fly_to_folder(scenario: Scenario, seed: int, out: Path, rig: Rig = DEFAULT_RIG) -> RunSummary:
     """Fly one mission, write its run folder and return its summary.
 
-    Raises UserError when ``out`` already holds a mission (nothing is ever overwritten), and when the disk
-    was full: then the vehicle has come home, and ``resume_folder`` goes on when there is room.
+    Raises UserError if ``out`` already holds a mission (nothing is ever overwritten), or the disk was full:
+    the vehicle has come home then, and ``resume_folder`` continues once there is room.
     """
     started = time.perf_counter()
     refuse_other_mission(out)
@@ -66,15 +66,15 @@ def fly_to_folder(scenario: Scenario, seed: int, out: Path, rig: Rig = DEFAULT_R
             begin(out, mission, journal, rig)
             asked = time.perf_counter()
             rig.prepare(mission)
-            started += time.perf_counter() - asked  # nobody flies while a person is waited for
+            started += time.perf_counter() - asked  # waiting for a person is not flying
             fly_in(out, mission, journal, rig)
             return finish(out, started)
 
 
 def begin(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
-    """Write down what a mission is flown with: its configuration, and the first line of its journal.
+    """Write the configuration of a mission and the first line of its journal.
 
-    Raises UserError where the disk does not take that.
+    Raises UserError if they cannot be written.
     """
     write_scenario(mission.scenario, folder / CONFIG_FILE)
     journal.write(0.0, SETUP, **_begun_with(mission, rig), **{CONFIG: digest_of_config(folder)})
@@ -104,7 +104,7 @@ def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical
 
 
 def fly_unwritten(scenario: Scenario, seed: int, rig: Rig, pictures: Path) -> Run:
-    """Fly one mission as ``fly_to_folder`` does, with its journal in memory; what can be told of it.
+    """Fly one mission as ``fly_to_folder`` does, but with its journal in memory; the run.
 
     ``pictures`` is a folder for the best picture of every candidate. Raises UserError as ``build_mission``.
     """
@@ -122,7 +122,7 @@ def fly_unwritten(scenario: Scenario, seed: int, rig: Rig, pictures: Path) -> Ru
 def _with_pictures(
     mission: Mission, notes: Journal, folder: Path, before: Sequence[Mapping[str, Any]] = ()
 ) -> tuple[Mission, Journal, PictureBook | None]:
-    """Mission and journal as they take down what a detector says, and keep pictures in ``folder``."""
+    """Mission and journal that record the detector's answers and keep pictures in ``folder``."""
     if mission.pictures is None:
         return mission, notes, None
     from skysweep.flights.pictures import PictureBook
@@ -139,11 +139,10 @@ def fly_in(
     before: Sequence[Mapping[str, Any]] = (),
     again: Sequence[Mapping[str, Any]] = (),
 ) -> None:
-    """Fly a mission whose run folder is made; ``before`` is as in ``Flight``.
+    """Fly a mission in its existing run folder; ``before`` is as in ``Flight``.
 
-    ``again`` are the lines that it writes first because it is flown again, and that the journal holds.
-
-    Raises UserError when the disk was full; the vehicle has come home then.
+    ``again`` are the lines of the journal that a mission flown again writes first. Raises UserError if the
+    disk was full; the vehicle has come home then.
     """
     notes: Journal = ReplayJournal(journal, again) if again else journal
     mission, notes, book = _with_pictures(mission, notes, folder / PICTURES, before)
@@ -154,12 +153,13 @@ def fly_in(
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  "
-            f"{resume_command(folder, mission.replays)}  goes on"
+            f"{resume_command(folder, mission.replays)}  continues"
         )
 
 
 def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
-    """With what a mission is flown, beside its scenario; a mission can go on with the same only."""
+    """The settings of a flight beside its scenario; a mission can only resume with the same ones."""
+    strategy = digest_of_source(mission.scenario.search.strategy)  # None: it has a version instead
     return {
         "version": __version__,
         "seed": mission.seed,
@@ -167,16 +167,17 @@ def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
         "renderer": mission.pictures.camera.renderer if mission.pictures is not None else None,
         "threads": threads,
         **digests_of_files(mission.scenario, mission.sensor_name),
-        **_digest_of_strategy(mission.scenario),
+        **({} if strategy is None else {"strategy": strategy}),
         "replays": mission.replays,
-    } | ({} if _is_simulated(mission) else {"truth": False})
+        **({} if _is_simulated(mission) else {"truth": False}),
+    }
 
 
 def digests_of_files(scenario: Scenario, sensor_name: str) -> dict[str, str | None]:
-    """What tells apart the files beside its configuration that decide how a mission ends.
+    """Digests of the files beside the configuration that influence a mission.
 
-    ``model``: of the detector, or the sensor's numbers; ``plan``: as ``digest_of_plan``. Raises UserError as
-    ``model_for``.
+    ``model``: of the detector, or of the sensor's numbers; ``plan``: as ``digest_of_plan``. Raises UserError
+    as ``model_for``.
     """
     if sensor_name == "imaging":
         model = fingerprint(scenario.detector.model)
@@ -185,14 +186,8 @@ def digests_of_files(scenario: Scenario, sensor_name: str) -> dict[str, str | No
     return {"model": model, PLAN: digest_of_plan(scenario)}
 
 
-def _digest_of_strategy(scenario: Scenario) -> dict[str, str]:
-    """What tells apart the code of a user's own strategy; nothing for those with a version."""
-    digest = digest_of_source(scenario.search.strategy)
-    return {} if digest is None else {"strategy": digest}
-
-
 def _is_simulated(mission: Mission) -> bool:
-    """Whether the sensor sees the scenario's world, which a camera from outside does not."""
+    """Whether the sensor sees the scenario's world, unlike an external camera."""
     pictures = mission.pictures
     return pictures is None or pictures.camera.renderer is not None or mission.vehicle.truth is not None
 
@@ -200,9 +195,8 @@ def _is_simulated(mission: Mission) -> bool:
 def finish(folder: Path, started: float | None) -> RunSummary:
     """Write the results of a flown mission; its summary.
 
-    ``started`` is when flying began by ``time.perf_counter``; None: nobody knows.
-
-    Raises UserError where they cannot be written.
+    ``started`` is the beginning of the flight by ``time.perf_counter``; None: unknown. Raises UserError if
+    they cannot be written.
     """
     from skysweep.results.writing import write_results
 
@@ -211,13 +205,13 @@ def finish(folder: Path, started: float | None) -> RunSummary:
         return write_results(load_flown(folder), folder, wall_time_s)
     except CannotWriteError as error:
         raise UserError(
-            f"{folder}: the results cannot be written ({error.strerror}), but the journal is whole; make "
-            f"room, then  {resume_command(folder)}  writes them"
+            f"{folder}: the results cannot be written ({error.strerror}), but the journal is complete; "
+            f"make room, then  {resume_command(folder)}  writes them"
         ) from None
 
 
 def refuse_other_mission(folder: Path) -> None:
-    """Raises UserError where a folder holds a mission, or links that lead elsewhere."""
+    """Raises UserError if a folder holds a mission, or links that lead elsewhere."""
     refuse_links(folder)
     if (folder / JOURNAL_FILE).exists():
         _refuse_flown(folder, read_journal(folder / JOURNAL_FILE))
@@ -226,6 +220,6 @@ def refuse_other_mission(folder: Path) -> None:
 def _refuse_flown(folder: Path, records: list[dict[str, Any]]) -> None:
     if records:
         raise UserError(
-            f"{folder}: holds a mission already; write another --out, or go on with it:  "
+            f"{folder}: already holds a mission; write another --out, or resume it with  "
             f"{resume_command(folder, records[0].get('replays', True))}"
         )

@@ -1,11 +1,12 @@
-"""A mission on a PX4, into a run folder."""
+"""Flies a mission on a PX4 into a run folder."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -38,10 +39,10 @@ if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend
 
 RENDERED = "rendered"
-TAKE_BACK = "take back"  # an operator's word, once somebody else is seen to fly the vehicle
+TAKE_BACK = "take back"  # the operator's command while somebody else flies the vehicle
 _MOTORS_STOP_S = 20.0  # on the wall, after landing
-_PARAMETERS_S = 30.0  # on the wall: what a slow radio does not bring in this time is left out
-_BESIDE_M = 10.0  # of the autopilot's own way home: what stands there is in its way
+_PARAMETERS_S = 30.0  # on the wall, for a slow radio
+_BESIDE_M = 10.0  # half the width of the autopilot's own way home
 _STEP_M = 5.0  # between samples of the terrain
 _LITTLE_BYTES, _FEW_BYTES = 50e6, 1e9
 
@@ -49,10 +50,10 @@ _LITTLE_BYTES, _FEW_BYTES = 50e6, 1e9
 class Px4Flight:
     """A scenario and the PX4 that will fly it. A context manager: its end hands the vehicle over to Hold.
 
-    With a ``signing_key`` (32 bytes) every frame is signed, and only those that the vehicle signs are heard.
+    With a ``signing_key`` (32 bytes) every sent frame is signed, and received frames must be.
 
-    Raises UserError, before anything is connected, where the scenario cannot be flown, and where no fitting
-    vehicle answers at ``url`` in ``timeout_s``.
+    Raises UserError before connecting if the scenario cannot be flown, and if no suitable vehicle answers at
+    ``url`` in ``timeout_s``.
     """
 
     def __init__(
@@ -65,34 +66,32 @@ class Px4Flight:
     ) -> None:
         self._checks: tuple[Check, ...] = ()
         self._parameters: dict[str, float] = {}
-        self._ros: Any = None  # the node that hears a camera's topic
+        self._ros: Any = None  # the node of a camera on a topic
         self._altitude_agl_m = strategy_spec(scenario.search.strategy).cover_altitude_agl_m(scenario.search)
         plan_scenario(scenario, self._altitude_agl_m)
         height_m = build_terrain(scenario).height_m
-        self._ending = ExitStack()
-        if signing_key is None:
-            self.vehicle = Px4Vehicle(url, scenario, height_m, timeout_s, system_id)
-        else:
-            link = self._ending.enter_context(closing(SignedLink(url, signing_key, timeout_s)))
+        with ExitStack() as ending:
+            link = None
+            if signing_key is not None:
+                link = ending.enter_context(closing(SignedLink(url, signing_key, timeout_s)))
             try:
-                self.vehicle = Px4Vehicle(link.url, scenario, height_m, timeout_s, system_id)
+                self.vehicle = Px4Vehicle(link.url if link else url, scenario, height_m, timeout_s, system_id)
             except UserError as error:
-                self._ending.close()
+                if link is None:
+                    raise
                 if link.refused == 0 or link.accepted > 0:
                     raise UserError(str(error).replace(link.url, url)) from None
                 raise UserError(
-                    f"--connection {url}: {link.refused} frames were heard, and not signed with this key; "
-                    "give the key that the vehicle signs with, set it up to sign, or set its clock and ours"
+                    f"--connection {url}: {link.refused} frames were received, none signed with this key; "
+                    "give the vehicle's key, set the vehicle up to sign, or set its clock and ours"
                 ) from None
-            except BaseException:
-                self._ending.close()
-                raise
+            self._ending = ending.pop_all()
         self.scenario = self.vehicle.scenario
 
     def preflight(self, upload: bool, folder: Path) -> tuple[Check, ...]:
-        """The list to read before arming; with ``upload`` the fence and the rally points are sent.
+        """The list to read before arming; with ``upload`` fence and rally points are sent.
 
-        ``folder`` is where the run will be written.
+        ``folder`` is the future run folder.
         """
         self._checks = (*preflight(self.vehicle, self._demands(), upload), _storage(folder))
         self._parameters = self.vehicle.link.parameters(_PARAMETERS_S)
@@ -118,7 +117,7 @@ class Px4Flight:
         )
 
     def rehearse(self, camera_source: str, renderer: Backend, threads: int) -> Check:
-        """How often camera and detector look on this computer; a line of the list."""
+        """The rate of camera and detector on this computer, as a line of the list."""
         try:
             camera = self.open_camera(camera_source)
             rig = Rig(renderer=renderer, threads=threads, vehicle=self.vehicle, camera=camera)
@@ -128,44 +127,33 @@ class Px4Flight:
         self._checks += (check,)
         return check
 
-    def fly(
-        self,
-        seed: int,
-        out: Path,
-        camera_source: str,
-        rig: Rig,
-    ) -> RunSummary:
+    def fly(self, seed: int, out: Path, camera_source: str, rig: Rig) -> RunSummary:
         """Arm, fly the mission with this vehicle and land; the summary of its run folder."""
         refuse_other_mission(out)
-        self._keep_record(out)
-        self.vehicle.advance(0.0)
-        summary = fly_to_folder(self.scenario, seed, out, self._rigged(rig, camera_source))
-        self.vehicle.wait_disarmed(_MOTORS_STOP_S)
-        return summary
+        with self._rigged(out, camera_source, rig) as rigged:
+            return fly_to_folder(self.scenario, seed, out, rigged)
 
     def resume(
-        self,
-        folder: Path,
-        camera_source: str,
-        rig: Rig,
-        from_sound_lines: bool = False,
+        self, folder: Path, camera_source: str, rig: Rig, from_sound_lines: bool = False
     ) -> RunSummary:
-        """Go on with a flight that was broken off, from where the vehicle is; the summary of its folder.
+        """Resume an interrupted flight from where the vehicle is; the summary of its folder.
 
         ``from_sound_lines`` is as in ``resume_folder``.
         """
+        with self._rigged(folder, camera_source, rig) as rigged:
+            return resume_folder(folder, rigged, from_sound_lines)
+
+    @contextmanager
+    def _rigged(self, folder: Path, camera_source: str, rig: Rig) -> Iterator[Rig]:
+        """Keeps the record, adds vehicle and camera to the rig, and after the flight waits for the motors."""
         self._keep_record(folder)
         self.vehicle.advance(0.0)
-        summary = resume_folder(folder, self._rigged(rig, camera_source), from_sound_lines)
-        self.vehicle.wait_disarmed(_MOTORS_STOP_S)
-        return summary
-
-    def _rigged(self, rig: Rig, camera_source: str) -> Rig:
         camera = self.open_camera(camera_source) if rig.sensor == "imaging" else None
-        return replace(rig, vehicle=self.vehicle, camera=camera, operator=self._heeding(rig.operator))
+        yield replace(rig, vehicle=self.vehicle, camera=camera, operator=self._heeding(rig.operator))
+        self.vehicle.wait_disarmed(_MOTORS_STOP_S)
 
     def _heeding(self, operator: Operator) -> Operator:
-        """Whose ``TAKE_BACK`` takes the vehicle back from whoever flies it."""
+        """An operator whose ``TAKE_BACK`` takes the vehicle back from anybody else."""
 
         def heed() -> str | None:
             word = operator()
@@ -177,7 +165,7 @@ class Px4Flight:
         return heed
 
     def _keep_record(self, folder: Path) -> None:
-        """The list, the autopilot's version and its parameters, in a file that nothing overwrites."""
+        """Writes the list, the autopilot's version and its parameters into a new file."""
         record = {
             "utc": datetime.now(timezone.utc).isoformat(timespec="seconds"),
             "autopilot": self.vehicle.link.newest("AUTOPILOT_VERSION"),
@@ -193,7 +181,7 @@ class Px4Flight:
             raise CannotWriteError(folder, error) from None
 
     def open_camera(self, source: str) -> Camera | None:
-        """The camera of that name, None for the rendered one. Raises UserError where it shows nothing."""
+        """The camera of a source; None for the rendered one. Raises UserError if it shows nothing."""
         lens = self.scenario.camera.lens
         if source == RENDERED:
             return None
@@ -218,14 +206,13 @@ class Px4Flight:
 
 
 def _along(places_xy_m: NDArray[np.float64], home_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 2) samples of the ways from each place to home."""
+    """(N, 2) samples of the straight ways from each place to home."""
     steps = max(2, int(np.linalg.norm(places_xy_m - home_xy_m, axis=1).max() / _STEP_M))
     shares = np.linspace(0.0, 1.0, steps)[:, None, None]
     return (home_xy_m + shares * (places_xy_m - home_xy_m)).reshape(-1, 2)
 
 
 def _storage(folder: Path) -> Check:
-    """Of this computer, where the run is written."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     free = shutil.disk_usage(there).free
     passed = False if free < _LITTLE_BYTES else None if free < _FEW_BYTES else True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 
 from skysweep.errors import UserError
 from skysweep.flights.fly import fly_to_folder
-from skysweep.flights.rig import Rig
+from skysweep.flights.rig import Rig, Say, nothing
 from skysweep.mission.mission import Mission, Watch
 from skysweep.results.run_folder import JOURNAL_FILE
 from skysweep.results.summary import RunSummary
@@ -27,7 +27,7 @@ Parts = tuple[Vehicle | None, Camera | None, Detector | None]
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is flown, and how. Each is a parameter of the node with the same name."""
+    """The settings of a flight. Each is a parameter of the node with the same name."""
 
     scenario: str = "clusters"
     seed: int = 0
@@ -44,14 +44,14 @@ def fly_on_ros(
     settings: Settings,
     changes: Mapping[str, Any] | None = None,
     arguments: tuple[str, ...] = (),
-    watch: Watch = lambda _state, _mode, _new: None,
-    say: Callable[[str], None] = lambda _words: None,
+    watch: Watch = nothing,
+    say: Say = nothing,
 ) -> RunSummary:
     """Fly one mission with everything on topics; write its run folder and return its summary.
 
-    ``changes`` are to the scenario's fields; ``arguments`` ROS arguments, whose parameters win over
-    ``settings``. ``say`` takes what a watcher waits for, as in ``fly_to_folder``. Raises UserError, before
-    take-off, on what is not there or not as it should be.
+    ``changes`` are to the scenario's fields. ``arguments`` are ROS arguments; their parameters override
+    ``settings``. ``watch`` and ``say`` are as in ``Rig``. Raises UserError, before take-off, if a part is
+    missing or a setting is wrong.
     """
     with closing(RosLink("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
@@ -59,12 +59,10 @@ def fly_on_ros(
             raise UserError("speed: must be above 0; 1 is real time")
         folder = Path(settings.out)
         if not settings.out or (folder / JOURNAL_FILE).exists():
-            raise UserError(f"out: '{settings.out}' holds a mission already or is empty; write a new folder")
+            raise UserError(f"out: '{settings.out}' already holds a mission or is empty; write a new folder")
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
         face = MissionFace(link, publish_looks=not settings.detector)
-        vehicle, camera, detector = _parts(
-            link, scenario, settings.seed, settings.sensor, settings.camera, settings.detector, settings.pose
-        )
+        vehicle, camera, detector = _parts(link, scenario, settings)
         pace = RealTime(settings.speed)
 
         def watch_all(state: VehicleState, mode: Mode, new: Detections | None) -> None:
@@ -98,28 +96,27 @@ def fly_on_ros(
 def parts_on_topics(
     scenario: Scenario, seed: int, sensor: str, camera: str = "", detector: str = "", pose: str = ""
 ) -> Iterator[Parts]:
-    """Vehicle, camera and detector of a mission from the topics named; None for each that is not.
+    """Vehicle, camera and detector of a mission from the named topics; None for each without a topic.
 
-    ROS is not touched when none is. Raises UserError.
+    Without any topic ROS is not used. Raises UserError as the parts do.
     """
     if not (camera or detector or pose):
         yield None, None, None
         return
     with closing(RosLink("mission")) as link:
-        yield _parts(link, scenario, seed, sensor, camera, detector, pose)
+        topics = Settings(seed=seed, sensor=sensor, camera=camera, detector=detector, pose=pose)
+        yield _parts(link, scenario, topics)
 
 
-def _parts(
-    link: RosLink, scenario: Scenario, seed: int, sensor: str, camera: str, detector: str, pose: str
-) -> Parts:
-    if sensor != "imaging" and (camera or detector):
+def _parts(link: RosLink, scenario: Scenario, of: Settings) -> Parts:
+    if of.sensor != "imaging" and (of.camera or of.detector):
         raise UserError("sensor: a camera or a detector on a topic needs the sensor 'imaging'")
-    eye = RosCamera(link, camera, scenario.camera.lens) if camera else None
-    finder = None
-    if detector:
-        finder = RosDetector(link, detector, scenario.target_classes, scenario.detector.confidence_min)
-    vehicle = RosPoseVehicle(embedded_vehicle(scenario, seed), link, pose) if pose else None
-    return vehicle, eye, finder
+    camera = RosCamera(link, of.camera, scenario.camera.lens) if of.camera else None
+    detector = None
+    if of.detector:
+        detector = RosDetector(link, of.detector, scenario.target_classes, scenario.detector.confidence_min)
+    vehicle = RosPoseVehicle(embedded_vehicle(scenario, of.seed), link, of.pose) if of.pose else None
+    return vehicle, camera, detector
 
 
 def _parameters(link: RosLink, settings: Settings) -> Settings:

@@ -1,4 +1,4 @@
-"""The best picture of every candidate, kept in flight as evidence."""
+"""Keeps the best picture of every candidate as evidence."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from skysweep.types import Detections, EventKind, Frame, PictureSensor
 
 Image = NDArray[np.uint8]
 
-_BETTER = 1.2  # times the score of the picture that is there: only then another one replaces it
-_LABEL_WIDTH_PX = 1280  # smaller pictures are enlarged to about this, so that labels can be read
+_BETTER = 1.2  # times the score of the kept picture, then another one replaces it
+_LABEL_WIDTH_PX = 1280  # smaller pictures are enlarged to about this, for readable labels
 _COLOURS = {"stop sign": (0, 140, 255), "person": (255, 200, 0), "boat": (255, 0, 200)}
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _GAP_PX = 6  # between a label and its box
-_EDGE_PX = 2.0  # a box that comes so near to the edge of the picture is cut off
-_CUT_OFF = 0.3  # what a picture that cuts its candidate off is worth
+_EDGE_PX = 2.0  # a box this near to the edge of the picture is cut off
+_CUT_OFF = 0.3  # factor on the score of a cut-off candidate
 
 
 class PictureBook:
-    """A journal that keeps the best picture of every candidate that it hears of in ``folder``.
+    """A journal that keeps the best picture of every candidate in ``folder``.
 
-    The surer the detector and the lower the camera, the better the picture; one that cuts the candidate off
-    is much worse. A candidate that was rejected without a detection from low is shown as it was seen then.
-    ``before`` is what an earlier part of the flight wrote. Implements ``mission.journal.Journal``.
+    Confidence and a low camera raise the score of a picture; cutting the candidate off lowers it. A candidate
+    rejected without a detection from low altitude is shown as seen at the rejection. ``before`` are the lines
+    of an earlier part of the flight. Implements ``mission.journal.Journal``.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class PictureBook:
     ) -> None:
         self._journal, self._folder, self._sensor, self._ground_at_m = journal, folder, sensor, ground_at_m
         self._best: dict[int, tuple[float, float]] = {}  # score, altitude above ground
-        self._confirmed: set[int] = set()  # whose picture stays: it was told of
+        self._confirmed: set[int] = set()  # announced, so their pictures stay
         for record in before:
             if record["kind"] == "sighting":
                 self._is_better(**record, whole=True)
@@ -56,11 +56,9 @@ class PictureBook:
 
     @property
     def failed(self) -> str | None:
-        """As of the journal."""
         return self._journal.failed
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
-        """Write the line, and keep the picture that it is about."""
         self._journal.write(time_s, kind, **fields)
         if kind == EventKind.CONFIRMED:
             self._confirmed.add(fields["candidate"])
@@ -80,7 +78,7 @@ class PictureBook:
                 self._save(candidate, frame, found, box)
 
     def picture_of(self, candidate: int) -> Path | None:
-        """The newest picture of a candidate, None where there is none."""
+        """The newest picture of a candidate; None if there is none."""
         paths = self._folder.glob(f"candidate-{candidate}-*.jpg")
         return max(paths, key=lambda path: path.stat().st_mtime, default=None)
 
@@ -98,7 +96,7 @@ class PictureBook:
         return float(z - self._ground_at_m(x, y))
 
     def _save(self, candidate: int, frame: Frame, found: Detections, box: int | None) -> None:
-        """A frame of a mission flown again is empty: its picture is there. A full disk costs the picture."""
+        """Frames of a mission flown again are empty: their pictures exist. A full disk costs the picture."""
         path = self._folder / picture_name(candidate, frame.time_s)
         with suppress(OSError):
             if frame.image.size:
@@ -113,17 +111,15 @@ class PictureBook:
 
 
 def _is_whole(box_xyxy_px: NDArray[np.float64], lens: Lens) -> bool:
-    """Whether a box ends inside the picture."""
     x0, y0, x1, y1 = box_xyxy_px.tolist()
     within_x = x0 > _EDGE_PX and x1 < lens.width_px - _EDGE_PX
     return bool(within_x and y0 > _EDGE_PX and y1 < lens.height_px - _EDGE_PX)
 
 
 def labelled(picture: Image, found: Detections, own: int | None, words: str) -> Image:
-    """The whole picture (H, W, 3) RGB with every detection, and ``words`` at its lower edge.
+    """The picture (H, W, 3) RGB with every detection, and ``words`` at its lower edge; enlarged if small.
 
-    It is enlarged where it is small. Detections have box, class and confidence; that with index ``own`` is
-    bold.
+    Detections have box, class and confidence; the one with index ``own`` is bold.
     """
     scale = max(1, round(_LABEL_WIDTH_PX / picture.shape[1]))
     image: Any = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
@@ -142,15 +138,12 @@ def labelled(picture: Image, found: Detections, own: int | None, words: str) -> 
 def label_place(
     box_xyxy_px: tuple[int, int, int, int], label_px: tuple[int, int], picture_px: tuple[int, int]
 ) -> tuple[int, int]:
-    """Left and upper pixel of a label (width, height): above its box, else below, always in the picture."""
+    """Left and upper pixel of a label (width, height): above its box or below, always in the picture."""
     x0, y0, _, y1 = box_xyxy_px
     (width, height), (picture_width, picture_height) = label_px, picture_px
     above, below = y0 - _GAP_PX - height, y1 + _GAP_PX
     top = above if above >= 0 else below
-    return (
-        max(0, min(x0, picture_width - width)),
-        max(0, min(top, picture_height - height)),
-    )
+    return max(0, min(x0, picture_width - width)), max(0, min(top, picture_height - height))
 
 
 def _write(image: Image, text: str, box: tuple[int, int, int, int]) -> None:

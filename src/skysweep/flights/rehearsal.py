@@ -1,4 +1,4 @@
-"""Whether pictures come and are looked at, and how often, before a flight depends on that."""
+"""Measures before a flight how often camera and detector look."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _ENOUGH = 0.8  # of the rate: the first and the last look may lie outside
 
 
 def rehearse(scenario: Scenario, rig: Rig) -> Check:
-    """Look for some seconds of the vehicle's time, as in flight; what came of it. Closes the camera.
+    """Look for some seconds of the vehicle's time, as in flight; the result. Closes the camera.
 
-    Without a camera what is rendered is the middle of the area, from the height of the scan.
+    A rendered camera shows the middle of the area from the height of the scan.
     """
     assert rig.vehicle is not None
     mission = build_mission(scenario, 0, replace(rig, vehicle=_Above(rig.vehicle, scenario)))
@@ -55,7 +55,7 @@ def rehearse(scenario: Scenario, rig: Rig) -> Check:
 
 
 def _answers(mission: Mission) -> list[Detections]:
-    """The first answer, which takes longer, and those of the ``_MEASURED_S`` after it."""
+    """The first answer, which takes longer, and those of the following ``_MEASURED_S``."""
     tick_s = 1.0 / mission.scenario.camera.rate_hz
 
     def answers(longest_s: float) -> Iterator[Detections]:
@@ -70,13 +70,12 @@ def _answers(mission: Mission) -> list[Detections]:
 
 
 def _sees(answers: Sequence[Detections]) -> str:
-    """Whether a target that is laid out is found."""
     names = sorted({name for found in answers for name in found.class_names})
     return f"it sees {', '.join(names)}" if names else "it sees nothing that is searched for"
 
 
 class _Above:
-    """A vehicle as if it hovered above the middle of the area, at the height of the scan."""
+    """Places a vehicle above the middle of the area, at the height of the scan."""
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario) -> None:
         self._vehicle = vehicle
@@ -89,7 +88,6 @@ class _Above:
         self._position_enu_m = np.array([middle.x, middle.y, height_m])
 
     def state(self) -> VehicleState:
-        """The vehicle's, but for the place."""
         state, place = self._vehicle.state(), self._position_enu_m
         camera = CameraPose(place, state.camera.R_camera_to_enu)
         return state._replace(position_enu_m=place, velocity_enu_mps=np.zeros(3), camera=camera)

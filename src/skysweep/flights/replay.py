@@ -1,17 +1,17 @@
-"""Going on with a mission that was broken off.
+"""The parts of a resumed mission.
 
-A simulated mission is flown again from the start, a thousand times faster than real time: it is deterministic
-but for what the detector said to the pictures, and that is in the journal. What it writes is compared with
-what is there, line for line; where the journal ends, the mission goes on.
+A simulated mission is flown again from the start, a thousand times faster than real time. It is deterministic
+except for the detector's answers, which are in the journal. Every line that it writes is compared with the
+recorded one; where the journal ends, the mission continues.
 
-What a real vehicle did cannot be done again. Its missions write a snapshot of strategy and tracker after
-every step that changed them, and go on from the last one, from where the vehicle is then.
+A real flight cannot be repeated. Its mission writes a snapshot of strategy and tracker after every step that
+changed them, and resumes from the last one and from where the vehicle is then.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,20 +20,19 @@ import numpy as np
 from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
+from skysweep.results.run_folder import Record
 from skysweep.types import Answer, Detections, Doubt, Mode, Sensor, Vehicle, VehicleState
-
-Record = Mapping[str, Any]
 
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
-_PASSING = {"setup", "start", "plan", "state", "safety", "resumed", LOOK, SNAPSHOT}  # of no step
-_UNSEEN_S = 1.0  # of a scan: may not have been looked at when the mission was broken off
+_PASSING = {"setup", "start", "plan", "state", "safety", "resumed", LOOK, SNAPSHOT}  # not part of a step
+_UNSEEN_S = 1.0  # of a scan before the interruption: perhaps not looked at
 
 
 class ReplayJournal:
-    """Takes down only what its file does not hold yet: not ``recorded``, which it ends with.
+    """Compares the first lines with ``recorded``, the end of its file, and appends those that follow.
 
-    Raises UserError in ``write`` when the mission does not do again what the file says that it did.
+    Raises UserError in ``write`` if the mission does not repeat what is recorded.
     """
 
     def __init__(self, journal: FileJournal, recorded: Sequence[Record]) -> None:
@@ -42,11 +41,9 @@ class ReplayJournal:
 
     @property
     def failed(self) -> str | None:
-        """As of the file."""
         return self._journal.failed
 
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
-        """Compare one line, or append it when all that were there have been compared."""
         if not self._expected:
             self._journal.write(time_s, kind, **fields)
             return
@@ -54,19 +51,19 @@ class ReplayJournal:
         if line_of(time_s, kind, fields) != recorded:
             raise UserError(
                 f"{self._journal.path}: flown again, the mission differs in line {number} "
-                f"('{recorded['kind']}' at {recorded['t']:.1f} s), so it cannot go on: it was flown by other "
-                "code or on another machine; fly it again into a new folder"
+                f"('{recorded['kind']}' at {recorded['t']:.1f} s), so it cannot be resumed: it was flown by "
+                "other code or on another machine; fly it again into a new folder"
             )
 
 
 class RecordedSensor:
-    """Takes down every answer of a sensor. Implements ``types.Sensor``."""
+    """Records every answer of a sensor. Implements ``types.Sensor``."""
 
     def __init__(self, sensor: Sensor, journal: Journal) -> None:
         self._sensor, self._journal = sensor, journal
+        self.close = sensor.close
 
     def sense(self, state: VehicleState) -> Detections | None:
-        """What the sensor answers, and raises."""
         try:
             found = self._sensor.sense(state)
         except DetectorError as error:
@@ -83,13 +80,9 @@ class RecordedSensor:
             )
         return found
 
-    def close(self) -> None:
-        """Close the sensor."""
-        self._sensor.close()
-
 
 def recorded_answers(records: Iterable[Record]) -> list[Answer]:
-    """What the detector said to the pictures of a flight, from its journal, oldest first."""
+    """The detector's answers in the journal of a flight, oldest first."""
     return [
         Answer(
             np.array(r.get("boxes_xyxy_px", []), dtype=float).reshape(-1, 4),
@@ -104,7 +97,7 @@ def recorded_answers(records: Iterable[Record]) -> list[Answer]:
 
 
 class LaterVehicle:
-    """A vehicle in a mission that has lasted ``earlier_s`` already: time stands still until it takes off."""
+    """A vehicle in a mission that has lasted ``earlier_s``; time stands still until it takes off."""
 
     def __init__(self, vehicle: Vehicle, earlier_s: float) -> None:
         self._vehicle, self._earlier_s, self._flies = vehicle, earlier_s, False
@@ -112,20 +105,18 @@ class LaterVehicle:
         self.land, self.truth = vehicle.land, vehicle.truth
 
     def takeoff(self, altitude_agl_m: float) -> None:
-        """The vehicle's own time begins with that."""
         self._vehicle.takeoff(altitude_agl_m)
         self._flies = True
 
     def state(self) -> VehicleState:
-        """The vehicle's, in the mission's time."""
         state = self._vehicle.state()
         return state._replace(time_s=self._earlier_s + (state.time_s if self._flies else 0.0))
 
 
 def restored(mission: Mission, journal: FileJournal) -> Mission:
-    """A mission just built, as it was when the journal's was broken off; what a broken step wrote is cut off.
+    """A newly built mission in the state of the interrupted one; an incomplete step is cut off the journal.
 
-    A SCAN goes on from where it was left.
+    A SCAN continues where it was left.
     """
     journal.cut(_n_whole(journal.records))
     records = journal.records
@@ -140,7 +131,7 @@ def restored(mission: Mission, journal: FileJournal) -> Mission:
             mission.tracker.restore(last["tracker"])
         except (LookupError, TypeError, ValueError, AttributeError):
             raise UserError(
-                f"{journal.path}: its snapshot at {last['t']:.0f} s is not of this strategy and tracker; "
+                f"{journal.path}: its snapshot at {last['t']:.0f} s is not from this strategy and tracker; "
                 "fly the mission into a new folder"
             ) from None
     earlier_s = max((r["t"] for r in records), default=0.0)
@@ -148,7 +139,7 @@ def restored(mission: Mission, journal: FileJournal) -> Mission:
 
 
 def _n_whole(records: Sequence[Record]) -> int:
-    """How many lines there are before a last step whose snapshot is missing."""
+    """The number of lines before a last step without its snapshot."""
     n = len(records)
     while n and records[n - 1]["kind"] not in _PASSING:
         n -= 1
@@ -156,7 +147,7 @@ def _n_whole(records: Sequence[Record]) -> int:
 
 
 def _left_at(records: Sequence[Record]) -> list[float] | None:
-    """Up to where a SCAN was surely looked at; None when the mission was in a CHECK, or had not begun."""
+    """The place up to which a SCAN was surely looked at; None in a CHECK or before the first SCAN."""
     states = [r for r in records if r["kind"] == "state" and r["mode"] in (Mode.SCAN, Mode.CHECK)]
     if not states or states[-1]["mode"] != Mode.SCAN:
         return None

@@ -1,4 +1,4 @@
-"""Going on with the mission of a run folder that was broken off."""
+"""Resumes the interrupted mission of a run folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skysweep.files.line_file import read_sound_lines
 from skysweep.flights.build import DEFAULT_RIG, build_mission
 from skysweep.flights.fly import SETUP, finish, fly_in, setup_of
 from skysweep.flights.replay import recorded_answers, restored
-from skysweep.flights.rig import Rig, Say
+from skysweep.flights.rig import Rig, Say, nothing
 from skysweep.mission.journal import FileJournal, journal_remedy
 from skysweep.mission.mission import Mission
 from skysweep.results.journal_lines import can_be_gone_on_with
@@ -40,28 +40,24 @@ from skysweep.types import EventKind
 _END = "end"  # kind of a whole journal's last line
 _OTHER_COMMAND = {
     False: (
-        "its vehicle, camera or detector was outside of skysweep and cannot be replayed; a flight of "
-        "'skysweep fly' goes on with  skysweep fly {}, any other is flown again into a new folder"
+        "its vehicle, camera or detector is not part of skysweep and cannot be replayed; resume a flight of "
+        "'skysweep fly' with  skysweep fly {}, fly any other again into a new folder"
     ),
-    True: "the mission was simulated; go on with  skysweep resume {}",
+    True: "the mission was simulated; resume it with  skysweep resume {}",
 }
 
 
-def resume_folder(
-    folder: Path,
-    rig: Rig = DEFAULT_RIG,
-    from_sound_lines: bool = False,
-) -> RunSummary:
-    """Go on with the mission of a run folder where it was broken off; its summary.
+def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool = False) -> RunSummary:
+    """Resume the interrupted mission of a run folder; its summary.
 
-    A simulated mission ends as if it had never been broken off, but for the wall time. One that a vehicle
-    from outside flew goes on with that of the ``rig``, from where it is now; sensor, renderer and threads are
-    those it was begun with. Only what is new is said. A complete mission is left alone. With
-    ``from_sound_lines`` a journal that is damaged is set aside, and the mission goes on from the lines before
-    the damage; of a real vehicle's, what was flown after them is flown again.
+    A simulated mission ends as if it had never been interrupted, except for the wall time. A mission of an
+    external vehicle continues with that of the ``rig``, from where it is now, and with the sensor, renderer
+    and threads it was begun with. Only new finds are announced. A complete mission is left alone. With
+    ``from_sound_lines`` a damaged journal is set aside, and the mission continues from the lines before the
+    damage; a real vehicle flies the rest again.
 
-    Raises UserError when there is no mission, it still flies, its folder is damaged, or what it was begun
-    with is not what there is now; nothing is changed then.
+    Raises UserError if there is no mission, it still flies, its folder is damaged, or its parts or settings
+    have changed; nothing is written then.
     """
     started = time.perf_counter()
     summary = summary_of_complete(folder, from_sound_lines)
@@ -86,15 +82,17 @@ def resume_folder(
         with closing(mission.sensor):
             _refuse_other_parts(folder, begun, setup_of(mission, begun["threads"]))
             rig.prepare(mission)
-            if rig.vehicle is None:
-                _fly_again(folder, mission, journal, rig)
-            else:
+            if rig.vehicle is not None:
                 _fly_on(folder, mission, journal, rig)
+            else:
+                if mission.pictures is not None:
+                    mission.pictures.recall(recorded_answers(journal.records))
+                fly_in(folder, mission, journal, rig, again=journal.records[1:])
         return finish(folder, started)
 
 
-def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = lambda _words: None) -> Scenario:
-    """The scenario of a flight that can go on; ``say`` hears what is left out of a damaged journal.
+def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = nothing) -> Scenario:
+    """The scenario of a flight that can be resumed; ``say`` gets what is left out of a damaged journal.
 
     Raises UserError as ``resume_folder`` does.
     """
@@ -110,8 +108,8 @@ def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = lamb
         _refuse_ended_flight(folder)
     if lines.damaged is not None:
         say(
-            f"{path}: line {lines.damaged} is damaged; it and all after it are left out, so that what was "
-            f"flown and found after {lines.records[-1]['t']:.0f} s is not known and is searched again"
+            f"{path}: line {lines.damaged} is damaged and left out with all lines after it; the flight after "
+            f"{lines.records[-1]['t']:.0f} s is unknown, and its area is searched again"
         )
     return scenario
 
@@ -125,7 +123,6 @@ def _begun_journal(folder: Path) -> Path:
 
 
 def _begun(folder: Path, records: Sequence[Record]) -> Record:
-    """With what the mission was begun."""
     if not records:
         raise UserError(f"{folder}: {_nothing_begun(folder)}")
     return records[0]
@@ -137,13 +134,13 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
         version = begun.get("version", "0.1.0")
         other = f"skysweep {version}" if version != __version__ else f"an older skysweep {version}"
         raise UserError(
-            f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to go "
-            "on, or fly it again into a new folder"
+            f"{folder}: the mission was begun by {other}, and this is {__version__}; install that one to "
+            "resume it, or fly it again into a new folder"
         )
     odd = next((k for k, record in enumerate(records, start=1) if not can_be_gone_on_with(record)), None)
     if odd is not None:
         raise UserError(
-            f"{folder / JOURNAL_FILE}: line {odd} is not what a mission writes; fly it into a new folder"
+            f"{folder / JOURNAL_FILE}: line {odd} was not written by a mission; fly it into a new folder"
         )
     scenario = flown_scenario(folder, records)
     if digest_of_plan(scenario) != begun.get(PLAN):
@@ -155,12 +152,12 @@ def _scenario_to_go_on_with(folder: Path, records: Sequence[Record]) -> Scenario
 
 
 def _refuse_ended_flight(folder: Path) -> None:
-    """Its end may be in the lines that are left out, and a vehicle would take off again."""
+    """The lines that are left out may contain its end, and the vehicle would take off again."""
     path = folder / SUMMARY_FILE
     if path.is_file() and read_summary(path)[0]["ended"]:
         raise UserError(
             f"{folder}: its flight had ended; 'skysweep report {shlex.quote(str(folder))} --from-sound-lines "
-            "--out NEW_FOLDER' tells what is sound of it"
+            "--out NEW_FOLDER' reports its undamaged part"
         )
 
 
@@ -171,12 +168,6 @@ def _refuse_other_parts(folder: Path, begun: Mapping[str, Any], setup: Mapping[s
                 f"{folder}: the mission was begun with {field} {begun.get(field)}, and now it is {now}; "
                 "put back what it was, or fly it again into a new folder"
             )
-
-
-def _fly_again(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
-    if mission.pictures is not None:
-        mission.pictures.recall(recorded_answers(journal.records))
-    fly_in(folder, mission, journal, rig, again=journal.records[1:])
 
 
 def _fly_on(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:

@@ -1,4 +1,4 @@
-"""With what a mission is flown."""
+"""The parts and the people of a flight."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from skysweep.mission.mission import Mission, Operator, Watch
 from skysweep.strategies import StrategySpec
-from skysweep.types import Camera, Detections, Detector, Mode, Truth, Vehicle, VehicleState
+from skysweep.types import Camera, Detector, Truth, Vehicle
 
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend
@@ -17,34 +17,18 @@ if TYPE_CHECKING:
 Say = Callable[[str], None]
 
 
-def _watch(_state: VehicleState, _mode: Mode, _new: Detections | None) -> None:
-    """Nobody watches."""
-
-
-def _operator() -> None:
-    """Nobody says a word."""
-
-
-def _say(_words: str) -> None:
-    """Nobody listens."""
-
-
-def _hear(_record: Mapping[str, Any]) -> None:
-    """Nobody listens."""
-
-
-def _prepare(_mission: Mission) -> None:
-    """Nothing is to be done."""
+def nothing(*_arguments: object) -> None:
+    """Does nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """With what a mission is flown beside its scenario: the parts, and the people.
+    """The parts of a flight beside its scenario, and the people who watch and operate it.
 
-    What is None is made as the scenario says: the embedded ``vehicle``, the ``camera`` that renders what it
-    would see, the ``detector``, the ``strategy``. A camera may also be made of the mission's world and of
-    where its vehicle really is, by ``make_camera``. ``vehicle_waits`` says that the time of the ``vehicle``
-    stands still while a detector thinks, which is so of a simulated one.
+    A part that is None is made from the scenario: the embedded ``vehicle``, a rendering ``camera``, the
+    ``detector``, the ``strategy``. ``make_camera`` makes a camera from the mission's world and its
+    vehicle's truth. ``vehicle_waits``: the time of the ``vehicle`` stops while a detector works, as in a
+    simulation.
     """
 
     sensor: str = "imaging"  # or statistical
@@ -56,9 +40,9 @@ class Rig:
     make_camera: Callable[[World, Truth], Camera] | None = None
     detector: Detector | None = None
     strategy: StrategySpec | None = None
-    unit: int = 0  # which of several in one world: errors and looks of each are its own
-    watch: Watch = _watch  # sees every tick
-    operator: Operator = _operator  # as in ``mission.loop.Flight``
-    say: Say = _say  # takes a sentence for each find and alarm as it is made
-    hear: Callable[[Mapping[str, Any]], None] = _hear  # takes every line of the journal
-    prepare: Callable[[Mission], None] = _prepare  # called once, right before take-off
+    unit: int = 0  # number of the vehicle in its world: each has its own errors and looks
+    watch: Watch = nothing  # gets every tick
+    operator: Operator = nothing  # as in ``mission.loop.Flight``
+    say: Say = nothing  # gets a sentence for each find and alarm
+    hear: Callable[[Mapping[str, Any]], None] = nothing  # gets every line of the journal
+    prepare: Callable[[Mission], None] = nothing  # called once, right before take-off

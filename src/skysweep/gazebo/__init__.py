@@ -1,4 +1,4 @@
-"""Gazebo: our worlds as SDF folders, and its cameras as a mission's camera.
+"""Gazebo: worlds as SDF folders, and Gazebo's cameras as a mission's camera.
 
-Stands on worlds, whose meshes and textures it uses; of the mission it knows nothing.
+Uses the meshes and textures of ``worlds`` and knows nothing of the mission.
 """

@@ -1,15 +1,13 @@
-"""A scenario's world as a self-contained folder for Gazebo: the same meshes, textures and light as ours."""
+"""A scenario's world as a self-contained folder for Gazebo, with our renderer's meshes and light."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -17,18 +15,18 @@ from skysweep.gazebo.look import TILE_M, WATER_TILE_M, GazeboLook, ground_tile, 
 from skysweep.gazebo.mesh_files import material, write_mesh, write_obj, write_picture
 from skysweep.gazebo.sdf import include, mesh, pose, static_model, tag, write_model, write_sdf
 from skysweep.scenarios.model import Home, Scenario, Wind
+from skysweep.types import F64
 from skysweep.worlds.meshes import Mesh, merge, yaw_rotation
 from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene, build_scene
 from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
 from skysweep.worlds.world import World, build_world
 
-F64 = NDArray[np.float64]
 Format = Literal["gazebo-classic", "gz"]
 
 FORMATS: tuple[Format, ...] = ("gazebo-classic", "gz")
 MODELS_FOLDER = "models"
-PLANT_TILE_M = 48.0  # plants of such a square are one mesh
-PLANT_FACES_MAX = 200_000  # of all plants; more makes them coarser
+PLANT_TILE_M = 48.0  # plants in a square of this side are one mesh
+PLANT_FACES_MAX = 200_000  # of all plants; above it they get coarser
 TREES_MAX = 5000
 STEP_S = 0.004
 GZ_SYSTEMS = (
@@ -43,19 +41,11 @@ GZ_SYSTEMS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """How Gazebo's time runs. ``rate_hz`` is of steps in real time; 0: as fast as it can."""
-
-    step_s: float = STEP_S
-    rate_hz: float = 1.0 / STEP_S
-
-
 def export_world(scenario: Scenario, seed: int, folder: Path, fmt: Format) -> Path:
     """Writes the world of ``scenario`` and ``seed`` into a new folder; returns the path of the world file.
 
-    The world's frame is ENU with the scenario's origin; Gazebo knows its latitude and longitude. Raises
-    UserError for a folder that is not empty, and for more trees than Gazebo takes.
+    The world's frame is ENU with the scenario's origin; Gazebo gets its latitude and longitude. Raises
+    UserError if the folder is not empty, or the world has more trees than Gazebo can load.
     """
     if fmt not in FORMATS:
         raise UserError(f"--format {fmt}: there is no such format; write one of {', '.join(FORMATS)}")
@@ -63,21 +53,24 @@ def export_world(scenario: Scenario, seed: int, folder: Path, fmt: Format) -> Pa
         raise UserError(f"{folder}: is not an empty folder; write another --out")
     world = build_world(scenario, seed)
     with whole_files(folder) as unfinished:
-        path = write_world(world, scenario.name, scenario.home, scenario.wind, unfinished, fmt, Clock())
+        path = write_world(world, scenario, unfinished, fmt)
     return folder / path.name
 
 
 def write_world(
     world: World,
-    name: str,
-    home: Home,
-    wind: Wind,
+    scenario: Scenario,
     folder: Path,
     fmt: Format,
-    clock: Clock,
     extras: Iterable[ET.Element] = (),
+    step_s: float = STEP_S,
+    in_real_time: bool = True,
 ) -> Path:
-    """Writes models and world file; ``extras`` (models, plugins) are put into the world as they are."""
+    """Writes models and world file; ``extras`` (models, plugins) are put into the world as they are.
+
+    Gazebo takes steps of ``step_s``, in real time or as fast as it can.
+    """
+    name = scenario.name
     if len(world.trees) > TREES_MAX:
         raise UserError(
             f"{name}: has {len(world.trees)} trees, and Gazebo takes at most {TREES_MAX}; "
@@ -94,9 +87,9 @@ def write_world(
         "world",
         None,
         *(_systems() if fmt == "gz" else ()),
-        _physics(clock),
-        _coordinates(home),
-        _wind(wind),
+        _physics(step_s, in_real_time),
+        _coordinates(scenario.home),
+        _wind(scenario.wind),
         _scene(look, fmt),
         _sun(scene, look, fmt),
         *includes,
@@ -109,7 +102,7 @@ def write_world(
 
 
 def _write_ground(folder: Path, scene: Scene, look: GazeboLook, fmt: Format) -> ET.Element:
-    """Classic blends the three scales of the ground; gz, and water, have one texture that holds them."""
+    """Classic blends the three scales of the ground; gz and water get one texture that holds all of them."""
     meshes, textures = folder / "meshes", folder / "materials" / "textures"
     meshes.mkdir(parents=True)
     script: list[ET.Element] = []
@@ -148,7 +141,7 @@ def _write_ground(folder: Path, scene: Scene, look: GazeboLook, fmt: Format) -> 
 
 
 def _ground_script(name: str) -> str:
-    """Detail in the units of the texture coordinates, the other two stretched; 0.5 is neutral in both."""
+    """Texture coordinates are in units of the detail; the other two scales are stretched, 0.5 is neutral."""
     wide = "".join(
         f"""
       texture_unit
@@ -183,7 +176,7 @@ def _ground_script(name: str) -> str:
 def _write_things(
     models: Path, name: str, world: World, scene: Scene, look: GazeboLook
 ) -> Iterator[ET.Element]:
-    """One model for each object and building, about its own origin."""
+    """One model per object and building, about its own origin."""
     counts: dict[str, int] = {}
     places = [(o.kind, o.position_enu_m) for o in world.objects]
     places += [("building", b.position_enu_m) for b in world.buildings]
@@ -200,7 +193,7 @@ def _write_things(
 
 
 def _write_plants(folder: Path, world: World, scene: Scene, look: GazeboLook) -> ET.Element:
-    """All plants as one model: a mesh for each square of ground, a cylinder to hit for each trunk."""
+    """All plants as one model: a mesh per square of ground, a collision cylinder per trunk."""
     detail = _affordable_detail(scene.plantings)
     tiles: dict[tuple[int, int], list[Mesh]] = {}
     for planting in scene.plantings:
@@ -224,7 +217,7 @@ def _write_plants(folder: Path, world: World, scene: Scene, look: GazeboLook) ->
 
 
 def _affordable_detail(plantings: tuple[Planting, ...]) -> int:
-    """The finest detail at which all plants together stay under PLANT_FACES_MAX, or the coarsest."""
+    """The finest detail with at most PLANT_FACES_MAX faces in all plants, or the coarsest."""
     finest = len(plantings[0].meshes) - 1
     for detail in range(finest, 0, -1):
         if sum(len(p.meshes[detail].faces) * len(p.places) for p in plantings) <= PLANT_FACES_MAX:
@@ -249,13 +242,13 @@ def _systems() -> Iterator[ET.Element]:
     yield tag("plugin", None, engine, filename="gz-sim-sensors-system", name="gz::sim::systems::Sensors")
 
 
-def _physics(clock: Clock) -> ET.Element:
+def _physics(step_s: float, in_real_time: bool) -> ET.Element:
     return tag(
         "physics",
         None,
-        tag("max_step_size", clock.step_s),
-        tag("real_time_factor", 1.0 if clock.rate_hz else 0.0),  # what gz goes by: 0 is as fast as it can
-        tag("real_time_update_rate", clock.rate_hz),
+        tag("max_step_size", step_s),
+        tag("real_time_factor", float(in_real_time)),  # for gz; 0 is as fast as it can
+        tag("real_time_update_rate", 1.0 / step_s if in_real_time else 0.0),
         name="physics",
         type="ode",
         default="true",

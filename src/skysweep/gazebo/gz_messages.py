@@ -1,6 +1,6 @@
-"""The messages of gz-sim's transport that we speak.
+"""The messages of gz-sim's transport that skysweep uses.
 
-Names, numbers and types are those of gz-msgs 10 and newer (``gz/msgs/*.proto``); only the fields that we use.
+Names, numbers and types are those of gz-msgs 10 and newer (``gz/msgs/*.proto``); unused fields are omitted.
 """
 
 from __future__ import annotations

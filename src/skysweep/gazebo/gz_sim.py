@@ -1,6 +1,6 @@
 """gz-sim (Harmonic and newer), through its own Python bindings.
 
-They come with Gazebo, not from PyPI: ``python3-gz-transport13`` for Harmonic.
+The bindings come with Gazebo, not from PyPI: ``python3-gz-transport13`` for Harmonic.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.gazebo import rig
-from skysweep.gazebo.export import MODELS_FOLDER, Clock, write_world
+from skysweep.gazebo.export import MODELS_FOLDER
 from skysweep.gazebo.gz_messages import Boolean, Image, Pose, WorldControl
-from skysweep.gazebo.restarting import SimulatorRenderer, quaternion_flu
+from skysweep.gazebo.messages import seconds
+from skysweep.gazebo.restarting import SimulatorRenderer, pose_fields, rgb_pixels
 from skysweep.gazebo.sdf import tag
 from skysweep.gazebo.transport import TransportError
 from skysweep.geometry.camera import CameraPose
@@ -34,13 +35,12 @@ VERSIONS = ("gz.transport", "gz.transport14", "gz.transport13")  # newest first:
 HOW_TO_GET = "install them with Gazebo: apt-get install python3-gz-transport13 (Harmonic)"
 IMAGE_TOPIC = "/skysweep/camera/image"
 _DIES_WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
-_RGB_INT8 = 3
-_KEPT = 4  # pictures that nobody took yet
+_KEPT = 4  # pictures not yet taken
 _REQUEST_MS = 1000
 
 
 def find_node() -> type[Any]:
-    """The class of nodes of the newest transport that is installed; raises UserError when there is none."""
+    """The node class of the newest transport that is installed. Raises UserError if there is none."""
     for transport in VERSIONS:
         try:
             node: type[Any] = importlib.import_module(transport).Node
@@ -51,10 +51,10 @@ def find_node() -> type[Any]:
 
 
 class GzLink:
-    """One node: newest pictures of a topic, poses of models, steps of a paused world, angles of a gimbal.
+    """One node: newest pictures of a topic, poses of models, steps of a paused world.
 
-    The bindings keep Python's lock while a request waits: a picture that comes in just then holds the answer
-    up until the request is given up.
+    The bindings hold Python's lock while a request waits: a picture that arrives meanwhile blocks the answer
+    until the request times out.
     """
 
     def __init__(self, world: str = "") -> None:
@@ -65,13 +65,12 @@ class GzLink:
         self._topics: list[str] = []
 
     def subscribe_images(self, topic: str) -> None:
-        """Pictures of this topic come out of ``image``. Raises TransportError when that is refused."""
+        """From now on ``image`` returns pictures of this topic. Raises TransportError if that is refused."""
         if not self._node.subscribe(Image, topic, self._on_image):
             raise TransportError(f"{topic} cannot be subscribed to")
         self._topics.append(topic)
 
     def close(self) -> None:
-        """No more pictures."""
         for topic in self._topics:
             self._node.unsubscribe(topic)
 
@@ -81,27 +80,21 @@ class GzLink:
             self._news.notify_all()
 
     def image(self, taken_after_s: float, timeout_s: float) -> Any | None:
-        """The first picture exposed after a time of the simulation's clock, or None when none came."""
+        """The first picture exposed after a time of the simulation's clock; None if none comes."""
         give_up = time.monotonic() + timeout_s
         with self._news:
             while self._news.wait_for(lambda: self._pictures, give_up - time.monotonic()):
                 message = self._pictures.popleft()
-                if exposure_s(message) > taken_after_s:
+                if seconds(message.header.stamp) > taken_after_s:
                     return message
         return None
 
     def set_pose(self, model: str, pose: CameraPose) -> bool:
-        """Put a model's origin where a camera is; False when Gazebo does not answer or refuses."""
-        w, x, y, z = quaternion_flu(pose)
-        request = Pose(name=model)
-        for axis, value in zip("xyz", pose.position_enu_m.tolist(), strict=True):
-            setattr(request.position, axis, value)
-        for axis, value in zip("wxyz", (w, x, y, z), strict=True):
-            setattr(request.orientation, axis, value)
-        return self._request("set_pose", request)
+        """Moves a model to a camera's pose; False if Gazebo refuses or does not answer."""
+        return self._request("set_pose", Pose(name=model, **pose_fields(pose)))
 
     def step(self, count: int) -> bool:
-        """Let the paused world take ``count`` steps; False when Gazebo does not answer or refuses."""
+        """Lets the paused world take ``count`` steps; False if Gazebo refuses or does not answer."""
         return self._request("control", WorldControl(pause=True, multi_step=count))
 
     def _request(self, service: str, message: Any) -> bool:
@@ -111,23 +104,13 @@ class GzLink:
         return bool(answered and reply.data)
 
 
-def exposure_s(image: Any) -> float:
-    """When a picture was taken, by the simulation's clock."""
-    return float(image.header.stamp.sec + 1e-9 * image.header.stamp.nsec)
-
-
 def image_of(image: Any, topic: str) -> NDArray[np.uint8]:
-    """The pixels (H, W, 3) of a gz.msgs.Image; raises UserError for another encoding than RGB."""
-    if image.pixel_format_type != _RGB_INT8 or len(image.data) != 3 * image.width * image.height:
-        raise UserError(
-            f"{topic}: carries pictures of pixel format {image.pixel_format_type} with {len(image.data)} "
-            "bytes; set the camera's image format to R8G8B8"
-        )
-    return np.frombuffer(image.data, np.uint8).reshape(image.height, image.width, 3)
+    """The pixels (H, W, 3) of a gz.msgs.Image. Raises UserError if its format is not RGB."""
+    return rgb_pixels(image, image.pixel_format_type, topic)
 
 
 class GzRenderer(SimulatorRenderer):
-    """A world in a ``gz sim`` of our own, paused but for the steps that we ask for."""
+    """A world in our own ``gz sim``, paused except for requested steps. Raises UserError without ``gz``."""
 
     backend: Backend = "gz"
 
@@ -135,29 +118,17 @@ class GzRenderer(SimulatorRenderer):
         find_node()
         if shutil.which("gz") is None:
             raise UserError("The gz camera needs the command gz: install Gazebo Harmonic or newer")
-        lens = scenario.camera.lens
-        super().__init__(lens, rate_hz)
-        os.environ["GZ_PARTITION"] = self._partition = f"skysweep-{uuid.uuid4().hex[:8]}"
-        self._world = scenario.name
-        sensor = rig.camera(lens, rate_hz)
+        sensor = rig.camera(scenario.camera.lens, rate_hz)
         sensor.append(tag("topic", IMAGE_TOPIC))
         link = tag("link", None, tag("gravity", False), sensor, name="head")
-        self.world_file = write_world(
-            world,
-            scenario.name,
-            scenario.home,
-            scenario.wind,
-            self.folder / "world",
-            "gz",
-            Clock(self.step_s, rate_hz=0.0),
-            (tag("model", None, link, name=rig.MODEL),),
-        )
+        super().__init__(world, scenario, rate_hz, "gz", tag("model", None, link, name=rig.MODEL))
+        os.environ["GZ_PARTITION"] = self._partition = f"skysweep-{uuid.uuid4().hex[:8]}"
+        self._world = scenario.name
         self._process: subprocess.Popen[bytes] | None = None
         self._link: GzLink | None = None
         self._stepped = 0
 
     def start(self, pose: CameraPose, patience_s: float) -> None:
-        """``gz sim``, answering, with its first picture taken and thrown away."""
         self._stepped = 0
         environment = os.environ | {
             "GZ_PARTITION": self._partition,
@@ -183,14 +154,12 @@ class GzRenderer(SimulatorRenderer):
         self.picture(pose, patience_s)
 
     def stop(self) -> None:
-        """End ``gz sim``."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
         self._process = self._link = None
 
     def picture(self, pose: CameraPose, patience_s: float) -> NDArray[np.uint8]:
-        """Step one period; the picture taken within it."""
         assert self._link is not None
         taken_after_s = (self._stepped + 0.5) * self.step_s
         self._stepped += self.steps
@@ -198,7 +167,7 @@ class GzRenderer(SimulatorRenderer):
         while not self._link.set_pose(rig.MODEL, pose):
             if time.monotonic() > give_up:
                 raise TransportError("gz sim does not answer")
-        self._link.step(self.steps)  # whether it was heard, the picture says
+        self._link.step(self.steps)  # the picture shows whether it was heard
         message = self._link.image(taken_after_s, patience_s)
         if message is None:
             raise TransportError(f"no picture for {patience_s:g} s")

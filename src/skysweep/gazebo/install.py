@@ -1,4 +1,4 @@
-"""Which Gazebo Classic 11 there is: this machine's own, or the folder that ``tools/gazebo-root`` makes."""
+"""Finds Gazebo Classic 11: this machine's own, or the folder that ``tools/gazebo-root`` makes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _BUILD = Path(__file__).parent / "plugin" / "build.sh"
 
 @dataclass(frozen=True, slots=True)
 class Install:
-    """A Gazebo Classic 11 to run: ``root`` is a folder with a whole system in it, or ``/``."""
+    """An installed Gazebo Classic 11: ``root`` is a folder with a complete system, or ``/``."""
 
     root: Path
     plugin: Path  # our world plugin, as seen from inside ``root``
@@ -37,8 +37,8 @@ class Install:
 def find_install() -> Install:
     """The folder named by SKYSWEEP_GAZEBO_ROOT, else this machine's gzserver, else the default folder.
 
-    Builds our plugin for this machine's gzserver at first use. Raises UserError when there is none, when it
-    is of another version, or when it cannot run here.
+    Builds the world plugin for this machine's gzserver at first use. Raises UserError if there is none, or if
+    it has another version or cannot run here.
     """
     for tool in ("unshare", "setpriv"):
         if shutil.which(tool) is None:
@@ -58,7 +58,7 @@ def _in_root(root: Path) -> Install:
     root = root.expanduser().resolve()
     plugins = sorted((root / _PLUGIN_IN_ROOT).glob("*.so"), key=lambda p: p.stat().st_mtime)
     if not (root / _READY).exists() or not plugins:
-        raise UserError(f"{root}: holds no finished Gazebo; run  sudo tools/gazebo-root {root}")
+        raise UserError(f"{root}: holds no complete Gazebo; run  sudo tools/gazebo-root {root}")
     if os.geteuid() != 0:
         raise UserError(f"{root}: only root can run the Gazebo in there; use sudo, or {HOW_TO_GET}")
     return Install(root, Path("/") / plugins[-1].relative_to(root))

@@ -1,8 +1,8 @@
-"""How our light looks in Gazebo, whose shading is linear and has no film.
+"""Converts our light to Gazebo, whose shading is linear and has no film response.
 
 Our renderer shows albedo ``a`` in light ``L`` as ``film(a^2 L)``. Gazebo shows ``texture * tint * (ambient +
-diffuse * cos)``. Textures and tints are therefore exported as they look on level ground in the sun, where
-Gazebo's light is made 1, and the ambient light is what level ground in the shade keeps of that.
+diffuse * cos)``. So textures and tints are exported as they look on level ground in the sun, where Gazebo's
+light is set to 1; the ambient light is the share that level ground in the shade keeps.
 """
 
 from __future__ import annotations
@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.types import F64, U8
 from skysweep.worlds.rendering.gl import film
 from skysweep.worlds.scene import Sun
 from skysweep.worlds.textures import DETAIL_M, GroundTextures
-
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 TILE_M = 20.0  # of a ground texture that holds every scale
 TILE_PX = 2048
@@ -27,7 +25,7 @@ WATER_TILE_M = 47.0  # the longest of the waves that the water is made of
 
 @dataclass(frozen=True, slots=True)
 class GazeboLook:
-    """Gazebo's light, and the film that goes into its textures."""
+    """Gazebo's light, and the film response that goes into its textures."""
 
     level_rgb: F64  # (3,) our light on level ground in the sun
     ambient_rgb: F64  # (3,) Gazebo's
@@ -36,7 +34,6 @@ class GazeboLook:
 
     @classmethod
     def of(cls, sun: Sun) -> GazeboLook:
-        """The look of a scene's light."""
         level = sun.sky_rgb + sun.sun_rgb * sun.direction_enu[2]
         ambient = np.sqrt(sun.sky_rgb / level)
         return cls(level, ambient, (1.0 - ambient) / sun.direction_enu[2], film(sun.haze_rgb))
@@ -47,11 +44,11 @@ class GazeboLook:
         return np.minimum(film(a * a * self.level_rgb), 1.0)
 
     def texture(self, image: U8) -> U8:
-        """A texture (H, W, 3) as it looks."""
+        """A texture (H, W, 3) as it looks on level ground in the sun."""
         return _bytes(self.shown(image / 255.0))
 
     def tint(self, colour: ArrayLike, image: U8) -> F64:
-        """The colour (..., 3) to multiply ``texture(image)`` with; right where that has its mean tone."""
+        """The colour (..., 3) to multiply ``texture(image)`` with; exact for its mean tone."""
         mean = np.maximum(image.reshape(-1, 3).mean(axis=0) / 255.0, 1e-3)
         return np.clip(self.shown(np.asarray(colour) * mean) / self.shown(mean), 0.0, 1.0)
 

@@ -1,7 +1,7 @@
-"""Meshes as Wavefront OBJ with one material for each texture and colour.
+"""Meshes as Wavefront OBJ with one material for each texture and colour; z is up, metres.
 
-Gazebo knows no vertex colours: a face gets the mean colour of its corners, rounded, so that a thing has a
-few materials. Vertices are written once a corner of a face uses them; z is up, metres.
+Gazebo has no vertex colours. A face gets the mean colour of its corners, rounded to keep the number of
+materials small.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.gazebo.look import GazeboLook
+from skysweep.types import U8
 from skysweep.worlds.meshes import Mesh
-
-U8 = NDArray[np.uint8]
 
 COLOUR_STEPS = 13  # levels of each colour channel
 
@@ -57,13 +56,13 @@ def write_obj(path: Path, mesh: Mesh, uv: NDArray[np.floating], kind_of: NDArray
 
 
 def material(name: str, colour: NDArray[np.float64], picture: str | None) -> str:
-    """A dull material in MTL's words."""
+    """A matt material in MTL syntax."""
     rgb = " ".join(f"{c:.4f}" for c in colour)
     texture = f"map_Kd {picture}\n" if picture else ""
     return f"newmtl {name}\nKa {rgb}\nKd {rgb}\nKs 0 0 0\nNs 0\nd 1\nillum 1\n{texture}"
 
 
 def write_picture(path: Path, image: U8) -> None:
-    """Writes an RGB picture (H, W, 3) as PNG. Raises OSError, which OpenCV does not."""
+    """Writes an RGB picture (H, W, 3) as PNG. Unlike OpenCV's own writer it raises OSError."""
     _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     path.write_bytes(png.tobytes())

@@ -1,6 +1,6 @@
-"""The messages of Gazebo Classic's transport that we speak.
+"""The messages of Gazebo Classic's transport that skysweep uses.
 
-Names, numbers and types are Gazebo 11's (``gazebo/msgs/*.proto``); only the fields that we use.
+Names, numbers and types are those of Gazebo 11 (``gazebo/msgs/*.proto``); unused fields are omitted.
 """
 
 from __future__ import annotations
@@ -39,5 +39,5 @@ def type_name(message_class: Any) -> str:
 
 
 def seconds(time: Any) -> float:
-    """A ``Time`` in seconds."""
+    """Seconds of a ``Time``, of either Gazebo."""
     return float(time.sec + 1e-9 * time.nsec)

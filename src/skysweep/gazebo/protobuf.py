@@ -1,6 +1,6 @@
 """Protobuf message classes made at run time from lines of text.
 
-Generated classes demand a protobuf library of their own age; these go with any.
+Generated classes need a protobuf library of the same age; these work with any.
 """
 
 from __future__ import annotations
@@ -10,20 +10,6 @@ from typing import Any, Literal
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 _Field = descriptor_pb2.FieldDescriptorProto
-_SCALARS = {
-    "bytes": _Field.TYPE_BYTES,
-    "bool": _Field.TYPE_BOOL,
-    "double": _Field.TYPE_DOUBLE,
-    "int32": _Field.TYPE_INT32,
-    "int64": _Field.TYPE_INT64,
-    "string": _Field.TYPE_STRING,
-    "uint32": _Field.TYPE_UINT32,
-}
-_LABELS = {
-    "required": _Field.LABEL_REQUIRED,
-    "optional": _Field.LABEL_OPTIONAL,
-    "repeated": _Field.LABEL_REPEATED,
-}
 
 
 def message_classes(
@@ -31,8 +17,8 @@ def message_classes(
 ) -> dict[str, type[Any]]:
     """The classes of a package by name.
 
-    A line defines a message: ``Name: label type field = number, ...`` with a scalar type or a message of the
-    same package. Only the fields that are used need be there: protobuf skips the others.
+    Each line defines a message: ``Name: label type field = number, ...`` with a scalar type or a message of
+    the same package. Unused fields may be omitted: protobuf skips them.
     """
     file = descriptor_pb2.FileDescriptorProto(name=f"{package}.proto", package=package, syntax=syntax)
     names = []
@@ -42,11 +28,11 @@ def message_classes(
         message = file.message_type.add(name=name)
         for text in fields.split(", "):
             label, kind, field_name, _, number = text.split()
-            field = message.field.add(name=field_name, number=int(number), label=_LABELS[label])
-            if kind in _SCALARS:
-                field.type = _SCALARS[kind]
-            else:
-                field.type, field.type_name = _Field.TYPE_MESSAGE, f".{package}.{kind}"
+            field = message.field.add(name=field_name, number=int(number))
+            field.label = _Field.Label.Value(f"LABEL_{label.upper()}")
+            field.type = getattr(_Field, f"TYPE_{kind.upper()}", _Field.TYPE_MESSAGE)
+            if field.type == _Field.TYPE_MESSAGE:
+                field.type_name = f".{package}.{kind}"
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
     return {n: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{package}.{n}")) for n in names}

@@ -1,4 +1,4 @@
-"""SDF as element trees: small words for what our worlds are made of. SDF 1.6, which both Gazebos read."""
+"""SDF 1.6, which both Gazebos read, as element trees."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VERSION = "1.6"
 
 
 def tag(name: str, content: object = None, /, *children: ET.Element, **attributes: str) -> ET.Element:
-    """An element whose text is ``content``: a word, a number, a flag or a row of numbers."""
+    """An element; ``content`` is its text: a string, a number, a flag or a row of numbers."""
     element = ET.Element(name, attributes)
     if content is not None:
         element.text = _text(content)
@@ -22,22 +22,22 @@ def tag(name: str, content: object = None, /, *children: ET.Element, **attribute
 
 
 def pose(position_m: ArrayLike = (0, 0, 0), roll_pitch_yaw_rad: ArrayLike = (0, 0, 0)) -> ET.Element:
-    """Where something is in its parent."""
+    """A pose in the parent's frame."""
     return tag("pose", [*np.asarray(position_m, dtype=float), *np.asarray(roll_pitch_yaw_rad, dtype=float)])
 
 
 def mesh(uri: str) -> ET.Element:
-    """A geometry from a file."""
+    """A geometry from a mesh file."""
     return tag("geometry", None, tag("mesh", None, tag("uri", uri)))
 
 
 def static_model(name: str, parts: Iterable[ET.Element]) -> ET.Element:
-    """A model that never moves, of visuals and collisions."""
+    """A model that never moves, made of visuals and collisions."""
     return tag("model", None, tag("static", True), tag("link", None, *parts, name="link"), name=name)
 
 
 def include(model: str, position_m: ArrayLike = (0, 0, 0)) -> ET.Element:
-    """A model of the folder ``models``, placed in the world under its own name."""
+    """Places a model of the folder ``models`` in the world, under its own name."""
     return tag("include", None, tag("uri", f"model://{model}"), tag("name", model), pose(position_m))
 
 
@@ -47,7 +47,7 @@ def write_sdf(path: Path, content: ET.Element) -> None:
 
 
 def write_model(folder: Path, model: ET.Element, description: str) -> None:
-    """Writes ``model.sdf`` and ``model.config``; the folder bears the model's name."""
+    """Writes ``model.sdf`` and ``model.config``; the folder's name is the model's."""
     write_sdf(folder / "model.sdf", model)
     config = tag(
         "model",

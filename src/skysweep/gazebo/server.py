@@ -1,4 +1,4 @@
-"""One gzserver process: started on one world, and gone when we are, however we end."""
+"""One gzserver process for one world, which never outlives this program."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from skysweep.errors import UserError
@@ -21,15 +22,16 @@ _SOUND = re.compile(r"ALSA|OpenAL|AL lib")
 
 
 class GazeboServer:
-    """gzserver with a screen of its own, in its own process namespace.
+    """gzserver with its own screen and process namespace.
 
-    The kernel ends that whole namespace when this object is closed or when our process dies, a kill -9
-    included. The log is beside the world file.
+    The kernel ends the whole namespace when this object is closed or this process dies, even by kill -9. The
+    log is beside the world file.
     """
 
     def __init__(self, install: Install, world_file: Path) -> None:
         self.port = _free_port()
         self._folder = world_file.parent.resolve()
+        self.log = self._folder / LOG_FILE
         as_root = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
         command = ["setpriv", "--pdeathsig", "KILL", "--", "unshare", *as_root, "--mount", "--pid", "--ipc"]
         command += ["--fork", "--kill-child=KILL", "--propagation", "private", "--", "bash", str(_SERVE)]
@@ -41,21 +43,11 @@ class GazeboServer:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C is ours to handle
+                start_new_session=True,  # Ctrl-C reaches this program only
             )
-
-    @property
-    def log(self) -> Path:
-        """What gzserver said."""
-        return self._folder / LOG_FILE
-
-    @property
-    def pid(self) -> int:
-        """Of the process whose end ends everything."""
-        return self._process.pid
+        self.pid = self._process.pid  # its end ends the namespace
 
     def is_running(self) -> bool:
-        """Whether it has not ended by itself."""
         return self._process.poll() is None
 
     def complaint(self) -> str | None:
@@ -67,28 +59,26 @@ class GazeboServer:
         return errors[0][:300] if errors else None
 
     def close(self) -> None:
-        """End it and all that it started. Returns when it is gone."""
-        if self._process.poll() is None:
+        """Ends gzserver and all its processes; returns when they are gone."""
+        if self.is_running():
             os.kill(self._first_of_namespace() or self.pid, signal.SIGKILL)
         self._process.wait()
 
     def _first_of_namespace(self) -> int | None:
-        """The process whose end the kernel answers by ending the namespace; our child waits for that."""
+        """The first process of the namespace: the kernel ends the namespace with it, then our child ends."""
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         return int(children[0]) if children else None
 
 
 def wait_for_port(server: GazeboServer, timeout_s: float) -> bool:
-    """Whether the master listens before ``timeout_s`` is over; raises UserError when gzserver ended."""
+    """Whether the master listens within ``timeout_s``. Raises UserError if gzserver ends before."""
     give_up = time.monotonic() + timeout_s
     while time.monotonic() < give_up:
         if not server.is_running():
             why = server.complaint() or "it said nothing"
             raise UserError(f"gzserver ended at once ({why}); the whole log: {server.log}")
-        with socket.socket() as probe:
-            probe.settimeout(0.2)
-            if probe.connect_ex(("127.0.0.1", server.port)) == 0:
-                return True
+        with suppress(OSError), socket.create_connection(("127.0.0.1", server.port), 0.2):
+            return True
         time.sleep(0.05)
     return False
 

@@ -1,8 +1,8 @@
 """A client of Gazebo Classic's transport: TCP and protobuf, one thread, no Gazebo libraries.
 
-A frame is the length of its payload in 8 hexadecimal digits, then the payload. The *master* is told what we
-publish and subscribe to, in ``Packet`` messages, and tells who publishes what. A subscriber connects to the
-publisher, says ``sub`` in a Packet, and from then on gets bare messages. Source: Gazebo 11, gazebo/transport.
+A frame is the length of its payload in 8 hexadecimal digits, then the payload. Clients announce their topics
+to the *master* in ``Packet`` messages, and it tells who publishes what. A subscriber connects to the
+publisher, sends ``sub`` in a Packet, and then receives bare messages. Source: Gazebo 11, gazebo/transport.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from typing import Any
 from skysweep.gazebo.messages import Packet, Publish, Publishers, Subscribe, Time, type_name
 
 HOST = "127.0.0.1"
-ADVERTISE_AGAIN_S = 1.0  # an announcement made while a world loads may get lost
+ADVERTISE_AGAIN_S = 1.0  # an announcement may get lost while a world loads
 _HEADER = 8
 _CHUNK = 1 << 20
 
 
 class TransportError(Exception):
-    """The other side is gone, or speaks another language."""
+    """The other side is gone or does not speak Gazebo's protocol."""
 
 
 class _Connection:
-    """A socket that is cut into frames."""
+    """Frames over a socket. Its methods raise TransportError when the connection ends."""
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -42,7 +42,7 @@ class _Connection:
             raise TransportError(f"the connection broke ({error})") from error
 
     def receive(self) -> Iterator[bytes]:
-        """The frames that are complete after reading once; raises TransportError at the end of the stream."""
+        """The frames that are complete after one read."""
         try:
             count = self.sock.recv_into(self._chunk)
         except OSError as error:
@@ -54,7 +54,7 @@ class _Connection:
             try:
                 length = int(self._buffer[:_HEADER], 16)
             except ValueError:
-                raise TransportError(f"no Gazebo speaks like this: {bytes(self._buffer[:16])!r}") from None
+                raise TransportError(f"this is not Gazebo's protocol: {bytes(self._buffer[:16])!r}") from None
             if len(self._buffer) < _HEADER + length:
                 return
             frame = bytes(self._buffer[_HEADER : _HEADER + length])
@@ -63,14 +63,13 @@ class _Connection:
 
 
 class Transport:
-    """Publishes to and subscribes from one gzserver.
+    """Publishes to and subscribes from one gzserver, whose master is at ``host``:``port``.
 
-    Nothing happens but inside calls; ``receive`` must be called for anything to come. Raises TransportError
-    when the master, or a publisher that was subscribed to, goes away.
+    Messages arrive only inside ``receive``. Raises TransportError if nothing answers in ``timeout_s``, and
+    later when the master or a subscribed publisher goes away.
     """
 
     def __init__(self, port: int, timeout_s: float, host: str = HOST) -> None:
-        """Connect to the master at ``host``:``port``; raises TransportError after ``timeout_s``."""
         self._selector = selectors.DefaultSelector()
         self._master = _Connection(_connect(host, port, timeout_s))
         self._listener = socket.create_server((HOST, 0))
@@ -85,25 +84,24 @@ class Transport:
         self._received: deque[tuple[str, Any]] = deque()
 
     def close(self) -> None:
-        """Close every connection."""
         for connection in self._connections:
             connection.sock.close()
         self._listener.close()
         self._selector.close()
 
     def topics(self) -> dict[str, str]:
-        """What is published now, as far as the master told: topic to message type."""
+        """The message type of every topic that the master reported as published."""
         return {topic: kind for (topic, _, _), kind in self._publishers.items()}
 
     def subscribe(self, topic: str, message_class: Any) -> None:
-        """Messages of this topic come out of ``receive`` from now on, whoever publishes it and when."""
+        """From now on ``receive`` returns messages of this topic, from any publisher."""
         self._subscribed[topic] = message_class
         self._master.send(_packet("subscribe", self._subscription(topic)))
         for publisher in list(self._publishers):
             self._pull(publisher)
 
     def advertise(self, topic: str, message_class: Any, timeout_s: float) -> None:
-        """Announce a topic and wait until somebody listens; raises TransportError after ``timeout_s``."""
+        """Announces a topic and waits for a subscriber. Raises TransportError after ``timeout_s``."""
         self._subscribers[topic] = None
         give_up = time.monotonic() + timeout_s
         announcement = Publish(topic=topic, msg_type=type_name(message_class), host=HOST, port=self._port)
@@ -116,13 +114,12 @@ class Transport:
                 self._wait(again - time.monotonic())
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send to whoever listens to an advertised topic."""
         connection = self._subscribers[topic]
         if connection is not None:
             connection.send(message.SerializeToString())
 
     def receive(self, timeout_s: float) -> tuple[str, Any] | None:
-        """The next (topic, message), or None when none came within ``timeout_s``."""
+        """The next (topic, message); None if none comes within ``timeout_s``."""
         give_up = time.monotonic() + timeout_s
         while not self._received:
             left = give_up - time.monotonic()
@@ -153,7 +150,6 @@ class Transport:
                 self._pull((p.topic, p.host, p.port))
 
     def _pull(self, publisher: tuple[str, str, int]) -> None:
-        """Connect to somebody who publishes what we subscribed to."""
         topic, host, port = publisher
         if topic not in self._subscribed or publisher in self._pulled or port == self._port:
             return
@@ -172,7 +168,6 @@ class Transport:
         self._selector.register(connection.sock, selectors.EVENT_READ, on_messages)
 
     def _on_listener(self) -> None:
-        """A subscriber of ours connects."""
         connection = self._adopt(self._listener.accept()[0])
 
         def on_subscriber() -> None:
@@ -182,7 +177,7 @@ class Transport:
                     if packet.type == "sub":
                         topic = Subscribe.FromString(packet.serialized_data).topic
                         if topic in self._subscribers:
-                            self._subscribers[topic] = connection  # the newest alone: no message comes twice
+                            self._subscribers[topic] = connection  # only the newest: no message twice
             except TransportError:
                 self._drop(connection)
 
@@ -209,10 +204,8 @@ class Transport:
 def _packet(kind: str, message: Any) -> bytes:
     now = time.time_ns()
     stamp = Time(sec=now // 10**9, nsec=now % 10**9)
-    data: bytes = Packet(
-        stamp=stamp, type=kind, serialized_data=message.SerializeToString()
-    ).SerializeToString()
-    return data
+    packet = Packet(stamp=stamp, type=kind, serialized_data=message.SerializeToString())
+    return bytes(packet.SerializeToString())
 
 
 def _connect(host: str, port: int, timeout_s: float) -> socket.socket:

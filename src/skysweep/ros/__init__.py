@@ -1,5 +1,5 @@
-"""ROS 2: a mission on topics, and other people's nodes as parts of a mission.
+"""ROS 2: a mission on topics, and other nodes as parts of a mission.
 
-``interfaces``, ``messages``, ``topics`` and ``targets`` need no ROS; the rest needs rclpy, of a ROS 2
-installation or of the extra ``ros``.
+``interfaces``, ``messages``, ``topics`` and ``targets`` need no ROS; the rest needs rclpy, from a ROS 2
+installation or from the extra ``ros``.
 """

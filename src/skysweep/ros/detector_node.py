@@ -1,4 +1,4 @@
-"""A detector as a node: pictures in, detections out. For another process, computer or model."""
+"""A detector as a node: pictures in, detections out."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def serve_detector(
     patience_s: float,
     on_answer: Callable[[int, int], None] = lambda _pictures, _boxes: None,
 ) -> None:
-    """Answer every newest picture, on ``detections`` and ``detections_standard``, until interrupted.
+    """Answer the newest picture, on ``detections`` and ``detections_standard``, until interrupted.
 
-    Pictures that come faster than the detector works are left out. ``on_answer`` hears how many pictures were
-    answered and how many boxes found so far. Raises UserError when nobody publishes pictures within
-    ``patience_s``, or one cannot be read.
+    Pictures that arrive while the detector works are skipped. ``on_answer`` gets the number of pictures
+    answered and of boxes found so far. Raises UserError if nobody publishes pictures within ``patience_s`` or
+    one cannot be read.
     """
     link.advertise(topics.DETECTIONS, topics.STANDARD_DETECTIONS)
     pictures = link.listen(image_topic, [m.IMAGE], patience_s)

@@ -1,4 +1,4 @@
-"""A mission on topics and services: what everybody else in a ROS 2 graph sees of it."""
+"""A mission on topics and services of a ROS 2 graph."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _STATUS_PERIOD_S = 1.0  # of the vehicle's time: battery, fix, flown path
 
 
 class MissionFace:
-    """Publishes a mission and takes the operator's word.
+    """Publishes a mission and takes the operator's commands.
 
     Give ``watch`` and ``operator`` to ``mission.loop.fly`` and every line of the journal to ``note``. The
-    services ``~/start``, ``~/pause`` and ``~/abort`` (``std_srvs/Trigger``) begin or go on, hold, and return.
-    Stamps are the vehicle's time, which ``/clock`` publishes too unless ``publish_clock`` is false. Looks are
-    published with their pictures, unless ``publish_looks`` is false.
+    services ``~/start``, ``~/pause`` and ``~/abort`` (``std_srvs/Trigger``) start or continue, hold, and
+    return. Stamps are the vehicle's time, as on ``/clock``. Looks are published with their pictures unless
+    ``publish_looks`` is false.
     """
 
-    def __init__(self, link: RosLink, publish_clock: bool = True, publish_looks: bool = True) -> None:
+    def __init__(self, link: RosLink, publish_looks: bool = True) -> None:
         from std_srvs.srv import Trigger
 
-        self._link, self._publish_clock, self._publish_looks = link, publish_clock, publish_looks
+        self._link, self._publish_looks = link, publish_looks
         self._board = TargetBoard()
         self._flown: list[Any] = []
         self._next_status_s = 0.0
@@ -52,7 +52,7 @@ class MissionFace:
         self._say_mode("READY")
 
     def prepare(self, mission: Mission) -> None:
-        """Show the plan of the mission that is about to fly."""
+        """Publish the plan of the mission that is about to fly."""
         self._mission = mission
         xy = mission.waypoints_xy_enu_m
         z = [mission.ground_at_m(x, y) + mission.cover_altitude_agl_m for x, y in xy.tolist()]
@@ -60,20 +60,17 @@ class MissionFace:
         self._link.publish(topics.TARGETS, m.markers(0.0, ()))
 
     def wait_for_start(self) -> None:
-        """Return when ``~/start`` was called, or ``~/abort``."""
+        """Block until ``~/start`` is called."""
         while not self._begun.wait(0.2):
             pass
 
     def operator(self) -> str | None:
-        """The operator's next word."""
         return self._words.popleft() if self._words else None
 
     def watch(self, state: VehicleState, mode: str, new: Detections | None) -> None:
-        """Publish one step."""
         link, time_s = self._link, state.time_s
         self._time_s = time_s
-        if self._publish_clock:
-            link.publish(topics.CLOCK, m.clock(time_s))
+        link.publish(topics.CLOCK, m.clock(time_s))
         pose = m.pose_stamped(time_s, state.position_enu_m, state.R_body_to_enu)
         link.publish(topics.TF, m.transforms(time_s, state.position_enu_m, state.R_body_to_enu, state.camera))
         link.publish(topics.ODOMETRY, m.odometry(state))
@@ -88,9 +85,8 @@ class MissionFace:
             link.publish(topics.FLOWN_PATH, m.path(time_s, self._flown))
             link.publish(topics.BATTERY, m.battery(time_s, state.battery_remaining))
             if self._mission is not None:
-                frame = self._mission.scenario.frame
-                fix = m.fix(time_s, frame.geodetic_from_enu(state.position_enu_m)[0])
-                link.publish(topics.FIX, fix)
+                place = self._mission.scenario.frame.geodetic_from_enu(state.position_enu_m)[0]
+                link.publish(topics.FIX, m.fix(time_s, place))
 
     def _look(self, new: Detections) -> None:
         pictures = self._mission.pictures if self._mission is not None else None
@@ -99,14 +95,13 @@ class MissionFace:
         publish_detections(self._link, new)
 
     def note(self, record: Mapping[str, Any]) -> None:
-        """Publish a line of the journal, and the targets when it changes them."""
+        """Publish a line of the journal, and the targets if it changes them."""
         if record["kind"] != "state":
             self._link.publish(topics.JOURNAL, m.text(json.dumps(record)))
         if self._board.note(record):
             self._link.publish(topics.TARGETS, m.markers(self._time_s, self._board.marks(), clear=True))
 
     def end(self, reason: str) -> None:
-        """Say that the mission is over, and why."""
         self._say_mode(f"DONE: {reason}")
 
     def _say_mode(self, mode: str) -> None:
@@ -115,33 +110,33 @@ class MissionFace:
 
     def _answer(self, word: str) -> Callable[[Any, Any], Any]:
         def answer(_request: Any, response: Any) -> Any:
-            begun = self._begun.is_set()
-            if word == "return" and not begun:
-                response.success, response.message = False, "the mission has not begun: end its node instead"
-            elif word == "hold" and not begun:
-                response.success, response.message = False, "the mission has not begun"
-            else:
+            response.success = True
+            if self._begun.is_set():
+                self._words.append(word)
+                response.message = word
+            elif word == "continue":
                 self._begun.set()
-                if begun:
-                    self._words.append(word)
-                response.success, response.message = True, word if begun else "begun"
+                response.message = "begun"
+            else:
+                response.success = False
+                instead = ": end its node instead" if word == "return" else ""
+                response.message = f"the mission has not begun{instead}"
             return response
 
         return answer
 
 
 class RealTime:
-    """Lets a simulated vehicle's time pass no faster than the wall's times ``speed``."""
+    """Limits a simulated vehicle's time to ``speed`` times the wall clock."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
         self._start: tuple[float, float] | None = None
 
     def keep(self, time_s: float) -> None:
-        """Sleep until ``time_s`` of the vehicle has come."""
+        """Sleep until the vehicle's time may be ``time_s``."""
         now = time.monotonic()
         if self._start is None:
             self._start = now, time_s
-        ahead_s = (time_s - self._start[1]) / self._speed - (now - self._start[0])
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
+        begun, begun_s = self._start
+        time.sleep(max(0.0, (time_s - begun_s) / self._speed - (now - begun)))

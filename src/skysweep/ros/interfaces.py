@@ -1,7 +1,7 @@
 """ROS 2 message types and their wire format, without ROS.
 
-A message is a dataclass of ``rosbags``, which knows the definitions that every ROS 2 since Humble shares and
-turns them into CDR. ``vision_msgs`` (version 4) is added: it belongs to no base installation.
+A message is a dataclass of ``rosbags``, which knows the definitions that all distributions since Humble share
+and serialises them to CDR. ``vision_msgs`` (version 4), which no base installation has, is added.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _VISION_TYPES = {
 
 @cache
 def typestore() -> Typestore:
-    """Every known message type."""
+    """All known message types."""
     store = get_typestore(Stores.ROS2_KILTED)
     for name, text in _VISION_TYPES.items():
         store.register(get_types_from_msg(text, f"{_VISION}/{name}"))
@@ -41,36 +41,47 @@ def typestore() -> Typestore:
 
 
 def make(type_name: str, **fields: Any) -> Any:
-    """A message such as ``make("geometry_msgs/msg/Point", x=1.0)``; fields not given are zero or empty."""
-    message_type, definitions = _parts(type_name)
-    for name, kind in definitions:
+    """A message such as ``make("geometry_msgs/msg/Point", x=1.0)``; fields not given are zero or empty.
+
+    A message within it, or a list of them, may be given as dictionaries of their fields.
+    """
+    message_type, plain, composed = _parts(type_name)
+    for name, kind in composed:
         if name not in fields:
             fields[name] = _zero(kind)
-    return message_type(**fields)
+        elif isinstance(value := fields[name], dict):
+            fields[name] = make(kind[1], **value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            (_, element_type), _ = kind[1]
+            fields[name] = [make(element_type, **element) for element in value]
+    return message_type(**(plain | fields))
 
 
 @cache
-def _parts(type_name: str) -> tuple[type, list[tuple[str, Any]]]:
-    return typestore().types[type_name], list(typestore().fielddefs[type_name][1])
+def _parts(type_name: str) -> tuple[type, dict[str, Any], list[tuple[str, Any]]]:
+    """A message's class, the zeros of its numbers and strings, and its other fields."""
+    fields = typestore().fielddefs[type_name][1]
+    plain = {name: _zero(kind) for name, kind in fields if kind[0] == Nodetype.BASE}
+    return typestore().types[type_name], plain, [field for field in fields if field[0] not in plain]
 
 
 def to_cdr(message: Any) -> bytes:
-    """A message on the wire: little endian CDR with its header."""
+    """A message as little-endian CDR, encapsulation header included."""
     return bytes(typestore().serialize_cdr(message, message.__msgtype__))
 
 
 def from_cdr(data: bytes, type_name: str) -> Any:
-    """A message from the wire. Arrays of numbers are read-only views of ``data``."""
+    """A message from its CDR. Arrays of numbers are read-only views of ``data``."""
     return typestore().deserialize_cdr(data, type_name)
 
 
 def definition(type_name: str) -> str:
-    """The text of a type and of all types within, as rosbag2 stores it (encoding ``ros2msg``)."""
+    """The definition of a type and its nested types, as rosbag2 stores it (encoding ``ros2msg``)."""
     return typestore().generate_msgdef(type_name, ros_version=2)[0]
 
 
 def type_hash(type_name: str) -> str:
-    """Version and hash of a type (REP-2011), ``RIHS01_...``."""
+    """Version and hash of a type, ``RIHS01_...`` (REP-2011)."""
     return typestore().hash_rihs01(type_name)
 
 

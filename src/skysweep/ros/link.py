@@ -1,4 +1,4 @@
-"""A ROS 2 node in this process: what goes out, and what comes in."""
+"""A ROS 2 node in this process: publishers and subscriptions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,13 +15,13 @@ from skysweep.ros.interfaces import from_cdr, to_cdr
 from skysweep.ros.support import load_rclpy, message_class, quiet_borrowing
 from skysweep.ros.topics import NAMESPACE, Quality, Topic
 
-_KEPT = 32  # messages of a topic that wait to be looked at
+_KEPT = 32  # undecoded messages of a topic
 _POLL_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """One message that came in."""
+    """One received message, decoded by ``message``."""
 
     number: int  # counts up
     arrived_s: float  # time.monotonic()
@@ -29,18 +30,17 @@ class Arrival:
 
     @property
     def message(self) -> Any:
-        """The message, decoded."""
         return from_cdr(self.data, self.type_name)
 
 
 class RosLink:
-    """One node, spinning in a thread of its own until ``close``.
+    """One node that spins in its own thread until ``close``.
 
     ``arguments`` are ROS arguments (``--ros-args ...``): remappings, parameters, log levels. Raises UserError
-    where ROS 2 is not installed or the arguments are wrong.
+    if ROS 2 is not installed or the arguments are wrong.
     """
 
-    def __init__(self, name: str, namespace: str = NAMESPACE, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
         rclpy = load_rclpy()
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -52,7 +52,7 @@ class RosLink:
             )
         except Exception as error:
             raise UserError(f"--ros-args: {str(error).splitlines()[0]}; see 'ros2 run --help'") from None
-        self.node = rclpy.create_node(name, namespace=namespace, context=self._context)
+        self.node = rclpy.create_node(name, namespace=NAMESPACE, context=self._context)
         self._publishers: dict[str, Any] = {}
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -62,13 +62,11 @@ class RosLink:
     def _spin(self) -> None:
         from rclpy.executors import ExternalShutdownException
 
-        try:
+        with suppress(ExternalShutdownException):
             self._executor.spin()
-        except ExternalShutdownException:
-            return
 
     def close(self) -> None:
-        """Leave ROS; messages sent before are delivered."""
+        """Leave ROS; messages published before are delivered."""
         if not self._context.ok():
             return
         self._executor.shutdown()
@@ -76,10 +74,8 @@ class RosLink:
         self.node.destroy_node()
         self._context.try_shutdown()
 
-    # ---- out ---------------------------------------------------------------------------------------------
-
     def advertise(self, *topics: Topic) -> None:
-        """Be known as a publisher before there is something to say."""
+        """Create the publishers of topics before their first message."""
         for topic in topics:
             if topic.name not in self._publishers:
                 with quiet_borrowing():
@@ -88,24 +84,20 @@ class RosLink:
                     )
 
     def publish(self, topic: Topic, message: Any) -> None:
-        """Send a message of ``interfaces.make``."""
+        """Publish a message of ``interfaces.make``."""
         self.advertise(topic)
         self._publishers[topic.name].publish(to_cdr(message))
 
     def listeners(self, topic: Topic) -> int:
-        """How many subscribe to a topic that is advertised."""
         return int(self._publishers[topic.name].get_subscription_count())
 
     def wait_for_listener(self, topic: Topic, patience_s: float) -> bool:
-        """Whether somebody subscribes within ``patience_s``."""
         return _until(lambda: self.listeners(topic) > 0, patience_s)
 
-    # ---- in ----------------------------------------------------------------------------------------------
-
     def listen(self, name: str, type_names: Sequence[str], patience_s: float) -> Inlet:
-        """Subscribe to a topic that somebody publishes, with its own type and quality of service.
+        """Subscribe to a topic with its publisher's type and quality of service.
 
-        Raises UserError when nobody publishes it within ``patience_s``, or as another type.
+        Raises UserError if nobody publishes it within ``patience_s``, or with another type.
         """
         full_name = self.node.resolve_topic_name(name)
         if not _until(lambda: self.node.get_publishers_info_by_topic(full_name), patience_s):
@@ -125,7 +117,7 @@ class RosLink:
         return Inlet(self, full_name, offered, Quality(10, reliable, latched))
 
     def parameter(self, name: str, default: Any) -> Any:
-        """A parameter of the node, which nobody may change later. Raises UserError on one of another type."""
+        """A read-only parameter of the node. Raises UserError if it has another type than ``default``."""
         from rcl_interfaces.msg import ParameterDescriptor
         from rclpy.exceptions import InvalidParameterTypeException
 
@@ -136,12 +128,12 @@ class RosLink:
         return declared.value
 
     def now_s(self) -> float:
-        """The node's time: the wall's, or that of ``/clock`` where ``use_sim_time`` is set."""
+        """The node's time: the wall clock, or ``/clock`` if ``use_sim_time`` is set."""
         return float(self.node.get_clock().now().nanoseconds * 1e-9)
 
 
 class Inlet:
-    """What comes in on one topic, kept undecoded until somebody asks."""
+    """The messages of one topic, kept undecoded until they are used."""
 
     def __init__(self, link: RosLink, name: str, type_name: str, quality: Quality) -> None:
         self.name = name
@@ -155,19 +147,18 @@ class Inlet:
             )
 
     def newest(self) -> Arrival | None:
-        """The last message, if there was one."""
         with self._arrived:
             return self._arrivals[-1] if self._arrivals else None
 
     def take_all(self) -> list[Arrival]:
-        """The messages kept, oldest first; they are kept no longer."""
+        """Remove and return the kept messages, oldest first."""
         with self._arrived:
             taken = list(self._arrivals)
             self._arrivals.clear()
             return taken
 
     def wait(self, wanted: Callable[[Arrival], bool], patience_s: float) -> Arrival | None:
-        """The first message that is wanted, among those kept and those that come within ``patience_s``."""
+        """The first kept or new message that ``wanted`` accepts; None after ``patience_s``."""
         deadline = time.monotonic() + patience_s
         seen = 0
         while True:

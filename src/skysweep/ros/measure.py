@@ -1,4 +1,4 @@
-"""What publishing pictures costs, and how long it takes from a picture to its detections."""
+"""Measures the cost of publishing pictures and the delay from a picture to its detections."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SEED = 7
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What was measured."""
+    """The measured cost and delay."""
 
     pictures: int
     answered: int
@@ -34,9 +34,9 @@ class Figures:
 def measure(
     link: RosLink, width_px: int, height_px: int, rate_hz: float, duration_s: float, patience_s: float
 ) -> Figures:
-    """Publish a noisy picture at a rate and time the answers of whatever detector listens.
+    """Publish a noisy picture at a rate and time the answers of a detector node.
 
-    Raises UserError when nobody subscribes to the pictures, or nobody publishes detections.
+    Raises UserError if nobody subscribes to the pictures or publishes detections within ``patience_s``.
     """
     link.advertise(topics.IMAGE, topics.CAMERA_INFO)
     answers = link.listen(topics.DETECTIONS.name, [m.DETECTIONS, m.MARKERS], patience_s)

@@ -1,6 +1,6 @@
-"""What flows in a mission as ROS 2 messages, and back.
+"""A mission's values as ROS 2 messages, and back.
 
-Frames (REP-103, REP-105): ``map`` is the mission's local ENU; ``odom`` lies on it, because the vehicle's
+Frames (REP-103, REP-105): ``map`` is the mission's local ENU; ``odom`` equals ``map``, because the vehicle's
 estimate does not drift; ``base_link`` is the body, FLU; ``gimbal`` has x along the optical axis, y left and
 z up; ``camera`` is optical: x right, y down, z forward. Stamps are the vehicle's time.
 """
@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.ros.interfaces import make
-from skysweep.types import Detections, Frame, VehicleState
+from skysweep.types import F64, U8, Detections, Frame, VehicleState
 
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
+Fields = dict[str, Any]
 
 MAP, ODOM, BASE, GIMBAL, CAMERA = "map", "odom", "base_link", "gimbal", "camera"
 
@@ -46,7 +45,7 @@ _CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """One thing to draw in ``map``. Lines have points (N, 3), everything else a position (3,)."""
+    """A shape to draw in ``map``. Lines have points (N, 3), all others a position (3,)."""
 
     namespace: str
     id: int
@@ -84,11 +83,11 @@ def text(words: str) -> Any:
 
 
 def log(time_s: float, words: str) -> Any:
-    """``rcl_interfaces/Log`` at the level of information."""
+    """``rcl_interfaces/Log`` of level INFO."""
     return make(LOG, stamp=stamp(time_s), level=_INFO, name="skysweep", msg=words)
 
 
-# ---- where things are --------------------------------------------------------------------------------
+# ---- poses -------------------------------------------------------------------------------------------
 
 
 def transforms(time_s: float, position_enu_m: F64, R_body_to_enu: F64, camera: CameraPose) -> Any:
@@ -96,34 +95,20 @@ def transforms(time_s: float, position_enu_m: F64, R_body_to_enu: F64, camera: C
     R_enu_to_body = R_body_to_enu.T
     offset_body_m = R_enu_to_body @ (camera.position_enu_m - position_enu_m)
     R_gimbal_to_body = R_enu_to_body @ camera.R_camera_to_enu @ R_CAMERA_TO_GIMBAL.T
-    return make(
-        TF,
-        transforms=[
-            _transform(time_s, ODOM, BASE, position_enu_m, R_body_to_enu),
-            _transform(time_s, BASE, GIMBAL, offset_body_m, R_gimbal_to_body),
-        ],
-    )
+    body = _transform(time_s, ODOM, BASE, position_enu_m, R_body_to_enu)
+    return make(TF, transforms=[body, _transform(time_s, BASE, GIMBAL, offset_body_m, R_gimbal_to_body)])
 
 
 def fixed_transforms() -> Any:
     """``tf2_msgs/TFMessage`` for ``/tf_static``: map -> odom and gimbal -> camera."""
-    nowhere = np.zeros(3)
-    return make(
-        TF,
-        transforms=[
-            _transform(0.0, MAP, ODOM, nowhere, np.eye(3)),
-            _transform(0.0, GIMBAL, CAMERA, nowhere, R_CAMERA_TO_GIMBAL),
-        ],
-    )
+    odom = _transform(0.0, MAP, ODOM, np.zeros(3), np.eye(3))
+    return make(TF, transforms=[odom, _transform(0.0, GIMBAL, CAMERA, np.zeros(3), R_CAMERA_TO_GIMBAL)])
 
 
 def pose_stamped(time_s: float, position_enu_m: ArrayLike, R_body_to_enu: F64) -> Any:
     """``geometry_msgs/PoseStamped`` in ``map``."""
-    return make(
-        "geometry_msgs/msg/PoseStamped",
-        header=header(time_s, MAP),
-        pose=_pose(position_enu_m, _quaternion(R_body_to_enu)),
-    )
+    pose = {"position": _xyz(position_enu_m), "orientation": _quaternion(R_body_to_enu)}
+    return make("geometry_msgs/msg/PoseStamped", header=header(time_s, MAP), pose=pose)
 
 
 def path(time_s: float, poses: Sequence[Any]) -> Any:
@@ -131,37 +116,33 @@ def path(time_s: float, poses: Sequence[Any]) -> Any:
     return make(PATH, header=header(time_s, MAP), poses=list(poses))
 
 
-def planned_path(waypoints_enu_m: ArrayLike) -> Any:
+def planned_path(waypoints_enu_m: F64) -> Any:
     """``nav_msgs/Path`` through waypoints (N, 3), level and heading east."""
-    waypoints = np.asarray(waypoints_enu_m, dtype=float).reshape(-1, 3)
-    return path(0.0, [pose_stamped(0.0, waypoint, np.eye(3)) for waypoint in waypoints])
+    return path(0.0, [pose_stamped(0.0, waypoint, np.eye(3)) for waypoint in waypoints_enu_m])
 
 
 def odometry(state: VehicleState) -> Any:
     """``nav_msgs/Odometry``: pose of base_link in ``odom``, velocity in base_link."""
+    R = state.R_body_to_enu
     position_variance = min(state.position_std_m**2, _UNKNOWN_VARIANCE)
     return make(
         ODOMETRY,
         header=header(state.time_s, ODOM),
         child_frame_id=BASE,
-        pose=make(
-            "geometry_msgs/msg/PoseWithCovariance",
-            pose=_pose(state.position_enu_m, _quaternion(state.R_body_to_enu)),
-            covariance=np.diag([position_variance] * 3 + [0.0] * 3).ravel(),
-        ),
-        twist=make(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=make(
-                "geometry_msgs/msg/Twist", linear=_vector(state.R_body_to_enu.T @ state.velocity_enu_mps)
-            ),
-            covariance=np.diag([0.0] * 3 + [_UNKNOWN_VARIANCE] * 3).ravel(),
-        ),
+        pose={
+            "pose": {"position": _xyz(state.position_enu_m), "orientation": _quaternion(R)},
+            "covariance": np.diag([position_variance] * 3 + [0.0] * 3).ravel(),
+        },
+        twist={
+            "twist": {"linear": _xyz(R.T @ state.velocity_enu_mps)},
+            "covariance": np.diag([0.0] * 3 + [_UNKNOWN_VARIANCE] * 3).ravel(),
+        },
     )
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """What an ``nav_msgs/Odometry`` says, in ENU."""
+    """The content of a ``nav_msgs/Odometry``, in ENU."""
 
     position_enu_m: F64  # (3,)
     velocity_enu_mps: F64  # (3,)
@@ -170,7 +151,7 @@ class Pose:
 
 
 def read_odometry(message: Any, source: str) -> Pose:
-    """A vehicle's pose. UserError when the frame is neither map nor odom, or a number is not finite."""
+    """A vehicle's pose. Raises UserError if the frame is neither map nor odom, or a number is not finite."""
     if message.header.frame_id not in (MAP, ODOM):
         raise UserError(
             f"{source}: the odometry is in frame '{message.header.frame_id}'; "
@@ -185,20 +166,14 @@ def read_odometry(message: Any, source: str) -> Pose:
     return Pose(numbers[:3], R @ numbers[7:], R, float(np.sqrt(max(variances.max(), 0.0))))
 
 
-def fix(time_s: float, lat_lon_alt: ArrayLike) -> Any:
-    """``sensor_msgs/NavSatFix`` of base_link: degrees, degrees, metres above the ellipsoid."""
-    latitude, longitude, altitude = (float(v) for v in np.asarray(lat_lon_alt, dtype=float))
-    return make(
-        "sensor_msgs/msg/NavSatFix",
-        header=header(time_s, BASE),
-        latitude=latitude,
-        longitude=longitude,
-        altitude=altitude,
-    )
+def fix(time_s: float, lat_lon_alt: F64) -> Any:
+    """``sensor_msgs/NavSatFix`` of base_link: degrees, degrees, metres above the ellipsoid (3,)."""
+    place = dict(zip(("latitude", "longitude", "altitude"), lat_lon_alt.tolist(), strict=True))
+    return make("sensor_msgs/msg/NavSatFix", header=header(time_s, BASE), **place)
 
 
 def battery(time_s: float, remaining: float) -> Any:
-    """``sensor_msgs/BatteryState``: what is left (0..1) and nothing else, which the message calls NaN."""
+    """``sensor_msgs/BatteryState``: the remaining share (0..1); every other measurement is NaN."""
     unmeasured = ("voltage", "temperature", "current", "charge", "capacity", "design_capacity")
     return make(
         "sensor_msgs/msg/BatteryState",
@@ -210,7 +185,7 @@ def battery(time_s: float, remaining: float) -> Any:
     )
 
 
-# ---- pictures and what is in them --------------------------------------------------------------------
+# ---- pictures and detections -------------------------------------------------------------------------
 
 
 def image(frame: Frame) -> Any:
@@ -228,18 +203,18 @@ def image(frame: Frame) -> Any:
 
 
 def read_image(message: Any, source: str) -> U8:
-    """The picture (H, W, 3) RGB. UserError naming ``source`` for an encoding or a size that is not right."""
+    """The picture (H, W, 3) RGB. Raises UserError for an unsupported encoding or an inconsistent size."""
     channels = _CHANNELS.get(message.encoding)
     if channels is None:
         raise UserError(
-            f"{source}: the encoding '{message.encoding}' is not read; publish one of {', '.join(_CHANNELS)} "
-            "(image_proc turns Bayer and YUV pictures into rgb8)"
+            f"{source}: the encoding '{message.encoding}' is not supported; publish one of "
+            f"{', '.join(_CHANNELS)} (image_proc turns Bayer and YUV pictures into rgb8)"
         )
     height, width, step = message.height, message.width, message.step
     if not height or not width or step < channels * width or len(message.data) < height * step:
         raise UserError(
-            f"{source}: the picture says {width}x{height}, step {step}, but brings {len(message.data)} "
-            "bytes; mend its publisher"
+            f"{source}: the picture says {width}x{height}, step {step}, but has {len(message.data)} bytes; "
+            "fix its publisher"
         )
     rows = np.frombuffer(message.data, np.uint8)[: height * step].reshape(height, step)
     pixels = rows[:, : channels * width].reshape(height, width, channels)
@@ -265,73 +240,54 @@ def camera_info(time_s: float, lens: Lens) -> Any:
 
 
 def detections(found: Detections) -> Any:
-    """``vision_msgs/Detection2DArray``: a hypothesis (class, confidence) a box; stamp of the picture."""
+    """``vision_msgs/Detection2DArray``: one hypothesis (class, confidence) per box; stamp of the picture."""
     of_picture = header(found.time_s, CAMERA)
-    return make(
-        DETECTIONS,
-        header=of_picture,
-        detections=[
-            make(
-                "vision_msgs/msg/Detection2D",
-                header=of_picture,
-                results=[
-                    make(
-                        "vision_msgs/msg/ObjectHypothesisWithPose",
-                        hypothesis=make(
-                            "vision_msgs/msg/ObjectHypothesis", class_id=name, score=float(confidence)
-                        ),
-                    )
-                ],
-                bbox=make(
-                    "vision_msgs/msg/BoundingBox2D",
-                    center=make(
-                        "vision_msgs/msg/Pose2D",
-                        position=make("vision_msgs/msg/Point2D", x=float(x0 + x1) / 2, y=float(y0 + y1) / 2),
-                    ),
-                    size_x=float(x1 - x0),
-                    size_y=float(y1 - y0),
-                ),
-            )
-            for (x0, y0, x1, y1), confidence, name in _rows(found)
-        ],
-    )
+    boxes = []
+    for (x0, y0, x1, y1), confidence, name in _rows(found):
+        centre = {"x": (x0 + x1) / 2, "y": (y0 + y1) / 2}
+        boxes.append(
+            {
+                "header": of_picture,
+                "results": [{"hypothesis": {"class_id": name, "score": confidence}}],
+                "bbox": {"center": {"position": centre}, "size_x": x1 - x0, "size_y": y1 - y0},
+            }
+        )
+    return make(DETECTIONS, header=of_picture, detections=boxes)
 
 
 def standard_detections(found: Detections) -> Any:
     """The same as ``visualization_msgs/MarkerArray``, for a ROS without vision_msgs.
 
-    The first marker (action DELETEALL) carries the header, also of a picture with nothing in it. Then one
-    CUBE a box: ``pose.position`` the centre and ``scale`` the size in pixels, ``text`` the class,
-    ``color.a`` the confidence.
+    The first marker (action DELETEALL) carries the header, even if no box follows. Then one CUBE per box:
+    ``pose.position`` is the centre and ``scale`` the size in pixels, ``text`` the class, ``color.a`` the
+    confidence.
     """
     of_picture = header(found.time_s, CAMERA)
     boxes = [
-        make(
-            "visualization_msgs/msg/Marker",
-            header=of_picture,
-            ns="detections",
-            id=k,
-            type=CUBE,
-            pose=_pose(((x0 + x1) / 2, (y0 + y1) / 2, 0.0), make("geometry_msgs/msg/Quaternion", w=1.0)),
-            scale=_vector((x1 - x0, y1 - y0, 1.0)),
-            color=_colour((1.0, 0.6, 0.0, float(confidence))),
-            text=name,
-        )
+        {
+            "header": of_picture,
+            "ns": "detections",
+            "id": k,
+            "type": CUBE,
+            "pose": _level(((x0 + x1) / 2, (y0 + y1) / 2, 0.0)),
+            "scale": _xyz((x1 - x0, y1 - y0, 1.0)),
+            "color": _colour((1.0, 0.6, 0.0, confidence)),
+            "text": name,
+        }
         for k, ((x0, y0, x1, y1), confidence, name) in enumerate(_rows(found))
     ]
-    start = make("visualization_msgs/msg/Marker", header=of_picture, action=_DELETE_ALL)
-    return make(MARKERS, markers=[start, *boxes])
+    return make(MARKERS, markers=[{"header": of_picture, "action": _DELETE_ALL}, *boxes])
 
 
 def detections_stamp(message: Any) -> float | None:
-    """Time of the picture that a message of either kind answers; None where it does not say."""
+    """Time of the picture that a message of either form answers; None if it carries no time."""
     if message.__msgtype__ == DETECTIONS:
         return seconds(message.header.stamp)
     return seconds(message.markers[0].header.stamp) if message.markers else None
 
 
 def read_detections(message: Any, frame: Frame, source: str) -> Detections:
-    """Boxes of either kind for the frame that they belong to; of each box the most confident class.
+    """Boxes of either form as detections of ``frame``, each with its most confident class.
 
     Raises UserError for a number that is not finite, a box without size, or a confidence outside 0..1.
     """
@@ -350,8 +306,7 @@ def read_detections(message: Any, frame: Frame, source: str) -> Detections:
     numbers = np.array([row[:5] for row in rows], dtype=float).reshape(-1, 5)
     centres, sizes, confidences = numbers[:, :2], numbers[:, 2:4], numbers[:, 4]
     in_range = ((confidences >= 0) & (confidences <= 1)).all()
-    good = np.isfinite(numbers).all() and (sizes > 0).all() and in_range
-    if not good:
+    if not (np.isfinite(numbers).all() and (sizes > 0).all() and in_range):
         raise UserError(
             f"{source}: a detection has a number that is not finite, a box without size, or a confidence "
             "outside 0..1"
@@ -361,72 +316,53 @@ def read_detections(message: Any, frame: Frame, source: str) -> Detections:
     return Detections(frame.time_s, boxes, confidences, names, frame.camera, frame.lens)
 
 
-# ---- pictures of the mission -------------------------------------------------------------------------
+# ---- drawings ----------------------------------------------------------------------------------------
 
 
 def markers(time_s: float, marks: Iterable[Mark], clear: bool = False) -> Any:
-    """``visualization_msgs/MarkerArray`` in ``map``; ``clear`` takes away what was drawn before."""
+    """``visualization_msgs/MarkerArray`` in ``map``; ``clear`` removes what was drawn before."""
     drawn = [_marker(time_s, mark) for mark in marks]
-    if clear:
-        start = make("visualization_msgs/msg/Marker", header=header(time_s, MAP), action=_DELETE_ALL)
-        drawn.insert(0, start)
-    return make(MARKERS, markers=drawn)
+    start = [{"header": header(time_s, MAP), "action": _DELETE_ALL}] if clear else []
+    return make(MARKERS, markers=[*start, *drawn])
 
 
-def _marker(time_s: float, mark: Mark) -> Any:
+def _marker(time_s: float, mark: Mark) -> Fields:
     line = mark.kind == LINE_STRIP
-    points = np.asarray(mark.where_enu_m, dtype=float).reshape(-1, 3)
-    place = (0.0, 0.0, 0.0) if line else points[0]
-    return make(
-        "visualization_msgs/msg/Marker",
-        header=header(time_s, MAP),
-        ns=mark.namespace,
-        id=mark.id,
-        type=mark.kind,
-        pose=_pose(place, make("geometry_msgs/msg/Quaternion", w=1.0)),
-        scale=_vector(mark.size_m),
-        color=_colour(mark.rgba),
-        points=[_point(p) for p in points] if line else [],
-        text=mark.text,
-    )
+    return {
+        "header": header(time_s, MAP),
+        "ns": mark.namespace,
+        "id": mark.id,
+        "type": mark.kind,
+        "pose": _level((0.0, 0.0, 0.0) if line else mark.where_enu_m),
+        "scale": _xyz(mark.size_m),
+        "color": _colour(mark.rgba),
+        "points": [_xyz(point) for point in mark.where_enu_m] if line else [],
+        "text": mark.text,
+    }
 
 
-def _rows(found: Detections) -> Iterable[tuple[F64, float, str]]:
-    return zip(found.boxes_xyxy_px, found.confidences, found.class_names, strict=True)
+def _rows(found: Detections) -> Iterable[tuple[list[float], float, str]]:
+    return zip(found.boxes_xyxy_px.tolist(), found.confidences.tolist(), found.class_names, strict=True)
 
 
-def _transform(time_s: float, parent: str, child: str, offset_m: F64, R_child_to_parent: F64) -> Any:
-    return make(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(time_s, parent),
-        child_frame_id=child,
-        transform=make(
-            "geometry_msgs/msg/Transform",
-            translation=_vector(offset_m),
-            rotation=_quaternion(R_child_to_parent),
-        ),
-    )
+def _transform(time_s: float, parent: str, child: str, offset_m: F64, R_child_to_parent: F64) -> Fields:
+    turn = {"translation": _xyz(offset_m), "rotation": _quaternion(R_child_to_parent)}
+    return {"header": header(time_s, parent), "child_frame_id": child, "transform": turn}
 
 
-def _pose(position: ArrayLike, orientation: Any) -> Any:
-    return make("geometry_msgs/msg/Pose", position=_point(position), orientation=orientation)
+def _level(position: ArrayLike) -> Fields:
+    return {"position": _xyz(position), "orientation": {"w": 1.0}}
 
 
-def _point(v: ArrayLike) -> Any:
-    x, y, z = np.asarray(v, dtype=float).tolist()
-    return make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+def _xyz(vector: ArrayLike) -> Fields:
+    x, y, z = np.asarray(vector, dtype=float).tolist()
+    return {"x": x, "y": y, "z": z}
 
 
-def _vector(v: ArrayLike) -> Any:
-    x, y, z = np.asarray(v, dtype=float).tolist()
-    return make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-
-def _quaternion(R: F64) -> Any:
+def _quaternion(R: F64) -> Fields:
     x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
-    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
+    return {"x": x, "y": y, "z": z, "w": w}
 
 
-def _colour(rgba: tuple[float, float, float, float]) -> Any:
-    r, g, b, a = rgba
-    return make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=a)
+def _colour(rgba: tuple[float, float, float, float]) -> Fields:
+    return dict(zip("rgba", rgba, strict=True))

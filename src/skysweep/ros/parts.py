@@ -1,7 +1,7 @@
-"""Other people's nodes as parts of a mission: a camera, a detector, a source of poses.
+"""Other nodes as parts of a mission: a camera, a detector, a source of poses.
 
-Each is looked for when it is made, and what is wrong then is a UserError, before take-off. Later a picture or
-an answer that does not come is an exception of that one look: the mission goes on by its safety rules.
+Each connects when it is made; a failure then is a UserError, before take-off. A picture or answer that is
+missing later is an exception of that one look, and the mission continues by its safety rules.
 """
 
 from __future__ import annotations
@@ -9,9 +9,6 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
@@ -22,27 +19,25 @@ from skysweep.ros.link import Arrival, Inlet, RosLink
 from skysweep.sensing.believed import DelayedPose
 from skysweep.types import Detections, Frame, Setpoint, Vehicle, VehicleState
 
-F64 = NDArray[np.float64]
-
 PATIENCE_S = 10.0  # for a part to appear
 ANSWER_S = 5.0  # for an answer to one picture
 _NEXT_PICTURE_S = 1.0
 _ASK_EVERY_S = 1.0
 _LITTLE_PATIENCE_S = 2.0  # with a detector that did not answer last time
-_OLD_PICTURE_S = 2.0  # what is older by its stamp has a stamp of another clock
+_OLD_PICTURE_S = 2.0  # an older stamp is of another clock
 _SAME_TIME_S = 1e-6
 
 
 class NoMessageError(Exception):
-    """What was waited for did not come; the next may."""
+    """A picture or answer did not come in time; the next may."""
 
 
 class RosCamera:
     """A camera whose pictures come from a topic. Implements ``types.Camera``.
 
-    A frame is as old as its stamp says (by the node's clock), or as its arrival where the stamp is of another
-    clock, and carries the camera pose that the mission believed then. Raises UserError when the topic has no
-    picture of the scenario's size within ``patience_s``, or in an encoding that is not read.
+    A frame's age follows from its stamp (by the node's clock), or from its arrival if the stamp is of another
+    clock. The frame carries the camera pose that the mission believed at that time. Raises UserError if no
+    picture of the scenario's size and of a supported encoding comes within ``patience_s``.
     """
 
     def __init__(self, link: RosLink, topic: str, lens: Lens, patience_s: float = PATIENCE_S) -> None:
@@ -61,7 +56,7 @@ class RosCamera:
             )
 
     def capture(self, state: VehicleState) -> Frame:
-        """The newest picture; waits for one that was not given before. Raises NoMessageError."""
+        """The newest picture; waits for one that was not returned before. Raises NoMessageError."""
         self._poses.push(state.time_s, state.camera)
         arrival = self._pictures.newest()
         if arrival is None or arrival.number <= self._last:
@@ -78,7 +73,7 @@ class RosCamera:
             raise NoMessageError(str(error)) from None
 
     def close(self) -> None:
-        """The link belongs to whoever made it."""
+        """Leaves the link open: its maker closes it."""
 
     def _age_s(self, stamp_s: float) -> float:
         age_s = self._link.now_s() - stamp_s
@@ -89,8 +84,8 @@ class RosDetector:
     """A detector in another process. Implements ``types.Detector``.
 
     Publishes every frame on ``camera/image_raw`` (with ``camera/camera_info``) and takes the detections with
-    the same stamp, ``vision_msgs/Detection2DArray`` or their standard form, from a topic. Classes that the
-    mission does not look for are left out.
+    the same stamp, ``vision_msgs/Detection2DArray`` or their standard form, from a topic. Detections of other
+    classes than ``classes`` are dropped. Raises UserError if nobody connects within ``patience_s``.
     """
 
     def __init__(
@@ -114,9 +109,9 @@ class RosDetector:
             )
 
     def detect(self, frame: Frame) -> Detections:
-        """Ask, once a second, and wait. Raises NoMessageError when no answer comes, UserError on a bad one.
+        """Publish the picture once a second until the answer comes: pictures are best effort and may be lost.
 
-        A picture is best effort: it may be lost on the way, so that asking once is not enough.
+        Raises NoMessageError if no answer comes, UserError if it is invalid.
         """
         arrival = None
         deadline_s = time.monotonic() + self._patience_s
@@ -128,11 +123,8 @@ class RosDetector:
             raise NoMessageError(f"{self._answers.name}: no answer to a picture for {waited_s:g} s")
         self._patience_s = self._answer_s
         found = m.read_detections(arrival.message, frame, self._answers.name)
-        keep = [
-            k
-            for k, name in enumerate(found.class_names)
-            if name in self.class_names and found.confidences[k] >= self._confidence_min
-        ]
+        sure = found.confidences >= self._confidence_min
+        keep = [k for k, name in enumerate(found.class_names) if name in self.class_names and sure[k]]
         return replace(
             found,
             boxes_xyxy_px=found.boxes_xyxy_px[keep],
@@ -144,21 +136,22 @@ class RosDetector:
 class RosPoseVehicle:
     """A vehicle whose pose comes from a ``nav_msgs/Odometry`` topic. Implements ``types.Vehicle``.
 
-    For a localisation that is better than the vehicle's own (RTK, visual, motion capture). What the mission
-    believes is the topic's; setpoints are moved by the difference, so that the vehicle arrives where the
-    topic says. A topic that falls silent, or is not sound, is a vehicle that falls silent.
+    For a localisation that is better than the vehicle's own (RTK, visual, motion capture). The mission
+    believes the topic; setpoints are shifted by the difference, so that the vehicle arrives where the topic
+    says. A topic that is silent or invalid counts as a silent vehicle.
     """
 
     def __init__(self, vehicle: Vehicle, link: RosLink, topic: str, patience_s: float = PATIENCE_S) -> None:
         self._carrier, self.truth = vehicle, vehicle.truth
-        self._link = link
+        self.advance, self.takeoff = vehicle.advance, vehicle.takeoff
+        self.land, self.hold = vehicle.land, vehicle.hold
         self._poses = link.listen(topic, [m.ODOMETRY], patience_s)
         self._newest = _first(self._poses, patience_s)
         self._pose = m.read_odometry(self._newest.message, self._poses.name)
         self._heard_s = vehicle.state().time_s
 
     def state(self) -> VehicleState:
-        """The vehicle's own, moved to where the topic says."""
+        """The vehicle's own state at the topic's pose."""
         own = self._carrier.state()
         pose = self._read(own.time_s)
         turn = pose.R_body_to_enu @ own.R_body_to_enu.T
@@ -173,28 +166,12 @@ class RosPoseVehicle:
         )
 
     def command(self, setpoint: Setpoint) -> None:
-        """Fly there, by the topic's word."""
+        """Fly to a setpoint in the topic's frame."""
         own, pose = self._carrier.state(), self._pose
         drift_m = own.position_enu_m - pose.position_enu_m
         drift_rad = euler_from_rotation(own.R_body_to_enu)[2] - euler_from_rotation(pose.R_body_to_enu)[2]
-        self._carrier.command(
-            setpoint._replace(
-                position_enu_m=setpoint.position_enu_m + drift_m,
-                yaw_rad=setpoint.yaw_rad + drift_rad,
-            )
-        )
-
-    def advance(self, duration_s: float) -> None:
-        self._carrier.advance(duration_s)
-
-    def takeoff(self, altitude_agl_m: float) -> None:
-        self._carrier.takeoff(altitude_agl_m)
-
-    def land(self) -> None:
-        self._carrier.land()
-
-    def hold(self) -> None:
-        self._carrier.hold()
+        there = setpoint.position_enu_m + drift_m
+        self._carrier.command(setpoint._replace(position_enu_m=there, yaw_rad=setpoint.yaw_rad + drift_rad))
 
     def _read(self, now_s: float) -> m.Pose:
         newest = self._poses.newest()
@@ -207,7 +184,7 @@ class RosPoseVehicle:
 
 
 def publish_frame(link: RosLink, frame: Frame) -> None:
-    """Picture and camera_info, where somebody listens."""
+    """Publish picture and camera_info, each only if somebody subscribes."""
     if link.listeners(topics.IMAGE):
         link.publish(topics.IMAGE, m.image(frame))
     if link.listeners(topics.CAMERA_INFO):
@@ -215,7 +192,7 @@ def publish_frame(link: RosLink, frame: Frame) -> None:
 
 
 def publish_detections(link: RosLink, found: Detections) -> None:
-    """Both forms."""
+    """Publish detections in both forms."""
     link.publish(topics.DETECTIONS, m.detections(found))
     link.publish(topics.STANDARD_DETECTIONS, m.standard_detections(found))
 

@@ -1,8 +1,8 @@
-"""rclpy, found or missed in one clear sentence, and classes for message types that are not installed.
+"""Loads rclpy, and makes classes for message types that are not installed.
 
 TF and detections are ``tf2_msgs`` and ``vision_msgs``. An installed ROS 2 has the first and often the second;
-PyPI has neither. Messages go to rclpy ready made, as CDR, so that a type needs no code of its own, only its
-name and hash: where the package is missing, the type support of another message is borrowed under that name.
+PyPI has neither. rclpy gets messages as finished CDR, so a type needs no code of its own, only its name and
+hash. If its package is missing, the type support of another message is borrowed under that name.
 """
 
 from __future__ import annotations
@@ -19,20 +19,17 @@ from typing import Any
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.ros.interfaces import type_hash
 
-# Fast DDS' own buffers are smaller than a picture and lose most of them; these hold several.
+# The default buffers of Fast DDS are smaller than a picture and lose most of them; these hold several.
 _FAST_DDS_TRANSPORTS = "DEFAULT?max_msg_size=65500B&sockets_size=4MB"
 _FAST_DDS_LOCALHOST = Path(__file__).with_name("fastdds_localhost.xml")
 _FAST_DDS_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # before 3.0, since
 _MIDDLEWARES = ("rmw_fastrtps_cpp", "rmw_cyclonedds_cpp", "rmw_zenoh_cpp", "rmw_connextdds")
-_DONOR = "geometry_msgs/msg/PolygonStamped"  # unbounded, as every type that borrows from it
+_DONOR = "geometry_msgs/msg/PolygonStamped"  # unbounded, like every type that borrows from it
 
 
 @cache
 def load_rclpy() -> Any:
-    """The module rclpy.
-
-    Raises UserError where it, or a middleware for it, is not installed.
-    """
+    """The module rclpy. Raises UserError if it or a middleware is not installed."""
     wanted = os.environ.get("RMW_IMPLEMENTATION")
     try:
         importlib.import_module("rpyutils")
@@ -42,10 +39,9 @@ def load_rclpy() -> Any:
     if middleware is None:
         if not _loads("librcutils.so"):
             raise UserError("ROS 2: its libraries are not on LD_LIBRARY_PATH; source its setup.bash")
+        remedy = "ROS 2: no middleware is installed;"
         if wanted:
             remedy = f"RMW_IMPLEMENTATION={wanted}: this middleware is not installed; unset the variable, or"
-        else:
-            remedy = "ROS 2: no middleware is installed;"
         raise UserError(
             f"{remedy} install one:  pip install ros-rmw-fastrtps-cpp  (or ros-<distribution>-rmw-...)"
         )
@@ -62,7 +58,7 @@ def load_rclpy() -> Any:
 
 @cache
 def message_class(type_name: str) -> Any:
-    """What rclpy wants as the type of a topic of serialised messages."""
+    """The class that rclpy needs for a topic of serialised messages."""
     package, _, name = type_name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
@@ -72,20 +68,20 @@ def message_class(type_name: str) -> Any:
 
 @contextmanager
 def quiet_borrowing() -> Iterator[None]:
-    """Around the making of a publisher or subscription.
+    """Wraps the creation of a publisher or subscription.
 
-    A borrowed type has no description of its fields. Fast DDS does without, but leaves an error behind that
-    it would print, at length, at the next.
+    A borrowed type has no description of its fields. Fast DDS works without one, but leaves an error behind
+    that it would print at the next call.
     """
     yield
     ctypes.CDLL("librcutils.so").rcutils_reset_error()
 
 
 def _make_room_for_pictures() -> None:
-    """Larger buffers in Fast DDS, where the user has not set its transports.
+    """Larger buffers in Fast DDS, unless the user has set its transports.
 
-    For ``LOCALHOST`` rmw_fastrtps adds transports of its own, with small buffers, to whatever else is set; so
-    it is told nothing, and Fast DDS the same in a profile.
+    For ``LOCALHOST`` rmw_fastrtps always adds its own transports, with small buffers. So rmw_fastrtps is not
+    told, and Fast DDS gets the same setting in a profile.
     """
     if any(name in os.environ for name in ("FASTDDS_BUILTIN_TRANSPORTS", *_FAST_DDS_PROFILES)):
         return
@@ -125,7 +121,7 @@ class _TypeSupport(ctypes.Structure):
 
 
 class _Callbacks(ctypes.Structure):
-    """``message_type_support_callbacks_t``: the name, and functions that serialised messages never call."""
+    """``message_type_support_callbacks_t``: the name, and functions that serialised messages do not use."""
 
     _fields_ = (
         ("namespace", ctypes.c_char_p),
@@ -134,7 +130,7 @@ class _Callbacks(ctypes.Structure):
     )
 
 
-_ALIVE: list[Any] = []  # what C code points to
+_ALIVE: list[Any] = []  # referenced by C code
 
 
 def _borrowed_class(package: str, name: str, rihs: str) -> Any:

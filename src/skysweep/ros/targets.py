@@ -1,4 +1,4 @@
-"""What was found so far, as markers."""
+"""The candidates found so far, as markers."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.ros.messages import CYLINDER, TEXT, Mark
 from skysweep.text import printable
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 _RGBA = {
     "seen": (0.94, 0.89, 0.26, 0.6),
@@ -25,7 +23,7 @@ _SEEN_RADIUS_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class KnownTarget:
-    """A candidate and what is known of it: seen, scanned, confirmed or rejected."""
+    """A candidate and its standing: seen, scanned, confirmed or rejected."""
 
     id: int
     class_name: str
@@ -35,13 +33,13 @@ class KnownTarget:
 
 
 class TargetBoard:
-    """Keeps the targets that the records of a journal tell of."""
+    """Collects the targets from the records of a journal."""
 
     def __init__(self) -> None:
         self.targets: dict[int, KnownTarget] = {}
 
     def note(self, record: Mapping[str, Any]) -> bool:
-        """Take in one record; True when a target is new or its standing changed."""
+        """Take in one record; True if a target is new or its standing changed."""
         kind, identity, place = record["kind"], record.get("candidate"), record.get("p")
         standing = "seen" if kind == "sighting" else kind
         if identity is None or standing not in _RGBA:
@@ -64,7 +62,7 @@ class TargetBoard:
         return True
 
     def marks(self) -> list[Mark]:
-        """A disc, as large as the circle that holds it with 95 %, and a label for every target."""
+        """A disc of the 95 % radius and a label for every target."""
         marks = []
         for t in self.targets.values():
             rgba = _RGBA[t.standing]
@@ -77,6 +75,6 @@ class TargetBoard:
 
 
 def _radius_95_m(covariance_m2: Any) -> float:
-    """Of the circle around the 95 % error ellipse (chi-square, 2 degrees of freedom: 5.991)."""
+    """The radius of the circle around the 95 % error ellipse (chi-square, 2 degrees of freedom: 5.991)."""
     matrix = np.asarray(covariance_m2, dtype=float).reshape(2, 2)
     return float(np.sqrt(5.991 * np.linalg.eigvalsh(matrix)[-1]))

@@ -1,10 +1,10 @@
-"""The topics of a mission: names, types and qualities of service, each chosen on purpose.
+"""The topics of a mission: names, types and qualities of service.
 
 - ``SENSOR`` (best effort, the newest 5): pictures; a late picture is worth less than the next one.
-- ``EVENT`` (reliable, the newest 50): what must arrive, to whoever listens now.
-- ``LATCHED`` (reliable, transient local, the newest 1): what also a late joiner must see.
+- ``EVENT`` (reliable, the newest 50): messages that must reach everyone who listens now.
+- ``LATCHED`` (reliable, transient local, the newest 1): messages that late joiners need too.
 
-Names are relative to the node's namespace, but for those that all of ROS shares.
+Names are relative to the node's namespace, except those that all of ROS shares.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Quality:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One topic."""
+    """A name, relative or absolute, with its type and quality."""
 
     name: str
     type_name: str
@@ -37,7 +37,7 @@ class Topic:
 
     @property
     def full_name(self) -> str:
-        """The name where nothing is remapped."""
+        """The absolute name without remapping."""
         return self.name if self.name.startswith("/") else f"{NAMESPACE}/{self.name}"
 
 
@@ -66,7 +66,7 @@ ROSOUT = Topic("/rosout", m.LOG, EVENT)
 
 
 def rosbag_profile(quality: Quality) -> str:
-    """The YAML text that rosbag2 keeps with a topic, so that a replay offers the same quality."""
+    """The YAML text that rosbag2 stores with a topic, so that a replay offers the same quality."""
     forever = {"sec": 9223372036, "nsec": 854775807}
     profile = {
         "history": "keep_last",

@@ -1,4 +1,4 @@
-"""A vehicle to copy from: a point that flies straight to its setpoint at constant speed and never errs."""
+"""A template for a vehicle: a point that flies straight to its setpoint at constant speed, without errors."""
 
 from __future__ import annotations
 

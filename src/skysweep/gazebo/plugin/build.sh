@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Builds the world plugin against the Gazebo 11 that pkg-config finds:  build.sh FOLDER
-# The library bears a part of its source's checksum; what is there already is not built again.
+# Builds the world plugin with the Gazebo 11 that pkg-config finds:  build.sh FOLDER
+# The name of the library contains a checksum of its source; an existing library is not built again.
 set -euo pipefail
 source="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/gate.cc"
 library="$1/libskysweep_gate-$(sha256sum "$source" | cut -c1-12).so"

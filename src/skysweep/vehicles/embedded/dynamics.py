@@ -1,7 +1,7 @@
 """One compiled 250 Hz step of the multirotor: PX4's control cascade, the airframe, the gimbal, the air.
 
-The whole simulation is two records, ``x`` (STATE) that changes and ``q`` (PARAMETERS) that does not, and
-``rng`` (1,) uint64. What is called from outside takes the records as arrays of their floats, which pass into
+The simulation consists of the records ``x`` (STATE, variable) and ``q`` (PARAMETERS, constant) and of
+``rng`` (1,) uint64. Functions called from outside take the records as arrays of their floats, which pass into
 compiled code at a third of the cost. ENU metres and FLU body throughout; quaternions are (w, x, y, z).
 
 Sources. Control: PX4 v1.17 PositionControl and AttitudeControl (user guide, "Controller diagrams"; the
@@ -19,34 +19,35 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.types import F64
+
 U64 = NDArray[np.uint64]
 Quaternion = tuple[float, float, float, float]
 Entries = tuple[float, ...]
 Record = Any  # of STATE or PARAMETERS
 
 STEP_S = 0.004
-NOISE_STEPS = 5  # gusts and estimation errors move at 50 Hz
+NOISE_STEPS = 5  # gusts and estimation errors change at 50 Hz
 
-# What changes. All are floats, so that a snapshot is one list.
+# Everything is a float, so that a snapshot is one list.
 STATE = np.dtype(
     [
-        ("steps", float),  # flown
+        ("steps", float),  # simulated so far
         ("mode", float),
         ("airborne", float),
         ("position", float, 3),  # true
         ("velocity", float, 3),
         ("attitude", float, 4),  # body -> ENU
         ("rates", float, 3),  # body, rad/s
-        ("angular_acceleration", float, 3),  # body, that the motors produce
+        ("angular_acceleration", float, 3),  # body, produced by the motors
         ("thrust", float),  # m/s2 along body z
         ("velocity_integral", float, 3),
-        ("velocity_slope", float, 3),  # filtered derivative of the believed velocity
-        ("last_velocity", float, 3),  # believed
+        ("velocity_slope", float, 3),  # filtered derivative of the estimated velocity
+        ("last_velocity", float, 3),  # estimated
         ("gust", float, 3),
-        ("position_error", float, 3),  # believed minus true
+        ("position_error", float, 3),  # estimated minus true
         ("velocity_error", float, 3),
-        ("attitude_error", float, 3),  # rotation vector in ENU, believed minus true
+        ("attitude_error", float, 3),  # rotation vector in ENU, estimated minus true
         ("camera", float, 4),  # camera optical -> ENU, true
         ("camera_rates", float, 3),  # ENU, rad/s
         ("believed_yaw", float),
@@ -58,11 +59,10 @@ STATE = np.dtype(
         ("mode_time", float),  # seconds since the mode began
         ("contact_time", float),  # seconds on the ground while landing
         ("ground_height", float),  # below the vehicle
-        ("lean_error", float, 2),  # how much farther east and north it takes its up axis to lean than it does
+        ("lean_error", float, 2),  # of the up axis, east and north, estimated minus true
     ]
 )
 
-# What does not.
 PARAMETERS = np.dtype(
     [
         ("drag_per_mass", float),  # 1/s
@@ -92,14 +92,14 @@ MPC_VELD_LP_S = 1.0 / (2.0 * math.pi * 5.0)
 SLOPE_MAX = math.tan(math.radians(45.0))  # MPC_TILTMAX_AIR
 MPC_TKO_SPEED, MPC_TKO_RAMP_T, SPOOLUP_S = 1.5, 3.0, 1.0
 MPC_LAND_SPEED, MPC_LAND_ALT1, MPC_LAND_ALT2 = 0.7, 10.0, 5.0
-TAKEOFF_Z_P = 0.4  # identified: PX4's automatic take-off arrives more gently than an offboard climb
+TAKEOFF_Z_P = 0.4  # identified: PX4's automatic take-off ends more gently than an offboard climb
 THRUST_MIN, THRUST_MAX, THRUST_XY_MARGIN = 0.12 * 20.0, 20.0, 0.3 * 20.0  # m/s2 (SIH: 20 N, 1 kg)
-# Identified from six logged steps (docs/vehicle.md); PX4's default of 6.5 tilts 15 % too far here.
+# Identified from six logged steps (docs/vehicle.md); here PX4's default of 6.5 tilts 15 % too far.
 TILT_P = 4.5
 MC_YAW_P, MC_YAW_WEIGHT = 2.8, 0.4
 MC_TILT_RATE_MAX, MC_YAW_RATE_MAX = math.radians(220.0), math.radians(200.0)
 
-# Rate loop: gain x motor torque / inertia of the SIH airframe, 1/s; what the motors can give, rad/s2.
+# Rate loop: gain x motor torque / inertia of the SIH airframe, 1/s; limits of the motors, rad/s2.
 RATE_GAIN_TILT, RATE_GAIN_YAW = 17.0, 2.7
 RATE_DAMPING_TILT = 0.34
 ANGULAR_ACCELERATION_MAX_TILT, ANGULAR_ACCELERATION_MAX_YAW = 60.0, 6.6
@@ -107,7 +107,8 @@ ROTATION_DRAG = 1.0  # SIH_KDW / SIH_IXX, 1/s
 MOTOR_BLEND = 1.0 - math.exp(-STEP_S / 0.05)  # SIH_T_TAU
 SLOPE_BLEND = 1.0 - math.exp(-STEP_S / MPC_VELD_LP_S)
 
-# ---- the rest ----------------------------------------------------------------------------------------
+# ---- other constants ---------------------------------------------------------------------------------
+DRAG_PER_MASS = 1.0  # SIH_KDV / SIH_MASS, 1/s
 LEG_HEIGHT_M = 0.25  # of the body origin above ground when landed
 CAMERA_BELOW_M = 0.1
 AVIONICS_W = 10.0
@@ -151,7 +152,7 @@ def _multiply(a: Entries, b: Entries) -> Quaternion:
 
 @_inlined
 def _turn(vx: float, vy: float, vz: float) -> Quaternion:
-    """Quaternion of a rotation vector; a short one by Taylor series, to the last bit of a double."""
+    """Quaternion of a rotation vector; short ones by Taylor series, exact to the last bit of a double."""
     square = 0.25 * (vx * vx + vy * vy + vz * vz)
     if square < 1e-3:
         cosine = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)))
@@ -176,7 +177,7 @@ def _set_unit(out: F64, quaternion: Entries) -> None:
 
 @_inlined
 def _rotation(a: Entries) -> Entries:
-    """The nine entries, row by row, of a quaternion's rotation matrix."""
+    """The nine entries of a quaternion's rotation matrix, row by row."""
     w, i, j, k = a[0], a[1], a[2], a[3]
     return (
         1.0 - 2.0 * (j * j + k * k),
@@ -245,7 +246,7 @@ def _move_air_and_errors(x: Record, rng: U64, q: Record) -> None:
 
     w = 2.0 / POSITION_ERROR_TIME_S
     for i in range(3):
-        draw = _normal(rng)  # always, so that the gusts do not depend on the errors
+        draw = _normal(rng)  # even if unused, so that the gusts do not depend on the errors
         if q.position_std > 0.0:
             std = q.position_std * (VERTICAL_POSITION_ERROR if i == 2 else 1.0)
             push = 2.0 * w * std * math.sqrt(w * dt) * draw
@@ -260,7 +261,7 @@ def _move_air_and_errors(x: Record, rng: U64, q: Record) -> None:
 
 @_inlined
 def _vertical_limits(x: Record, q: Record) -> tuple[float, float]:
-    """Fastest climb and descent now, m/s, both positive; a negative climb keeps it on the ground."""
+    """Largest climb and descent rates now, m/s, both positive; a negative climb keeps it on the ground."""
     agl = x.position[2] - x.ground_height
     up, down = q.climb_speed, q.descent_speed
     if x.mode == TAKEOFF:
@@ -278,7 +279,7 @@ def _vertical_limits(x: Record, q: Record) -> tuple[float, float]:
 
 @_inlined
 def _limited_xy(px: float, py: float, fx: float, fy: float, limit: float) -> tuple[float, float]:
-    """The sum p + f, no longer than limit, giving way on the feed-forward f before the position part p."""
+    """The sum p + f, limited in length: the feed-forward f is cut before the position part p."""
     if math.hypot(px + fx, py + fy) <= limit:
         return px + fx, py + fy
     p, f = math.hypot(px, py), math.hypot(fx, fy)
@@ -292,11 +293,9 @@ def _limited_xy(px: float, py: float, fx: float, fy: float, limit: float) -> tup
 
 @_inlined
 def _velocity_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
-    ex, ey, ez = (
-        x.target_position[0] - x.position[0] - x.position_error[0],
-        x.target_position[1] - x.position[1] - x.position_error[1],
-        x.target_position[2] - x.position[2] - x.position_error[2],
-    )
+    ex = x.target_position[0] - x.position[0] - x.position_error[0]
+    ey = x.target_position[1] - x.position[1] - x.position_error[1]
+    ez = x.target_position[2] - x.position[2] - x.position_error[2]
     vx, vy = _limited_xy(
         MPC_XY_P * ex, MPC_XY_P * ey, x.target_velocity[0], x.target_velocity[1], x.target_speed
     )
@@ -312,7 +311,7 @@ def _velocity_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
 def _thrust_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
     """Velocity PID with tracking anti-windup, tilt and thrust limits: specific thrust (3,) ENU, m/s2.
 
-    It comes out turned by what the vehicle errs in its own lean, as the attitude loop then turns the body.
+    It is rotated by the lean error, because the attitude loop turns the body by its wrong estimate.
     """
     vx, vy, vz = _velocity_setpoint(x, q)
     bx = x.velocity[0] + x.velocity_error[0]
@@ -350,7 +349,7 @@ def _thrust_setpoint(x: Record, q: Record) -> tuple[float, float, float]:
 
 @_inlined
 def _turn_towards(x: Record, R: Entries, tx: float, ty: float, tz: float) -> float:
-    """Attitude P (tilt first, yaw with less weight) and rate loop; motors lag. Moves rates and attitude."""
+    """Attitude P (tilt first, yaw with less weight), rate loop and motor lag. Updates rates and attitude."""
     T = math.sqrt(tx * tx + ty * ty + tz * tz)
     dx = (R[0] * tx + R[3] * ty + R[6] * tz) / T
     dy = (R[1] * tx + R[4] * ty + R[7] * tz) / T
@@ -401,7 +400,7 @@ def _move_body(x: Record, q: Record, R: Entries) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _stand(x: Record, R: Entries) -> None:
-    """Level and still, facing where it faced."""
+    """Level and still, with the same heading."""
     yaw = math.atan2(R[3], R[0])
     _set_unit(x.attitude, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
     for i in range(3):
@@ -419,7 +418,7 @@ def _believe_yaw(x: Record) -> None:
 
 @_inlined
 def _move_gimbal(x: Record, R: Entries, pitch: float, rate_max: float, gain: float) -> None:
-    """The body carries the camera along; the joints turn it back with a first-order lag and a rate limit."""
+    """The body carries the camera; the joints turn it back with a first-order lag and a rate limit."""
     _believe_yaw(x)
     e = _turn(-x.attitude_error[0], -x.attitude_error[1], -x.attitude_error[2])
     wanted = _multiply(e, camera_quaternion(x.believed_yaw, pitch))
@@ -438,7 +437,7 @@ def _move_gimbal(x: Record, R: Entries, pitch: float, rate_max: float, gain: flo
 
 @njit(cache=True, error_model="numpy")
 def fly(state: F64, rng: U64, parameters: F64, steps: int, out: F64) -> None:
-    """Moves the simulation by ``steps`` of STEP_S, and writes the ``poses`` then."""
+    """Advances the simulation by ``steps`` of STEP_S and writes the ``poses`` then."""
     x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
     pitch, rate_max = q.gimbal_pitch, q.gimbal_rate
     gain = (1.0 - math.exp(-STEP_S / max(q.gimbal_lag, 1e-6))) / STEP_S
@@ -467,9 +466,9 @@ def fly(state: F64, rng: U64, parameters: F64, steps: int, out: F64) -> None:
 
 @njit(cache=True, error_model="numpy")
 def poses(state: F64, parameters: F64, out: F64) -> None:
-    """What the vehicle believes and what is so, as rows of 3 in ``out`` (19, 3).
+    """Estimated and true poses, as rows of 3 in ``out`` (19, 3).
 
-    Believed: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.
+    Estimated: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.
     True: 9-11 R_body_to_enu, 12 camera position, 13-15 R_camera_to_enu, 16 camera velocity in camera axes,
     17 camera rates in camera axes. Both: 18 time, energy, whether it is airborne.
     """
@@ -496,7 +495,7 @@ def poses(state: F64, parameters: F64, out: F64) -> None:
         out[16, j] = 0.0
         out[17, j] = 0.0
         for i in range(3):
-            # rates x (0, 0, -CAMERA_BELOW_M), turned to ENU
+            # rates x (0, 0, -CAMERA_BELOW_M), rotated to ENU
             swing = CAMERA_BELOW_M * (-R[3 * i] * wy + R[3 * i + 1] * wx)
             out[16, j] += K[3 * i + j] * (x.velocity[i] + swing)
             out[17, j] += K[3 * i + j] * x.camera_rates[i]

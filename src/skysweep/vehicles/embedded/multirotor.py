@@ -1,14 +1,13 @@
 """The embedded multirotor: PX4's cascade on PX4's SIH airframe, with gimbal, battery, wind and errors.
 
-What a mission may use is the ``Vehicle`` protocol of ``skysweep.types``; names that begin with ``true_``
-are for the simulated sensors and for the results only. Model, equations and calibration: docs/vehicle.md.
+A mission may use the ``Vehicle`` protocol of ``skysweep.types``; names that begin with ``true_`` are for the
+simulated sensors and the results only. Model, equations and calibration: docs/vehicle.md.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,28 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel, VehicleLimits, Wind
-from skysweep.types import Setpoint, Truth, VehicleState
+from skysweep.types import F64, Setpoint, Truth, VehicleState
 from skysweep.vehicles.embedded import dynamics as d
-
-F64 = NDArray[np.float64]
 
 _GROUND_EVERY_STEPS = 125  # how often cruise flight asks for the height of the ground
 _VEHICLE_STREAM = 0x5D_0E  # keeps this vehicle's random stream apart from others of the same seed
 
 
-@dataclass(frozen=True, slots=True)
-class Airframe:
-    """What flies. The default is the quadrotor of PX4's SIH."""
-
-    mass_kg: float = 1.0
-    drag_n_per_mps: float = 1.0  # SIH_KDV
-
-
 class Multirotor:
-    """A multirotor that flies PX4 offboard setpoints at 250 Hz inside; implements ``types.Vehicle``.
+    """A multirotor that flies PX4 offboard setpoints in steps of 250 Hz; implements ``types.Vehicle``.
 
     Starts landed at ``home_enu_m`` (3,). ``ground_at_m`` is the height ENU of the ground at east and north.
-    The same arguments and the same calls give the same bits; another ``unit`` has other errors and gusts.
+    ``drag_per_mass`` is in 1/s. The same arguments and calls give the same bits; another ``unit`` has other
+    errors and gusts.
     """
 
     def __init__(
@@ -48,14 +38,13 @@ class Multirotor:
         home_enu_m: ArrayLike,
         ground_at_m: Callable[[float, float], float],
         seed: int,
-        airframe: Airframe | None = None,
+        drag_per_mass: float = d.DRAG_PER_MASS,
         unit: int = 0,
     ) -> None:
-        airframe = airframe or Airframe()
         heading = np.radians(wind.from_heading_deg)
         self._q, self._parameters = _record(d.PARAMETERS)
         q = self._q
-        q["drag_per_mass"] = airframe.drag_n_per_mps / airframe.mass_kg
+        q["drag_per_mass"] = drag_per_mass
         q["climb_speed"], q["descent_speed"] = limits.climb_speed_mps, limits.descent_speed_mps
         q["wind"][:2] = -wind.mean_speed_mps * np.array([np.sin(heading), np.cos(heading)])
         q["gust_std"] = wind.gust_std_mps
@@ -73,22 +62,17 @@ class Multirotor:
         self._time_s = 0.0
         self._ground_at_step = 0
         self._x, self._state = _record(d.STATE)
-        self._place(np.asarray(home_enu_m, dtype=float), np.zeros(3), 0.0)
+        self._place(home_enu_m, np.zeros(3), 0.0)
         self._look_at_ground()
         position = self._x["position"]
         position[2] = max(position[2], self._x["ground_height"] + d.LEG_HEIGHT_M)
         d.start(self._state, self._rng, self._parameters)
-        self._known_poses: F64 | None = None  # of this moment, once somebody has asked
+        self._known_poses: F64 | None = None  # of this moment, computed on demand
         self._followed: Setpoint | None = None
         self.truth: Truth | None = self
 
-    # ---- what a mission uses -------------------------------------------------------------------------
-
     def state(self) -> VehicleState:
-        """What the vehicle believes: late by nothing, wrong by its GNSS and attitude errors.
-
-        Its estimate of the mean wind is exact.
-        """
+        """The estimated state: no delay, but with GNSS and attitude errors. The estimated wind is exact."""
         p = self._poses()
         time_s, energy_wh, airborne = p[18].tolist()
         return VehicleState(
@@ -106,9 +90,9 @@ class Multirotor:
         )
 
     def command(self, setpoint: Setpoint) -> None:
-        """Flies to the setpoint from the next step on, whatever it was doing.
+        """Flies to the setpoint from the next step on, in any mode.
 
-        Raises RuntimeError on the ground and ValueError when a coordinate is not finite.
+        Raises RuntimeError on the ground and ValueError if a coordinate is not finite.
         """
         if setpoint is self._followed:
             return
@@ -126,7 +110,7 @@ class Multirotor:
         self._followed = setpoint
 
     def advance(self, duration_s: float) -> None:
-        """Lets time pass, in steps of 4 ms; the rest of a step is kept for the next call."""
+        """Lets time pass in steps of 4 ms; a fraction of a step is carried over to the next call."""
         x = self._x
         self._time_s += duration_s
         flown = int(x["steps"].item())
@@ -142,32 +126,27 @@ class Multirotor:
             left -= steps
 
     def takeoff(self, altitude_agl_m: float) -> None:
-        """Arms and climbs straight up to ``altitude_agl_m`` above the ground below, then waits there."""
         self._look_at_ground()
         self._hold_here()
         self._x["target_position"][2] = self._x["ground_height"] + altitude_agl_m
         self._set_mode(d.OFFBOARD if self._x["airborne"] else d.TAKEOFF)
 
     def land(self) -> None:
-        """Descends where it is, slower near the ground; not airborne a second after touchdown."""
+        """Descends here, slower near the ground; it is not airborne one second after touchdown."""
         self._hold_here()
         self._set_mode(d.LAND)
 
     def hold(self) -> None:
-        """Hovers where it is; stays on the ground where it stands there."""
         if self._x["mode"] != d.ON_GROUND:
             self._hold_here()
             self._set_mode(d.OFFBOARD)
 
     def look(self, pitch_rad: float) -> None:
-        """Points the gimbal above (+) or below the horizon, at its own rate; yaw stays the body's."""
+        """Points the gimbal above (+) or below the horizon at its own rate; its yaw follows the body."""
         self._q["gimbal_pitch"] = pitch_rad
         self._known_poses = None
 
-    # ---- to resume -----------------------------------------------------------------------------------
-
     def snapshot(self) -> dict[str, Any]:
-        """Everything that changes, as plain lists and numbers."""
         return {
             "state": self._state.tolist(),
             "random": int(self._rng[0]),
@@ -177,7 +156,7 @@ class Multirotor:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Continues, bit for bit, from ``snapshot`` of a vehicle built with the same arguments."""
+        """Continues bit for bit from the ``snapshot`` of a vehicle built with the same arguments."""
         self._state[:] = snapshot["state"]
         self._rng[0] = snapshot["random"]
         self._time_s = snapshot["time_s"]
@@ -188,10 +167,8 @@ class Multirotor:
     # ---- simulation only -----------------------------------------------------------------------------
 
     def place(self, position_enu_m: ArrayLike, velocity_enu_mps: ArrayLike, yaw_rad: float) -> None:
-        """Puts the vehicle into level flight anywhere, as if it had hovered there (calibration, tests)."""
-        self._place(
-            np.asarray(position_enu_m, dtype=float), np.asarray(velocity_enu_mps, dtype=float), yaw_rad
-        )
+        """Puts the vehicle into level flight anywhere, as after a hover (for calibration and tests)."""
+        self._place(position_enu_m, velocity_enu_mps, yaw_rad)
         x = self._x
         x["thrust"], x["airborne"] = d.G, 1.0
         self._look_at_ground()
@@ -202,10 +179,10 @@ class Multirotor:
         x["last_velocity"] = x["velocity"] + x["velocity_error"]
 
     def misjudge(self, velocity_error_enu_mps: ArrayLike, lean_error: ArrayLike) -> None:
-        """Flies by wrong estimates from now on, as an autopilot does whose estimator errs (calibration).
+        """Adds errors to the estimates from now on (for calibration).
 
-        Its velocity by (3,) m/s, its position not; its up axis by (2,) rad farther east and north than so.
-        For a vehicle without errors of its own (``position_noise_m = 0``).
+        The velocity errs by (3,) m/s, the position not; the estimated up axis leans (2,) rad farther east and
+        north. For a vehicle without errors of its own (``position_noise_m = 0``).
         """
         self._x["velocity_error"] = velocity_error_enu_mps
         self._x["lean_error"] = lean_error
@@ -213,30 +190,23 @@ class Multirotor:
 
     @property
     def true_position_enu_m(self) -> F64:
-        """(3,) of the body origin."""
         return self._x["position"].copy()
 
     @property
     def true_velocity_enu_mps(self) -> F64:
-        """(3,)."""
         return self._x["velocity"].copy()
 
     @property
     def true_R_body_to_enu(self) -> F64:
-        """(3, 3)."""
         return self._poses()[9:12]
 
     def true_camera_pose(self) -> CameraPose:
-        """Where the camera is and how it looks, the gimbal's error included."""
         p = self._poses()
         return CameraPose(p[12], p[13:16])
 
     def true_camera_motion(self) -> CameraMotion:
-        """For motion blur."""
         p = self._poses()
         return CameraMotion(p[16], p[17])
-
-    # ---- inside --------------------------------------------------------------------------------------
 
     def _poses(self) -> F64:
         if self._known_poses is None:
@@ -244,7 +214,7 @@ class Multirotor:
             d.poses(self._state, self._parameters, self._known_poses)
         return self._known_poses
 
-    def _place(self, position_enu_m: F64, velocity_enu_mps: F64, yaw_rad: float) -> None:
+    def _place(self, position_enu_m: ArrayLike, velocity_enu_mps: ArrayLike, yaw_rad: float) -> None:
         x, steps = self._x, self._x["steps"].item()
         self._state[:] = 0.0
         x["steps"] = steps
@@ -273,6 +243,6 @@ class Multirotor:
 
 
 def _record(layout: np.dtype[np.void]) -> tuple[NDArray[np.void], F64]:
-    """A record of zeros, and the same memory as its floats, one after another."""
+    """A record of zeros, and a view of it as an array of its floats."""
     floats = np.zeros(layout.itemsize // 8)
     return floats.view(layout).reshape(()), floats

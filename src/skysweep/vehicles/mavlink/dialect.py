@@ -1,4 +1,4 @@
-"""The one place that imports pymavlink."""
+"""The only import of pymavlink."""
 
 from __future__ import annotations
 

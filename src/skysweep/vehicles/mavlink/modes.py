@@ -1,6 +1,6 @@
-"""PX4's numbers as they go over the air, and where its coordinates lie.
+"""PX4's modes and coordinates as MAVLink carries them.
 
-Sources: px4_custom_mode.h (modes), commander (what a base mode says), MAVLink common.xml.
+Sources: px4_custom_mode.h (modes), commander (base modes), MAVLink common.xml.
 """
 
 from __future__ import annotations
@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.geometry.frames import LocalFrame, enu_from_ned, ned_from_enu
-
-F64 = NDArray[np.float64]
+from skysweep.types import F64
 
 SYSTEM_ID = 1
 AUTOPILOT, CAMERA = 1, 100  # component ids
-TICK_S = 0.02  # how often the autopilot decides, in vehicle time
+TICK_S = 0.02  # of the autopilot, in vehicle time
 
 _MAIN_AUTO, _MAIN_OFFBOARD = 4, 6
 _CUSTOM, _AUTO, _GUIDED, _STABILISED, _MANUAL, _ARMED = 1, 4, 8, 16, 64, 128  # MAV_MODE_FLAG
@@ -40,17 +38,14 @@ class PX4Mode(Enum):
 
     @property
     def custom_mode(self) -> int:
-        """HEARTBEAT.custom_mode."""
         main, sub = self.value
         return int(main << 16 | sub << 24)
 
     def base_mode(self, armed: bool) -> int:
-        """HEARTBEAT.base_mode."""
         return _CUSTOM | _FLAGS.get(self, _STABILISED | _AUTO | _GUIDED) | (_ARMED if armed else 0)
 
     @property
     def standard_mode(self) -> int:
-        """CURRENT_MODE.standard_mode, MAV_STANDARD_MODE."""
         return _STANDARD_MODES.get(self, 0)
 
 
@@ -70,7 +65,7 @@ _STANDARD_MODES = {
 
 
 def mode_of(main: int, sub: int) -> PX4Mode | None:
-    """The mode of these numbers, None where the vehicle has no such mode."""
+    """The mode with these numbers; None if there is no such mode."""
     try:
         return PX4Mode((main, sub if main == _MAIN_AUTO else 0))
     except ValueError:
@@ -78,31 +73,29 @@ def mode_of(main: int, sub: int) -> PX4Mode | None:
 
 
 class Refused(Exception):
-    """The vehicle will not do what it was told; the text says why."""
+    """The vehicle refuses an order; the text is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Geodetic, local NED and our ENU coordinates of one place."""
+    """Converts between geodetic, local NED and our ENU coordinates."""
 
     frame: LocalFrame
-    origin_enu_m: F64  # (3,) where local NED is zero: where the estimator started
+    origin_enu_m: F64  # (3,) of local NED: where the estimator started
 
     def ned_from_enu(self, position_enu_m: F64) -> F64:
-        """Local NED (3,) of a position."""
         return ned_from_enu(position_enu_m - self.origin_enu_m)
 
     def enu_from_ned(self, position_ned_m: F64) -> F64:
-        """The position (3,) of a local NED."""
         return enu_from_ned(position_ned_m) + self.origin_enu_m
 
     def geodetic(self, position_enu_m: F64) -> tuple[float, float, float]:
         """Latitude and longitude in degrees, altitude AMSL in metres."""
-        latitude, longitude, altitude = self.frame.geodetic_from_enu(position_enu_m)[0]
-        return float(latitude), float(longitude), float(altitude)
+        latitude, longitude, altitude = self.frame.geodetic_from_enu(position_enu_m)[0].tolist()
+        return latitude, longitude, altitude
 
     def enu(self, latitude_deg: float, longitude_deg: float, altitude_amsl_m: float) -> F64:
-        """The position (3,) of a place on Earth. Raises Refused for numbers that are none."""
+        """The position (3,) of a place on Earth. Raises Refused if it is out of range."""
         if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0 and abs(altitude_amsl_m) < 1e5):
             raise Refused("no such place on Earth")
         return np.asarray(self.frame.enu_from_geodetic([latitude_deg, longitude_deg, altitude_amsl_m])[0])
@@ -127,10 +120,10 @@ def e7(degrees: float) -> int:
 
 
 def finite(*values: float) -> bool:
-    """Whether all of them are numbers."""
+    """Whether all values are finite."""
     return all(math.isfinite(v) for v in values)
 
 
 def whole(value: float) -> int | None:
-    """The integer that a command's float stands for, None where it is none."""
+    """The integer that a command's float stands for; None if there is none."""
     return round(value) if math.isfinite(value) and abs(value) < 2**31 else None

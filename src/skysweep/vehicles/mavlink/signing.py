@@ -1,9 +1,9 @@
-"""MAVLink 2 message signing: who may speak to the vehicle, and what it signs itself.
+"""MAVLink 2 message signing of incoming and outgoing frames.
 
 Rules of the MAVLink guide, "Message Signing": SHA-256 over key and frame, first 6 bytes; a timestamp in units
 of 10 us since 2015 that must grow on every stream (link id, system, component), across restarts too, and must
-not lie more than a minute behind. Stricter than the guide in one thing: neither more than a minute ahead, so
-that no clock can drag everybody's out of reach.
+not be more than a minute old. Unlike in the guide, it must not be more than a minute ahead either: no clock
+can push those of all others out of reach.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ SIGNATURE_BYTES = 13
 _EPOCH_2015_S = 1_420_070_400
 _SECOND = 100_000
 _WINDOW = 60 * _SECOND  # around the local time
-_KEPT_AHEAD = 2 * _SECOND  # a stream is written down that far ahead, and again when half of it is left
+_KEPT_AHEAD = 2 * _SECOND  # times are stored that far ahead, and again when half of it is left
 _MAX_STREAMS = 1024
 _MAX_KEY_FILE_BYTES = 1000
 
 
 def read_signing_key(path: str | Path) -> bytes:
-    """The 32 bytes in a file of 64 hexadecimal digits. Raises UserError where it holds anything else."""
+    """The 32 bytes in a file of 64 hexadecimal digits. Raises UserError for any other content."""
     try:
         key = bytes.fromhex(read_limited(path, _MAX_KEY_FILE_BYTES).decode("ascii").strip())
     except ValueError:
         key = b""
     if len(key) != 32:
-        raise UserError(f"{path}: is no signing key; write 64 hexadecimal digits (openssl rand -hex 32)")
+        raise UserError(f"{path}: is not a signing key; write 64 hexadecimal digits (openssl rand -hex 32)")
     return key
 
 
 class Signing:
     """Signs and checks frames with one key. Without a key everything passes and nothing is signed.
 
-    ``memory`` refuses after a restart what was heard before it. The computer's clock is read once, here: a
-    clock that is set in flight must not make the vehicle deaf. One that is behind what ``memory`` holds is
-    wrong, and set by the first good frame. Raises UserError where ``memory`` cannot be written.
+    ``memory`` keeps frames from before a restart refused. The computer's clock is read only once, because a
+    clock that is set in flight must not make the vehicle deaf. A clock behind ``memory`` is wrong; the first
+    good frame sets it. Raises UserError if ``memory`` cannot be written.
     """
 
     def __init__(self, key: bytes | None, memory: SigningMemory | None = None) -> None:
         self.key = key
         self._begun, self._begun_s = round((time.time() - _EPOCH_2015_S) * _SECOND), time.monotonic()
-        self._streams: dict[Stream, int] = {}  # the last one heard is the last one here
-        self._unseen_after = 0  # a stream that is not among them must be newer
+        self._streams: dict[Stream, int] = {}  # in the order of their last frames
+        self._unseen_after = 0  # any other stream must be newer
         self._clock_is_wrong = False
         self._kept = self._recall(memory)
         self._streams.update(self._kept)
@@ -70,7 +70,7 @@ class Signing:
         kept: dict[Stream, int] = {}
         try:
             kept = memory.read()
-        except ValueError:  # whatever was heard before now may have been in it
+        except ValueError:  # it may have held anything heard before now
             self._unseen_after = self._begun
         memory.must_be_writable()
         heard_at = max(kept.values(), default=0) - _KEPT_AHEAD - _WINDOW
@@ -79,7 +79,7 @@ class Signing:
         return kept
 
     def accepts(self, frame: bytes) -> bool:
-        """Whether a whole frame may be acted on. Only a good signature moves its stream's clock."""
+        """Whether a complete frame is authentic. Only a good signature advances its stream's time."""
         if self.key is None:
             return True
         if frame[0] != 0xFD or not frame[2] & SIGNED:
@@ -106,11 +106,11 @@ class Signing:
         return True
 
     def _keep(self, stream: Stream) -> None:
-        """Has a stream's time on disk before it is reached; that of a new stream soon after."""
+        """Stores a stream's time before it is reached; that of a new stream soon after."""
         if self._writer is None or self._kept.get(stream, 0) - self._streams[stream] > _KEPT_AHEAD // 2:
             return
         if not self._due.full():
-            oldest = self._now() - _WINDOW  # older ones are refused for that
+            oldest = self._now() - _WINDOW  # older times are refused anyway
             self._kept = {s: newest + _KEPT_AHEAD for s, newest in self._streams.items() if newest >= oldest}
             self._due.put((self._kept, oldest))
 
@@ -120,14 +120,13 @@ class Signing:
                 memory.write(*due)
 
     def close(self) -> None:
-        """Has on disk whatever was heard."""
+        """Stores the times of all streams."""
         if self._writer is not None:
             self._due.put((self._streams, self._now() - _WINDOW))
             self._due.put(None)
             self._writer.join()
 
     def stamp(self) -> int:
-        """The timestamp of the next frame of ours."""
         self._newest = max(self._newest + 1, self._now())
         return self._newest
 

@@ -1,4 +1,4 @@
-"""Frames on the wire: messages out of bytes, and one voice for each component that speaks."""
+"""Frames on the wire: decoding of incoming bytes, and encoding per component."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from skysweep.vehicles.mavlink.signing import SIGNATURE_BYTES, SIGNED, Signing
 Message = Any  # a pymavlink message
 _V1, _V2 = 0xFE, 0xFD
 _HEADER_BYTES = {_V1: 6, _V2: 10}
-_FLAGS_END = 3  # where a header has said how long its frame is
+_FLAGS_END = 3  # bytes of a header that determine the length of the frame
 _CRC_BYTES = 2
-_FALSE_STARTS, _MORE_FALSE_STARTS = 64, 4  # in one piece, and for each sound frame; then it is noise
+_FALSE_STARTS, _MORE_FALSE_STARTS = 64, 4  # allowed in one piece, and more per valid frame; then it is noise
 
 
 class Frames:
-    """The frames in the bytes of one sender, who needs an object of their own: a frame may come in pieces.
+    """Finds the frames in the bytes of one sender; a frame may come in pieces.
 
-    Bytes that only look like the start of a frame delay the frames behind them and swallow none.
+    Bytes that only look like the start of a frame delay the following frames, but lose none.
     """
 
     def __init__(self) -> None:
         self._decoder = mavlink.MAVLink(None)
-        self._begun = b""  # of a frame that has not come whole
+        self._begun = b""  # an incomplete frame
 
     def read(self, piece: bytes, is_last: bool = False) -> Iterator[tuple[Message, bytes]]:
-        """Every sound message that is whole by now, with its frame. ``is_last``: nothing will follow."""
+        """Every valid message that is complete by now, with its frame. ``is_last``: nothing will follow."""
         data, self._begun = self._begun + piece, b""
         at, false_starts = 0, _FALSE_STARTS
         while at < len(data) and false_starts > 0:
@@ -52,14 +52,14 @@ class Frames:
 
 
 def read_frames(datagram: bytes, signing: Signing) -> Iterator[Message]:
-    """Every sound message of a datagram in order; what is no frame or not authentic is passed over."""
+    """Every valid and authentic message of a datagram, in order."""
     for message, frame in Frames().read(datagram, is_last=True):
         if signing.accepts(frame):
             yield message
 
 
 def _end_of_frame(data: bytes, at: int) -> int | None:
-    """Where the frame that begins at ``at`` ends, perhaps behind the data; None where none begins."""
+    """The end of the frame that begins at ``at``, perhaps beyond the data; None if none begins there."""
     header = _HEADER_BYTES.get(data[at])
     if header is None:
         return None
@@ -74,9 +74,9 @@ def _end_of_frame(data: bytes, at: int) -> int | None:
 
 
 class Voice:
-    """What one component says to one listener: with its own sequence numbers, signed where there is a key.
+    """Encodes the messages of one component to one listener, signed if there is a key.
 
-    Programs that share ids and key need a ``link_id`` each: on one stream the slower clock is not heard.
+    Programs with the same ids and key need different ``link_id``s: a shared stream refuses the slower clock.
     """
 
     def __init__(
@@ -89,7 +89,6 @@ class Voice:
         self._signing = signing
 
     def pack(self, message: Message) -> bytes:
-        """The frame of a message."""
         encoder = self._encoder
         if self._signing.key is not None:
             encoder.signing.timestamp = self._signing.stamp()

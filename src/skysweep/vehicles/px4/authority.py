@@ -1,10 +1,10 @@
 """Who flies the vehicle: this program, nobody because PX4 lost this program, or somebody else.
 
-A person and the autopilot always win. PX4 keeps the mode that somebody chose (the intended mode) apart from
-the one that it flies: a failsafe changes only what is flown. When Offboard is lost (COM_OF_LOSS_T,
-COM_OBL_RC_ACT) the intention stays Offboard, and PX4 goes back by itself when setpoints are heard again,
-unless somebody chose another mode or another failsafe holds. So no mode is ever ordered to get the vehicle
-back: setpoints are sent again where nobody else can be flying it, and what PX4 does then is the proof.
+A person and the autopilot always win. PX4 distinguishes the mode that somebody chose (the intended mode) from
+the one that it flies; a failsafe changes only the latter. When Offboard is lost (COM_OF_LOSS_T,
+COM_OBL_RC_ACT) the intended mode stays Offboard, and PX4 returns to it by itself when it receives setpoints
+again, unless somebody chose another mode or another failsafe is active. So no mode is ever ordered to get the
+vehicle back: setpoints are sent again if nobody else can be flying it, and PX4's response is the proof.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.px4.link import PX4Link
 from skysweep.vehicles.px4.telemetry import SILENCE_S, PxMode, Telemetry, mode_name
 
-RETURNS_S = 2.0  # within which PX4 is back in Offboard when it hears setpoints again
-_CATCH_UP_S = 1.0  # a link that was held up delivers the past first
+RETURNS_S = 2.0  # until PX4 is back in Offboard after new setpoints
+_CATCH_UP_S = 1.0  # a delayed link delivers old messages first
 _CLOCK_SLACK_S = 0.3
-_RECENT_S = 10.0  # a warning that explains why
+_RECENT_S = 10.0  # age of a warning that may be the reason
 AUTO = 4  # PX4's main mode of Hold, Return and Land
-_NO_STICKS = {3: PX4Mode.RETURN, 4: PX4Mode.LAND, 5: PX4Mode.HOLD}  # COM_OBL_RC_ACT that needs no pilot
-_STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that gives it to a pilot
+_NO_STICKS = {3: PX4Mode.RETURN, 4: PX4Mode.LAND, 5: PX4Mode.HOLD}  # COM_OBL_RC_ACT without a pilot
+_STICKS = {0: (3, 0), 1: (2, 0), 2: (7, 0)}  # COM_OBL_RC_ACT that hands over to a pilot
 
 
 class FlightAuthority:
-    """Judges, with every message, whether setpoints may be sent and orders given.
+    """Decides whether setpoints may be sent and orders given.
 
-    ``wanted`` is the mode that this program ordered; None: none yet. ``theirs`` says who flies it instead,
-    in words, and stays until ``regain``: only a person gives the vehicle back.
+    ``wanted`` is the mode that this program ordered; None: none yet. ``theirs`` says in words who flies the
+    vehicle instead. It stays until ``regain``: only a person gives the vehicle back.
     """
 
     def __init__(self, link: PX4Link, telemetry: Telemetry, on_loss: int | None) -> None:
@@ -37,24 +37,24 @@ class FlightAuthority:
         self.wanted: PX4Mode | None = None
         self.theirs = ""
         self._deaf = False
-        self._before: tuple[float, float] = (0.0, 0.0)  # now_s and boot_s when it was last heard
+        self._before: tuple[float, float] = (0.0, 0.0)  # now_s and boot_s of its last message
         self._heard_again_s = float("-inf")
         self._asked = False
-        self._person = False  # who took it, or took it from a failsafe
-        self._not_followed_s: float | None = None  # since when PX4 is elsewhere, and setpoints go out
+        self._person = False  # a person took it, perhaps from a failsafe
+        self._not_followed_s: float | None = None  # since when PX4 ignores our setpoints
 
     def may_stream(self) -> bool:
-        """Whether setpoints may go out now.
+        """Whether setpoints may be sent now.
 
-        They go on, for a hover, while a failsafe of PX4's own flies: silence would be one more, and with
-        COM_OBL_RC_ACT 7 stop the motors.
+        Those of a hover continue during PX4's own failsafes: silence would be another failsafe, and stop the
+        motors with COM_OBL_RC_ACT 7.
         """
         with self._lock:
             return self._look() and (not self.theirs or (self.nobody_chose and self._told.airborne))
 
     @property
     def nobody_chose(self) -> bool:
-        """Whether PX4 alone took it, since ``theirs`` began: no person chose a mode."""
+        """Whether PX4 took it by itself and no person has chosen a mode since."""
         with self._lock:
             return not self._person and self._is_left_to_px4()
 
@@ -63,18 +63,18 @@ class FlightAuthority:
         return told.intended == PX4Mode.OFFBOARD.value and told.flown[0] in (AUTO, PX4Mode.OFFBOARD.value[0])
 
     def lost(self) -> bool:
-        """Whether somebody else has it; looks again."""
+        """Whether somebody else flies it, from the newest messages."""
         with self._lock:
             self._look()
             return bool(self.theirs)
 
     def knows(self) -> bool:
-        """Whether the vehicle is heard, and what it said is of now."""
+        """Whether the vehicle is heard and its messages are current."""
         with self._lock:
             return self._look()
 
     def regain(self, mode: PX4Mode | None) -> None:
-        """A person gave the vehicle back, or this program begins: its next order is ``mode``."""
+        """This program flies it from now on, and ordered ``mode``."""
         with self._lock:
             self.wanted, self.theirs, self._not_followed_s, self._person = mode, "", None, False
 
@@ -87,7 +87,7 @@ class FlightAuthority:
                 self._give_up(self._told.flown)
 
     def _look(self) -> bool:
-        """Judges what is known; False while nothing certain is known."""
+        """Evaluates the newest messages; False while they are not conclusive."""
         link, told = self._link, self._told
         now_s = link.now_s()
         if told.silent_s >= SILENCE_S:
@@ -99,9 +99,8 @@ class FlightAuthority:
             self._heard_again_s = min(self._heard_again_s, now_s)
             if not self._asked:
                 self._asked = True
-                link.request("HEARTBEAT")
-                link.request("SYS_STATUS")
-                link.request("EXTENDED_SYS_STATE")
+                for name in ("HEARTBEAT", "SYS_STATUS", "EXTENDED_SYS_STATE"):
+                    link.request(name)
             if not self._caught_up(now_s) or told.mode_heard_s <= self._heard_again_s:
                 return False
         self._person = self._person or (bool(self.theirs) and not self._is_left_to_px4())
@@ -116,7 +115,7 @@ class FlightAuthority:
         return caught_up or now_s - self._heard_again_s > _CATCH_UP_S
 
     def _judge(self, now_s: float) -> bool:
-        """Whether that is certain; sets ``theirs``."""
+        """Sets ``theirs``; False while that is not certain."""
         told, wanted = self._told, self.wanted
         assert wanted is not None
         if not told.armed:
@@ -135,10 +134,10 @@ class FlightAuthority:
         return self._judge_loss(mode, now_s)
 
     def _judge_loss(self, mode: PxMode, now_s: float) -> bool:
-        """PX4 is not in Offboard, where this program flies it: is it for the loss of our setpoints?"""
+        """As ``_judge``, when PX4 left Offboard: did it lose our setpoints, or did somebody choose a mode?"""
         link, told = self._link, self._told
         if told.intended is None and self._deaf:
-            chosen = False  # an older PX4 does not say: it goes back by itself, or it does not
+            chosen = False  # an older PX4 does not report it: it returns by itself, or not
         elif told.intended_heard_s <= self._heard_again_s and self._deaf:
             return False
         else:
@@ -152,7 +151,7 @@ class FlightAuthority:
             chosen = True
         elif not chosen and self._deaf and link.heard_s("EXTENDED_SYS_STATE") <= self._heard_again_s:
             return False
-        if chosen or not told.airborne:  # setpoints would make one that has landed take off again
+        if chosen or not told.airborne:  # with setpoints a landed vehicle would take off again
             self._give_up(mode)
             return True
         if self._not_followed_s is None:
@@ -173,6 +172,6 @@ class FlightAuthority:
 
 
 def is_free(told: Telemetry) -> bool:
-    """Whether a vehicle in the air may be gone on with: it is in Hold, or where PX4 lost a program."""
+    """Whether a flying vehicle may be taken over: it is in Hold, or PX4 lost its program."""
     lost = told.intended == PX4Mode.OFFBOARD.value and told.flown != PX4Mode.OFFBOARD.value
     return told.flown == PX4Mode.HOLD.value or (lost and (told.flown[0] == AUTO or not told.manual_control))

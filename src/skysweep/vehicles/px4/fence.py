@@ -1,4 +1,4 @@
-"""Geofence and rally points of a plan into a PX4, read back to be sure."""
+"""Uploads geofence and rally points of a plan to a PX4 and reads them back."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _NEAR_E7 = 2  # of degrees x 1e7: what a round trip may change
 
 
 def upload_fence_and_rally(link: PX4Link, plan: QgcPlan) -> tuple[int, int]:
-    """Sends what the plan has of them; how many corners and circles, how many rally points.
+    """Uploads both; returns the number of corners and circles, and of rally points.
 
-    What the plan has none of stays in the vehicle as it is. Raises UserError when the vehicle does not keep
-    what it was sent.
+    If the plan has none of a kind, the vehicle keeps its own. Raises UserError if the vehicle does not store
+    them.
     """
     raw = MissionRaw(link.system)
     items = raw.import_qgroundcontrol_mission_from_string(json.dumps(plan.model_dump(mode="json")))
@@ -45,7 +45,7 @@ def _upload(what: str, items: list[MissionItem], send: Callable[[Any], Any], rea
         back = answer[1] if isinstance(answer, tuple) else answer
         if len(back) == len(items) and all(map(_same, items, back)):
             return
-    raise UserError(f"the vehicle does not take the {what} ({why}); nothing was flown")
+    raise UserError(f"the vehicle does not store the {what} ({why}); nothing was flown")
 
 
 def _same(a: MissionItem, b: MissionItem) -> bool:

@@ -1,18 +1,18 @@
-"""The link to a PX4: what it says, telling it something, and believing only what it then does.
+"""The link to a PX4: its messages, and orders that count only when the vehicle's state confirms them.
 
-MAVSDK carries the bytes (``mavlink_direct``). Its own commands are not used: they wait for an
-acknowledgement, by the wall clock, and PX4 acknowledges what it then refuses.
+MAVSDK carries the messages (``mavlink_direct``). Its own commands are not used: they wait for an
+acknowledgement by the wall clock, and PX4 acknowledges orders that it then refuses.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,37 +34,19 @@ except ImportError:
 Fields = dict[str, Any]
 
 CONNECT_S = 10.0
-ORDER_S = 10.0  # until an order has to show in what the vehicle does
+ORDER_S = 10.0  # until the vehicle's state must confirm an order
 _REPEAT_S = 0.5
 _NEIGHBOURS_S = 1.5  # until every vehicle on the link has sent a heartbeat
-_STREAM_S = 0.05  # a setpoint goes out even when no position comes in
+_STREAM_S = 0.05  # longest time between setpoints
 _AUTOPILOT = 1  # component id
 CURRENT_MODE = 436  # message id; not yet in every dialect
-_OF_ANY_COMPONENT = (
-    "GIMBAL_MANAGER_INFORMATION",
-    "GIMBAL_MANAGER_STATUS",
-    "GIMBAL_DEVICE_ATTITUDE_STATUS",
-)
+_OF_ANY_COMPONENT = ("GIMBAL_MANAGER_INFORMATION", "GIMBAL_MANAGER_STATUS", "GIMBAL_DEVICE_ATTITUDE_STATUS")
 HEARD = (
-    "HEARTBEAT",
-    "CURRENT_MODE",
-    "LOCAL_POSITION_NED",
-    "ATTITUDE_QUATERNION",
-    "EXTENDED_SYS_STATE",
-    "SYS_STATUS",
-    "BATTERY_STATUS",
-    "DISTANCE_SENSOR",
-    "GPS_RAW_INT",
-    "HOME_POSITION",
-    "ESTIMATOR_STATUS",
-    "WIND_COV",
-    "AUTOPILOT_VERSION",
-    "COMMAND_ACK",
-    "STATUSTEXT",
-    "PARAM_VALUE",
-    *_OF_ANY_COMPONENT,
-)
-_TEXTS = 20  # kept
+    "HEARTBEAT", "CURRENT_MODE", "LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "EXTENDED_SYS_STATE",
+    "SYS_STATUS", "BATTERY_STATUS", "DISTANCE_SENSOR", "GPS_RAW_INT", "HOME_POSITION", "ESTIMATOR_STATUS",
+    "WIND_COV", "AUTOPILOT_VERSION", "COMMAND_ACK", "STATUSTEXT", "PARAM_VALUE", *_OF_ANY_COMPONENT,
+)  # fmt: skip
+_TEXTS = 20  # of the newest
 _TEXT_CHARACTERS = 50  # in one message
 _WARNING = 4  # MAV_SEVERITY; smaller is worse
 _ACCEPTED = 0  # MAV_RESULT
@@ -72,12 +54,12 @@ _RESULTS = {1: "not now", 2: "denied", 3: "unsupported", 4: "failed"}  # MAV_RES
 
 
 class PX4Link:
-    """Hears one vehicle and speaks to it.
+    """Receives messages of one vehicle and sends to it.
 
     ``url``: ``udpin://0.0.0.0:14540``, ``tcpout://HOST:PORT``, ``serial:///dev/ttyUSB0:57600``. Messages are
-    dictionaries of their fields, NaN is None. ``system_id`` chooses among several vehicles on one link.
+    dictionaries of their fields, NaN is None. ``system_id`` selects one of several vehicles on the link.
 
-    Raises UserError where no vehicle answers in ``timeout_s``, and where several do and none is chosen.
+    Raises UserError if no vehicle answers in ``timeout_s``, or several do and none is selected.
     """
 
     def __init__(self, url: str, timeout_s: float = CONNECT_S, system_id: int | None = None) -> None:
@@ -88,7 +70,7 @@ class PX4Link:
         self._listeners: dict[str, list[Callable[[Fields], None]]] = {}
         self._texts: deque[tuple[float, str]] = deque(maxlen=_TEXTS)
         self._parts: dict[int, str] = {}  # of texts that come in several messages, by their id
-        self._results: dict[int, tuple[int, float]] = {}  # of commands, and when that was said
+        self._results: dict[int, tuple[int, float]] = {}  # of commands, and when they came
         log_subscribe(lambda *_: True)
         configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
         self.own_ids = (int(configuration.system_id), int(configuration.component_id))
@@ -137,31 +119,31 @@ class PX4Link:
             raise UserError(f"--system-id {system_id}: no such vehicle was heard at {url}; heard: {ids}")
         return first if system_id is None else found[system_id]
 
-    # ---- hearing -------------------------------------------------------------------------------------
+    # ---- receiving -----------------------------------------------------------------------------------
 
     def newest(self, name: str) -> Fields | None:
-        """The last message of a kind."""
+        """The last message of a kind; None before the first."""
         return self._newest.get(name)
 
     def on(self, name: str, listener: Callable[[Fields], None]) -> None:
-        """Calls ``listener`` with every message of a kind, in the thread that receives."""
+        """Calls ``listener`` with every message of a kind, in the receiving thread."""
         self._listeners.setdefault(name, []).append(listener)
 
     def now_s(self) -> float:
-        """The clock of this side of the link: the wall's, monotonic."""
+        """This computer's monotonic clock."""
         return time.monotonic()
 
     def heard_s(self, name: str) -> float:
-        """When a kind was last heard, by ``now_s``; -inf where it never was."""
-        return self._heard_s.get(name, float("-inf"))
+        """When a kind was last received, by ``now_s``; -inf if it never was."""
+        return self._heard_s.get(name, -math.inf)
 
     def warnings(self, since_s: float) -> tuple[str, ...]:
-        """Warnings that the vehicle said since then by ``now_s``, oldest first, each once."""
-        texts = tuple(self._texts)  # the receiver may add to them meanwhile
+        """The vehicle's warnings since then by ``now_s``, oldest first, without repetitions."""
+        texts = tuple(self._texts)  # the receiving thread may add more meanwhile
         return tuple(dict.fromkeys(text for heard_s, text in texts if heard_s >= since_s))
 
     def parameter(self, name: str) -> float | None:
-        """One of the vehicle's parameters, None where it does not say; asked twice, because radios lose."""
+        """A parameter of the vehicle; None without an answer to two requests, because radios lose."""
         parameters = Param(self.system)
         for get in (parameters.get_param_float, parameters.get_param_int) * 2:
             with suppress(MavsdkError):
@@ -169,7 +151,7 @@ class PX4Link:
         return None
 
     def parameters(self, seconds: float) -> dict[str, float]:
-        """All of the vehicle's parameters by name; none where they do not come in that time."""
+        """All parameters of the vehicle by name; none if they do not come in that time."""
         found: dict[str, float] = {}
 
         def fetch() -> None:
@@ -183,7 +165,7 @@ class PX4Link:
         return dict(sorted(found.items()))
 
     def wait(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Until ``condition`` is true after some message; False when ``seconds`` on the wall are over."""
+        """Waits until a message makes ``condition`` true; False after ``seconds`` on the wall."""
         with self._news:
             return self._news.wait_for(condition, seconds)
 
@@ -219,25 +201,19 @@ class PX4Link:
         if part.strip():
             self._texts.append((self.now_s(), part.strip()))
 
-    # ---- speaking ------------------------------------------------------------------------------------
+    # ---- sending -------------------------------------------------------------------------------------
 
     def send(self, name: str, **fields: Any) -> None:
-        """Says something to the vehicle, once."""
-        everything = {"target_system": self.system_id, "target_component": _AUTOPILOT, **fields}
-        with suppress(MavsdkError):  # not sent is as lost on the way: what the vehicle does will tell
-            self._direct.send_message(
-                MavlinkMessage(name, 0, 0, self.system_id, _AUTOPILOT, json.dumps(everything))
-            )
+        """Sends a message to the vehicle, once."""
+        text = json.dumps({"target_system": self.system_id, "target_component": _AUTOPILOT, **fields})
+        with suppress(MavsdkError):  # like a lost message: the vehicle's state will show it
+            self._direct.send_message(MavlinkMessage(name, 0, 0, self.system_id, _AUTOPILOT, text))
 
     def command(self, number: int, *params: float | None) -> None:
-        """A COMMAND_LONG, once. None is NaN: the vehicle's own choice."""
+        """Sends a COMMAND_LONG, once. None is NaN: the vehicle's own choice."""
         padded = (*params, *[0.0] * (7 - len(params)))
-        self.send(
-            "COMMAND_LONG",
-            command=number,
-            confirmation=0,
-            **{f"param{i}": p for i, p in enumerate(padded, 1)},
-        )
+        fields = {f"param{i}": p for i, p in enumerate(padded, 1)}
+        self.send("COMMAND_LONG", command=number, confirmation=0, **fields)
 
     def order(
         self,
@@ -248,10 +224,10 @@ class PX4Link:
         timeout_s: float = ORDER_S,
         given_up: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Repeats a command until ``done``, which looks at what the vehicle reports; whether that came.
+        """Repeats a command until ``done``, which checks the vehicle's state; False once ``given_up``.
 
-        ``given_up`` is asked before the command is said again: someone else's will must not be overruled.
-        Raises UserError with the vehicle's own reasons where it does not come to that in ``timeout_s``.
+        ``given_up`` is checked before each repetition, so that nobody else's order is overruled. Raises
+        UserError with the vehicle's reasons if neither is true in ``timeout_s``.
         """
         params = tuple(params)
         begun_s = self.now_s()
@@ -274,30 +250,34 @@ class PX4Link:
         )
 
     def accepted_s(self, number: int) -> float:
-        """When the vehicle accepted the newest command of a kind, by ``now_s``; inf: it did not."""
+        """When the vehicle accepted the newest command of a kind, by ``now_s``; inf if it did not."""
         result, said_s = self._results.get(number, (-1, 0.0))
-        return said_s if result == _ACCEPTED else float("inf")
+        return said_s if result == _ACCEPTED else math.inf
 
     def every(self, name: str, rate_hz: float) -> None:
-        """Asks for a message at a rate of vehicle time."""
+        """Requests a message at a rate in vehicle time."""
         self.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 1e6 / rate_hz)
 
     def request(self, name: str) -> None:
-        """Asks for a message, once."""
         self.command(m.MAV_CMD_REQUEST_MESSAGE, message_id(name))
 
     def stream(self, say: Callable[[], None]) -> Callable[[], None]:
-        """Calls ``say`` with every position that comes in, and at least 20 times a second, from a thread.
+        """Calls ``say`` from a thread for every new position, at least 20 times a second.
 
-        Returns what ends it.
+        Returns the function that ends it.
         """
         running = threading.Event()
         running.set()
 
         def run() -> None:
+            last_s = -math.inf
+
+            def has_moved() -> bool:
+                return self.heard_s("LOCAL_POSITION_NED") > last_s
+
             while running.is_set():
-                heard = self._heard_s.get("LOCAL_POSITION_NED")
-                self.wait(partial(self._has_more, heard), _STREAM_S)
+                last_s = self.heard_s("LOCAL_POSITION_NED")
+                self.wait(has_moved, _STREAM_S)
                 say()
 
         thread = threading.Thread(target=run, name="setpoints", daemon=True)
@@ -309,11 +289,8 @@ class PX4Link:
 
         return end
 
-    def _has_more(self, heard_s: float | None) -> bool:
-        return self._heard_s.get("LOCAL_POSITION_NED") != heard_s
-
     def ask(self, name: str, seconds: float) -> Fields | None:
-        """Asks for a message; None where it does not come in ``seconds``."""
+        """Requests a message until it comes; None after ``seconds``."""
         self._newest.pop(name, None)
         end_s = self.now_s() + seconds
         while self.now_s() < end_s and name not in self._newest:
@@ -322,12 +299,11 @@ class PX4Link:
         return self._newest.get(name)
 
     def close(self) -> None:
-        """Let go of the connection."""
         self._mavsdk.destroy()
 
 
 def message_id(name: str) -> int:
-    """MAVLink's number of a message."""
+    """The MAVLink number of a message."""
     return CURRENT_MODE if name == "CURRENT_MODE" else int(getattr(m, f"MAVLINK_MSG_ID_{name}"))
 
 

@@ -6,15 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.geometry.frames import heading_from_yaw, ned_from_enu
-from skysweep.types import Setpoint
+from skysweep.types import F64, Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.mavlink.modes import Site
 from skysweep.vehicles.px4.link import PX4Link
-from skysweep.vehicles.px4.telemetry import Anchor, Telemetry
-
-F64 = NDArray[np.float64]
+from skysweep.vehicles.px4.telemetry import Telemetry
 
 _NO_XY = m.POSITION_TARGET_TYPEMASK_X_IGNORE | m.POSITION_TARGET_TYPEMASK_Y_IGNORE
 _POSITION_VELOCITY_YAW = (
@@ -26,11 +24,11 @@ _POSITION_VELOCITY_YAW = (
 
 
 def horizontal_velocity_enu_mps(setpoint: Setpoint, position_enu_m: F64, gain_per_s: float) -> F64 | None:
-    """The velocity (2,) to fly to the setpoint with; None near it, where the position alone will do.
+    """The velocity (2,) towards the setpoint; None near it, where the position is enough.
 
-    PX4 flies to a position at ``feed-forward + gain (sent - position)`` (MPC_XY_P) and as fast as
-    MPC_XY_VEL_MAX lets it. Where that is more than ``Setpoint.speed_mps`` the velocity is sent, cut to
-    it: the wanted speed without writing a parameter, however old the position is by then.
+    PX4 flies to a position at ``feed-forward + gain (sent - position)`` (MPC_XY_P), up to MPC_XY_VEL_MAX. If
+    that exceeds ``Setpoint.speed_mps``, the velocity is sent instead, cut to that speed: no parameter is
+    written, and the age of the position does not matter.
     """
     ahead = np.zeros(2) if setpoint.velocity_enu_mps is None else setpoint.velocity_enu_mps[:2]
     velocity: F64 = ahead + gain_per_s * (setpoint.position_enu_m[:2] - position_enu_m[:2])
@@ -46,22 +44,22 @@ class SetpointStream:
     ) -> None:
         self._link, self._telemetry, self._may_stream = link, telemetry, may_stream
         self._gain_per_s = gain_per_s
-        self._goal: tuple[Setpoint, Anchor] | None = None
+        self._goal: tuple[Setpoint, Site] | None = None
         self._end: Callable[[], None] | None = None
 
-    def aim(self, setpoint: Setpoint, anchor: Anchor) -> None:
-        """Flies there from the next message on."""
-        self._goal = setpoint, anchor
+    def aim(self, setpoint: Setpoint, site: Site) -> None:
+        """Sets the setpoint of the next messages."""
+        self._goal = setpoint, site
 
     def start(self) -> bool:
-        """Begins to stream, ``aim`` first; False where it did already."""
+        """Starts to stream, after ``aim``; False if it streams already."""
         if self._end is not None:
             return False
         self._end = self._link.stream(self._send)
         return True
 
     def stop(self) -> None:
-        """Says nothing more. Then PX4 does what COM_OBL_RC_ACT says, unless it was told another mode."""
+        """Ends the stream. PX4 then follows COM_OBL_RC_ACT, unless it was ordered into another mode."""
         if self._end is not None:
             self._end()
             self._end = None
@@ -70,10 +68,10 @@ class SetpointStream:
         goal, told = self._goal, self._telemetry
         if goal is None or not self._may_stream():
             return
-        setpoint, anchor = goal
-        x, y, z = anchor.ned(setpoint.position_enu_m).tolist()
+        setpoint, site = goal
+        x, y, z = site.ned_from_enu(setpoint.position_enu_m).tolist()
         velocity = np.zeros(3) if setpoint.velocity_enu_mps is None else setpoint.velocity_enu_mps.copy()
-        cruise = horizontal_velocity_enu_mps(setpoint, anchor.enu(told.ned_m), self._gain_per_s)
+        cruise = horizontal_velocity_enu_mps(setpoint, site.enu_from_ned(told.ned_m), self._gain_per_s)
         if cruise is not None:
             velocity[:2] = cruise
         vx, vy, vz = ned_from_enu(velocity).tolist()
@@ -82,15 +80,7 @@ class SetpointStream:
             time_boot_ms=round(told.boot_s * 1e3),
             coordinate_frame=m.MAV_FRAME_LOCAL_NED,
             type_mask=_POSITION_VELOCITY_YAW | (0 if cruise is None else _NO_XY),
-            x=x,
-            y=y,
-            z=z,
-            vx=vx,
-            vy=vy,
-            vz=vz,
-            afx=0.0,
-            afy=0.0,
-            afz=0.0,
+            **{"x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz, "afx": 0.0, "afy": 0.0, "afz": 0.0},
             yaw=math.radians(heading_from_yaw(setpoint.yaw_rad)),
             yaw_rate=0.0,
         )

@@ -1,4 +1,4 @@
-"""What is looked at before a PX4 is armed."""
+"""The checks before a PX4 is armed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skysweep.vehicles.px4.fence import upload_fence_and_rally
 from skysweep.vehicles.px4.telemetry import mode_name
 from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
-GIMBAL_S = 5.0  # on the wall, until it looks where it was told
+GIMBAL_S = 5.0  # on the wall, until it has turned
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
 _MAX_STD_M = 5.0
 _FIXES = {2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
@@ -25,14 +25,17 @@ _FALLS = (6, 7)
 _STICKS_LOST = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6: "Disarm"}
 _STICKS_LOST_FALLS = (5, 6)
 _LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land"}
-_NO_FENCE = (0, 1)  # GF_ACTION that keeps nobody inside
-_FENCE_SLACK_M = 3.0  # that a flight may leave its path by
+_NO_FENCE = (0, 1)  # GF_ACTION without effect
+_FENCE_SLACK_M = 3.0  # deviation from the path
 _FENCE_ACTIONS = {0: "nothing", 1: "a warning", 2: "Hold", 3: "Return", 4: "Terminate", 5: "Land"}
+
+
+Verdict = tuple[bool | None, str]  # as in ``Check``
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One line of the list. ``passed`` is None for what does not hold up the flight but should be known."""
+    """One line of the list. ``passed`` is None for a warning that does not block the flight."""
 
     name: str
     passed: bool | None
@@ -41,22 +44,22 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Demands:
-    """What a flight asks of the vehicle. Heights are above home."""
+    """The requirements of a flight. Heights are above home."""
 
     plan: QgcPlan
     energy_share: float  # of a full battery, for the plan without checks
     farthest_m: float  # from home, horizontally
     highest_m: float
-    return_clear_m: float  # a Return at this height or higher meets no ground and no known obstacle
+    return_clear_m: float  # a Return at this height is clear of the ground and known obstacles
 
 
 def preflight(
     vehicle: Px4Vehicle, demands: Demands, upload: bool, ready_s: float = READY_S
 ) -> tuple[Check, ...]:
-    """The list for a flight. Waits ``ready_s`` for the vehicle.
+    """The list for a flight. Waits up to ``ready_s`` for the vehicle.
 
-    ``upload``: have it stand by in Hold, and send the plan's fence and rally points when nothing else speaks
-    against the flight. Without, only the gimbal is moved.
+    With ``upload`` the vehicle stands by in Hold, and gets the plan's fence and rally points if no check
+    fails. Without, only the gimbal moves.
     """
     told = vehicle.telemetry
     if upload:
@@ -64,46 +67,44 @@ def preflight(
     vehicle.link.wait(lambda: _is_ready(vehicle) and told.position_std_m < _MAX_STD_M, ready_s)
     checks = [
         Check("vehicle", True, f"{_version(vehicle)}, {vehicle.kind}"),
-        _position(vehicle),
-        _home(vehicle),
-        _battery(vehicle, demands.energy_share),
-        _low_battery(vehicle),
-        _mode(vehicle),
-        _control(vehicle),
-        _ready(vehicle),
-        _link_lost(vehicle),
-        _pilot(vehicle),
-        _return_altitude(vehicle, demands.return_clear_m),
-        _own_fence(vehicle, demands),
+        Check("position", *_position(vehicle)),
+        Check("home", True, _home(vehicle)),
+        Check("battery", *_battery(vehicle, demands.energy_share)),
+        Check("low battery", *_low_battery(vehicle)),
+        Check("mode", *_mode(vehicle)),
+        Check("control", *_control(vehicle)),
+        Check("ready", *_ready(vehicle)),
+        Check("link lost", *_link_lost(vehicle)),
+        Check("pilot", *_pilot(vehicle)),
+        Check("return altitude", *_return_altitude(vehicle, demands.return_clear_m)),
+        Check("own fence", *_own_fence(vehicle, demands)),
         Check("kept within", True, fence_words(vehicle.scenario)),
-        _speed(vehicle),
-        _gimbal(vehicle),
+        Check("speed", *_speed(vehicle)),
+        Check("gimbal", *_gimbal(vehicle)),
     ]
     blocked = any(check.passed is False for check in checks)
     return (*checks, *_fence_and_rally(vehicle, demands.plan, upload and not blocked))
 
 
-def _gimbal(vehicle: Px4Vehicle) -> Check:
+def _gimbal(vehicle: Px4Vehicle) -> Verdict:
     if not vehicle.gimbal:
-        return Check("gimbal", True, "none: the camera is taken to look as told")
+        return True, "none: the camera is assumed to look as told"
     told, ours = vehicle.telemetry, vehicle.link.own_ids
     obeys = vehicle.gimbal_obeys
     if obeys not in (None, ours):
         whose = "{}/{}".format(*obeys) if obeys != (0, 0) else "nobody"
-        return Check("gimbal", False, f"obeys {whose}, not us ({ours[0]}/{ours[1]}): have that let go of it")
+        return False, f"obeys {whose}, not us ({ours[0]}/{ours[1]}): release it there"
     vehicle.look(told.gimbal_pitch_rad)
     vehicle.link.wait(lambda: not told.gimbal_is_off, GIMBAL_S)
     told_deg, looks_rad = math.degrees(told.gimbal_pitch_rad), told.reported_gimbal_pitch_rad
     if looks_rad is None:
-        return Check(
-            "gimbal", None, f"ours, told to look to {told_deg:.0f} degrees; does not say where it looks"
-        )
+        return None, f"ours, told {told_deg:.0f} degrees; does not report where it looks"
     said = f"looks to {math.degrees(looks_rad):.0f} degrees, told {told_deg:.0f}"
     if told.gimbal_is_off:
-        return Check("gimbal", False, f"{said}: free it, or write a camera.gimbal.pitch_deg that it reaches")
+        return False, f"{said}: free it, or write a camera.gimbal.pitch_deg that it reaches"
     if obeys is None:
-        return Check("gimbal", None, f"{said}; does not say whom it obeys")
-    return Check("gimbal", True, f"ours, {said}")
+        return None, f"{said}; does not report whom it obeys"
+    return True, f"ours, {said}"
 
 
 def _version(vehicle: Px4Vehicle) -> str:
@@ -119,110 +120,105 @@ def _is_ready(vehicle: Px4Vehicle) -> bool:
     return bool(health & m.MAV_SYS_STATUS_PREARM_CHECK)
 
 
-def _ready(vehicle: Px4Vehicle) -> Check:
+def _ready(vehicle: Px4Vehicle) -> Verdict:
     if _is_ready(vehicle):
-        return Check("ready", True, "PX4 would arm")
+        return True, "PX4 would arm"
     reasons = "; ".join(vehicle.arming_checks())
-    return Check("ready", False, f"PX4 would not arm: {reasons or 'it does not say why'}")
+    return False, f"PX4 would not arm: {reasons or 'no reason given'}"
 
 
-def _position(vehicle: Px4Vehicle) -> Check:
+def _position(vehicle: Px4Vehicle) -> Verdict:
     std = vehicle.telemetry.position_std_m
     gps = vehicle.link.newest("GPS_RAW_INT") or {}
     fix = _FIXES.get(gps.get("fix_type", 0), "no")
     said = f"{fix} fix, {gps.get('satellites_visible', 0)} satellites, "
     said += f"within {std:.1f} m" if math.isfinite(std) else "the estimator has no position"
-    return Check("position", std < _MAX_STD_M, said)
+    return std < _MAX_STD_M, said
 
 
-def _home(vehicle: Px4Vehicle) -> Check:
+def _home(vehicle: Px4Vehicle) -> str:
     home = vehicle.telemetry.home or {}
     latitude, longitude = home["latitude"] * 1e-7, home["longitude"] * 1e-7
-    away_m = math.dist(vehicle.anchor.home_enu_m[:2], vehicle.scenario.home.position_enu_m)
-    return Check("home", True, f"{latitude:.6f}, {longitude:.6f}, {away_m:.1f} m from the scenario's")
+    away_m = math.dist(vehicle.home_enu_m[:2], vehicle.scenario.home.position_enu_m)
+    return f"{latitude:.6f}, {longitude:.6f}, {away_m:.1f} m from the scenario's"
 
 
-def _battery(vehicle: Px4Vehicle, needed_share: float) -> Check:
+def _battery(vehicle: Px4Vehicle, needed_share: float) -> Verdict:
     full = vehicle.telemetry.battery_remaining
     needs = f"the plan without checks takes {needed_share:.0%}, {RESERVE:.0%} stay"
     if math.isnan(full):
         estimated = vehicle.scenario.safety.battery_estimated
-        cure = (
-            "flown as a full one, by an estimate"
-            if estimated
-            else "write safety.battery_estimated: true to fly"
-        )
-        return Check("battery", None if estimated else False, f"does not say how full it is; {cure}; {needs}")
-    return Check("battery", full >= needed_share + RESERVE, f"{full:.0%}; {needs}")
+        cure = "write safety.battery_estimated: true to fly"
+        if estimated:
+            cure = "assumed to be full and estimated from then on"
+        return None if estimated else False, f"does not say how full it is; {cure}; {needs}"
+    return full >= needed_share + RESERVE, f"{full:.0%}; {needs}"
 
 
-def _mode(vehicle: Px4Vehicle) -> Check:
+def _mode(vehicle: Px4Vehicle) -> Verdict:
     told = vehicle.telemetry
     where = "in the air" if told.airborne else "on the ground"
     armed = "armed" if told.armed else "disarmed"
-    return Check("mode", not (told.armed or told.airborne), f"{mode_name(told.flown)}, {armed}, {where}")
+    return not (told.armed or told.airborne), f"{mode_name(told.flown)}, {armed}, {where}"
 
 
-def _control(vehicle: Px4Vehicle) -> Check:
-    """A vehicle in the air is gone on with from Hold, or where PX4 lost a program: else it is somebody's."""
-    told, name = vehicle.telemetry, "control"
+def _control(vehicle: Px4Vehicle) -> Verdict:
+    """A flight continues from Hold, or if PX4 lost its program; otherwise the vehicle is somebody else's."""
+    told = vehicle.telemetry
     vehicle.begins_in_air = told.airborne
     if not told.airborne:
-        return Check(name, True, "nobody flies it")
+        return True, "nobody flies it"
     if is_free(told):
-        return Check(name, True, f"free: in {mode_name(told.flown)}")
-    return Check(name, False, f"somebody flies it in {mode_name(told.flown)}; let them choose Hold")
+        return True, f"free: in {mode_name(told.flown)}"
+    return False, f"somebody flies it in {mode_name(told.flown)}; let them choose Hold"
 
 
-def _low_battery(vehicle: Px4Vehicle) -> Check:
+def _low_battery(vehicle: Px4Vehicle) -> Verdict:
     action = vehicle.link.parameter("COM_LOW_BAT_ACT")
     if action is None:
-        return Check("low battery", None, "unknown: PX4 does not say COM_LOW_BAT_ACT")
+        return None, "unknown: PX4 does not report COM_LOW_BAT_ACT"
     said = f"PX4 answers with {_LOW_BATTERY.get(int(action), '?')}"
     if int(action) == 0:
-        return Check("low battery", None, f"{said}: if this program ends, nothing brings it home")
-    return Check("low battery", True, said)
+        return None, f"{said}: if this program ends, nothing brings it home"
+    return True, said
 
 
-def _link_lost(vehicle: Px4Vehicle) -> Check:
-    name, action = "link lost", vehicle.link.parameter("COM_OBL_RC_ACT")
+def _link_lost(vehicle: Px4Vehicle) -> Verdict:
+    action = vehicle.link.parameter("COM_OBL_RC_ACT")
     after_s = vehicle.link.parameter("COM_OF_LOSS_T")
     if action is None or after_s is None:
-        return Check(name, None, "unknown: PX4 does not say COM_OBL_RC_ACT")
+        return None, "unknown: PX4 does not report COM_OBL_RC_ACT"
     said = f"{_OFFBOARD_LOST.get(int(action), '?')} after {after_s:g} s"
     if int(action) in _FALLS:
-        return Check(name, False, f"{said}: the motors stop in the air; set COM_OBL_RC_ACT to 5 (Hold)")
+        return False, f"{said}: the motors stop in the air; set COM_OBL_RC_ACT to 5 (Hold)"
     if int(action) in _WITHOUT_PILOT:
-        return Check(name, True, said)
+        return True, said
     pilot = "a pilot with sticks keeps it, without one it sinks and lands"
-    return Check(name, None, f"{said}: {pilot}; COM_OBL_RC_ACT 5 is Hold")
+    return None, f"{said}: {pilot}; COM_OBL_RC_ACT 5 is Hold"
 
 
-def _pilot(vehicle: Px4Vehicle) -> Check:
+def _pilot(vehicle: Px4Vehicle) -> Verdict:
     if not vehicle.telemetry.manual_control:
-        return Check("pilot", None, "no sticks are heard: nobody can take over by hand")
+        return None, "no sticks are heard: nobody can take over by hand"
     action = int(vehicle.link.parameter("NAV_RCL_ACT") or 0)
     said = f"sticks are heard; when they are lost: {_STICKS_LOST.get(action, '?')}"
     if action in _STICKS_LOST_FALLS:
-        return Check("pilot", False, f"{said}: the motors stop in the air; set NAV_RCL_ACT to 2 (Return)")
-    return Check("pilot", True, said)
+        return False, f"{said}: the motors stop in the air; set NAV_RCL_ACT to 2 (Return)"
+    return True, said
 
 
-def _return_altitude(vehicle: Px4Vehicle, clear_m: float) -> Check:
-    name, altitude_m = "return altitude", vehicle.link.parameter("RTL_RETURN_ALT")
+def _return_altitude(vehicle: Px4Vehicle, clear_m: float) -> Verdict:
+    altitude_m = vehicle.link.parameter("RTL_RETURN_ALT")
     if altitude_m is None:
-        return Check(name, None, "unknown: PX4 does not say RTL_RETURN_ALT")
+        return None, "unknown: PX4 does not report RTL_RETURN_ALT"
     said = f"PX4 returns {altitude_m:g} m above home"
     if altitude_m < clear_m:
-        needed_m = math.ceil(clear_m)
-        return Check(
-            name, False, f"{said}, too low for what lies on the way; set RTL_RETURN_ALT to {needed_m}"
-        )
-    return Check(name, True, said)
+        return False, f"{said}, too low for the way home; set RTL_RETURN_ALT to {math.ceil(clear_m)}"
+    return True, said
 
 
-def _own_fence(vehicle: Px4Vehicle, demands: Demands) -> Check:
-    """The vehicle's own limits around home (GF_MAX_*), which count besides the fence that is uploaded."""
+def _own_fence(vehicle: Px4Vehicle, demands: Demands) -> Verdict:
+    """The vehicle's own limits around home (GF_MAX_*), which apply besides the uploaded fence."""
     limits = {
         "GF_MAX_HOR_DIST": demands.farthest_m + _FENCE_SLACK_M,
         "GF_MAX_VER_DIST": demands.highest_m + _FENCE_SLACK_M,
@@ -232,16 +228,16 @@ def _own_fence(vehicle: Px4Vehicle, demands: Demands) -> Check:
         limit_m = vehicle.link.parameter(name)
         if limit_m is not None and 0.0 < limit_m < needed_m:
             text = f"{name} is {limit_m:g} m, the flight needs {math.ceil(needed_m)}"
-            return Check("own fence", False, f"{text}; raise it, or search a smaller area")
+            return False, f"{text}; raise it, or search a smaller area"
         said.append(f"{name} " + {None: "unknown", 0.0: "off"}.get(limit_m, f"{limit_m or 0.0:g} m"))
-    return Check("own fence", True, ", ".join(said))
+    return True, ", ".join(said)
 
 
-def _speed(vehicle: Px4Vehicle) -> Check:
+def _speed(vehicle: Px4Vehicle) -> Verdict:
     limit, wanted = vehicle.link.parameter("MPC_XY_VEL_MAX"), vehicle.scenario.search.scan_speed_mps
     if limit is None or limit >= wanted:
-        return Check("speed", True, f"scan at {wanted:g} m/s")
-    return Check("speed", None, f"MPC_XY_VEL_MAX is {limit:g} m/s, the scan wants {wanted:g}")
+        return True, f"scan at {wanted:g} m/s"
+    return None, f"MPC_XY_VEL_MAX is {limit:g} m/s, the scan wants {wanted:g}"
 
 
 def _fence_and_rally(vehicle: Px4Vehicle, plan: QgcPlan, upload: bool) -> tuple[Check, Check]:

@@ -1,7 +1,7 @@
-"""MAVLink 2 signing for programs whose library cannot sign, as MAVSDK's cannot.
+"""MAVLink 2 signing for MAVSDK, which cannot sign.
 
-A relay in this process: MAVSDK speaks to it on loopback, it speaks to the vehicle. What goes out is signed;
-what comes in unsigned, signed with another key, or played back goes no further.
+A relay in this process between MAVSDK on loopback and the vehicle. It signs outgoing frames and drops
+incoming ones that are unsigned, signed with another key, or replayed.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import urlparse
 
 from skysweep.errors import MissingExtraError, UserError
@@ -22,36 +22,35 @@ from skysweep.vehicles.mavlink.signing_memory import SigningMemory
 from skysweep.vehicles.mavlink.wire import Frames, Message, Voice
 
 _LOOPBACK = "127.0.0.1"
-_LOOK_UP_S = 0.2  # how often a closing relay notices
-_AGAIN_S = 1.0  # until a connection that broke is tried again
+_LOOK_UP_S = 0.2  # until a relay notices that it is closed
+_AGAIN_S = 1.0  # until a broken connection is retried
 _SEND_S = 1.0
 _READ_BYTES = 65_536
 _BAUD = 57_600
-_MAX_SENDERS = 16  # whose frames may be half here
+_MAX_SENDERS = 16  # with incomplete frames
 
 
-class _Wire(Protocol):
-    """Frames from and to the vehicle. Every method raises OSError when the connection is gone."""
+class _Wire:
+    """Frames from and to the vehicle. Every method raises OSError if the connection is gone."""
 
-    def fileno(self) -> int: ...
+    fileno: Callable[[], int]
+    close: Callable[[], None]
+    write: Callable[[bytes], Any]
 
     def read(self) -> Iterator[tuple[Message, bytes]]:
-        """The frames that are whole by now, of messages that we know: others cannot be checked nor signed."""
+        """The complete frames of known messages; others can be neither checked nor signed."""
+        raise NotImplementedError
 
     def trust(self) -> None:
-        """What was read last came from the vehicle."""
-
-    def write(self, frame: bytes) -> None: ...
-
-    def close(self) -> None: ...
+        """The last frames came from the vehicle."""
 
 
 class SignedLink:
-    """Stands between MAVSDK, which connects to ``url``, and the vehicle at ``vehicle_url``.
+    """A relay between MAVSDK, which connects to ``url``, and the vehicle at ``vehicle_url``.
 
-    ``accepted`` and ``refused`` count the vehicle's frames with and without a good signature. A connection
-    that breaks is opened again. Raises UserError where ``vehicle_url`` cannot be opened in ``timeout_s``, and
-    where the times of frames cannot be kept (``SigningMemory``).
+    ``accepted`` and ``refused`` count the vehicle's frames with and without a good signature. A broken
+    connection is opened again. Raises UserError if ``vehicle_url`` cannot be opened in ``timeout_s``, or the
+    times of frames cannot be stored (``SigningMemory``).
     """
 
     def __init__(self, vehicle_url: str, key: bytes, timeout_s: float) -> None:
@@ -68,7 +67,9 @@ class SignedLink:
             raise
         self._program = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._program.bind((_LOOPBACK, 0))
-        self._program_address = (_LOOPBACK, _free_port())
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((_LOOPBACK, 0))
+            self._program_address = probe.getsockname()
         self.url = "udpin://{}:{}".format(*self._program_address)
         self._from_program = Frames()
         self._link_id = secrets.randbelow(256)  # two MAVSDK programs have the same ids
@@ -78,7 +79,7 @@ class SignedLink:
         self._thread.start()
 
     def close(self) -> None:
-        """Passes on what the program said last, and lets go of both sides."""
+        """Relays MAVSDK's last messages and closes both sides."""
         self._open = False
         self._thread.join()
         self._program.close()
@@ -133,8 +134,8 @@ class SignedLink:
                 continue
 
 
-class _Udp:
-    """Listens; answers whoever last said something that was signed."""
+class _Udp(_Wire):
+    """Listens; sends to the last sender of a signed frame."""
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -142,7 +143,7 @@ class _Udp:
         self.fileno, self.close = self._socket.fileno, self._socket.close
         self._sender: Any = None
         self._vehicle: Any = None
-        self._frames: dict[Any, Frames] = {}  # by sender: nobody hides frames of another; the newest last
+        self._frames: dict[Any, Frames] = {}  # by sender, so that they do not mix; the newest last
 
     def read(self) -> Iterator[tuple[Message, bytes]]:
         datagram, self._sender = self._socket.recvfrom(_READ_BYTES)
@@ -159,7 +160,7 @@ class _Udp:
             self._socket.sendto(frame, self._vehicle)
 
 
-class _Tcp:
+class _Tcp(_Wire):
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         self._socket = socket.create_connection((host, port), timeout_s)
         self._socket.settimeout(_SEND_S)
@@ -172,11 +173,8 @@ class _Tcp:
             raise ConnectionError("closed by the other side")
         return self._frames.read(data)
 
-    def trust(self) -> None:
-        """It is the only one there."""
 
-
-class _Serial:
+class _Serial(_Wire):
     def __init__(self, path: str, baud: int) -> None:
         try:
             import serial
@@ -189,12 +187,9 @@ class _Serial:
     def read(self) -> Iterator[tuple[Message, bytes]]:
         return self._frames.read(bytes(self._port.read(_READ_BYTES)))
 
-    def trust(self) -> None:
-        """It is the only one there."""
-
 
 def _open(url: str, timeout_s: float) -> _Wire:
-    """The connection of an address as MAVSDK writes it. Raises OSError and ValueError."""
+    """The connection of an address in MAVSDK's form. Raises OSError and ValueError."""
     parts = urlparse(url)
     if parts.scheme == "serial":
         path, _, baud = url.removeprefix("serial://").partition(":")
@@ -204,9 +199,3 @@ def _open(url: str, timeout_s: float) -> _Wire:
             return _Udp(parts.hostname, parts.port)
         return _Tcp(parts.hostname, parts.port, timeout_s)
     raise ValueError("write udpin://0.0.0.0:14540, tcpout://HOST:PORT or serial:///dev/ttyUSB0:57600")
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((_LOOPBACK, 0))
-        return int(probe.getsockname()[1])

@@ -1,6 +1,6 @@
 """A PX4 that a mission flies over MAVLink, simulated or real. Implements ``types.Vehicle``.
 
-Needs the extra ``px4``. What PX4 does with each order: docs/px4.md.
+Needs the extra ``px4``. The orders and PX4's responses are described in docs/px4.md.
 """
 
 from __future__ import annotations
@@ -13,70 +13,59 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame, enu_from_ned
 from skysweep.scenarios.model import Home, Scenario
-from skysweep.types import Setpoint, Truth, VehicleState
+from skysweep.types import F64, Setpoint, Truth, VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import PX4Mode
+from skysweep.vehicles.mavlink.modes import PX4Mode, Site
 from skysweep.vehicles.px4.authority import FlightAuthority, is_free
 from skysweep.vehicles.px4.link import CONNECT_S, ORDER_S, PX4Link, message_id
 from skysweep.vehicles.px4.offboard import SetpointStream
-from skysweep.vehicles.px4.telemetry import SILENCE_S, Anchor, Telemetry, mode_name
+from skysweep.vehicles.px4.telemetry import SILENCE_S, Telemetry, mode_name
 
-F64 = NDArray[np.float64]
+Condition = Callable[[], bool]
 
-MAX_FROM_HOME_M = 200.0  # between the vehicle and the home that a scenario names on Earth
+MAX_FROM_HOME_M = 200.0  # between the vehicle and a scenario's home on Earth
 _MULTICOPTERS = {2: "quadrotor", 13: "hexarotor", 14: "octorotor", 15: "tricopter", 29: "dodecarotor"}
 _RATES_HZ = {"LOCAL_POSITION_NED": 30.0, "ATTITUDE_QUATERNION": 30.0, "EXTENDED_SYS_STATE": 5.0}
 _RATES_HZ |= {"BATTERY_STATUS": 2.0, "ESTIMATOR_STATUS": 2.0, "WIND_COV": 1.0, "HOME_POSITION": 1.0}
 _RATES_HZ |= {"CURRENT_MODE": 10.0, "SYS_STATUS": 2.0, "DISTANCE_SENSOR": 5.0}
 _GIMBAL_RATE_HZ = 20.0
 _GIMBAL_STATUS_HZ = 1.0
-_GIMBAL_S = 3.0  # on the wall, until it is ours
+_GIMBAL_S = 3.0  # on the wall, until we control it
 _POINT_AGAIN_S = 1.0
 _LEVEL = m.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | m.GIMBAL_MANAGER_FLAGS_PITCH_LOCK  # not with the tilting frame
 _LEAVE, _RELEASE = -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE; -2 is the vehicle itself
 # At several times real time PX4's telemetry thread cannot keep up with its usual streams.
 _SPARED = (
-    "ATTITUDE",
-    "ATTITUDE_TARGET",
-    "ALTITUDE",
-    "GLOBAL_POSITION_INT",
-    "HIGHRES_IMU",
-    "ODOMETRY",
-    "POSITION_TARGET_LOCAL_NED",
-    "SCALED_PRESSURE",
-    "SERVO_OUTPUT_RAW",
-    "VFR_HUD",
-    "VIBRATION",
-)
+    "ATTITUDE", "ATTITUDE_TARGET", "ALTITUDE", "GLOBAL_POSITION_INT", "HIGHRES_IMU", "ODOMETRY",
+    "POSITION_TARGET_LOCAL_NED", "SCALED_PRESSURE", "SERVO_OUTPUT_RAW", "VFR_HUD", "VIBRATION",
+)  # fmt: skip
 _FAST = 1.5  # times real time: a simulator
-_HOLD_S = 3.0  # on the wall: more is of no use to a mission that must go on
+_HOLD_S = 3.0  # on the wall
 _TAKE_OFF_TRIES = 3
 _LEFT_GROUND_S = 30.0  # on the wall
-_SHOWS_S = 0.3  # on the wall, until a mode that was accepted shows
+_SHOWS_S = 0.3  # on the wall, until an accepted mode is reported
 _HELLO_S = 1.0
-_STREAM_FIRST_S = 0.2  # on the wall: PX4 wants setpoints before it goes into Offboard
-_CHECKS_S = 1.5  # on the wall, for the reasons against arming
+_STREAM_FIRST_S = 0.2  # on the wall: PX4 needs setpoints before it enters Offboard
+_CHECKS_S = 1.5  # on the wall, for PX4's reasons not to arm
 _POSITION_GAIN = 0.95  # MPC_XY_P
-_BRAKES_MPS2 = 3.0  # in a hover that begins at speed
-_OFFBOARD_BELOW_M = 5.0  # the height of a take-off, where Offboard takes over
+_BRAKES_MPS2 = 3.0  # deceleration into a hover
+_OFFBOARD_BELOW_M = 5.0  # the height of a take-off: there Offboard takes over
 _LEFT_OVER = (PX4Mode.OFFBOARD, PX4Mode.LAND, PX4Mode.RETURN, PX4Mode.MISSION, PX4Mode.TAKEOFF)
 
 
 class Px4Vehicle:
-    """Connects, and flies what it is told; nothing moves before ``takeoff``.
+    """Connects to a PX4 and flies it; nothing moves before ``takeoff``.
 
-    Time is the vehicle's own and begins with ``takeoff``. A scenario that names no latitude and longitude is
-    flown where the vehicle stands: the scenario's home is the vehicle's. ``scenario`` is the one to fly: it
-    says where on Earth. Heights are above the vehicle's home, on the scenario's ground there.
+    Time is the vehicle's own and begins with ``takeoff``. A scenario without latitude and longitude is flown
+    where the vehicle stands, with the vehicle's home; ``scenario`` is the resulting one. Heights are above
+    the vehicle's home, on the scenario's ground there.
 
-    Raises UserError when nothing answers in ``timeout_s``, when it is no multicopter that PX4 flies, when it
-    has no position, or stands far from the scenario's home. ``close`` hands it over to Hold; so does the end
-    of the program, whatever ends it.
+    Raises UserError if nothing answers in ``timeout_s``, or if the vehicle is not a multicopter with PX4, has
+    no position, or stands far from the scenario's home. ``close``, or the program's end, hands over to Hold.
     """
 
     def __init__(
@@ -91,10 +80,10 @@ class Px4Vehicle:
         self.scenario = scenario
         self.truth: Truth | None = None
         self._ground_height_m = ground_height_m
-        self.begins_in_air: bool | None = None  # as the preflight list saw it; None: no list was made
-        self._must_land = False  # was ordered while nobody heard it
-        self._taking_off = False  # was ordered, and Offboard has not taken over yet
-        self._offboard_from_m: float | None = None  # of a take-off under way: height above ground
+        self.begins_in_air: bool | None = None  # at the preflight list; None: no list was made
+        self._must_land = False  # a landing is ordered but not confirmed
+        self._taking_off = False  # PX4's own take-off, before Offboard
+        self._offboard_from_m: float | None = None  # height above ground where Offboard ends a take-off
         self._closed = False
         self._pointed_s = -math.inf  # by the vehicle's clock
         self.link = open_link(url, timeout_s, system_id)
@@ -104,7 +93,7 @@ class Px4Vehicle:
                 self.link, math.radians(scenario.camera.gimbal.pitch_deg), scenario.vehicle.battery_wh
             )
             self._ask_for_telemetry(timeout_s)
-            self.anchor = self._anchored()
+            self.home_enu_m, self.site = self._located()
             self.gimbal = self._take_gimbal()
             self._since_boot_s = self.telemetry.boot_s
             on_loss = self.link.parameter("COM_OBL_RC_ACT")
@@ -119,28 +108,27 @@ class Px4Vehicle:
         self._state = self._look()
         atexit.register(self.close)
 
-    # ---- what a mission uses -------------------------------------------------------------------------
+    # ---- types.Vehicle -------------------------------------------------------------------------------
 
     def state(self) -> VehicleState:
-        """What the vehicle believed when time last moved."""
         return self._state
 
     def command(self, setpoint: Setpoint) -> None:
-        """Flies to the setpoint in Offboard, entering it first. Nothing while somebody else flies it.
+        """Flies to the setpoint in Offboard; does nothing while somebody else flies the vehicle.
 
-        Raises UserError when the vehicle refuses.
+        Raises UserError if the vehicle refuses Offboard, ValueError if a coordinate is not finite.
         """
         if not all(map(math.isfinite, setpoint.position_enu_m)):
             raise ValueError(f"a setpoint must be finite, not {setpoint.position_enu_m}")
         if self.authority.lost():
             return
         self._must_land = False
-        self._offboard.aim(setpoint, self.anchor)
+        self._offboard.aim(setpoint, self.site)
         if self.authority.wanted is not PX4Mode.OFFBOARD:
             self._go_into_offboard()
 
     def advance(self, duration_s: float) -> None:
-        """Waits until the vehicle's clock has moved by that much; not longer than it is silent."""
+        """Waits until the vehicle's clock has advanced by that much, or the vehicle is silent."""
         told = self.telemetry
         self._due_s = max(self._due_s + duration_s, told.boot_s)
         while not self.link.wait(lambda: told.boot_s >= self._due_s, SILENCE_S):
@@ -148,19 +136,17 @@ class Px4Vehicle:
                 self._due_s = told.boot_s
                 break
         if told.restarted:
-            raise UserError(
-                "the vehicle's clock went back: it was restarted in flight; look after it by hand"
-            )
+            raise UserError("the vehicle's clock went back: it restarted in flight; look after it by hand")
         self._look_after_orders()
         if self.gimbal and told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
             self.look(told.gimbal_pitch_rad)
         self._state = self._look()
 
     def takeoff(self, altitude_agl_m: float) -> None:
-        """Arms, has PX4 take off, and returns when it left the ground; in the air it climbs in Offboard.
+        """Arms, lets PX4 take off, and returns when the vehicle leaves the ground; time begins here.
 
-        ``altitude_agl_m`` is above the ground below. Time begins here. Offboard takes over before PX4 has
-        finished: a Hold that PX4 chose by itself could not be told from one that somebody chose.
+        A vehicle in the air climbs in Offboard. Offboard takes over before PX4's take-off ends, because its
+        own Hold could not be distinguished from one that somebody chose.
         """
         told = self.telemetry
         self._refuse_taken()
@@ -173,7 +159,7 @@ class Px4Vehicle:
         for left in reversed(range(_TAKE_OFF_TRIES)):
             self._arm()
             self._start_clock()
-            self._anchor_height()
+            self._level()
             try:
                 self._order_take_off(altitude_agl_m)
                 break
@@ -183,39 +169,39 @@ class Px4Vehicle:
         if not self.link.wait(lambda: told.airborne or self.authority.lost(), _LEFT_GROUND_S):
             raise UserError(f"the vehicle did not leave the ground in {_LEFT_GROUND_S:g} s; look after it")
         if not told.airborne:
-            raise UserError(f"the vehicle did not take off: {self.authority.theirs}; it stands on the ground")
+            raise UserError(f"the vehicle did not take off: {self.authority.theirs}; it is on the ground")
         self._state = self._look()
         self._offboard_from_m = max(altitude_agl_m - _OFFBOARD_BELOW_M, 0.5 * altitude_agl_m)
-        self._offboard.aim(self._above_here(altitude_agl_m), self.anchor)
+        self._offboard.aim(self._above_here(altitude_agl_m), self.site)
         self._offboard.start()
 
     def land(self) -> None:
-        """PX4 lands where it is, a silent one when it is heard; nothing while somebody else flies it."""
+        """Lets PX4 land here, a silent one once it is heard; does nothing while somebody else flies it."""
         self._must_land = not self.authority.lost()
         self._look_after_orders()
 
     def hold(self) -> None:
-        """Stops and hovers, in Offboard: so a Hold of the autopilot is always somebody else's.
+        """Stops and hovers in Offboard, so that PX4's Hold is always somebody else's choice.
 
-        Nothing where somebody else flies it, or nobody does.
+        Does nothing if somebody else flies it, or nobody does.
         """
         if self.authority.wanted is PX4Mode.OFFBOARD and not self.authority.lost():
-            self._offboard.aim(self._stop_here(), self.anchor)
+            self._offboard.aim(self._stop_here(), self.site)
 
     def regain(self) -> None:
-        """A person gave the vehicle back: hovers where it is, where PX4 does not refuse."""
+        """Hovers here after a person gave the vehicle back, unless PX4 refuses."""
         if self.authority.theirs and self.telemetry.airborne and self.authority.knows():
             self.authority.regain(None)
-            self._offboard.aim(self._stop_here(), self.anchor)
+            self._offboard.aim(self._stop_here(), self.site)
             try:
                 self._go_into_offboard()
             except UserError as error:
                 self.authority.keep_out(str(error))
 
     def look(self, pitch_rad: float) -> None:
-        """Points the gimbal, where there is one, above (+) or below the horizon; yaw stays the vehicle's.
+        """Points the gimbal, if there is one, above (+) or below the horizon; its yaw follows the vehicle.
 
-        While the gimbal reports another pitch it is told again, once a second.
+        The command is repeated every second while the gimbal reports another pitch.
         """
         self.telemetry.gimbal_pitch_rad = pitch_rad
         if self.gimbal:
@@ -223,16 +209,16 @@ class Px4Vehicle:
             pitch_deg = math.degrees(pitch_rad)
             self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, pitch_deg, 0.0, None, None, _LEVEL)
 
-    # ---- around a mission ----------------------------------------------------------------------------
+    # ---- before and after a mission ------------------------------------------------------------------
 
     @property
     def gimbal_obeys(self) -> tuple[int, int] | None:
-        """System and component that the gimbal obeys; (0, 0) is nobody, None where it does not say."""
+        """System and component in control of the gimbal; (0, 0): nobody, None: not reported."""
         said = self.link.newest("GIMBAL_MANAGER_STATUS")
         return None if said is None else (said["primary_control_sysid"], said["primary_control_compid"])
 
     def arming_checks(self) -> tuple[str, ...]:
-        """What speaks against arming, in PX4's words: it looks anew and says so."""
+        """PX4's reasons not to arm, from a new check."""
         asked_s = self.link.now_s()
         self.link.command(m.MAV_CMD_RUN_PREARM_CHECKS)
         self.link.wait(lambda: False, _CHECKS_S)
@@ -240,23 +226,23 @@ class Px4Vehicle:
         return tuple(text for text in said if not text.startswith("Arming denied"))
 
     def wait_disarmed(self, seconds: float) -> bool:
-        """Whether the motors stand still within so many seconds on the wall; then it stands by."""
+        """Whether the motors stop within ``seconds`` on the wall; the vehicle then stands by."""
         disarmed = self.link.wait(lambda: not self.telemetry.armed, seconds)
         if disarmed:
             self.stand_by()
         return disarmed
 
     def stand_by(self) -> None:
-        """Hold, on the ground: a PX4 left in the mode of another flight (Offboard, Land) does not arm."""
+        """Changes to Hold on the ground: PX4 does not arm in a mode left from another flight."""
         told = self.telemetry
         if not (told.armed or told.airborne) and told.mode in _LEFT_OVER:
             self._change_mode(PX4Mode.HOLD, "go into Hold")
             self.authority.regain(None)
 
     def close(self) -> None:
-        """Hands over to Hold where it flies on our orders, and lets go of the link.
+        """Hands over to Hold if the vehicle flies on our orders, and disconnects.
 
-        Signals that end a program wait until that is done.
+        Signals that end the program are ignored meanwhile.
         """
         if self._closed:
             return
@@ -271,24 +257,25 @@ class Px4Vehicle:
             self._closed = True
             atexit.unregister(self.close)
 
-    # ---- inside: getting to know it ------------------------------------------------------------------
+    # ---- connecting ----------------------------------------------------------------------------------
 
     def _identify(self) -> None:
-        heartbeat = self.link.newest("HEARTBEAT") or {}
-        if heartbeat.get("autopilot") != m.MAV_AUTOPILOT_PX4:
+        heartbeat, url = self.link.newest("HEARTBEAT") or {}, self.link.url
+        autopilot, kind = heartbeat.get("autopilot"), heartbeat.get("type")
+        if autopilot != m.MAV_AUTOPILOT_PX4:
             raise UserError(
-                f"--connection {self.link.url}: the vehicle's firmware is not PX4 (MAV_AUTOPILOT "
-                f"{heartbeat.get('autopilot')}); give the address of a PX4"
+                f"--connection {url}: the vehicle's firmware is not PX4 (MAV_AUTOPILOT {autopilot}); give "
+                "the address of a PX4"
             )
-        if heartbeat.get("type") not in _MULTICOPTERS:
+        if kind not in _MULTICOPTERS:
             raise UserError(
-                f"--connection {self.link.url}: the vehicle is no multicopter (MAV_TYPE "
-                f"{heartbeat.get('type')}); this mission stops and hovers, fly it with one that can"
+                f"--connection {url}: the vehicle is not a multicopter (MAV_TYPE {kind}); this mission stops "
+                "and hovers, fly it with a vehicle that can"
             )
-        self.kind = _MULTICOPTERS[heartbeat["type"]]
+        self.kind = _MULTICOPTERS[kind]
 
     def _ask_for_telemetry(self, timeout_s: float) -> None:
-        """Rates, and fewer streams for one that runs faster than the wall clock."""
+        """Requests message rates, and fewer streams from a simulator that runs faster than real time."""
         told = self.telemetry
         self._spared: tuple[str, ...] = ()
         if self.link.wait(lambda: told.has_position, _HELLO_S):
@@ -309,7 +296,8 @@ class Px4Vehicle:
             raise UserError(f"the vehicle has no {missing} ({timeout_s:g} s); wait for its GNSS fix")
         self.link.wait(lambda: not math.isnan(told.battery_remaining), _HELLO_S)
 
-    def _anchored(self) -> Anchor:
+    def _located(self) -> tuple[F64, Site]:
+        """The vehicle's home (3,) in the scenario, and where its local NED lies."""
         said = self.telemetry.home or {}
         latitude, longitude = said["latitude"] * 1e-7, said["longitude"] * 1e-7
         if not names_its_place(self.scenario):
@@ -323,39 +311,32 @@ class Px4Vehicle:
                 f"{MAX_FROM_HOME_M:g} m, or write home.latitude_deg: {latitude:.6f} and home.longitude_deg: "
                 f"{longitude:.6f}"
             )
-        ground = float(self._ground_height_m(stands[None])[0])
-        home_ned = np.array([said["x"], said["y"], said["z"]], dtype=float)
-        return Anchor(frame, np.array([*stands, ground]), home_ned)
+        home_enu_m = np.array([*stands, self._ground_m(stands)])
+        return home_enu_m, Site(frame, home_enu_m - enu_from_ned([said["x"], said["y"], said["z"]]))
 
-    def _anchor_height(self) -> None:
-        """What it stands on now is the ground: its barometer has drifted since home was set."""
-        a, ned = self.anchor, self.telemetry.ned_m
-        here_xy = a.enu(ned)[:2]
-        below = float(self._ground_height_m(here_xy[None])[0]) - a.home_enu_m[2]
-        self.anchor = Anchor(a.frame, a.home_enu_m, np.array([*a.home_ned_m[:2], ned[2] + below]))
+    def _level(self) -> None:
+        """Takes the vehicle's height now for the ground's: its barometer has drifted since home was set."""
+        here = self.site.enu_from_ned(self.telemetry.ned_m)
+        up_m = np.array([0.0, 0.0, self._ground_m(here) - here[2]])
+        self.site = Site(self.site.frame, self.site.origin_enu_m + up_m)
 
     def _take_gimbal(self) -> bool:
-        """Whether there is a gimbal; asks for it, and points it where the scenario wants it."""
+        """Takes control of the gimbal and points it as the scenario says; False if there is none."""
         if self.link.ask("GIMBAL_MANAGER_INFORMATION", _HELLO_S) is None:
             return False
         self.gimbal = True
         self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
         self.link.every("GIMBAL_MANAGER_STATUS", _GIMBAL_STATUS_HZ)
-        with suppress(UserError):  # the preflight list says whose it is
-            self.link.order(
-                "hand over its gimbal",
-                m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE,
-                [*self.link.own_ids, _LEAVE, _LEAVE],
-                lambda: self.gimbal_obeys == self.link.own_ids,
-                _GIMBAL_S,
-            )
+        what, take, ours = "hand over its gimbal", m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, self.link.own_ids
+        with suppress(UserError):  # the preflight list reports who controls it
+            self.link.order(what, take, [*ours, _LEAVE, _LEAVE], lambda: self.gimbal_obeys == ours, _GIMBAL_S)
         self.look(self.telemetry.gimbal_pitch_rad)
         return True
 
-    # ---- inside: orders ------------------------------------------------------------------------------
+    # ---- orders --------------------------------------------------------------------------------------
 
     def _refuse_taken(self) -> None:
-        """Raises UserError where somebody flew, landed or armed it since the preflight list."""
+        """Raises UserError if somebody flew, landed or armed it since the preflight list."""
         told = self.telemetry
         if self.begins_in_air is not None and told.airborne is not self.begins_in_air:
             raise UserError("the vehicle took off or landed since the preflight list; look, and start again")
@@ -374,23 +355,13 @@ class Px4Vehicle:
             raise UserError(f"{error}; {'; '.join(reasons)}" if reasons else str(error)) from None
 
     def _order_take_off(self, altitude_agl_m: float) -> None:
-        told = self.telemetry
-        above_home_m = -(told.ned_m[2] - (told.home or {})["z"])
-        up_amsl_m = (told.home or {})["altitude"] * 1e-3 + above_home_m + altitude_agl_m
-        self._order(
-            PX4Mode.TAKEOFF,
-            "take off",
-            m.MAV_CMD_NAV_TAKEOFF,
-            (0.0, 0.0, 0.0, None, None, None, up_amsl_m),
-            lambda: told.airborne,
-        )
+        told, home = self.telemetry, self.telemetry.home or {}
+        up_amsl_m = home["altitude"] * 1e-3 - (told.ned_m[2] - home["z"]) + altitude_agl_m
+        params = (0.0, 0.0, 0.0, None, None, None, up_amsl_m)
+        self._order(PX4Mode.TAKEOFF, "take off", m.MAV_CMD_NAV_TAKEOFF, params, lambda: told.airborne)
 
     def _change_mode(
-        self,
-        mode: PX4Mode,
-        what: str,
-        or_else: Callable[[], bool] = lambda: False,
-        timeout_s: float = ORDER_S,
+        self, mode: PX4Mode, what: str, or_else: Condition = lambda: False, timeout_s: float = ORDER_S
     ) -> None:
         main, sub = mode.value
         numbers = float(m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(main), float(sub)
@@ -402,11 +373,14 @@ class Px4Vehicle:
         what: str,
         number: int,
         params: tuple[float | None, ...],
-        or_else: Callable[[], bool],
+        or_else: Condition,
         timeout_s: float = ORDER_S,
     ) -> None:
-        """Orders what brings it into a mode; gives up when it goes into any other meanwhile."""
+        """Orders the vehicle into a mode, unless it goes into another one meanwhile."""
         told, before = self.telemetry, self.telemetry.flown
+
+        def done() -> bool:
+            return told.flown == mode.value or or_else()
 
         def elsewhere() -> bool:
             if told.flown == mode.value:
@@ -414,7 +388,6 @@ class Px4Vehicle:
             undone = told.mode_heard_s > self.link.accepted_s(number) + _SHOWS_S and not or_else()
             return undone or told.flown != before or self.authority.lost()
 
-        done = lambda: told.flown == mode.value or or_else()  # noqa: E731
         if self.link.order(what, number, params, done, timeout_s, elsewhere):
             self.authority.regain(mode)
             self._taking_off = mode is PX4Mode.TAKEOFF
@@ -429,17 +402,17 @@ class Px4Vehicle:
             self._change_mode(PX4Mode.OFFBOARD, "go into Offboard")
 
     def _look_after_orders(self) -> None:
-        """Gives the orders that had to wait; none while somebody else flies it, or it is not heard."""
+        """Gives pending orders, unless somebody else flies the vehicle or it is silent."""
         authority, told = self.authority, self.telemetry
         if authority.lost():
-            if told.flown != PX4Mode.OFFBOARD.value:  # there it stays where it came to rest
-                self._offboard.aim(self._stop_here(), self.anchor)
+            if told.flown != PX4Mode.OFFBOARD.value:  # in Offboard it keeps its place
+                self._offboard.aim(self._stop_here(), self.site)
             return
         if not authority.knows():
             return
         ours = authority.wanted is None or told.flown in (PX4Mode.OFFBOARD.value, PX4Mode.TAKEOFF.value)
         if self._must_land and ours:
-            with suppress(UserError):  # then it is said again: a mission does not end in the air for that
+            with suppress(UserError):  # the order is repeated: a mission must not end in the air for that
                 self._change_mode(PX4Mode.LAND, "land", lambda: not told.airborne)
                 self._must_land = False
                 self._offboard.stop()
@@ -447,9 +420,9 @@ class Px4Vehicle:
             self._go_into_offboard()
 
     def _hand_over(self) -> None:
-        """Leaves a flying vehicle in PX4's own Hold; one that is not heard does what COM_OBL_RC_ACT says.
+        """Leaves a flying vehicle in PX4's Hold; a silent one follows COM_OBL_RC_ACT.
 
-        A failsafe of PX4's own goes on. A take-off that has not left the ground is called off.
+        PX4's own failsafes continue. A take-off that has not left the ground is cancelled.
         """
         told, authority = self.telemetry, self.authority
         if not (self._taking_off or authority.wanted in (PX4Mode.OFFBOARD, PX4Mode.TAKEOFF)):
@@ -465,20 +438,22 @@ class Px4Vehicle:
                 self._change_mode(PX4Mode.HOLD, "hold", timeout_s=_HOLD_S)
 
     def _height_agl_m(self) -> float:
-        x, y, z = self.anchor.enu(self.telemetry.ned_m).tolist()
-        return float(z - self._ground_height_m(np.array([[x, y]]))[0])
+        here = self.site.enu_from_ned(self.telemetry.ned_m)
+        return float(here[2]) - self._ground_m(here)
 
     def _above_here(self, altitude_agl_m: float) -> Setpoint:
-        x, y, _ = self.anchor.enu(self.telemetry.ned_m).tolist()
-        up = float(self._ground_height_m(np.array([[x, y]]))[0]) + altitude_agl_m
-        return Setpoint(np.array([x, y, up]), 1.0, self.telemetry.yaw_rad)
+        place = self.site.enu_from_ned(self.telemetry.ned_m)
+        place[2] = self._ground_m(place) + altitude_agl_m
+        return Setpoint(place, 1.0, self.telemetry.yaw_rad)
+
+    def _ground_m(self, position_enu_m: F64) -> float:
+        return float(self._ground_height_m(position_enu_m[None, :2])[0])
 
     def _stop_here(self) -> Setpoint:
-        """Where it comes to rest."""
         told = self.telemetry
         velocity = enu_from_ned(told.velocity_ned_mps)
         speed = math.hypot(velocity[0], velocity[1])
-        place = self.anchor.enu(told.ned_m)
+        place = self.site.enu_from_ned(told.ned_m)
         place[:2] += velocity[:2] * speed / (2.0 * _BRAKES_MPS2)
         return Setpoint(place, max(speed, 1.0), told.yaw_rad)
 
@@ -486,12 +461,12 @@ class Px4Vehicle:
         self._since_boot_s = self._due_s = self.telemetry.boot_s
 
     def _look(self) -> VehicleState:
-        state = self.telemetry.state(self.anchor, self._since_boot_s)
+        state = self.telemetry.state(self.site, self._since_boot_s)
         return state._replace(taken_over=self.authority.theirs)
 
 
 def names_its_place(scenario: Scenario) -> bool:
-    """Whether a scenario says where on Earth it lies, instead of leaving it to the vehicle."""
+    """Whether a scenario has a place on Earth, instead of the vehicle's."""
     home, nowhere = scenario.home, Home()
     named = (home.latitude_deg, home.longitude_deg) != (nowhere.latitude_deg, nowhere.longitude_deg)
     return named or scenario.area.polygon_lat_lon_deg is not None or scenario.search.plan is not None
@@ -502,19 +477,14 @@ def placed(scenario: Scenario, latitude_deg: float, longitude_deg: float, altitu
     x, y = scenario.home.position_enu_m
     at_home = LocalFrame(latitude_deg, longitude_deg, altitude_amsl_m)
     latitude, longitude, _ = at_home.geodetic_from_enu([[-x, -y, 0.0]])[0]
-    home = scenario.home.model_copy(
-        update={
-            "latitude_deg": float(latitude),
-            "longitude_deg": float(longitude),
-            "altitude_amsl_m": altitude_amsl_m,
-        }
-    )
+    place = {"latitude_deg": float(latitude), "longitude_deg": float(longitude)}
+    home = scenario.home.model_copy(update=place | {"altitude_amsl_m": altitude_amsl_m})
     return scenario.model_copy(update={"home": home})
 
 
 @contextmanager
 def _signals_wait() -> Iterator[None]:
-    """Ignores what ends a program; only the main thread can."""
+    """Ignores signals that end the program; only the main thread can do that."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,8 +1,8 @@
-"""Who is in command: the program whose order the vehicle carried out last.
+"""The program in command: the one whose order the vehicle carried out last.
 
-PX4 obeys whoever speaks. Here, too, Hold, Return, Land, the modes with sticks and switching off are done for
-whoever asks, so that a person can always take over. What would take the vehicle away unseen is done only for
-the program in command while the vehicle is armed: parameters, home, speed, and plans except in Hold; and no
+PX4 obeys every sender. Here, too, anyone may order Hold, Return, Land, the modes with sticks and switching
+off, so that a person can always take over. Orders that would take the vehicle away unseen are accepted only
+from the program in command while the vehicle is armed: parameters, home, speed, and plans except in Hold. No
 other program's Offboard, Mission, take-off or reposition replaces the Mission or take-off that it flies.
 """
 
@@ -20,7 +20,7 @@ class Denied(Refused):
 
 
 class Authority:
-    """``silent_s``: a program that is not heard for that long is not in command any more, in vehicle time."""
+    """A program that is silent for ``silent_s`` of vehicle time loses command."""
 
     def __init__(self, pilot: Autopilot, silent_s: float) -> None:
         self._pilot, self._silent_s = pilot, silent_s
@@ -28,12 +28,11 @@ class Authority:
         self._heard_s = -math.inf
 
     def hear(self, key: Key) -> None:
-        """A program said something, its heartbeat perhaps."""
         if key == self._commander:
             self._heard_s = self._pilot.time_s
 
     def take(self, key: Key) -> None:
-        """The vehicle carried out a program's order."""
+        """Gives command to a program whose order was carried out."""
         self._commander, self._heard_s = key, self._pilot.time_s
 
     def commands(self, key: Key) -> bool:
@@ -46,12 +45,12 @@ class Authority:
             raise Denied("denied: another program is in command")
 
     def may_plan(self, key: Key) -> None:
-        """Raises Denied where another program flies; in Hold a flight is prepared that goes on."""
+        """Raises Denied if another program flies; in Hold anyone may prepare the next flight."""
         if self._pilot.intended is not PX4Mode.HOLD:
             self.must_command(key)
 
     def must_be_free(self, key: Key, offboard_wanted: bool = False) -> None:
-        """Raises Denied where another program's Offboard, Mission or take-off would be replaced."""
+        """Raises Denied if another program's Offboard, Mission or take-off would be replaced."""
         pilot = self._pilot
         engaged = offboard_wanted or pilot.mode is PX4Mode.OFFBOARD
         if engaged and not pilot.offboard.may_control(key, pilot):

@@ -1,31 +1,26 @@
-"""The autopilot: arming, modes, and what each mode makes the vehicle do. It knows nothing of messages."""
+"""The autopilot: arming, modes, and the manoeuvre of each mode. It knows nothing of messages."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
-from skysweep.types import Setpoint, Vehicle
-from skysweep.vehicles.mavlink.modes import F64, STICK_MODES, PX4Mode, Refused, Site
+from skysweep.types import Vehicle
+from skysweep.vehicles.mavlink.modes import STICK_MODES, PX4Mode, Refused, Site
 from skysweep.vehicles.served.failsafes import CRITICAL_BATTERY, Failsafes, Health, Reaction, why_not
-from skysweep.vehicles.served.items import NO_FENCE, UploadedFence
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold, Land, Return, TakeOff
 from skysweep.vehicles.served.mission_run import MissionRun
 from skysweep.vehicles.served.offboard import OffboardControl
 from skysweep.vehicles.served.parameters import Parameters
-from skysweep.vehicles.served.pilot import Manoeuvre
+from skysweep.vehicles.served.pilot import Manoeuvre, Pilot
 from skysweep.vehicles.served.sticks import ByStick, Sticks
 
-_TAKE_OFF_RAMP_S = 4.0  # COM_SPOOLUP_TIME and MPC_TKO_RAMP_T
 _NOT_FROM_THE_GROUND = (PX4Mode.RETURN, PX4Mode.LAND, PX4Mode.TERMINATION)
 _FENCE_EVERY_S = 0.2
-_WITHOUT_GNSS_S = 5.0  # EKF2_NOAID_TOUT: how long the estimator knows where it is
-_WITH_GNSS_S = 2.0  # until it knows again; measured
+_WITHOUT_GNSS_S = 5.0  # EKF2_NOAID_TOUT: until the estimator loses its position
+_WITH_GNSS_S = 2.0  # until it has one again; measured
 _OVERRIDE_AUTO, _OVERRIDE_OFFBOARD = 1, 2  # COM_RC_OVERRIDE
 _BATTERY_LIMITS = ("BAT_LOW_THR", "BAT_CRIT_THR", "BAT_EMERGEN_THR")
-
 
 _MANOEUVRES: dict[PX4Mode, Callable[[], Manoeuvre]] = {
     PX4Mode.HOLD: Hold,
@@ -36,46 +31,35 @@ _MANOEUVRES: dict[PX4Mode, Callable[[], Manoeuvre]] = {
 }
 
 
-class Autopilot:
-    """Flies ``vehicle`` by PX4's modes. ``say(text, severity)`` tells every listener.
+class Autopilot(Pilot):
+    """Flies ``vehicle`` by PX4's modes.
 
-    ``intended`` is the mode that somebody chose, ``mode`` the one that is flown: another one in a failsafe.
-    ``gnss_lost`` and ``battery_share`` (None: the vehicle's own) are for tests to set.
+    ``intended`` is the chosen mode, ``mode`` the flown one, which differs in a failsafe. Tests may set
+    ``gnss_lost`` and ``battery_share`` (None: the vehicle's own).
     """
 
     def __init__(
         self, vehicle: Vehicle, site: Site, parameters: Parameters, say: Callable[[str, int], None]
     ) -> None:
-        self.site, self.parameters, self.say = site, parameters, say
-        self.state = vehicle.state()
+        super().__init__(vehicle, site, parameters, say)
         self.intended = self.mode = PX4Mode.HOLD
-        self.armed = False
-        self.flying = False  # from the order to take off until touchdown
-        self.landing = False
-        self.setpoint: Setpoint | None = None
-        self.home_enu_m: F64 = self.state.position_enu_m
-        self.speed_mps: float | None = None  # of automatic modes, where it was changed
-        self.fence: UploadedFence = NO_FENCE
-        self.rally_enu_m: tuple[F64, ...] = ()
         self.mission = MissionRun()
         self.offboard = OffboardControl()
         self.sticks = Sticks()
         self.gnss_lost = False
         self.battery_share: float | None = None
-        self._vehicle = vehicle
         self._doing: Manoeuvre = Hold()
         self._failsafes = Failsafes(parameters, say)
-        self._after_disarm: PX4Mode | None = None  # None: nobody ever chose a mode
-        self._armed_s = self._lifted_s = self._landed_s = -np.inf
+        self._after_disarm: PX4Mode | None = None  # None: no mode was ever chosen
         self.position_lost = False  # the estimator's
-        self._gnss_s = 0.0  # when that last was as it should be with the GNSS there is
+        self._gnss_s = 0.0  # when position and GNSS were last both lost or both there
         self._outside, self._fence_next_s = False, 0.0
         self._battery_level = 0
 
     # ---- time ----------------------------------------------------------------------------------------
 
     def advance(self, duration_s: float) -> None:
-        """Lets the vehicle fly for that long, then decides what it does next."""
+        """Lets the vehicle fly for ``duration_s``, then decides what it does next."""
         self._vehicle.advance(duration_s)
         self.state = self._vehicle.state()
         if self.landing and not self.state.airborne:
@@ -90,46 +74,17 @@ class Autopilot:
             self._disarm_when_idle()
 
     @property
-    def time_s(self) -> float:
-        """The vehicle's."""
-        return self.state.time_s
-
-    @property
-    def yaw_rad(self) -> float:
-        """ENU."""
-        R = self.state.R_body_to_enu
-        return float(np.arctan2(R[1, 0], R[0, 0]))
-
-    @property
-    def cruise_mps(self) -> float:
-        """Horizontal speed of automatic modes."""
-        speed = self.parameters["MPC_XY_CRUISE"] if self.speed_mps is None else self.speed_mps
-        return min(speed, self.parameters["MPC_XY_VEL_MAX"])
-
-    @property
-    def may_lift_off(self) -> bool:
-        """Whether it stands ready: armed, and not landed again since."""
-        return self.armed and not self.flying and self._landed_s < self._armed_s
-
-    @property
-    def taking_off(self) -> bool:
-        """Whether the gentle beginning of a take-off is still under way."""
-        return self.flying and not (self.state.airborne and self.time_s - self._lifted_s >= _TAKE_OFF_RAMP_S)
-
-    @property
     def failsafe(self) -> bool:
-        """Whether a failsafe flies."""
         return self._failsafes.action > Reaction.WARN
 
     @property
     def battery_remaining(self) -> float:
-        """0..1."""
         return self.state.battery_remaining if self.battery_share is None else self.battery_share
 
     # ---- orders --------------------------------------------------------------------------------------
 
     def arm(self) -> None:
-        """Raises Refused with the reason that speaks against it."""
+        """Raises Refused with the reason not to arm."""
         if self.armed:
             return
         why = self.why_not_arm()
@@ -140,7 +95,6 @@ class Autopilot:
         self.say("armed", NOTICE)
 
     def why_not_arm(self) -> str | None:
-        """What speaks against arming now."""
         if self.flying:
             return "still coming down"
         if self.mode in _NOT_FROM_THE_GROUND:
@@ -152,7 +106,7 @@ class Autopilot:
         return self._why_not(self.mode)
 
     def disarm(self, forced: bool = False) -> None:
-        """Raises Refused in the air unless ``forced``: then it comes down, its motors do not stop."""
+        """Raises Refused in the air unless ``forced``; then it lands instead of stopping its motors."""
         if self.flying and not forced:
             raise Refused("Disarming denied: not landed")
         if not self.armed:
@@ -165,17 +119,16 @@ class Autopilot:
         self.enter(self._after_disarm or PX4Mode.HOLD)
 
     def change_mode(self, mode: PX4Mode, doing: Manoeuvre | None = None) -> None:
-        """Somebody chooses ``mode``, flown by ``doing``. Raises Refused where it cannot be had now."""
+        """Chooses ``mode``, flown by ``doing``. Raises Refused if it is not available now."""
         if self.mode is PX4Mode.TERMINATION:
             raise Refused("flight terminated")
-        if self.armed and mode is not PX4Mode.LAND:  # which is always accepted
+        if self.armed and mode is not PX4Mode.LAND:  # Land is always accepted
             why = self._why_not(mode)
             if why is not None:
                 raise Refused(f"{mode.name.title()} denied: {why}")
         self.enter(mode, doing)
 
     def enter(self, mode: PX4Mode, doing: Manoeuvre | None = None) -> None:
-        """``mode`` is wanted from now on, and flown by ``doing`` unless a failsafe flies."""
         if doing is None:
             doing = self._doing if mode is self.mode and self._goes_on(mode) else self._manoeuvre(mode)
         self._intend(mode)
@@ -184,7 +137,7 @@ class Autopilot:
             self._doing = doing
 
     def _goes_on(self, mode: PX4Mode) -> bool:
-        """Whether choosing the mode that is flown changes nothing."""
+        """Whether choosing the flown mode again changes nothing."""
         return mode is not PX4Mode.HOLD and not (mode is PX4Mode.MISSION and self.mission.finished)
 
     def _intend(self, mode: PX4Mode) -> None:
@@ -195,7 +148,7 @@ class Autopilot:
     # ---- what is flown -------------------------------------------------------------------------------
 
     def _decide(self, elapsed_s: float, asked: bool = False, sticks: bool = False) -> None:
-        """Flies the mode that failsafes leave."""
+        """Flies the intended mode, or that of a failsafe."""
         failsafes = self._failsafes
         intended = failsafes.update(self.armed, self.intended, asked, sticks, self._health(), elapsed_s)
         if intended is not self.intended:
@@ -218,7 +171,7 @@ class Autopilot:
         return _MANOEUVRES[mode]()
 
     def _take_over_by_stick(self) -> bool:
-        """Lets moving sticks choose Position; whether they moved while a failsafe flies instead."""
+        """Lets moving sticks choose Position; True if they moved while a failsafe flies."""
         self.sticks.tick(self.time_s, self.parameters["COM_RC_LOSS_T"], self.parameters["COM_RC_STICK_OV"])
         if not self.armed:
             if not self.sticks.lost and self._after_disarm is None:
@@ -236,16 +189,13 @@ class Autopilot:
         return True
 
     def _why_not(self, mode: PX4Mode) -> str | None:
-        """What speaks against choosing a mode."""
+        """The reason not to choose a mode; None if there is none."""
         if mode in STICK_MODES and self.sticks.lost:
             return "no manual control"
         if mode is PX4Mode.OFFBOARD and not self.offboard.is_fresh(self):
             return "no stream of setpoints"
-        if mode is PX4Mode.MISSION:
-            why = self.mission.why_not(self)
-            if why is not None:
-                return why
-        return why_not(mode, self._health())
+        mission_why = self.mission.why_not(self) if mode is PX4Mode.MISSION else None
+        return mission_why or why_not(mode, self._health())
 
     def _health(self) -> Health:
         return Health(
@@ -257,7 +207,7 @@ class Autopilot:
         )
 
     def _look_around(self) -> None:
-        """Looks after GNSS, fence and battery; the battery's level does not get better in flight."""
+        """Updates GNSS, fence and battery; the battery's level never improves in flight."""
         if self.gnss_lost == self.position_lost:
             self._gnss_s = self.time_s
         elif self.time_s - self._gnss_s > (_WITHOUT_GNSS_S if self.gnss_lost else _WITH_GNSS_S):
@@ -268,44 +218,6 @@ class Autopilot:
         share = self.battery_remaining
         level = sum(share < self.parameters[name] for name in _BATTERY_LIMITS)
         self._battery_level = max(level, self._battery_level) if self.armed else level
-
-    def outside_fence(self, position_enu_m: F64 | None = None) -> bool:
-        """Whether a position (default: the vehicle's) is beyond the fence or farther than GF_MAX_*."""
-        position = self.state.position_enu_m if position_enu_m is None else position_enu_m
-        away = position - self.home_enu_m
-        far, high = self.parameters["GF_MAX_HOR_DIST"], self.parameters["GF_MAX_VER_DIST"]
-        return (
-            not self.fence.allows(position)
-            or bool(0.0 < far < np.hypot(away[0], away[1]))
-            or bool(0.0 < high < away[2])
-        )
-
-    # ---- what manoeuvres are made of -----------------------------------------------------------------
-
-    def lift_off(self, altitude_enu_m: float) -> None:
-        """Leaves the ground straight up to a height in ENU."""
-        here = self.state.position_enu_m
-        self._vehicle.takeoff(max(altitude_enu_m - here[2], 0.5))
-        self.setpoint = Setpoint(np.array([here[0], here[1], altitude_enu_m]), 0.0, self.yaw_rad)
-        self.flying, self.landing, self._lifted_s = True, False, self.time_s
-
-    def fly_to(
-        self, position_enu_m: F64, yaw_rad: float, speed_mps: float, velocity_enu_mps: F64 | None = None
-    ) -> None:
-        """Flies towards a setpoint."""
-        limited = min(speed_mps, self.parameters["MPC_XY_VEL_MAX"])
-        self.setpoint = Setpoint(position_enu_m, limited, yaw_rad, velocity_enu_mps)
-        self.landing = False
-        self._vehicle.command(self.setpoint)
-
-    def touch_down(self) -> None:
-        """Descends here until it stands."""
-        self.landing = True
-        self._vehicle.land()
-
-    def is_high_as(self, altitude_enu_m: float) -> bool:
-        """Whether it is at that height, as PX4 counts it."""
-        return bool(abs(self.state.position_enu_m[2] - altitude_enu_m) <= self.parameters["NAV_MC_ALT_RAD"])
 
     def _disarm_when_idle(self) -> None:
         if self.flying:

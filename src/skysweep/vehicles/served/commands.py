@@ -9,11 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import (
     AUTOPILOT,
     CAMERA,
-    F64,
     STICK_MODES,
     PX4Mode,
     Refused,
@@ -39,17 +39,17 @@ _FAILED: int = m.MAV_RESULT_FAILED
 _TERMINATES = 0.5  # MAV_CMD_DO_FLIGHTTERMINATION, above it
 _FORCED = 21196  # MAV_CMD_COMPONENT_ARM_DISARM
 _FARTHEST_HOME_M = 1_000.0  # from the vehicle
-_ALWAYS_ALLOWED = (
-    *STICK_MODES,
-    PX4Mode.HOLD,
-    PX4Mode.RETURN,
-    PX4Mode.LAND,
-)  # to whoever asks, whoever is in control
+_NO_PROGRESS = 255  # COMMAND_ACK
+_ALWAYS_ALLOWED = (*STICK_MODES, PX4Mode.HOLD, PX4Mode.RETURN, PX4Mode.LAND)  # to every sender
+_FOR_CAMERA = (m.MAV_CMD_REQUEST_MESSAGE, m.MAV_CMD_REQUEST_CAMERA_INFORMATION)
+_HOME: int = m.MAVLINK_MSG_ID_HOME_POSITION
+_VERSION: int = m.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+_CAMERA: int = m.MAVLINK_MSG_ID_CAMERA_INFORMATION
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A command's numbers: four, and a place in degrees and metres where it has one."""
+    """A command's four parameters, and its place in degrees and metres if it has one."""
 
     params: tuple[float, float, float, float]
     x: float
@@ -60,7 +60,6 @@ class Order:
 
     @classmethod
     def of(cls, message: Message, sender: Sender) -> Order:
-        """From COMMAND_LONG or COMMAND_INT."""
         params = (message.param1, message.param2, message.param3, message.param4)
         if message.get_type() == "COMMAND_INT":
             return cls(params, message.x * 1e-7, message.y * 1e-7, message.z, message.frame, sender)
@@ -68,16 +67,16 @@ class Order:
 
 
 class Answering(Protocol):
-    """What commands ask of the side that answers programs."""
+    """The side that answers programs, as commands use it."""
 
     def set_mission_item(self, index: int) -> bool:
-        """Goes on with another item; False where the mission has none of that number."""
+        """Continues the mission with another item; False if there is no such item."""
 
     def send_once(self, kind: int, sender: Sender) -> bool:
-        """Sends one message of a kind; False where it has none."""
+        """Sends one message of a kind; False if there is none."""
 
     def streams_of(self, sender: Sender) -> Streams | None:
-        """The sender's streams, None where it hears none."""
+        """The sender's streams; None if it gets none."""
 
 
 class Commands:
@@ -90,9 +89,9 @@ class Commands:
             m.MAV_CMD_DO_SET_MODE: self._set_mode,
             m.MAV_CMD_DO_FLIGHTTERMINATION: self._terminate,
             m.MAV_CMD_NAV_TAKEOFF: self._take_off,
-            m.MAV_CMD_NAV_LAND: lambda order: self._change(PX4Mode.LAND, order.sender),
-            m.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda order: self._change(PX4Mode.RETURN, order.sender),
-            m.MAV_CMD_NAV_LOITER_UNLIM: lambda order: self._change(PX4Mode.HOLD, order.sender),
+            m.MAV_CMD_NAV_LAND: lambda o: self._change(PX4Mode.LAND, o.sender),
+            m.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda o: self._change(PX4Mode.RETURN, o.sender),
+            m.MAV_CMD_NAV_LOITER_UNLIM: lambda o: self._change(PX4Mode.HOLD, o.sender),
             m.MAV_CMD_DO_REPOSITION: self._reposition,
             m.MAV_CMD_DO_CHANGE_ALTITUDE: self._change_altitude,
             m.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
@@ -100,28 +99,21 @@ class Commands:
             m.MAV_CMD_MISSION_START: self._start_mission,
             m.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_mission_item,
             m.MAV_CMD_DO_SET_HOME: self._set_home,
-            m.MAV_CMD_REQUEST_MESSAGE: lambda order: self._request(order.params[0], order.sender),
-            m.MAV_CMD_GET_HOME_POSITION: lambda o: self._request(m.MAVLINK_MSG_ID_HOME_POSITION, o.sender),
-            m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda order: self._request(
-                m.MAVLINK_MSG_ID_AUTOPILOT_VERSION, order.sender
-            ),
-            m.MAV_CMD_REQUEST_CAMERA_INFORMATION: lambda order: self._request(
-                m.MAVLINK_MSG_ID_CAMERA_INFORMATION, order.sender
-            ),
+            m.MAV_CMD_REQUEST_MESSAGE: lambda o: self._request(o.params[0], o.sender),
+            m.MAV_CMD_GET_HOME_POSITION: lambda o: self._request(_HOME, o.sender),
+            m.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda o: self._request(_VERSION, o.sender),
+            m.MAV_CMD_REQUEST_CAMERA_INFORMATION: lambda o: self._request(_CAMERA, o.sender),
             m.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             m.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: self._configure_gimbal,
             m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: self._point_gimbal,
         }
-        self._of_camera = {
-            m.MAV_CMD_REQUEST_MESSAGE: self._do[m.MAV_CMD_REQUEST_MESSAGE],
-            m.MAV_CMD_REQUEST_CAMERA_INFORMATION: self._do[m.MAV_CMD_REQUEST_CAMERA_INFORMATION],
-        }
 
     def receive(self, message: Message, sender: Sender) -> None:
-        """Carries out a command and acknowledges it; the reason of a refusal goes with it as a text."""
-        to_camera = message.target_component == CAMERA
-        do = (self._of_camera if to_camera else self._do).get(message.command)
+        """Carries out a command and acknowledges it; a refusal comes with its reason as a text."""
+        do = self._do.get(message.command)
+        if message.target_component == CAMERA and message.command not in _FOR_CAMERA:
+            do = None
         result = _UNSUPPORTED
         if do is not None:
             try:
@@ -130,15 +122,14 @@ class Commands:
             except Refused as why:
                 result = _DENIED if isinstance(why, Denied) else _LATER
                 sender.tell(str(why))
-        if do == self._set_mode and result != _DENIED:  # PX4's link accepts it before its commander looks
+        if do == self._set_mode and result != _DENIED:  # PX4's link accepts it before its commander decides
             self._acknowledge(message, _OK, sender)
         self._acknowledge(message, result, sender)
 
     def _acknowledge(self, message: Message, result: int, sender: Sender) -> None:
-        acknowledgement = m.MAVLink_command_ack_message(
-            message.command, result, _NOT_GIVEN, 0, sender.system, sender.component
-        )
-        sender.reply(acknowledgement, message.target_component or AUTOPILOT)
+        to = sender.system, sender.component
+        answer = m.MAVLink_command_ack_message(message.command, result, _NO_PROGRESS, 0, *to)
+        sender.reply(answer, message.target_component or AUTOPILOT)
 
     # ---- arming and modes ----------------------------------------------------------------------------
 
@@ -167,9 +158,9 @@ class Commands:
         return None
 
     def set_mode(self, main: int, sub: int, sender: Sender) -> None:
-        """By PX4's numbers of a mode. Raises Refused."""
+        """Changes to the mode with these PX4 numbers. Raises Refused."""
         mode = mode_of(main, sub)
-        if mode is None or mode is PX4Mode.TERMINATION:  # which has a command of its own
+        if mode is None or mode is PX4Mode.TERMINATION:  # termination has its own command
             raise Refused("this vehicle has no such mode")
         self._change(mode, sender)
 
@@ -186,15 +177,14 @@ class Commands:
 
     def _take_off(self, order: Order) -> None:
         self._authority.must_be_free(order.sender.key)
-        altitude = None
+        climb = None
         if finite(order.z) and order.z != 0.0:
-            altitude = float(self._place(order.frame, 0.0, 0.0, order.z)[2])
-        self._fly(PX4Mode.TAKEOFF, order.sender, None if altitude is None else TakeOff(altitude))
+            climb = TakeOff(float(self._place(order.frame, 0.0, 0.0, order.z)[2]))
+        self._fly(PX4Mode.TAKEOFF, order.sender, climb)
 
     def _start_mission(self, order: Order) -> None:
         self._authority.must_be_free(order.sender.key)
-        first = whole(order.params[0])
-        if first:
+        if first := whole(order.params[0]):
             self._face.set_mission_item(first)
         self._fly(PX4Mode.MISSION, order.sender)
         self._pilot.arm()
@@ -267,7 +257,7 @@ class Commands:
         self._pilot.home_enu_m = home
 
     def _place(self, frame: int, latitude_deg: float, longitude_deg: float, z: float) -> F64:
-        """A place in ENU; at 0, 0 only its height means something."""
+        """A place in ENU; at 0, 0 only its height is used."""
         site = self._pilot.site
         above = site.geodetic(self._pilot.home_enu_m)[2] if frame in ABOVE_HOME else 0.0
         if (latitude_deg, longitude_deg) == (0.0, 0.0):
@@ -305,6 +295,3 @@ class Commands:
     def _point_gimbal(self, order: Order) -> int | None:
         who = (order.sender.system, order.sender.component)
         return None if self._payload.point(order.params[0], who) else _DENIED
-
-
-_NOT_GIVEN = 255  # progress

@@ -1,4 +1,4 @@
-"""The vehicle as MAVLink shows it: datagrams in, datagrams out, time by the tick. No sockets, no clock."""
+"""The vehicle as MAVLink shows it: datagrams in and out, time in ticks; no sockets, no clock."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skysweep.vehicles.served.autopilot import Autopilot
 from skysweep.vehicles.served.commands import Commands
 from skysweep.vehicles.served.items import FENCE, MISSION, RALLY, Item, fence_of
 from skysweep.vehicles.served.link import Address, Sender, status_texts
-from skysweep.vehicles.served.offboard import OffboardSetpoint, setpoint_from_global, setpoint_from_local
+from skysweep.vehicles.served.offboard import setpoint_of
 from skysweep.vehicles.served.parameters import Parameters
 from skysweep.vehicles.served.payload import Payload
 from skysweep.vehicles.served.peers import Peers
@@ -29,10 +29,10 @@ _REFUSALS_REMEMBERED = 64
 
 
 class Face:
-    """A PX4 from outside, ``vehicle`` inside.
+    """Makes ``vehicle`` look like a PX4.
 
-    ``transmit(datagram, address)`` sends. ``listeners`` hear it always, others while they speak (``Peers``).
-    ``unix_start_s``: its clock at the start. ``speed``: how much faster its time runs than that of programs.
+    ``transmit(datagram, address)`` sends. ``listeners`` always hear it, others while they speak (``Peers``).
+    ``unix_start_s`` is its clock at the start, ``speed`` its time over that of programs.
     """
 
     def __init__(
@@ -64,8 +64,8 @@ class Face:
             "COMMAND_LONG": self._commands.receive,
             "COMMAND_INT": self._commands.receive,
             "SET_MODE": self._set_mode,
-            "SET_POSITION_TARGET_LOCAL_NED": self._follow_local,
-            "SET_POSITION_TARGET_GLOBAL_INT": self._follow_global,
+            "SET_POSITION_TARGET_LOCAL_NED": self._follow,
+            "SET_POSITION_TARGET_GLOBAL_INT": self._follow,
             "MANUAL_CONTROL": self._hear_sticks,
             "PARAM_REQUEST_LIST": self._list_parameters,
             "PARAM_REQUEST_READ": lambda message, sender: _reply(sender, self.parameters.read(message)),
@@ -84,7 +84,7 @@ class Face:
     # ---- in ------------------------------------------------------------------------------------------
 
     def receive(self, datagram: bytes, address: Address) -> None:
-        """Acts on every sound and authentic frame that is meant for this vehicle."""
+        """Acts on every valid and authentic frame for this vehicle."""
         for message in read_frames(datagram, self.signing):
             system, component = message.get_srcSystem(), message.get_srcComponent()
             if (system, component) in ((SYSTEM_ID, AUTOPILOT), (SYSTEM_ID, CAMERA)):
@@ -107,21 +107,13 @@ class Face:
         if message.base_mode & m.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             self._commands.set_mode(message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24, sender)
 
-    def _follow_local(self, message: Message, sender: Sender) -> None:
-        pilot = self.pilot
-        self._follow(sender, lambda: setpoint_from_local(message, pilot.site, pilot.yaw_rad))
-
-    def _follow_global(self, message: Message, sender: Sender) -> None:
-        pilot = self.pilot
-        self._follow(sender, lambda: setpoint_from_global(message, pilot.site, pilot.home_enu_m))
-
-    def _follow(self, sender: Sender, setpoint: Callable[[], OffboardSetpoint]) -> None:
+    def _follow(self, message: Message, sender: Sender) -> None:
         pilot = self.pilot
         idle = PX4Mode.OFFBOARD not in (pilot.mode, pilot.intended)
         if idle and pilot.offboard.owner != sender.key and self.authority.commands(sender.key):
             pilot.offboard.owner = None
         try:
-            pilot.offboard.follow(sender.key, setpoint(), pilot)
+            pilot.offboard.follow(sender.key, setpoint_of(message, pilot), pilot)
         except Refused as why:
             if pilot.time_s >= self._refused.get(sender.key, 0.0):
                 if len(self._refused) >= _REFUSALS_REMEMBERED:
@@ -143,7 +135,7 @@ class Face:
         try:
             self.authority.must_command(sender.key)
             self.parameters.write(message)
-        finally:  # taken or not: what it is now
+        finally:  # the current value, whether the write was taken or not
             _reply(sender, self.parameters.answer(message.param_id))
 
     def _set_current(self, message: Message, sender: Sender) -> None:
@@ -158,14 +150,12 @@ class Face:
 
     def _ping(self, message: Message, sender: Sender) -> None:
         if message.target_system == 0:
-            sender.reply(
-                m.MAVLink_ping_message(message.time_usec, message.seq, sender.system, sender.component)
-            )
+            to = sender.system, sender.component
+            sender.reply(m.MAVLink_ping_message(message.time_usec, message.seq, *to))
 
-    # ---- what commands ask of it ---------------------------------------------------------------------
+    # ---- commands.Answering --------------------------------------------------------------------------
 
     def set_mission_item(self, index: int) -> bool:
-        """Goes on with another item; False where the mission has none of that number."""
         if not 0 <= index < len(self.pilot.mission.items):
             return False
         self.pilot.mission.go_to(index)
@@ -174,21 +164,17 @@ class Face:
         return True
 
     def send_once(self, kind: int, sender: Sender) -> bool:
-        """Sends one message of a kind; False where it has none."""
         report = self._reports.get(kind)
-        message = None if report is None else report.make(self._picture())
-        if report is None or message is None:
+        if report is None or (message := report.make(self._picture())) is None:
             return False
         sender.reply(message, report.component)
         return True
 
     def streams_of(self, sender: Sender) -> Streams | None:
-        """The sender's streams, None where it hears none."""
         listener = self.peers.get(sender.peer.address)
         return None if listener is None else listener.streams
 
     def say(self, text: str, severity: int) -> None:
-        """A STATUSTEXT for every listener."""
         for listener in self.peers.listening(self.pilot.time_s):
             for message in status_texts(text, severity):
                 listener.peer.send(message)
@@ -196,7 +182,7 @@ class Face:
     # ---- time ----------------------------------------------------------------------------------------
 
     def tick(self) -> None:
-        """Lets TICK_S of vehicle time pass and sends what is due."""
+        """Lets TICK_S of vehicle time pass and sends the due messages."""
         self.pilot.advance(TICK_S)
         self.transfers.tick()
         self._measure_power()
@@ -226,9 +212,9 @@ class Face:
             self._power_next_s += 1.0
 
     def _take_items(self, kind: int, items: tuple[Item, ...]) -> None:
-        """A new mission, fence or list of rally points.
+        """Takes a mission, fence or list of rally points.
 
-        Raises Refused for a fence that is none, and for a mission that may not replace the one that is flown.
+        Raises Refused for an invalid fence, and for a mission that may not replace the one being flown.
         """
         pilot, site = self.pilot, self.pilot.site
         if kind == MISSION:
@@ -238,9 +224,9 @@ class Face:
                     raise Refused(f"Mission denied: {why}")
             pilot.mission.load(items)
         elif kind == FENCE:
-            self.pilot.fence = fence_of(items, site)
+            pilot.fence = fence_of(items, site)
         elif kind == RALLY:
-            self.pilot.rally_enu_m = tuple(i.position_enu_m(site, self.pilot.home_enu_m) for i in items)
+            pilot.rally_enu_m = tuple(item.position_enu_m(site, pilot.home_enu_m) for item in items)
 
 
 def _reply(sender: Sender, message: Message | None) -> None:

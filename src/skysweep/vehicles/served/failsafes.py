@@ -1,8 +1,8 @@
-"""Failsafes: what is flown instead of the mode that was asked for, and how somebody ends it.
+"""Failsafes: the actions that replace the intended mode, and how a person ends them.
 
-Semantics of PX4 v1.17 (commander, failsafe): each cause asks for an action, the worst action wins, and some
-actions stay after their cause is gone. Return and Land of most causes begin with a Hold of COM_FAIL_ACT_T.
-A mode command, or sticks where the cause allows it, ends an action until another cause comes up.
+Semantics of PX4 v1.17 (commander, failsafe): each cause requests an action, the worst action wins, and some
+actions outlast their cause. Return and Land of most causes begin with a Hold of COM_FAIL_ACT_T. A mode
+command, or sticks if the cause allows it, ends an action until another cause comes up.
 """
 
 from __future__ import annotations
@@ -17,24 +17,13 @@ from skysweep.vehicles.served.link import CRITICAL, NOTICE, WARNING
 from skysweep.vehicles.served.parameters import Parameters
 
 _NO_STICKS = 4  # COM_RC_IN_MODE
-_NEED_POSITION = (
-    PX4Mode.POSITION,
-    PX4Mode.TAKEOFF,
-    PX4Mode.HOLD,
-    PX4Mode.MISSION,
-    PX4Mode.RETURN,
-    PX4Mode.LAND,
-)
-_STICKS_OPTIONAL = {
-    PX4Mode.MISSION: 1,
-    PX4Mode.HOLD: 2,
-    PX4Mode.TAKEOFF: 2,
-    PX4Mode.OFFBOARD: 4,
-}  # COM_RCL_EXCEPT
+_WITHOUT_POSITION = (PX4Mode.ALTITUDE, PX4Mode.STABILIZED, PX4Mode.OFFBOARD, PX4Mode.TERMINATION)
+# Bits of COM_RCL_EXCEPT.
+_STICKS_OPTIONAL = {PX4Mode.MISSION: 1, PX4Mode.HOLD: 2, PX4Mode.TAKEOFF: 2, PX4Mode.OFFBOARD: 4}
 
 
 class Reaction(IntEnum):
-    """What a failsafe does, the worse the higher."""
+    """A failsafe's action; a higher number is worse."""
 
     NONE = 0
     WARN = 1
@@ -62,11 +51,11 @@ _MODES = {
 
 
 class Response(NamedTuple):
-    """What a cause asks for."""
+    """The action that a cause requests."""
 
     action: Reaction
-    latched: bool = False  # stays after the cause is gone, until the mode is changed or it is disarmed
-    waits: bool = True  # in Hold for COM_FAIL_ACT_T, before an action worse than that
+    latched: bool = False  # outlasts the cause, until a mode change or disarming
+    waits: bool = True  # begins with a Hold of COM_FAIL_ACT_T, if the action is worse than Hold
     mode_only: bool = False  # ended by a mode command, not by sticks
 
 
@@ -109,7 +98,7 @@ _NO_OFFBOARD, _NO_POSITION = "offboard control lost", "no position"
 
 
 class Health(NamedTuple):
-    """What failsafes look at."""
+    """The conditions that failsafes watch."""
 
     setpoints_lost: bool
     sticks_lost: bool
@@ -119,23 +108,21 @@ class Health(NamedTuple):
 
 
 def why_not(mode: PX4Mode, health: Health) -> str | None:
-    """What speaks against flying a mode; sticks are needed to choose one of theirs, not to stay in it."""
+    """The reason that a mode cannot be flown; sticks are needed to choose a stick mode, not to stay in it."""
     if mode is PX4Mode.OFFBOARD and health.setpoints_lost:
         return _NO_OFFBOARD
-    return _NO_POSITION if health.position_lost and mode in _NEED_POSITION else None
+    return _NO_POSITION if health.position_lost and mode not in _WITHOUT_POSITION else None
 
 
 @dataclass(slots=True)
 class _Active:
-    """A response under way."""
-
     response: Response
     mode_only: bool
     failing: bool = True
 
 
 class Failsafes:
-    """``action`` is what is done now; ``say(text, severity)`` tells everybody why."""
+    """``action`` is the current one; ``say(text, severity)`` tells all listeners its cause."""
 
     def __init__(self, parameters: Parameters, say: Callable[[str, int], None]) -> None:
         self.action = Reaction.NONE
@@ -144,20 +131,19 @@ class Failsafes:
         self._active: dict[str, _Active] = {}
         self._armed = False
         self._intended = PX4Mode.HOLD
-        self._sticks_optional = True  # not there when it was armed, nor since
+        self._sticks_optional = True  # no sticks since before arming
         self._wait_s = 0.0  # until an action that waits in Hold begins
-        self._waited_s = 0.0  # lately, so that a cause that comes and goes does not wait for ever
+        self._waited_s = 0.0  # recently, so that an intermittent cause does not wait for ever
 
     def mode(self, intended: PX4Mode) -> PX4Mode:
-        """The mode that is flown."""
         return _MODES.get(self.action, intended)
 
     def update(
         self, armed: bool, intended: PX4Mode, asked: bool, sticks: bool, health: Health, dt_s: float
     ) -> PX4Mode:
-        """Looks again, ``dt_s`` later; the mode that is intended from now on, which only sticks change.
+        """Updates the action ``dt_s`` later; returns the intended mode, which only sticks can change.
 
-        ``asked``: somebody chose a mode, the same one perhaps. ``sticks``: they moved during a failsafe.
+        ``asked``: a mode was chosen, perhaps the same one. ``sticks``: they moved during a failsafe.
         """
         asked |= intended is not self._intended
         if armed != self._armed:
@@ -176,16 +162,13 @@ class Failsafes:
             self._wait_s = 0.0
         before = self.action
         cause, delayed, self._intended = self._choose(intended, asked, sticks, health)
-        if delayed:
-            self._waited_s += dt_s
-        else:
-            self._waited_s = max(self._waited_s - 0.25 * dt_s, 0.0)
+        self._waited_s = max(self._waited_s + (dt_s if delayed else -0.25 * dt_s), 0.0)
         if self.action > before or (self.action and warned):
             self._tell(cause, delayed)
         return self._intended
 
     def _causes(self, intended: PX4Mode, health: Health) -> dict[str, Response]:
-        """What each cause that is there asks for."""
+        """The response that each present cause requests."""
         p = self._parameters
         found: dict[str, Response | None] = {}
         excepted = int(p["COM_RCL_EXCEPT"]) & _STICKS_OPTIONAL.get(intended, 0)
@@ -203,7 +186,7 @@ class Failsafes:
         return {cause: response for cause, response in found.items() if response is not None}
 
     def _instead_of(self, mode: PX4Mode, health: Health) -> Reaction:
-        """The action for a mode that cannot be flown, NONE for one that can."""
+        """The action instead of a mode that cannot be flown; NONE if it can."""
         why = why_not(mode, health)
         if why is None:
             return Reaction.NONE
@@ -212,7 +195,7 @@ class Failsafes:
         return Reaction.ALTITUDE if mode is PX4Mode.POSITION else Reaction.RETURN
 
     def _look(self, causes: dict[str, Response]) -> bool:
-        """Brings what is under way up to date; whether a warning was added."""
+        """Updates the active responses; True if a warning was added."""
         for cause in [cause for cause in self._active if cause not in causes]:
             self._active[cause].failing = False
             if not self._active[cause].response.latched:
@@ -235,7 +218,7 @@ class Failsafes:
     def _choose(
         self, intended: PX4Mode, asked: bool, sticks: bool, health: Health
     ) -> tuple[str, Reaction, PX4Mode]:
-        """Sets the action; its cause, the action that waits behind a Hold, and the intended mode."""
+        """Sets the action; returns its cause, the action delayed by a Hold, and the intended mode."""
         before, delayed = self.action, Reaction.NONE
         if intended is PX4Mode.TERMINATION or before is Reaction.TERMINATE:
             self.action = Reaction.TERMINATE

@@ -1,4 +1,4 @@
-"""Mission, fence and rally items as they travel, and which of them the vehicle takes."""
+"""Mission, fence and rally items of the mission protocol, and which of them the vehicle accepts."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, Refused, Site, finite, whole
+from skysweep.vehicles.mavlink.modes import Refused, Site, finite, whole
 from skysweep.vehicles.mavlink.wire import Message
 
 MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
@@ -29,7 +30,7 @@ _ACTED_ON = {
     m.MAV_CMD_DO_JUMP,
     m.MAV_CMD_DO_CHANGE_SPEED,
 }
-_PASSED_OVER = {  # taken, as PX4 does, and done by parts that this vehicle does not have
+_PASSED_OVER = {  # accepted as in PX4, but for parts that this vehicle does not have
     m.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
     m.MAV_CMD_DO_SET_CAM_TRIGG_INTERVAL,
     m.MAV_CMD_DO_TRIGGER_CONTROL,
@@ -61,7 +62,7 @@ _CIRCLES = {m.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION: True, m.MAV_CMD_NAV_FENCE_CIRC
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One item with its numbers as they came, so that reading back gives the same."""
+    """One item with its numbers as received, so that it is read back unchanged."""
 
     frame: int
     command: int
@@ -73,30 +74,28 @@ class Item:
 
     @classmethod
     def of(cls, message: Message) -> Item:
-        """From MISSION_ITEM_INT."""
-        return cls(
-            message.frame,
-            message.command,
-            message.autocontinue,
-            (message.param1, message.param2, message.param3, message.param4),
-            message.x,
-            message.y,
-            message.z,
-        )
+        kind = message.frame, message.command, message.autocontinue
+        params = (message.param1, message.param2, message.param3, message.param4)
+        return cls(*kind, params, message.x, message.y, message.z)
+
+    def message(self, system: int, component: int, seq: int, kind: int) -> Message:
+        """MISSION_ITEM_INT to a program."""
+        head = system, component, seq, self.frame, self.command, 0, self.autocontinue
+        place = self.x, self.y, self.z
+        return m.MAVLink_mission_item_int_message(*head, *self.params, *place, kind)
 
     @property
     def is_place(self) -> bool:
-        """Whether the vehicle flies somewhere for it."""
         return self.command in _PLACES
 
     def position_enu_m(self, site: Site, home_enu_m: F64) -> F64:
-        """(3,) where it is. Raises Refused where that is nowhere."""
+        """Its position (3,). Raises Refused if its coordinates are invalid."""
         above = site.geodetic(home_enu_m)[2] if self.frame in ABOVE_HOME else 0.0
         return site.enu(self.x * 1e-7, self.y * 1e-7, above + self.z)
 
 
 def refusal(item: Item, kind: int) -> int | None:
-    """MAV_MISSION_RESULT of an item that is not taken, None for a good one."""
+    """MAV_MISSION_RESULT of a refused item; None for a valid one."""
     known = {
         MISSION: _PLACES | _ACTED_ON | _PASSED_OVER,
         FENCE: _CORNERS.keys() | _CIRCLES.keys(),
@@ -122,7 +121,7 @@ def refusal(item: Item, kind: int) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class UploadedFence:
-    """Where the vehicle may be, in plan view."""
+    """The allowed area in plan view."""
 
     inside: tuple[shapely.Geometry, ...]
     outside: tuple[shapely.Geometry, ...]
@@ -130,16 +129,15 @@ class UploadedFence:
     def allows(self, position_enu_m: F64) -> bool:
         """Whether a position is inside every inclusion and outside every exclusion."""
         point = shapely.Point(position_enu_m[:2])
-        return all(shape.covers(point) for shape in self.inside) and not any(
-            shape.covers(point) for shape in self.outside
-        )
+        excluded = any(shape.covers(point) for shape in self.outside)
+        return not excluded and all(shape.covers(point) for shape in self.inside)
 
 
 NO_FENCE = UploadedFence((), ())
 
 
 def fence_of(items: tuple[Item, ...], site: Site) -> UploadedFence:
-    """The fence that its items draw. Raises Refused where they draw none."""
+    """The fence of its items. Raises Refused if they are not valid polygons and circles."""
     shapes: dict[bool, list[shapely.Geometry]] = {True: [], False: []}
     left = list(items)
     while left:
@@ -166,6 +164,6 @@ def _xy(item: Item, site: Site) -> F64:
 
 
 def heading_towards(from_enu_m: F64, to_enu_m: F64, otherwise_rad: float) -> float:
-    """ENU yaw from one place to another; ``otherwise_rad`` where they are too near to say."""
+    """ENU yaw from one place to another; ``otherwise_rad`` within 2 m."""
     gap = to_enu_m - from_enu_m
     return math.atan2(gap[1], gap[0]) if np.hypot(gap[0], gap[1]) > 2.0 else otherwise_rad

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.modes import F64, PX4Mode
+from skysweep.types import F64
+from skysweep.vehicles.mavlink.modes import PX4Mode
 from skysweep.vehicles.served.items import heading_towards
 from skysweep.vehicles.served.pilot import Pilot
 
@@ -12,7 +13,7 @@ _ABOVE_LANDING_PLACE_M = 1.0
 
 
 class Hold:
-    """Stays at a place: one given, or where the position controller comes to rest from here."""
+    """Holds a given place, or the one where the vehicle comes to rest."""
 
     def __init__(self, position_enu_m: F64 | None = None, yaw_rad: float | None = None) -> None:
         self._position_enu_m, self._yaw_rad = position_enu_m, yaw_rad
@@ -26,15 +27,15 @@ class Hold:
         if not state.airborne:
             pilot.touch_down()
             return
-        place = self._position_enu_m
+        place, speed_mps = self._position_enu_m, pilot.cruise_mps
         if place is None:
             place = state.position_enu_m + state.velocity_enu_mps / pilot.parameters["MPC_XY_P"]
-        yaw = pilot.yaw_rad if self._yaw_rad is None else self._yaw_rad
-        pilot.fly_to(place, yaw, pilot.cruise_mps if self._position_enu_m is not None else np.inf)
+            speed_mps = np.inf
+        pilot.fly_to(place, pilot.yaw_rad if self._yaw_rad is None else self._yaw_rad, speed_mps)
 
 
 class TakeOff:
-    """Climbs straight up to a height in ENU, then holds there. Default: MIS_TAKEOFF_ALT above here."""
+    """Climbs straight up to a height in ENU (default: MIS_TAKEOFF_ALT above here), then holds."""
 
     def __init__(self, altitude_enu_m: float | None = None) -> None:
         self._altitude_enu_m = altitude_enu_m

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from skysweep.geometry.frames import yaw_from_heading
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, PX4Mode, finite, whole
+from skysweep.vehicles.mavlink.modes import PX4Mode, finite, whole
 from skysweep.vehicles.served.items import Item, heading_towards
 from skysweep.vehicles.served.link import NOTICE
 from skysweep.vehicles.served.manoeuvres import Hold
@@ -16,32 +17,30 @@ _ANYWHERE = {m.MAV_CMD_NAV_TAKEOFF, m.MAV_CMD_NAV_LAND}  # at 0, 0: where the ve
 
 
 class MissionRun:
-    """Where a mission is. An interrupted one goes on at ``current``; a finished one begins again."""
+    """The progress of a mission. An interrupted one resumes at ``current``; a finished one restarts."""
 
     def __init__(self) -> None:
         self.items: tuple[Item, ...] = ()
         self.current = 0
         self.finished = False
-        self.reached: list[int] = []  # since the last look
+        self.reached: list[int] = []  # not yet reported
         self._jumps: dict[int, int] = {}
         self._target: F64 | None = None
         self._yaw_rad = 0.0
         self._since_s: float | None = None  # at the place, or of the delay
 
     def load(self, items: tuple[Item, ...]) -> None:
-        """Another mission."""
         self.items = items
         self.go_to(0)
 
     def go_to(self, index: int) -> None:
-        """The item that is flown next."""
         if index == 0:
             self._jumps.clear()
         self.current, self.finished = index, False
         self._target = self._since_s = None
 
     def why_not(self, pilot: Pilot, items: tuple[Item, ...] | None = None) -> str | None:
-        """What speaks against flying it, or ``items`` instead."""
+        """The reason not to fly it, or ``items`` instead; None if there is none."""
         places = [i for i in (self.items if items is None else items) if i.is_place]
         for place in places:
             at_zero = place.x == place.y == 0 and place.command in _ANYWHERE
@@ -50,11 +49,11 @@ class MissionRun:
         return None if places else "no mission to fly"
 
     def begin(self) -> None:
-        """When the mode is entered."""
+        """Called when the mode is entered."""
         self.go_to(0 if self.finished else self.current)
 
     def step(self, pilot: Pilot) -> None:
-        """One item is looked at in a step, so a jump in a circle costs time as any other item."""
+        """Handles one item per step, so that circular jumps take time."""
         if not self.items:  # cleared in flight
             pilot.enter(PX4Mode.HOLD)
             return
@@ -127,7 +126,7 @@ class MissionRun:
             self._done(pilot)
 
     def _jump(self, item: Item) -> int | None:
-        """Where a DO_JUMP leads, None once it was taken as often as it says (always for -1)."""
+        """The target of a DO_JUMP; None once it was taken as often as it says (-1: without limit)."""
         to, times = whole(item.params[0]), whole(item.params[1])
         taken = self._jumps.get(self.current, 0)
         if to is None or times is None or not 0 <= to < len(self.items) or 0 <= times <= taken:

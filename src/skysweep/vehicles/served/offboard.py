@@ -1,8 +1,8 @@
-"""Offboard control: whose setpoints the vehicle follows, and how.
+"""Offboard control: its owner, and flying to the owner's setpoints.
 
-Semantics of PX4: a mode that can be entered and kept only while setpoints stream in (COM_OF_LOSS_T). Stricter
-than PX4 in one thing: the first program that streams owns the control until it is silent for that long or
-leaves the mode, and setpoints of others are refused.
+As in PX4 the mode can be entered and kept only while setpoints stream in (COM_OF_LOSS_T). Unlike in PX4 the
+first program that streams owns the control until it is silent for that long or leaves the mode; setpoints of
+others are refused.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from skysweep.geometry.frames import enu_from_ned, yaw_from_heading
+from skysweep.types import F64
 from skysweep.vehicles.mavlink.dialect import mavlink as m
-from skysweep.vehicles.mavlink.modes import F64, TICK_S, Refused, Site, finite
+from skysweep.vehicles.mavlink.modes import TICK_S, Refused, Site, finite
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.items import ABOVE_HOME
 from skysweep.vehicles.served.link import Key
@@ -30,7 +31,7 @@ _SHORTEST_HOLD_S = 1.0  # of the control, however short COM_OF_LOSS_T is
 
 @dataclass(frozen=True, slots=True)
 class OffboardSetpoint:
-    """A setpoint in ENU; NaN on an axis that it leaves open."""
+    """A setpoint in ENU; open axes are NaN."""
 
     position_enu_m: F64  # (3,)
     velocity_enu_mps: F64  # (3,)
@@ -39,7 +40,7 @@ class OffboardSetpoint:
 
 
 class OffboardControl:
-    """Who owns the control, its newest setpoint, and flying to it."""
+    """The owner of the control and its newest setpoint."""
 
     def __init__(self) -> None:
         self.owner: Key | None = None
@@ -48,7 +49,7 @@ class OffboardControl:
         self._yaw_rad = 0.0
 
     def follow(self, key: Key, setpoint: OffboardSetpoint, pilot: Pilot) -> None:
-        """Takes a setpoint. Raises Refused where another program owns the control."""
+        """Takes a setpoint. Raises Refused if another program owns the control."""
         if not self.may_control(key, pilot):
             raise Refused("Offboard denied: another program is in control")
         if self.owner != key:
@@ -58,18 +59,15 @@ class OffboardControl:
             self._yaw_rad = setpoint.yaw_rad
 
     def may_control(self, key: Key, pilot: Pilot) -> bool:
-        """Whether nobody else is in control."""
         if self.owner in (None, key):
             return True
         return pilot.time_s - self._heard_s > max(pilot.parameters["COM_OF_LOSS_T"], _SHORTEST_HOLD_S)
 
     def release(self, key: Key) -> None:
-        """The owner gives it up."""
         if self.owner == key:
             self.owner, self._setpoint = None, None
 
     def is_fresh(self, pilot: Pilot) -> bool:
-        """Whether setpoints are coming in."""
         silent_s = pilot.time_s - self._heard_s
         return self._setpoint is not None and silent_s <= pilot.parameters["COM_OF_LOSS_T"]
 
@@ -86,14 +84,20 @@ class OffboardControl:
         if setpoint.yaw_rad is None:
             self._yaw_rad += setpoint.yaw_rate_radps * TICK_S
         velocity = np.nan_to_num(setpoint.velocity_enu_mps)
-        # Half a tick ahead: where an axis has no position, the position controller pulls neither way.
+        # Half a tick ahead: the position controller does not act on an axis without a position.
         drifting = here + 0.5 * TICK_S * velocity
         position = np.where(np.isnan(setpoint.position_enu_m), drifting, setpoint.position_enu_m)
         pilot.fly_to(position, self._yaw_rad, np.inf, velocity)
 
 
-def setpoint_from_local(message: Message, site: Site, yaw_rad: float) -> OffboardSetpoint:
-    """From SET_POSITION_TARGET_LOCAL_NED. Raises Refused for what PX4's position control does not follow."""
+def setpoint_of(message: Message, pilot: Pilot) -> OffboardSetpoint:
+    """The setpoint of a SET_POSITION_TARGET message. Raises Refused if PX4's position control refuses it."""
+    if message.get_type() == "SET_POSITION_TARGET_GLOBAL_INT":
+        return _from_global(message, pilot.site, pilot.home_enu_m)
+    return _from_local(message, pilot.site, pilot.yaw_rad)
+
+
+def _from_local(message: Message, site: Site, yaw_rad: float) -> OffboardSetpoint:
     position = _axes(message, 0, (message.x, message.y, message.z), _FARTHEST_M)
     velocity = _axes(message, 3, (message.vx, message.vy, message.vz), _FASTEST_MPS)
     if message.coordinate_frame in (m.MAV_FRAME_BODY_NED, m.MAV_FRAME_BODY_FRD):
@@ -108,8 +112,7 @@ def setpoint_from_local(message: Message, site: Site, yaw_rad: float) -> Offboar
     return _setpoint(message, _in_enu(position, site.enu_from_ned), _in_enu(velocity, enu_from_ned))
 
 
-def setpoint_from_global(message: Message, site: Site, home_enu_m: F64) -> OffboardSetpoint:
-    """From SET_POSITION_TARGET_GLOBAL_INT. Raises Refused likewise."""
+def _from_global(message: Message, site: Site, home_enu_m: F64) -> OffboardSetpoint:
     if message.coordinate_frame not in {m.MAV_FRAME_GLOBAL, m.MAV_FRAME_GLOBAL_INT, *ABOVE_HOME}:
         raise Refused("Offboard denied: this frame is not supported")
     ignored = _axes(message, 0, (0.0, 0.0, message.alt), _FARTHEST_M)
@@ -122,7 +125,7 @@ def setpoint_from_global(message: Message, site: Site, home_enu_m: F64) -> Offbo
 
 
 def _axes(message: Message, first_bit: int, values: tuple[float, ...], largest: float) -> F64:
-    """The values (3,) with NaN where the type mask says to ignore them."""
+    """The values (3,), NaN where the type mask ignores them."""
     open_axes = [bool(message.type_mask & (1 << (first_bit + i))) for i in range(3)]
     axes = np.where(open_axes, np.nan, values)
     if (np.abs(axes) > largest).any():
@@ -131,7 +134,7 @@ def _axes(message: Message, first_bit: int, values: tuple[float, ...], largest: 
 
 
 def _in_enu(axes_ned: F64, convert: Callable[[F64], F64]) -> F64:
-    """Converted, with the open axes still open."""
+    """Converts axes and keeps the open ones open."""
     swapped = np.isnan(axes_ned)[[1, 0, 2]]
     return np.where(swapped, np.nan, convert(np.nan_to_num(axes_ned)))
 

@@ -1,7 +1,7 @@
 """Parameters with PX4's names, and the protocol that reads and writes them.
 
-Every parameter here either does what PX4's does or is fixed: it describes the vehicle, and writing it
-answers with the value that stays. Integers travel as PX4 sends them, their 4 bytes in place of the float's.
+Every parameter either works as in PX4 or is fixed: it describes the vehicle, and a write is answered with the
+unchanged value. Integers travel as in PX4, their 4 bytes in place of the float's.
 """
 
 from __future__ import annotations
@@ -31,10 +31,8 @@ def _fixed(value: Number) -> _Parameter:
 
 
 def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
-    cruise, up, down = (
-        float(v) for v in (limits.cruise_speed_mps, limits.climb_speed_mps, limits.descent_speed_mps)
-    )
-    table = {
+    up, down = float(limits.climb_speed_mps), float(limits.descent_speed_mps)
+    return {
         "BAT1_N_CELLS": _fixed(4),
         "BAT1_V_CHARGED": _fixed(4.05),
         "BAT1_V_EMPTY": _fixed(3.6),
@@ -65,9 +63,9 @@ def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
         "MPC_MAN_Y_MAX": _Parameter(150.0, 0.0, 400.0),
         "MPC_TKO_SPEED": _fixed(1.5),
         "MPC_VEL_MANUAL": _Parameter(10.0, 3.0, 20.0),
-        "MPC_XY_CRUISE": _Parameter(cruise, 3.0, 20.0),
+        "MPC_XY_CRUISE": _Parameter(float(limits.cruise_speed_mps), 3.0, 20.0),
         "MPC_XY_P": _fixed(0.95),
-        "MPC_XY_VEL_MAX": _Parameter(12.0, 3.0, 20.0),  # PX4: from 0, with which nothing comes home
+        "MPC_XY_VEL_MAX": _Parameter(12.0, 3.0, 20.0),  # PX4 allows 0, which never comes home
         "MPC_Z_VEL_MAX_DN": _fixed(down),
         "MPC_Z_VEL_MAX_UP": _fixed(up),
         "MPC_Z_V_AUTO_DN": _fixed(down),
@@ -80,7 +78,6 @@ def _table(limits: VehicleLimits) -> dict[str, _Parameter]:
         "SYS_AUTOSTART": _fixed(10040),  # PX4's SIH quadrotor
         "SYS_HAS_MAG": _fixed(1),
     }
-    return dict(sorted(table.items()))
 
 
 class Parameters:
@@ -95,7 +92,7 @@ class Parameters:
         return self._values[name]
 
     def set(self, name: str, value: float) -> bool:
-        """Whether ``name`` takes ``value``; what is out of range or fixed keeps its value."""
+        """Sets a parameter; False if it is unknown or fixed, or the value is out of range."""
         parameter = self._table.get(name)
         if parameter is None or not finite(value) or not parameter.low <= value <= parameter.high:
             return False
@@ -103,14 +100,13 @@ class Parameters:
         return True
 
     def stretch(self, name: str, factor: float) -> None:
-        """Makes a time longer, up to its limit."""
         self.set(name, min(self._values[name] * factor, self._table[name].high))
 
-    def message(self, name: str) -> Message:
-        """PARAM_VALUE of one parameter."""
+    def _message(self, name: str) -> Message:
         value = self._values[name]
         if isinstance(value, int):
-            kind, value = mavlink.MAV_PARAM_TYPE_INT32, _float_of_bits(value)
+            kind = mavlink.MAV_PARAM_TYPE_INT32
+            value = struct.unpack("<f", struct.pack("<i", value))[0]
         else:
             kind = mavlink.MAV_PARAM_TYPE_REAL32
         return mavlink.MAVLink_param_value_message(
@@ -118,36 +114,27 @@ class Parameters:
         )
 
     def read(self, asked: Message) -> Message | None:
-        """The answer to PARAM_REQUEST_READ, None where there is no such parameter."""
+        """The answer to PARAM_REQUEST_READ; None if there is no such parameter."""
         if asked.param_index < 0:
             return self.answer(asked.param_id)
-        if asked.param_index < len(self._names):
-            return self.message(self._names[asked.param_index])
-        return None
+        known = asked.param_index < len(self._names)
+        return self._message(self._names[asked.param_index]) if known else None
 
     def answer(self, name: str) -> Message | None:
-        """What a parameter is, None where there is no such parameter."""
-        return self.message(name) if name in self._table else None
+        """PARAM_VALUE of a parameter; None if there is no such parameter."""
+        return self._message(name) if name in self._table else None
 
     def write(self, asked: Message) -> None:
-        """Takes a PARAM_SET, where the value is in range and the parameter not fixed."""
+        """Carries out a PARAM_SET, if the value is in range and the parameter not fixed."""
         name = asked.param_id
         if name not in self._table:
             return
         if isinstance(self._table[name].default, int) and asked.param_type != mavlink.MAV_PARAM_TYPE_REAL32:
-            self.set(name, _bits_of_float(asked.param_value))
+            self.set(name, struct.unpack("<i", struct.pack("<f", asked.param_value))[0])
         elif asked.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
             self.set(name, asked.param_value)
 
     def list(self) -> Iterator[list[Message]]:
-        """All of them, a few at a time."""
+        """The messages of all parameters, a few at a time."""
         for i in range(0, len(self._names), _AT_ONCE):
-            yield [self.message(name) for name in self._names[i : i + _AT_ONCE]]
-
-
-def _float_of_bits(value: int) -> float:
-    return float(struct.unpack("<f", struct.pack("<i", value))[0])
-
-
-def _bits_of_float(value: float) -> int:
-    return int(struct.unpack("<i", struct.pack("<f", value))[0])
+            yield [self._message(name) for name in self._names[i : i + _AT_ONCE]]

@@ -1,7 +1,7 @@
-"""Gimbal and camera as they look from outside.
+"""Gimbal and camera as MAVLink shows them.
 
-The gimbal keeps the vehicle's heading, and the scenario's pitch until it is pointed elsewhere, where the
-vehicle can. Its limits say so, and what is asked beyond them is cut to them, as a gimbal manager does.
+The gimbal follows the vehicle's heading. It keeps the scenario's pitch until it is pointed elsewhere, if the
+vehicle can do that. Like a gimbal manager it reports its limits and cuts requests to them.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ _SENSOR_WIDTH_MM = 6.3
 _FLAGS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
 _IN_VEHICLE_FRAME = m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
 _PITCH_LIMITS_DEG = -90.0, 45.0
+_FIXED = 0.0, 0.0  # limits of roll and yaw
 _ITSELF, _LEAVE, _RELEASE = -2.0, -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE
 
 
 class Payload:
-    """Answers about the gimbal and the camera, and who controls the gimbal.
+    """Messages about gimbal and camera, and the control of the gimbal.
 
-    ``look`` points it to a pitch in rad; None where the vehicle cannot.
+    ``look`` points it to a pitch in rad; None if the vehicle cannot.
     """
 
     def __init__(self, camera: CameraModel, look: Callable[[float], None] | None = None) -> None:
@@ -38,7 +39,7 @@ class Payload:
         self.control = (0, 0)  # system and component in control
 
     def configure(self, params: tuple[float, ...], sender: tuple[int, int]) -> bool:
-        """DO_GIMBAL_MANAGER_CONFIGURE: gives or releases control. As with PX4, "itself" is the vehicle."""
+        """DO_GIMBAL_MANAGER_CONFIGURE: gives or releases control. As in PX4, "itself" is the vehicle."""
         system, component = params[0], params[1]
         if (system, component) == (_ITSELF, _ITSELF):
             self.control = SYSTEM_ID, AUTOPILOT
@@ -51,7 +52,7 @@ class Payload:
         return True
 
     def point(self, pitch_deg: float, sender: tuple[int, int]) -> bool:
-        """DO_GIMBAL_MANAGER_PITCHYAW: points it; NaN leaves it. Whether the sender may."""
+        """DO_GIMBAL_MANAGER_PITCHYAW: points it; NaN leaves it. False if the sender is not in control."""
         if self.control != sender:
             return False
         if self._look is not None and math.isfinite(pitch_deg):
@@ -60,44 +61,28 @@ class Payload:
         return True
 
     def manager_information(self, boot_ms: int) -> Message:
-        return m.MAVLink_gimbal_manager_information_message(
-            boot_ms,
+        can = (
             m.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
             | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_LOCK
             | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_ROLL_LOCK
-            | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_YAW_FOLLOW,
-            _DEVICE,
-            0.0,
-            0.0,
-            *self._limits_rad,
-            0.0,
-            0.0,
+            | m.GIMBAL_MANAGER_CAP_FLAGS_HAS_YAW_FOLLOW
+        )
+        return m.MAVLink_gimbal_manager_information_message(
+            boot_ms, can, _DEVICE, *_FIXED, *self._limits_rad, *_FIXED
         )
 
     def manager_status(self, boot_ms: int) -> Message:
         return m.MAVLink_gimbal_manager_status_message(boot_ms, _FLAGS, _DEVICE, *self.control, 0, 0)
 
     def device_information(self, boot_ms: int) -> Message:
+        names, versions = (b"skysweep", b"embedded", b""), (0, 0, 0)
+        can = m.GIMBAL_DEVICE_CAP_FLAGS_HAS_PITCH_AXIS | m.GIMBAL_DEVICE_CAP_FLAGS_HAS_YAW_FOLLOW
         return m.MAVLink_gimbal_device_information_message(
-            boot_ms,
-            b"skysweep",
-            b"embedded",
-            b"",
-            0,
-            0,
-            0,
-            m.GIMBAL_DEVICE_CAP_FLAGS_HAS_PITCH_AXIS | m.GIMBAL_DEVICE_CAP_FLAGS_HAS_YAW_FOLLOW,
-            0,
-            0.0,
-            0.0,
-            *self._limits_rad,
-            0.0,
-            0.0,
-            _DEVICE,
+            boot_ms, *names, *versions, can, 0, *_FIXED, *self._limits_rad, *_FIXED, _DEVICE
         )
 
     def gimbal_attitude(self, state: VehicleState, boot_ms: int) -> Message:
-        """Where the vehicle believes its camera looks: pitch about the horizon, yaw from its nose."""
+        """The estimated attitude of the camera: pitch about the horizon, yaw from the vehicle's nose."""
         R, body = state.camera.R_camera_to_enu, state.R_body_to_enu
         pitch = math.asin(float(np.clip(R[2, 2], -1.0, 1.0)))
         yaw_enu = math.atan2(R[0, 0], -R[1, 0])
@@ -108,26 +93,15 @@ class Payload:
         )
 
     def camera_heartbeat(self) -> Message:
-        return m.MAVLink_heartbeat_message(
-            m.MAV_TYPE_CAMERA, m.MAV_AUTOPILOT_INVALID, 0, 0, m.MAV_STATE_ACTIVE, 3
-        )
+        kind = m.MAV_TYPE_CAMERA, m.MAV_AUTOPILOT_INVALID
+        return m.MAVLink_heartbeat_message(*kind, 0, 0, m.MAV_STATE_ACTIVE, 3)
 
     def camera_information(self, boot_ms: int) -> Message:
-        lens = self._camera.lens
+        lens, width_mm = self._camera.lens, _SENSOR_WIDTH_MM
+        names, resolution_px = (_padded("skysweep"), _padded("embedded")), (lens.width_px, lens.height_px)
+        focal_mm, height_mm = (width_mm * px / lens.width_px for px in (lens.focal_px, lens.height_px))
         return m.MAVLink_camera_information_message(
-            boot_ms,
-            _padded("skysweep"),
-            _padded("embedded"),
-            1,
-            _SENSOR_WIDTH_MM * lens.focal_px / lens.width_px,
-            _SENSOR_WIDTH_MM,
-            _SENSOR_WIDTH_MM * lens.height_px / lens.width_px,
-            lens.width_px,
-            lens.height_px,
-            0,
-            0,
-            0,
-            b"",
+            boot_ms, *names, 1, focal_mm, width_mm, height_mm, *resolution_px, 0, 0, 0, b""
         )
 
 

@@ -1,4 +1,4 @@
-"""Who hears the vehicle: the addresses that it was told to send to, and others for as long as they talk."""
+"""The listeners: the configured addresses, and others for as long as they talk."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_GUESTS = 8
 
 @dataclass(slots=True)
 class Listener:
-    """A peer with what it gets."""
+    """A peer with its streams."""
 
     peer: Peer
     streams: Streams
@@ -26,9 +26,9 @@ class Listener:
 class Peers:
     """The listeners by address.
 
-    ``hosts`` hear it always. Whoever else says something sound hears it, as a guest, until silent for
-    ``silent_s``; ground stations send a heartbeat every second. At most MAX_GUESTS do: one who talks is never
-    sent away for another, who is answered without hearing telemetry.
+    ``hosts`` always hear the vehicle. Others that send a valid message are guests and hear it until they are
+    silent for ``silent_s``; ground stations send a heartbeat every second. A talking guest is never dropped
+    for another: beyond MAX_GUESTS a program is answered, but gets no telemetry.
     """
 
     def __init__(
@@ -42,16 +42,13 @@ class Peers:
         self._transmit, self._signing = transmit, signing
         self._reports, self._silent_s = reports, silent_s
         self._guests: dict[Address, Listener] = {}
-        self._hosts: dict[Address, Listener] = {}
-        for address in hosts:
-            self._hosts[address] = self._listener(address, 0.0)
+        self._hosts = {address: self._listener(address, 0.0) for address in hosts}
 
     def get(self, address: Address) -> Listener | None:
-        """The listener at an address."""
         return self._hosts.get(address) or self._guests.get(address)
 
     def hear(self, address: Address, time_s: float) -> Peer:
-        """Whoever said something sound."""
+        """The peer that sent a valid message."""
         listener = self.get(address)
         if listener is None:
             listener = self._listener(address, time_s)
@@ -65,7 +62,7 @@ class Peers:
         return listener.peer
 
     def listening(self, time_s: float) -> list[Listener]:
-        """Those who hear it now. A guest who comes back finds its streams as it left them."""
+        """The listeners now. A guest that comes back keeps its streams."""
         guests = (guest for guest in self._guests.values() if self._talks(guest, time_s))
         return [*self._hosts.values(), *guests]
 

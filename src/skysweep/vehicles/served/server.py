@@ -1,4 +1,4 @@
-"""Serves a vehicle over UDP: its face, a socket, and a clock that may run faster than the wall's."""
+"""Serves a vehicle over UDP, in real time or faster."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from skysweep.vehicles.served.face import Face
 from skysweep.vehicles.served.link import Address
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
-OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # where PX4's simulation sends to
-_LARGEST_DATAGRAM = 4_096  # of which anything is read; a frame has at most 280 bytes
-_RECEIVE_S = 0.02  # on the wall, then it is the vehicle's turn
+OFFBOARD_PORT, GROUND_STATION_PORT = 14540, 14550  # the targets of PX4's simulation
+_LARGEST_DATAGRAM = 4_096  # a frame has at most 280 bytes
+_RECEIVE_S = 0.02  # on the wall, before the vehicle's next tick
 _WATCH_EVERY_S = 0.2  # on the wall
 _WAITS_FOR_PROGRAMS = ("COM_OF_LOSS_T", "COM_RC_LOSS_T", "COM_DISARM_PRFLT")
-_MAX_LAG_S = 0.5  # on the wall; a machine that is slower than this lets vehicle time run slower
+_MAX_LAG_S = 0.5  # on the wall; beyond it vehicle time runs slower
 
 
 def address_of(host: str) -> str:
-    """The IPv4 address of a name. Raises UserError where it has none."""
+    """The IPv4 address of a name. Raises UserError if it has none."""
     try:
         return socket.gethostbyname(host)
     except OSError:
@@ -37,14 +37,13 @@ def address_of(host: str) -> str:
 
 
 class VehicleServer:
-    """Flies ``vehicle`` for whoever speaks MAVLink to it.
+    """Flies ``vehicle`` for programs that speak MAVLink to it.
 
-    Sends from ``local_port`` (0: any free one) on ``host`` to the ``listeners`` and to whoever speaks to it.
-    Where vehicle time runs faster than the wall clock, the times that it waits for programs are longer by as
-    much, as in PX4's own simulations.
-    Use it as a context manager, which runs it in a thread, or call ``run`` in the thread that may be blocked.
-    Raises UserError when the port is taken, and where the times of a signed link cannot be kept
-    (``SigningMemory``).
+    Sends from ``local_port`` (0: any free one) on ``host`` to the ``listeners`` and to every program that
+    speaks to it. If vehicle time runs faster than the wall clock, its timeouts for programs grow by the same
+    factor, as in PX4's own simulations. Use it as a context manager, which runs it in a thread, or call
+    ``run``, which blocks. Raises UserError if the port is taken, or the times of a signed link cannot be
+    stored (``SigningMemory``).
 
     Example:
         with VehicleServer(vehicle, scenario, listeners=[("127.0.0.1", 14540)], speed=10.0) as server:
@@ -67,7 +66,8 @@ class VehicleServer:
                 self._socket.bind((host, local_port))
             except OSError as error:
                 raise UserError(
-                    f"--local-port: {host}:{local_port} cannot be had ({error.strerror}); choose another port"
+                    f"--local-port: {host}:{local_port} is not available ({error.strerror}); "
+                    "choose another port"
                 ) from None
             signing = None if signing_key is None else Signing(signing_key, SigningMemory.of(signing_key))
             undo.pop_all()
@@ -81,12 +81,11 @@ class VehicleServer:
 
     @property
     def address(self) -> Address:
-        """Where it listens."""
         host, port = self._socket.getsockname()
         return host, port
 
     def run(self, watch: Callable[[Autopilot], None] = lambda _: None) -> None:
-        """Serves until ``stop``; ``watch`` sees the autopilot a few times a second."""
+        """Serves until ``stop``; ``watch`` gets the autopilot a few times a second."""
         start_s = watched_s = time.monotonic()
         while not self._stopping.is_set():
             self._receive()

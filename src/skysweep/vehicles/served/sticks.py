@@ -1,14 +1,15 @@
-"""A pilot's sticks: MANUAL_CONTROL messages, when they count, and flying by them.
+"""A pilot's sticks: MANUAL_CONTROL messages, and flying by them.
 
-Semantics of PX4 v1.17: manual_control (which sender counts, when sticks move enough to take over) and the
-multicopter's Position mode (speed by deflection).
+Semantics of PX4 v1.17: manual_control (which sender counts, which motion takes over) and the multicopter's
+Position mode (speed by deflection).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from skysweep.vehicles.mavlink.modes import F64, TICK_S
+from skysweep.types import F64
+from skysweep.vehicles.mavlink.modes import TICK_S
 from skysweep.vehicles.mavlink.wire import Message
 from skysweep.vehicles.served.link import Address
 from skysweep.vehicles.served.pilot import Pilot
@@ -20,7 +21,7 @@ _DEAD_ZONE, _EXPONENTIAL = 0.1, 0.6  # MAN_DEADZONE; MPC_XY_MAN_EXPO, MPC_Z_MAN_
 
 
 class Sticks:
-    """Where the sticks are: (4,) forward, right, up and clockwise, each from -1 to 1."""
+    """The position of the sticks: (4,) forward, right, up and clockwise, each from -1 to 1."""
 
     def __init__(self) -> None:
         self.lost = True
@@ -33,11 +34,10 @@ class Sticks:
 
     @property
     def position(self) -> F64:
-        """Centred while nobody holds them."""
         return _CENTRED if self.lost else self._position
 
     def hear(self, message: Message, address: Address, in_mode: int, time_s: float) -> None:
-        """Takes MANUAL_CONTROL where ``in_mode``, COM_RC_IN_MODE, lets this sender in."""
+        """Takes MANUAL_CONTROL if ``in_mode`` (COM_RC_IN_MODE) admits this sender."""
         if in_mode in (RC_ONLY, NONE) or (not self.lost and address != self._source):
             return
         if in_mode == KEEP_FIRST and self._first not in (None, address):
@@ -50,7 +50,7 @@ class Sticks:
         self._source, self._heard_s, self.lost = address, time_s, False
 
     def tick(self, time_s: float, lost_after_s: float, moved_percent: float) -> None:
-        """Once a tick: COM_RC_LOSS_T and COM_RC_STICK_OV."""
+        """Updates ``lost`` and ``moving`` by COM_RC_LOSS_T and COM_RC_STICK_OV, once a tick."""
         self.lost = self.lost or time_s - self._heard_s > lost_after_s
         self.moving = False
         if not self.lost:
@@ -61,9 +61,9 @@ class Sticks:
 
 
 class ByStick:
-    """Flies as fast as the sticks are deflected, in the vehicle's heading; holds axes that are centred.
+    """Speed follows the deflection, relative to the heading; a centred axis holds its place.
 
-    Without a pilot it comes down and lands, as PX4 does, which sinks at MPC_LAND_SPEED all the way.
+    Without a pilot it lands, as PX4 does, which descends at MPC_LAND_SPEED all the way.
     """
 
     def __init__(self, sticks: Sticks) -> None:
@@ -93,7 +93,7 @@ class ByStick:
         if not (moving.any() or turn or self._moving.any()):
             return
         self._yaw_rad -= turn * TICK_S
-        # Half a tick ahead: the position controller then pulls neither way along an axis that moves.
+        # Half a tick ahead: the position controller does not act on a moving axis.
         drifting = state.position_enu_m + 0.5 * TICK_S * velocity
         stopping = state.position_enu_m + state.velocity_enu_mps / pilot.parameters["MPC_XY_P"]
         held = np.where(self._moving, stopping, self._place)
@@ -113,6 +113,6 @@ def _wanted(sticks: Sticks, pilot: Pilot) -> tuple[F64, float]:
 
 
 def _shaped(sticks: F64) -> F64:
-    """Zero in the middle, gentle around it."""
+    """With dead zone and exponential."""
     beyond = np.sign(sticks) * np.maximum(np.abs(sticks) - _DEAD_ZONE, 0.0) / (1.0 - _DEAD_ZONE)
     return np.asarray((1.0 - _EXPONENTIAL) * beyond + _EXPONENTIAL * beyond**3)

@@ -1,4 +1,4 @@
-"""Telemetry: what the vehicle reports about itself, each listener at its own rates, in vehicle time."""
+"""Telemetry: the vehicle's reports about itself, to each listener at its own rates in vehicle time."""
 
 from __future__ import annotations
 
@@ -8,12 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from skysweep.geometry.frames import (
-    euler_from_rotation,
-    heading_from_yaw,
-    ned_from_enu,
-    rotation_frd_to_ned,
-)
+from skysweep.geometry.frames import euler_from_rotation, heading_from_yaw, ned_from_enu, rotation_frd_to_ned
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import AUTOPILOT, CAMERA, TICK_S, PX4Mode, e7, quaternion
 from skysweep.vehicles.mavlink.wire import Message
@@ -56,12 +51,12 @@ _PX4_VERSION = 1 << 24 | 17 << 16 | 0 << 8 | 255  # 1.17.0, release
 _UID = 0x736B79737765  # "skyswe"
 _CELLS, _CELL_EMPTY_V, _CELL_FULL_V = 4, 3.6, 4.05
 _NO_GPS, _GPS_3D, _SATELLITES = 0, 3, 12
-_NONE_U16, _MAX_I16 = 65535, 32767
+_NONE_U16, _MAX_I16, _NAN = 65535, 32767, float("nan")
 _HORIZONTAL_M, _VERTICAL_M = 0.3, 0.15
 
 
 class Moment:
-    """The vehicle at one moment, in MAVLink's frames; each part is worked out when it is first asked for."""
+    """The vehicle at one moment, in MAVLink's frames; each part is computed on first use."""
 
     def __init__(self, pilot: Autopilot, power_w: float, unix_start_s: float) -> None:
         self.pilot, self.state, self.power_w = pilot, pilot.state, power_w
@@ -71,18 +66,18 @@ class Moment:
         self._made: dict[int, Message | None] = {}
 
     def message(self, kind: int, report: Report) -> Message | None:
-        """The message of a kind: made once, however many hear it."""
+        """The message of a kind, made once for all listeners."""
         if kind not in self._made:
             self._made[kind] = report.make(self)
         return self._made[kind]
 
     @cached_property
     def ned(self) -> list[float]:
-        return [float(v) for v in self.pilot.site.ned_from_enu(self.state.position_enu_m)]
+        return list(self.pilot.site.ned_from_enu(self.state.position_enu_m).tolist())
 
     @cached_property
     def velocity_ned(self) -> list[float]:
-        return [float(v) for v in ned_from_enu(self.state.velocity_enu_mps)]
+        return list(ned_from_enu(self.state.velocity_enu_mps).tolist())
 
     @cached_property
     def geodetic(self) -> tuple[float, float, float]:
@@ -123,14 +118,9 @@ def _heartbeat(p: Moment) -> Message:
         status = m.MAV_STATE_CRITICAL if pilot.failsafe else m.MAV_STATE_ACTIVE
     else:
         status = m.MAV_STATE_STANDBY if pilot.why_not_arm() is None else m.MAV_STATE_UNINIT
-    return m.MAVLink_heartbeat_message(
-        m.MAV_TYPE_QUADROTOR,
-        m.MAV_AUTOPILOT_PX4,
-        pilot.mode.base_mode(pilot.armed),
-        pilot.mode.custom_mode,
-        status,
-        3,
-    )
+    base_mode, custom_mode = pilot.mode.base_mode(pilot.armed), pilot.mode.custom_mode
+    kind = m.MAV_TYPE_QUADROTOR, m.MAV_AUTOPILOT_PX4
+    return m.MAVLink_heartbeat_message(*kind, base_mode, custom_mode, status, 3)
 
 
 def _current_mode(p: Moment) -> Message:
@@ -151,12 +141,9 @@ def _local_position(p: Moment) -> Message:
 
 
 def _global_position(p: Moment) -> Message:
-    latitude, longitude, altitude = p.geodetic
     return m.MAVLink_global_position_int_message(
         p.boot_ms,
-        e7(latitude),
-        e7(longitude),
-        round(altitude * 1e3),
+        *_place(p.geodetic),
         round(p.above_home_m * 1e3),
         *(round(v * 100.0) for v in p.velocity_ned),
         round(p.heading_deg * 100.0) % 36000,
@@ -164,39 +151,37 @@ def _global_position(p: Moment) -> Message:
 
 
 def _gps(p: Moment) -> Message:
-    latitude, longitude, altitude = p.geodetic
     course = np.degrees(np.arctan2(p.velocity_ned[1], p.velocity_ned[0])) % 360.0
     return m.MAVLink_gps_raw_int_message(
         p.boot_us,
         _NO_GPS if p.pilot.gnss_lost else _GPS_3D,
-        e7(latitude),
-        e7(longitude),
-        round(altitude * 1e3),
+        *_place(p.geodetic),
         70,
         110,
         round(p.ground_speed_mps * 100.0),
         round(course * 100.0) % 36000,
         0 if p.pilot.gnss_lost else _SATELLITES,
-        round(altitude * 1e3),
+        round(p.geodetic[2] * 1e3),
         round(_HORIZONTAL_M * 1e3),
         round(_VERTICAL_M * 1e3),
     )
 
 
 def _home(p: Moment) -> Message:
-    home = p.pilot.home_enu_m
-    latitude, longitude, altitude = p.pilot.site.geodetic(home)
-    place = [float(v) for v in p.pilot.site.ned_from_enu(home)]
-    nan = float("nan")
-    level = [1.0, 0.0, 0.0, 0.0]
-    return m.MAVLink_home_position_message(
-        e7(latitude), e7(longitude), round(altitude * 1e3), *place, level, nan, nan, nan, p.boot_us
-    )
+    home, site = p.pilot.home_enu_m, p.pilot.site
+    place, local, level = _place(site.geodetic(home)), site.ned_from_enu(home).tolist(), [1.0, 0.0, 0.0, 0.0]
+    return m.MAVLink_home_position_message(*place, *local, level, _NAN, _NAN, _NAN, p.boot_us)
 
 
 def _origin(p: Moment) -> Message:
-    latitude, longitude, altitude = p.pilot.site.geodetic(p.pilot.site.origin_enu_m)
-    return m.MAVLink_gps_global_origin_message(e7(latitude), e7(longitude), round(altitude * 1e3), p.boot_us)
+    site = p.pilot.site
+    return m.MAVLink_gps_global_origin_message(*_place(site.geodetic(site.origin_enu_m)), p.boot_us)
+
+
+def _place(geodetic: tuple[float, float, float]) -> tuple[int, int, int]:
+    """Latitude and longitude in 1e-7 degrees, altitude in millimetres."""
+    latitude_deg, longitude_deg, altitude_m = geodetic
+    return e7(latitude_deg), e7(longitude_deg), round(altitude_m * 1e3)
 
 
 def _battery(p: Moment) -> Message:
@@ -215,23 +200,11 @@ def _battery(p: Moment) -> Message:
 
 
 def _sys_status(p: Moment) -> Message:
-    # As with PX4, a missing pilot counts as a sensor that is needed and does not work.
-    without, pilot = p.pilot.sticks.lost, m.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-    return m.MAVLink_sys_status_message(
-        _SENSORS if without else _SENSORS | pilot,
-        _SENSORS | pilot,
-        _SENSORS if without else _SENSORS | pilot,
-        300,
-        round(p.volts * 1e3),
-        p.centiamperes,
-        round(p.pilot.battery_remaining * 100.0),
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
+    # As in PX4, a missing pilot counts as a required sensor that does not work.
+    required = _SENSORS | m.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    works = _SENSORS if p.pilot.sticks.lost else required
+    power = round(p.volts * 1e3), p.centiamperes, round(p.pilot.battery_remaining * 100.0)
+    return m.MAVLink_sys_status_message(works, required, works, 300, *power, *[0] * 6)
 
 
 def _extended_state(p: Moment) -> Message:
@@ -248,21 +221,14 @@ def _extended_state(p: Moment) -> Message:
 
 
 def _hud(p: Moment) -> Message:
-    climb = -p.velocity_ned[2]
-    return m.MAVLink_vfr_hud_message(
-        p.ground_speed_mps,
-        p.ground_speed_mps,
-        round(p.heading_deg) % 360,
-        50 if p.pilot.flying else 0,
-        p.geodetic[2],
-        climb,
-    )
+    speed, climb, throttle = p.ground_speed_mps, -p.velocity_ned[2], 50 if p.pilot.flying else 0
+    heading = round(p.heading_deg) % 360
+    return m.MAVLink_vfr_hud_message(speed, speed, heading, throttle, p.geodetic[2], climb)
 
 
 def _altitude(p: Moment) -> Message:
-    nan = float("nan")
     altitude = p.geodetic[2]
-    return m.MAVLink_altitude_message(p.boot_us, altitude, altitude, -p.ned[2], p.above_home_m, nan, nan)
+    return m.MAVLink_altitude_message(p.boot_us, altitude, altitude, -p.ned[2], p.above_home_m, _NAN, _NAN)
 
 
 def _system_time(p: Moment) -> Message:
@@ -285,11 +251,9 @@ def _position_target(p: Moment) -> Message | None:
         p.boot_ms,
         m.MAV_FRAME_LOCAL_NED,
         0,
-        *(float(v) for v in p.pilot.site.ned_from_enu(setpoint.position_enu_m)),
-        *(float(v) for v in ned_from_enu(velocity)),
-        0.0,
-        0.0,
-        0.0,
+        *p.pilot.site.ned_from_enu(setpoint.position_enu_m).tolist(),
+        *ned_from_enu(velocity).tolist(),
+        *[0.0] * 3,
         float(np.radians(heading_from_yaw(setpoint.yaw_rad))),
         0.0,
     )
@@ -318,7 +282,7 @@ def _version(_: Moment) -> Message:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """One kind of message: how it is made, how often unless asked otherwise (0: never), and by whom."""
+    """One kind of message: how it is made, its default rate (0: never), and the component that sends it."""
 
     make: Callable[[Moment], Message | None]
     rate_hz: float
@@ -326,45 +290,38 @@ class Report:
 
 
 def reports(payload: Payload) -> dict[int, Report]:
-    """All that can be streamed or requested, by message id."""
-    return {
-        m.MAVLINK_MSG_ID_HEARTBEAT: Report(_heartbeat, 1.0),
-        m.MAVLINK_MSG_ID_CURRENT_MODE: Report(_current_mode, 0.5),
-        m.MAVLINK_MSG_ID_ATTITUDE: Report(_attitude, 25.0),
-        m.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: Report(_attitude_quaternion, 25.0),
-        m.MAVLINK_MSG_ID_LOCAL_POSITION_NED: Report(_local_position, 25.0),
-        m.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Report(_global_position, 25.0),
-        m.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Report(_position_target, 5.0),
-        m.MAVLINK_MSG_ID_GPS_RAW_INT: Report(_gps, 5.0),
-        m.MAVLINK_MSG_ID_SYS_STATUS: Report(_sys_status, 5.0),
-        m.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: Report(_extended_state, 5.0),
-        m.MAVLINK_MSG_ID_VFR_HUD: Report(_hud, 5.0),
-        m.MAVLINK_MSG_ID_ALTITUDE: Report(_altitude, 5.0),
-        m.MAVLINK_MSG_ID_BATTERY_STATUS: Report(_battery, 0.5),
-        m.MAVLINK_MSG_ID_HOME_POSITION: Report(_home, 0.5),
-        m.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: Report(_origin, 1.0),
-        m.MAVLINK_MSG_ID_SYSTEM_TIME: Report(_system_time, 1.0),
-        m.MAVLINK_MSG_ID_ESTIMATOR_STATUS: Report(_estimator, 1.0),
-        m.MAVLINK_MSG_ID_MISSION_CURRENT: Report(_mission_current, 1.0),
-        m.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: Report(
-            lambda p: payload.gimbal_attitude(p.state, p.boot_ms), 5.0
-        ),
-        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: Report(lambda p: payload.manager_status(p.boot_ms), 0.5),
-        m.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: Report(
-            lambda p: payload.manager_information(p.boot_ms), 0.0
-        ),
-        m.MAVLINK_MSG_ID_GIMBAL_DEVICE_INFORMATION: Report(
-            lambda p: payload.device_information(p.boot_ms), 0.0
-        ),
-        m.MAVLINK_MSG_ID_CAMERA_INFORMATION: Report(
-            lambda p: payload.camera_information(p.boot_ms), 0.0, CAMERA
-        ),
-        m.MAVLINK_MSG_ID_AUTOPILOT_VERSION: Report(_version, 0.0),
+    """All messages that can be streamed or requested, by id."""
+    by_name = {
+        "HEARTBEAT": Report(_heartbeat, 1.0),
+        "CURRENT_MODE": Report(_current_mode, 0.5),
+        "ATTITUDE": Report(_attitude, 25.0),
+        "ATTITUDE_QUATERNION": Report(_attitude_quaternion, 25.0),
+        "LOCAL_POSITION_NED": Report(_local_position, 25.0),
+        "GLOBAL_POSITION_INT": Report(_global_position, 25.0),
+        "POSITION_TARGET_LOCAL_NED": Report(_position_target, 5.0),
+        "GPS_RAW_INT": Report(_gps, 5.0),
+        "SYS_STATUS": Report(_sys_status, 5.0),
+        "EXTENDED_SYS_STATE": Report(_extended_state, 5.0),
+        "VFR_HUD": Report(_hud, 5.0),
+        "ALTITUDE": Report(_altitude, 5.0),
+        "BATTERY_STATUS": Report(_battery, 0.5),
+        "HOME_POSITION": Report(_home, 0.5),
+        "GPS_GLOBAL_ORIGIN": Report(_origin, 1.0),
+        "SYSTEM_TIME": Report(_system_time, 1.0),
+        "ESTIMATOR_STATUS": Report(_estimator, 1.0),
+        "MISSION_CURRENT": Report(_mission_current, 1.0),
+        "GIMBAL_DEVICE_ATTITUDE_STATUS": Report(lambda p: payload.gimbal_attitude(p.state, p.boot_ms), 5.0),
+        "GIMBAL_MANAGER_STATUS": Report(lambda p: payload.manager_status(p.boot_ms), 0.5),
+        "GIMBAL_MANAGER_INFORMATION": Report(lambda p: payload.manager_information(p.boot_ms), 0.0),
+        "GIMBAL_DEVICE_INFORMATION": Report(lambda p: payload.device_information(p.boot_ms), 0.0),
+        "CAMERA_INFORMATION": Report(lambda p: payload.camera_information(p.boot_ms), 0.0, CAMERA),
+        "AUTOPILOT_VERSION": Report(_version, 0.0),
     }
+    return {getattr(m, f"MAVLINK_MSG_ID_{name}"): report for name, report in by_name.items()}
 
 
 class Streams:
-    """When one listener gets what. ``messages`` is ``reports(...)``."""
+    """The rates of one listener. ``messages`` is ``reports(...)``."""
 
     def __init__(self, messages: dict[int, Report]) -> None:
         self._messages = messages
@@ -372,9 +329,9 @@ class Streams:
         self._next_s = dict.fromkeys(self._periods_s, 0.0)
 
     def set_interval(self, kind: int, interval_us: float) -> bool:
-        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default.
+        """As MAV_CMD_SET_MESSAGE_INTERVAL: -1 stops, 0 is the default rate.
 
-        False for the heartbeat, whose rate PX4 fixes, and for what is not streamed.
+        False for unknown messages and for the heartbeat, whose rate is fixed in PX4.
         """
         report = self._messages.get(kind)
         if report is None or kind == m.MAVLINK_MSG_ID_HEARTBEAT or not abs(interval_us) < 1e10:
@@ -388,16 +345,15 @@ class Streams:
         return True
 
     def now(self, kind: int) -> None:
-        """Sends a kind with the next tick, where it is sent at all."""
+        """Sends a streamed kind with the next tick."""
         self._next_s[kind] = 0.0
 
     def interval_us(self, kind: int) -> int:
-        """For MESSAGE_INTERVAL: -1 where it is not sent, 0 where there is no such message."""
+        """For MESSAGE_INTERVAL: -1 if it is not streamed, 0 if there is no such message."""
         period = self._periods_s.get(kind)
         return round(period * 1e6) if period is not None else -1 if kind in self._messages else 0
 
     def send_due(self, peer: Peer, moment: Moment) -> None:
-        """Sends what is due at that moment."""
         now = moment.state.time_s + 1e-6
         for kind, period in self._periods_s.items():
             if now >= self._next_s[kind]:

@@ -1,6 +1,6 @@
-"""The mission protocol: plans, fences and rally points up and down.
+"""The mission protocol: upload and download of plans, fences and rally points.
 
-Its timers run on the wall clock, at any speed of the simulation: they wait for the network, not the vehicle.
+Its timers use the wall clock at any speed of the simulation: they wait for the network, not the vehicle.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from skysweep.vehicles.served.link import Sender
 
 _ASK_AGAIN_S = 0.5
 _GIVE_UP_S = 5.0
-_TURN_S = 1.0  # without an item, after which another client may begin
+_TURN_S = 1.0  # without an item, then another client may begin
 
 
 @dataclass(slots=True)
@@ -25,15 +25,15 @@ class _Upload:
     sender: Sender
     kind: int
     count: int
-    heard_s: float  # when an item came that was asked for
+    heard_s: float  # when the last requested item came
     asked_s: float = 0.0
     items: list[Item] = field(default_factory=list)
 
 
 class Transfers:
-    """``stored`` holds what is kept by kind.
+    """``stored`` holds the items by kind.
 
-    ``take`` is called with each new list, ``may`` before one is sent or kept; both may raise Refused.
+    ``take`` is called with each new list, ``may`` before one is sent or stored; both may raise Refused.
     """
 
     def __init__(self, take: Callable[[int, tuple[Item, ...]], None], may: Callable[[Sender], None]) -> None:
@@ -41,10 +41,8 @@ class Transfers:
         self._take, self._may = take, may
         self._upload: _Upload | None = None
 
-    # ---- up ------------------------------------------------------------------------------------------
-
     def count(self, message: Message, sender: Sender) -> None:
-        """MISSION_COUNT: a client wants to send that many."""
+        """MISSION_COUNT: a client starts an upload."""
         kind = message.mission_type
         if kind not in MAX_ITEMS:
             _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
@@ -64,9 +62,9 @@ class Transfers:
             self._ask()
 
     def item(self, message: Message, sender: Sender) -> None:
-        """MISSION_ITEM_INT: the one asked for, one already had, or one out of place."""
+        """MISSION_ITEM_INT: takes the requested item and ignores all others."""
         up = self._upload
-        if up is None or up.sender.key != sender.key or up.kind != message.mission_type:
+        if up is None or (up.sender.key, up.kind) != (sender.key, message.mission_type):
             return
         if message.seq != len(up.items):
             return
@@ -99,7 +97,7 @@ class Transfers:
             _answer(sender, message.mission_type, m.MAV_MISSION_UNSUPPORTED)
 
     def tick(self) -> None:
-        """Asks again for what did not come; gives up on a client that left."""
+        """Repeats an unanswered request; gives up on a client that left."""
         up = self._upload
         if up is None:
             return
@@ -111,7 +109,7 @@ class Transfers:
             self._ask()
 
     def _is_busy_for(self, sender: Sender) -> bool:
-        """Whether another client is sending: one that does not answer is not."""
+        """Whether another client is sending and answers."""
         up = self._upload
         return up is not None and up.sender.key != sender.key and time.monotonic() - up.heard_s <= _TURN_S
 
@@ -141,10 +139,8 @@ class Transfers:
         self.stored[kind] = items
         _answer(sender, kind, m.MAV_MISSION_ACCEPTED)
 
-    # ---- down ----------------------------------------------------------------------------------------
-
     def list(self, message: Message, sender: Sender) -> None:
-        """MISSION_REQUEST_LIST: how many there are."""
+        """MISSION_REQUEST_LIST: answers with the number of items."""
         kind = message.mission_type
         if kind not in self.stored:
             _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
@@ -153,30 +149,14 @@ class Transfers:
         sender.reply(m.MAVLink_mission_count_message(sender.system, sender.component, count, kind))
 
     def request(self, message: Message, sender: Sender) -> None:
-        """MISSION_REQUEST_INT (and its older form): one of them."""
+        """MISSION_REQUEST_INT (and its older form): answers with one item."""
         kind, seq = message.mission_type, message.seq
         if kind not in self.stored:
             _answer(sender, kind, m.MAV_MISSION_UNSUPPORTED)
         elif seq >= len(self.stored[kind]):
             _answer(sender, kind, m.MAV_MISSION_INVALID_SEQUENCE)
         else:
-            item = self.stored[kind][seq]
-            sender.reply(
-                m.MAVLink_mission_item_int_message(
-                    sender.system,
-                    sender.component,
-                    seq,
-                    item.frame,
-                    item.command,
-                    0,
-                    item.autocontinue,
-                    *item.params,
-                    item.x,
-                    item.y,
-                    item.z,
-                    kind,
-                )
-            )
+            sender.reply(self.stored[kind][seq].message(sender.system, sender.component, seq, kind))
 
 
 def _answer(sender: Sender, kind: int, result: int) -> None:
