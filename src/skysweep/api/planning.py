@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skysweep.api.scenarios import ScenarioLike, load_scenario
+from skysweep.arrays import F64
 from skysweep.planning.advice import warnings_for
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
@@ -24,7 +22,7 @@ class Plan:
     advice: tuple[str, ...]  # what will probably spoil the mission, a sentence each
 
     @property
-    def waypoints(self) -> NDArray[np.float64]:
+    def waypoints(self) -> F64:
         """(N, 2) east and north in metres, in the order in which they are flown."""
         return self.coverage.waypoints_xy_enu_m
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.api import checks
+from skysweep.arrays import U8
 from skysweep.errors import UserError
 from skysweep.results import run_folder
 from skysweep.results.metrics import whole_summary
@@ -33,7 +33,7 @@ class KeptFrame:
         return f"KeptFrame(candidate {self.candidate}, t = {self.time_s:.1f} s)"
 
     @property
-    def image(self) -> NDArray[np.uint8]:
+    def image(self) -> U8:
         """(H, W, 3) RGB."""
         import cv2
 

@@ -7,10 +7,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skysweep.api.checks import whole_seed
 from skysweep.api.scenarios import ScenarioLike, load_scenario
+from skysweep.arrays import F64, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu, yaw_from_heading
@@ -23,8 +24,6 @@ from skysweep.worlds import world as worlds
 
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend, Renderer
-
-F64 = NDArray[np.float64]
 
 
 def camera_pose(
@@ -95,7 +94,7 @@ class World:
         """Height of the ground at a place, metres above that at the origin."""
         return self._contents.terrain.height_at_m(float(east_m), float(north_m))
 
-    def render(self, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+    def render(self, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB of the scenario's camera from a pose, without noise or blur.
 
         ``time_s`` moves the waves. Raises UserError where nothing can be rendered here.

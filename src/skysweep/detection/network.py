@@ -11,12 +11,11 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, U8
 from skysweep.detection.coco import default_names
 from skysweep.detection.yolo_outputs import Boxes, OutputLayout, PixelFormat, Probe, recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
-
-U8 = NDArray[np.uint8]
 
 PAD_GREY = 114
 STRIDE = 32
@@ -64,7 +63,7 @@ class Network:
         """Break off what another thread is running; there it raises."""
         self._options.terminate = True
 
-    def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, NDArray[np.float32]]:
+    def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, F32]:
         picture = _pixels(canvas, pixels, self._dtype)
         if self._channels_last:
             picture = np.ascontiguousarray(picture.transpose(1, 2, 0))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I64, U8
 from skysweep.detection.answers import refuse_nonsense
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
@@ -16,8 +16,6 @@ from skysweep.detection.network import letterbox, load_network
 from skysweep.detection.yolo_outputs import Boxes, OutputLayout
 from skysweep.errors import UserError
 from skysweep.types import Detections, Frame
-
-U8 = NDArray[np.uint8]
 
 TILE_OVERLAP = 0.2
 
@@ -117,7 +115,7 @@ class YoloDetector:
         return Boxes(corners[real], boxes.scores[keep][real], boxes.classes[keep][real])
 
 
-def _known(classes: NDArray[np.int64], n_classes: int) -> NDArray[np.int64]:
+def _known(classes: I64, n_classes: int) -> I64:
     unknown = classes[(classes < 0) | (classes >= n_classes)]
     if len(unknown):
         raise ValueError(f"class number {unknown[0]}, and it has {n_classes} classes")
@@ -137,12 +135,12 @@ def _split(image: U8, tiles: int) -> Iterator[tuple[U8, int, int]]:
 
 
 def _suppress(
-    boxes: NDArray[np.float64],
-    scores: NDArray[np.float64],
-    classes: NDArray[np.int64],
+    boxes: F64,
+    scores: F64,
+    classes: I64,
     confidence_min: float,
     iou_max: float,
-) -> NDArray[np.int64]:
+) -> I64:
     """Indices that survive non-maximum suppression by class, most confident first."""
     if len(boxes) == 0:
         return np.zeros(0, dtype=np.int64)

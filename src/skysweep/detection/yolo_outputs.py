@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
+from skysweep.arrays import F32, I64
+
 Outputs = Mapping[str, F32]
 Size = tuple[int, int]
 
@@ -61,7 +61,7 @@ class Boxes:
 
     xyxy_px: F32  # (N, 4) in the input picture
     scores: F32  # (N,) 0..1
-    classes: NDArray[np.int64]  # (N,) indices
+    classes: I64  # (N,) indices
 
 
 @dataclass(frozen=True, slots=True)

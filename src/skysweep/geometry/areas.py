@@ -9,7 +9,7 @@ import shapely
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 _MANY_CORNERS = (
     500  # from here on a cut by GEOS, which rounds better, takes too long: a comb's has as many parts

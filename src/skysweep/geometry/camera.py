@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 # ENU <-> NED is its own inverse: swap x and y, flip z. FLU <-> FRD flips y and z.
 _ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

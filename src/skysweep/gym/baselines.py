@@ -10,8 +10,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from skysweep.arrays import F32
 from skysweep.gym.env import SearchEnv
-from skysweep.gym.spaces import F32, OPEN, Observed
+from skysweep.gym.spaces import OPEN, Observed
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
 

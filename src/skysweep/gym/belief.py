@@ -22,6 +22,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from skysweep.arrays import F32, F64, I64
 from skysweep.geometry.camera import CameraPose
 from skysweep.gym.spaces import Chart
 from skysweep.mission.mission import Mission
@@ -29,10 +30,6 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL, VIEW_MAX
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
 from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _LUCKS = 5  # that a target may have: nodes of Gauss and Hermite
 _DEPTHS_M = np.geomspace(1.0, 512.0, 73)

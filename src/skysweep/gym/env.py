@@ -7,9 +7,10 @@ from typing import Any
 import gymnasium
 from numpy.typing import ArrayLike
 
+from skysweep.arrays import F32, U8
 from skysweep.errors import UserError
-from skysweep.gym.picture import U8, draw
-from skysweep.gym.spaces import F32, Observed, action_space, observation_space
+from skysweep.gym.picture import draw
+from skysweep.gym.spaces import Observed, action_space, observation_space
 from skysweep.gym.team import Rules, Team
 from skysweep.scenarios.model import Scenario
 

@@ -9,9 +9,10 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
 
+from skysweep.arrays import U8
 from skysweep.errors import UserError
 from skysweep.gym.env import PICTURES, checked
-from skysweep.gym.picture import U8, draw
+from skysweep.gym.picture import draw
 from skysweep.gym.spaces import Observed, action_space, observation_space
 from skysweep.gym.team import Result, Rules, Team
 from skysweep.scenarios.model import Scenario

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import U8
 from skysweep.gym.spaces import CONFIRMED, EMPTY, OPEN, REJECTED, UNCHECKED
 from skysweep.gym.team import Team
-
-U8 = NDArray[np.uint8]
 
 _LONGEST_PX = 512
 _UNSEEN, _SEEN, _BEYOND = np.array([38, 50, 64]), np.array([214, 226, 205]), np.array([120, 120, 120])

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.arrays import F32
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.rig import Rig
 from skysweep.gym.belief import Belief
 from skysweep.gym.follower import AgentOrder, Follower
-from skysweep.gym.spaces import CANDIDATE, EMPTY, F32, OPEN, Chart, Observed, as_numbers
+from skysweep.gym.spaces import CANDIDATE, EMPTY, OPEN, Chart, Observed, as_numbers
 from skysweep.mission.journal import MemoryJournal, line_of
 from skysweep.mission.loop import Flight
 from skysweep.mission.mission import Mission

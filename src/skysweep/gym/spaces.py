@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Observed = dict[str, Any]  # name -> array
 
 VEHICLE = (

@@ -9,11 +9,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skysweep.arrays import F32
 from skysweep.errors import UserError
 from skysweep.gym.belief import Belief
 from skysweep.gym.follower import AgentOrder
 from skysweep.gym.sortie import Sortie
-from skysweep.gym.spaces import F32, Chart, Observed, as_numbers
+from skysweep.gym.spaces import Chart, Observed, as_numbers
 from skysweep.mission.mission import Mission
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario

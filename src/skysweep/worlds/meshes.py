@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-F32 = NDArray[np.float32]
-I32 = NDArray[np.int32]
+from skysweep.arrays import F32, F64, I32
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +92,13 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def yaw_rotation(yaw_rad: float) -> NDArray[np.float64]:
+def yaw_rotation(yaw_rad: float) -> F64:
     """Rotation (3, 3) about z."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def tilt_rotation(normal: ArrayLike) -> NDArray[np.float64]:
+def tilt_rotation(normal: ArrayLike) -> F64:
     """The smallest rotation (3, 3) that takes z to the unit vector ``normal``."""
     n = np.asarray(normal, dtype=float)
     axis = np.cross([0.0, 0.0, 1.0], n)
@@ -140,7 +139,7 @@ def skin_faces(stations: int, n: int) -> NDArray[np.int_]:
     return np.concatenate(faces)
 
 
-def circle(n: int) -> NDArray[np.float64]:
+def circle(n: int) -> F64:
     """Unit circle (n, 2), counter-clockwise."""
     a = np.arange(n) * 2 * np.pi / n
     return np.column_stack([np.cos(a), np.sin(a)])
@@ -212,7 +211,7 @@ def plate(outline: ArrayLike, z: float, colour: ArrayLike, layer: int, uv_radius
     return make_mesh(v, faces, colour, layer, uv=uv)
 
 
-def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
+def icosphere(subdivisions: int) -> tuple[F64, I32]:
     """Unit sphere: vertices (V, 3) and faces (F, 3); 20 * 4**subdivisions faces."""
     g = (1 + 5**0.5) / 2
     v: list[tuple[float, float, float]] = [
@@ -241,9 +240,7 @@ def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces.astype(np.int32)
 
 
-def lumpy(
-    directions: NDArray[np.float64], rng: np.random.Generator, lumps: int, size: float
-) -> NDArray[np.float64]:
+def lumpy(directions: F64, rng: np.random.Generator, lumps: int, size: float) -> F64:
     """Radii (V,) of a sphere with ``lumps`` bulges of angular ``size`` rad, the largest radius 1."""
     centres = rng.normal(size=(lumps, 3))
     centres /= np.linalg.norm(centres, axis=1, keepdims=True)
@@ -253,5 +250,5 @@ def lumpy(
     return np.asarray(bulge / bulge.max())
 
 
-def _projected_uv(v: NDArray[np.float64], size_m: float) -> NDArray[np.float64]:
+def _projected_uv(v: F64, size_m: float) -> F64:
     return np.column_stack([v[:, 0] + 0.61 * v[:, 2], v[:, 1] + 0.73 * v[:, 2]]) / size_m

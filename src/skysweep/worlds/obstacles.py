@@ -18,6 +18,7 @@ import shapely.affinity
 from numba import njit
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Mode
 from skysweep.worlds.world import (
@@ -29,8 +30,6 @@ from skysweep.worlds.world import (
     build_terrain,
     build_trees,
 )
-
-F64 = NDArray[np.float64]
 
 BODY_RADIUS_M = 0.3  # of the vehicle: what is nearer to its centre is touched
 _EAVES_M = 0.4

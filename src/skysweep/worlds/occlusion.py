@@ -11,12 +11,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I64
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 FLAT, STANDING, FLOATING = 0, 1, 2
 

@@ -6,12 +6,10 @@ import math
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import Generator
 from skysweep.types import XY
-
-F64 = NDArray[np.float64]
 
 _FILLS = 0.1  # of its bounding box: a polygon that fills less is drawn from by triangles
 _UNTIL_CLOSER = 500  # tries

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, U8
 from skysweep.scenarios.model import Light
 from skysweep.worlds.assets import object_mesh
 from skysweep.worlds.assets.buildings import building_mesh
@@ -14,11 +15,6 @@ from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
 from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-U8 = NDArray[np.uint8]
 
 GROUND_LOOKS = 8
 HORIZON_M = 4000.0  # the ground goes on flat this far beyond the world

@@ -12,12 +12,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64, U8
 from skysweep.worlds.world import HELD_OUT_VARIANTS
-
-U8 = NDArray[np.uint8]
-F64 = NDArray[np.float64]
 
 LAYER_PX = 256
 LOOKS = 16  # decals a group

@@ -11,12 +11,11 @@ from functools import cached_property
 import numpy as np
 import shapely
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
 from skysweep.worlds.places import Ground, generate_positions, scattered
-
-F64 = NDArray[np.float64]
 
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge

@@ -17,8 +17,8 @@ from typing import Literal, get_args
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I32, U8
 from skysweep.detection.training.labelled import LabelledImage, write_labels
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -36,7 +36,6 @@ from skysweep.worlds.world import (
     WorldTree,
 )
 
-F64 = NDArray[np.float64]
 Split = Literal["train", "held-out"]
 
 SIDE_PX = 320
@@ -180,8 +179,8 @@ def _label(
     path: Path,
     world: World,
     classes: tuple[str, ...],
-    seen: NDArray[np.int32],
-    whole: NDArray[np.int32],
+    seen: I32,
+    whole: I32,
     altitude_agl_m: float,
 ) -> LabelledImage:
     """Labels from object ids (H, W), as seen and without occluders, both with the margin around."""
@@ -318,7 +317,7 @@ def _inside_something(world: World, position: F64) -> bool:
     )
 
 
-def develop(picture: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def develop(picture: U8, rng: np.random.Generator) -> U8:
     """Motion blur, defocus, exposure and noise of a picture, drawn more widely than any one camera's."""
     p = picture.astype(np.float32)
     if rng.random() < 0.4:

@@ -12,15 +12,13 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
+from skysweep.arrays import F64, I64, U8
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.types import Detector, Frame
-
-F64 = NDArray[np.float64]
 
 PIXEL_BINS = (0, 8, 12, 16, 24, 40, 60, 100, np.inf)
 ALTITUDE_BINS_M = (0, 3, 6, 12, 25, 50, 100, np.inf)
@@ -150,7 +148,7 @@ def _scores(result: Evaluation, name: str, pixels: float, altitude_agl_m: float 
     return scores
 
 
-def read_picture(image: LabelledImage) -> NDArray[np.uint8]:
+def read_picture(image: LabelledImage) -> U8:
     """A picture (H, W, 3) RGB.
 
     Raises:
@@ -192,7 +190,7 @@ def intersection_shares(a: F64, b: F64) -> F64:
     return _intersections(a, b) / np.maximum(_areas(a)[:, None], 1e-12)
 
 
-def match(boxes: F64, confidences: F64, labels: F64, iou_min: float) -> NDArray[np.int64]:
+def match(boxes: F64, confidences: F64, labels: F64, iou_min: float) -> I64:
     """For each label (M, 4) the index of its detection, or -1. The most confident detections choose first."""
     matched = np.full(len(labels), -1, dtype=np.int64)
     overlap = iou(boxes, labels)

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.files.plain_yaml import parse_foreign_yaml
 from skysweep.files.reading import read_limited, read_text_limited
-
-F64 = NDArray[np.float64]
 
 MAX_ANNOTATION_BYTES = 250_000_000
 MAX_LABEL_BYTES = 5_000_000

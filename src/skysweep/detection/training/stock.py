@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F32
 from skysweep.caching import cache_folder
 from skysweep.errors import MissingExtraError, UserError
 
@@ -86,7 +86,7 @@ class _Weights:
         header = 12 + (8 if major * 10 + minor >= 2 else 4)  # the count of pictures seen grew to 64 bits
         self._values, self._next = np.frombuffer(data, np.float32, offset=header), 0
 
-    def take(self, *shape: int) -> NDArray[np.float32]:
+    def take(self, *shape: int) -> F32:
         n = int(np.prod(shape))
         values = self._values[self._next : self._next + n]
         if len(values) < n:
@@ -115,7 +115,7 @@ class _Graph:
         self.nodes.append(helper.make_node(operator, inputs, [name], name=name, **attributes))
         return name
 
-    def constant(self, values: NDArray[np.float32]) -> str:
+    def constant(self, values: F32) -> str:
         from onnx import numpy_helper
 
         name = f"constant_{len(self.constants)}"

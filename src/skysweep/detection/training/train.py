@@ -24,15 +24,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, U8
 from skysweep.detection.model_files import model_file
 from skysweep.detection.network import PAD_GREY
 from skysweep.detection.training.evaluate import read_picture
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage, read_dataset
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.writing import make_folder, whole_files
-
-F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
 
 DEPTH, WIDTH = 0.33, 0.25
 SIDE_PX = 320
@@ -292,21 +290,19 @@ def mosaic(images: Sequence[LabelledImage], ids: dict[str, int], rng: np.random.
     return canvas, np.concatenate(rows)
 
 
-def _read(image: LabelledImage, ids: dict[str, int]) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+def _read(image: LabelledImage, ids: dict[str, int]) -> tuple[U8, F64, F64]:
     """Picture (H, W, 3), boxes (N, 4) in pixels and class numbers (N,)."""
     picture = read_picture(image)
     boxes = image.boxes_xyxy * np.array([picture.shape[1], picture.shape[0]] * 2)
     return picture, boxes, np.array([ids[name] for name in image.class_names], dtype=float)
 
 
-def _labels(classes: NDArray[np.float64], boxes: NDArray[np.float64]) -> F32:
+def _labels(classes: F64, boxes: F64) -> F32:
     centres, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     return np.column_stack([classes, centres, sizes]).astype(np.float32)
 
 
-def _scale_and_crop(
-    picture: U8, boxes: NDArray[np.float64], classes: NDArray[np.float64], rng: np.random.Generator
-) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+def _scale_and_crop(picture: U8, boxes: F64, classes: F64, rng: np.random.Generator) -> tuple[U8, F64, F64]:
     longer = max(picture.shape[:2])
     scale = (
         SIDE_PX / longer if longer <= SIDE_PX else float(np.exp(rng.uniform(np.log(SIDE_PX / longer), 0.0)))
@@ -320,9 +316,7 @@ def _scale_and_crop(
     return _crop(picture, boxes * scale, classes, rng.integers(room + 1), SIDE_PX)
 
 
-def _crop(
-    picture: U8, boxes: NDArray[np.float64], classes: NDArray[np.float64], corner: NDArray[Any], side_px: int
-) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+def _crop(picture: U8, boxes: F64, classes: F64, corner: NDArray[Any], side_px: int) -> tuple[U8, F64, F64]:
     """A square of a picture from its upper left corner (x, y), padded, and the boxes that it still shows."""
     left, top = (int(c) for c in corner)
     canvas = np.full((side_px, side_px, 3), PAD_GREY, dtype=np.uint8)
@@ -337,9 +331,7 @@ def _crop(
     return canvas, cut[keep], classes[keep]
 
 
-def _turn(
-    picture: U8, boxes: NDArray[np.float64], quarters: int, mirror: bool
-) -> tuple[U8, NDArray[np.float64]]:
+def _turn(picture: U8, boxes: F64, quarters: int, mirror: bool) -> tuple[U8, F64]:
     """Square picture and boxes turned counter-clockwise by quarters, then mirrored left to right."""
     side = picture.shape[0]
     x0, y0, x1, y1 = boxes.T

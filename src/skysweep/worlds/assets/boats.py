@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import RGB, Appearance
 from skysweep.worlds.meshes import Mesh, box, ellipsoid, loft, make_mesh, merge, prism, skin_faces, tube
 from skysweep.worlds.textures import Layer
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 
-F64 = NDArray[np.float64]
 RGB = tuple[int, int, int]
 
 

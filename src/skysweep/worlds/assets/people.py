@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import RGB, Appearance
 from skysweep.worlds.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
 from skysweep.worlds.textures import Layer
 

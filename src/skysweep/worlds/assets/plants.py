@@ -10,7 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import RGB, Appearance
 from skysweep.worlds.meshes import Mesh, icosphere, lathe, loft, lumpy, make_mesh, merge
 from skysweep.worlds.textures import Layer
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh, circle, merge, plate, prism, tube
 from skysweep.worlds.textures import Decal, decal_layer
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M

@@ -10,17 +10,14 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, I32, I64, U8
 from skysweep.errors import MissingExtraError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.worlds.meshes import Mesh, merge
 from skysweep.worlds.rendering.projection import NEAR_M
 from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene
 from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 _GROUND, _WATER, _SOLID = 0, 1, 2
 _SUBPIXELS = np.array([[-0.375, -0.125], [0.125, -0.375], [0.375, 0.125], [-0.125, 0.375]])
@@ -59,7 +56,7 @@ class EmbreeRenderer:
     def close(self) -> None:
         """Nothing to free; the garbage collector does it."""
 
-    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
@@ -76,7 +73,7 @@ class EmbreeRenderer:
             colours[at] = np.mean(fine, axis=0)
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         shape = (lens.height_px, lens.width_px)
         if self._objects is None:
@@ -87,9 +84,7 @@ class EmbreeRenderer:
         ids = self._ids if occluders else self._ids[self._object_faces]
         return np.where(faces >= 0, ids[faces], 0).astype(np.int32).reshape(shape)
 
-    def _shoot(
-        self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float
-    ) -> tuple[F32, NDArray[np.int32]]:
+    def _shoot(self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float) -> tuple[F32, I32]:
         """Colours (N, 3) 0..1 and faces (N,) seen through picture points."""
         origins, directions = _rays(lens, pose, x, y)
         hit = self._everything.run(origins, directions, output=1)
@@ -110,7 +105,7 @@ class EmbreeRenderer:
         return colours, faces
 
 
-def _embree_scene(vertices: F32, faces: NDArray[np.int32]) -> Any:
+def _embree_scene(vertices: F32, faces: I32) -> Any:
     try:
         from embreex import rtcore_scene
         from embreex.mesh_construction import TriangleMesh
@@ -158,7 +153,7 @@ def _texel_density(mesh: Mesh, layer_px: int) -> F32:
     return np.asarray(np.sqrt(texels / np.maximum(world, 1e-12)), dtype=np.float32)
 
 
-def _mips(images: NDArray[np.uint8]) -> tuple[F32, NDArray[np.int64]]:
+def _mips(images: U8) -> tuple[F32, I64]:
     """Mip maps of square layers (L, n, n, 3): texels (T, 3) 0..1 in a row, and where levels start."""
     levels, level = [], images.astype(np.float32) / 255
     while True:

@@ -13,8 +13,8 @@ from typing import Any, Final
 import cv2
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
@@ -23,8 +23,6 @@ from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Scene
 from skysweep.worlds.textures import LAYER_PX
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Rectangle = tuple[int, int, int, int]  # left, first row, width, height
 
 SAMPLES = 4
@@ -66,7 +64,7 @@ class GLRenderer:
         """Free everything; the renderer is of no use afterwards."""
         self._free()
 
-    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context as gl:
             self._aim_shadow(lens, pose)
@@ -91,7 +89,7 @@ class GLRenderer:
                 target.resolved.scissor = target.whole
             return target.read_rgb()
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context:
             target = self._target(lens)
@@ -198,11 +196,11 @@ class _Target:
             [gl.renderbuffer(size, 4, samples=samples)], gl.depth_renderbuffer(size, samples=samples)
         )
 
-    def read_rgba(self) -> NDArray[np.uint8]:
+    def read_rgba(self) -> U8:
         width, height = self.size
         return np.frombuffer(self.resolved.read(components=4), np.uint8).reshape(height, width, 4)
 
-    def read_rgb(self) -> NDArray[np.uint8]:
+    def read_rgb(self) -> U8:
         return np.asarray(cv2.cvtColor(self.read_rgba(), cv2.COLOR_RGBA2RGB))
 
 
@@ -246,7 +244,7 @@ def _upload(gl: moderngl.Context, scene: Scene) -> list[Any]:
     return textures
 
 
-def _rgba(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _rgba(image: U8) -> U8:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2RGBA))
 
 

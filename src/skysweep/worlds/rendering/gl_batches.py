@@ -9,12 +9,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, I32
 from skysweep.worlds.meshes import Mesh, merge
 from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Planting, Solid
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 SOLID_TILE_M = 16.0
 GROUND_TILE_M = 64.0
@@ -27,7 +25,7 @@ class Block:
     """Packed vertices, faces and the bounding box of what is culled together."""
 
     vertices: NDArray[Any]
-    faces: NDArray[np.int32]
+    faces: I32
     low: F64
     high: F64
 

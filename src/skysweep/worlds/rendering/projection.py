@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose, Lens
-
-F64 = NDArray[np.float64]
 
 NEAR_M, FAR_M = 0.2, 6000.0
 

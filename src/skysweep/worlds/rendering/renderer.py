@@ -5,9 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skysweep.arrays import I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import CameraModel
@@ -26,7 +24,7 @@ class Painter(Protocol):
     @property
     def backend(self) -> Backend: ...
 
-    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB. Time moves the waves, nothing else."""
         ...
 
@@ -38,7 +36,7 @@ class Painter(Protocol):
 class Renderer(Painter, Protocol):
     """A painter that also knows what it painted where."""
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
 
         Without ``occluders`` only the objects are drawn: an object's visible fraction is its pixel count
