@@ -1,8 +1,8 @@
-"""OpenGL renderer through EGL: Mesa's llvmpipe on a CPU, or a GPU where there is one.
+"""OpenGL renderer through EGL: a GPU, or Mesa's llvmpipe on a CPU.
 
-Forward shading with one shadow map around the place looked at, four-sample anti-aliasing where there are
-edges, frustum culling by tiles, instanced plants. Colours are squared to approximate linear light and
-square-rooted at the end.
+Forward shading with one shadow map around the place looked at, four-sample anti-aliasing at edges, frustum
+culling by tiles, instanced plants. Colours are squared to approximate linear light, and the square root is
+taken at the end.
 """
 
 from __future__ import annotations
@@ -27,19 +27,23 @@ Rectangle = tuple[int, int, int, int]  # left, first row, width, height
 
 SAMPLES = 4
 SHADOW_PX = 4096
-SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground, by how much is in sight
+SHADOW_SPANS_M = (
+    64.0,
+    128.0,
+    320.0,
+)  # widths of the shadow map on the ground; the smallest sufficient one is taken
 _STEEP = 0.2  # descent of a line of sight that meets the ground well before the horizon
-_RUGGED_SHARE = 0.5  # of the picture: with more, all of it is drawn with all samples
+_RUGGED_SHARE = 0.5  # of the picture: above it, the whole picture is drawn with all samples
 
 
 class GLRenderer:
-    """Draws a scene with OpenGL 3.3 without a window. Raises UserError where EGL is not available."""
+    """Draws a scene with OpenGL 3.3 without a window. Raises UserError if EGL is not available."""
 
     backend: Final = "gl"
 
     def __init__(self, scene: Scene) -> None:
         self._context = gl = _open_context()
-        self._free = weakref.finalize(self, gl.release)  # with all that is in it; by itself nothing is freed
+        self._free = weakref.finalize(self, gl.release)  # frees everything in it; nothing is freed otherwise
         self._sun = scene.sun
         self._terrain = scene.terrain
         self._is_water = scene.terrain.surface == "water"
@@ -61,7 +65,7 @@ class GLRenderer:
             self._set_light()
 
     def close(self) -> None:
-        """Free everything; the renderer is of no use afterwards."""
+        """See :class:`skysweep.worlds.rendering.renderer.Painter`."""
         self._free()
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
@@ -111,10 +115,10 @@ class GLRenderer:
             self._ground.draw(self._programs["ground" + suffix], view)
 
     def _rugged(self, lens: Lens, pose: CameraPose, view: Projection) -> Rectangle | None:
-        """The part of the picture in which there are edges.
+        """The part of the picture that has edges.
 
-        Elsewhere is flat ground, which one sample a pixel shows as well as four (but for rounding) in two
-        thirds of the time.
+        The rest is flat ground: one sample a pixel shows it as well as four (but for rounding) in two thirds
+        of the time.
         """
         whole = (0, 0, lens.width_px, lens.height_px)
         if (
@@ -159,9 +163,9 @@ class GLRenderer:
             texture.use(unit)
 
     def _aim_shadow(self, lens: Lens, pose: CameraPose) -> None:
-        """Draw the shadow map again when the place looked at left the middle of the last one.
+        """Redraw the shadow map when the place looked at has left the middle of the last one.
 
-        The map moves in steps, so that a pose has the same shadows whatever was looked at before.
+        The map moves in steps, so that the shadows of a pose do not depend on earlier poses.
         """
         eye, forward = pose.position_enu_m, pose.R_camera_to_enu[:, 2]
         reach = max(eye[2] - self._terrain.height_m(eye[:2])[0], 1.0) / max(-forward[2], 0.35)
@@ -254,7 +258,7 @@ def film(light: F64) -> F64:
 
 
 def _set(program: moderngl.Program, **uniforms: Any) -> None:
-    """Write those uniforms that the program kept."""
+    """Write the uniforms that the program kept."""
     for name, value in uniforms.items():
         if name not in program:
             continue

@@ -1,4 +1,4 @@
-"""What a renderer is, and which one this machine can run."""
+"""The renderer interface, and the choice of a renderer that this machine can run."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Painter(Protocol):
         ...
 
     def close(self) -> None:
-        """Free what it holds; it is of no use afterwards."""
+        """Free all resources; the renderer cannot be used afterwards."""
         ...
 
 
 class Renderer(Painter, Protocol):
-    """A painter that also knows what it painted where."""
+    """A painter that also tells which object each pixel shows."""
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
@@ -46,7 +46,7 @@ class Renderer(Painter, Protocol):
 
 
 def refuse_unrenderable(camera: CameraModel) -> None:
-    """Raises UserError where a camera's pictures take more than 2 GB to render."""
+    """Raises UserError if a camera's pictures would take more than 2 GB to render."""
     if camera.width_px * camera.height_px > MAX_RENDERED_PX:
         raise UserError(
             f"camera.width_px: {camera.width_px} x {camera.height_px} pixels are more than can be rendered "
@@ -57,8 +57,8 @@ def refuse_unrenderable(camera: CameraModel) -> None:
 def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
     """A renderer of ``world``: OpenGL through EGL (CPU or GPU), or ray casting with Embree.
 
-    ``auto`` takes OpenGL and falls back to Embree with one warning. Raises UserError when the backend
-    cannot run here, MissingExtraError when Embree is not installed.
+    ``auto`` takes OpenGL and falls back to Embree with one warning. Raises UserError if the backend
+    cannot run here, MissingExtraError if Embree is not installed.
     """
     from skysweep.worlds.rendering.gl import GLRenderer
 
