@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 from rich.progress import TaskID
@@ -37,7 +37,7 @@ def dataset(
             seed=seed,
             split=split,
             workers=workers,
-            progress=lambda done, _total: progress.update(task, completed=done),
+            progress=lambda done: progress.update(task, completed=done),
         )
     console.print(f"data set: {out}", soft_wrap=True)
 
@@ -70,8 +70,8 @@ def train(
     with bar() as progress:
         task = progress.add_task("training", total=1000)
 
-        def show(now: Any) -> None:
-            progress.update(task, completed=int(1000 * now.share), description=f"loss {now.loss:.2f}")
+        def show(share: float, loss: float) -> None:
+            progress.update(task, completed=int(1000 * share), description=f"loss {loss:.2f}")
 
         train_detector(
             dataset,
