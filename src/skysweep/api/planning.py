@@ -14,16 +14,16 @@ from skysweep.scenarios.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Where a scan of a scenario's area leads, and what it costs. Shown as a picture in notebooks."""
+    """The scan of a scenario's area and its cost. Shown as a picture in notebooks."""
 
     scenario: Scenario
     coverage: CoveragePlan
     estimate: FlightEstimate  # time, energy, batteries, pixels on target ...
-    advice: tuple[str, ...]  # what will probably spoil the mission, a sentence each
+    advice: tuple[str, ...]  # probable problems, a sentence each
 
     @property
     def waypoints(self) -> F64:
-        """(N, 2) east and north in metres, in the order in which they are flown."""
+        """(N, 2) east and north in metres, in the order of flight."""
         return self.coverage.waypoints_xy_enu_m
 
     def __repr__(self) -> str:
@@ -41,10 +41,6 @@ class Plan:
 
 
 def plan(scenario: ScenarioLike) -> Plan:
-    """Plan the scan of a scenario's area.
-
-    Raises:
-        UserError: there is no such scenario, or no flight is possible.
-    """
+    """Plan the scan of a scenario's area. Raises UserError if there is no such scenario or no flight."""
     chosen = load_scenario(scenario)
     return Plan(chosen, *plan_scenario(chosen), tuple(warnings_for(chosen)))

@@ -96,7 +96,7 @@ class Network:
         return layout
 
     def _named_in_file(self) -> tuple[str, ...] | None:
-        """Class names from the sidecar, or the metadata (a Python or JSON dict or list, as Ultralytics does)."""
+        """Class names from the sidecar or the metadata, which hold a dict or list in Python or JSON."""
         sidecar = self._path.with_suffix(".names")
         if sidecar.is_file():
             lines = read_text_limited(sidecar, _MAX_NAMES_BYTES).splitlines()
