@@ -78,7 +78,9 @@ def trained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trained")
     squares(folder / "d")
     steps = []
-    train_detector(folder / "d", folder / "m.onnx", minutes=0.03, threads=1, progress=lambda *step: steps.append(step))
+    train_detector(
+        folder / "d", folder / "m.onnx", minutes=0.03, threads=1, progress=lambda *step: steps.append(step)
+    )
     assert steps
     assert np.isfinite(steps[-1]).all()
     return folder

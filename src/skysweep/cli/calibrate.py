@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from skysweep.cli.common import (
@@ -15,12 +14,11 @@ from skysweep.cli.common import (
     SeedOption,
     WorkersOption,
     bar,
-    console,
-    description,
-    errors,
     friendly,
     number_or_inf,
+    say,
     show,
+    tell,
     warn,
 )
 from skysweep.errors import UserError
@@ -72,19 +70,14 @@ def calibrate(
     try:
         with bar() as progress:
             task = progress.add_task("looking", total=pictures)
-            model = fit(
-                detector,
-                load_scenario(camera).camera,
-                out,
-                pictures,
-                seed,
-                workers,
-                lambda done, total: progress.update(
-                    task, completed=done, total=total, description="fitting" if done == total else "looking"
-                ),
-            )
+
+            def on_look(done: int, total: int) -> None:
+                doing = "fitting" if done == total else "looking"
+                progress.update(task, completed=done, total=total, description=doing)
+
+            model = fit(detector, load_scenario(camera).camera, out, pictures, seed, workers, on_look)
     except KeyboardInterrupt:
-        errors.print("stopped; nothing was written, and the same command starts anew")
+        say("stopped; nothing was written, and the same command starts anew")
         raise typer.Exit(130) from None
     _print_fit(model.held_out)
     if pictures < FIRST_LOOK:
@@ -92,11 +85,11 @@ def calibrate(
             f"{pictures} pictures are few, and what was not seen often enough is left "
             f"out; {FIRST_LOOK} do for a first look"
         )
-    console.print(f"sensor model: {out}, picture: {out.with_suffix('.png')}", soft_wrap=True)
+    tell(f"sensor model: {out}, picture: {out.with_suffix('.png')}")
 
 
 def _refuse_unwritable(out: Path) -> None:
-    """Before anything is rendered. Raises UserError."""
+    """Raises UserError if the results cannot be written, before anything is rendered."""
     if out.suffix not in (".yaml", ".yml"):
         raise UserError(f"--out {out}: is no YAML file; write a name such as sensor.yaml")
     make_folder(out.parent)
@@ -108,13 +101,9 @@ def _refuse_unwritable(out: Path) -> None:
 def _print_fit(held_out: list[HeldOut]) -> None:
     scores = Table("confidence ≥", "Brier", "of rates alone", "deviance explained", "calibration error")
     for h in held_out:
-        scores.add_row(
-            f"{h.confidence:g}",
-            f"{h.brier:.4f}",
-            f"{h.brier_of_rates:.4f}",
-            f"{h.deviance_explained:.0%}",
-            f"{h.calibration_error:.3f}",
-        )
+        brier = f"{h.brier:.4f}", f"{h.brier_of_rates:.4f}"
+        rest = f"{h.deviance_explained:.0%}", f"{h.calibration_error:.3f}"
+        scores.add_row(f"{h.confidence:g}", *brier, *rest)
     parts = Table("looks not seen by the fit", "looks", "reported", "drawn")
     for part in [part for h in held_out for part in h.parts]:
         parts.add_row(part.part, str(part.looks), f"{part.measured:.3f}", f"{part.drawn:.3f}")
@@ -152,37 +141,23 @@ def validate(
 
         skysweep calibrate validate --seeds 5 --scenario clusters --n-c 5 --out quick
     """
-    from skysweep.experiments.calibration.tiers import (
-        N_C,
-        SCENARIOS,
-        STATISTICAL_TIMES,
-        TIER_HEADER,
-        compare_tiers,
-        validation_text,
-    )
+    from skysweep.experiments.calibration import tiers
 
-    scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)
+    scenarios, values = scenario or list(tiers.SCENARIOS), n_c or list(tiers.N_C)
     missions = len(scenarios) * len(values) * seeds
-    with Progress(
-        description,
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=errors,
-    ) as progress:
+    with bar() as progress:
         tasks = {
-            "statistical": progress.add_task("without pictures", total=missions * STATISTICAL_TIMES),
+            "statistical": progress.add_task("without pictures", total=missions * tiers.STATISTICAL_TIMES),
             "imaging": progress.add_task("with pictures", total=missions),
         }
 
         def on_done(job: MissionJob, _summary: Summary) -> None:
             progress.advance(tasks[job.sensor])
 
-        cells = compare_tiers(seeds, out, scenarios, values, workers, on_done)
-    table = Table(*TIER_HEADER)
+        cells = tiers.compare_tiers(seeds, out, scenarios, values, workers, on_done)
+    table = Table(*tiers.TIER_HEADER)
     for cell in cells:
         table.add_row(*cell.row)
     show(table)
-    console.print(validation_text(cells).splitlines()[0], soft_wrap=True, highlight=False)
-    console.print(f"written: {out / 'validate.json'}, {out / 'validate.md'}", soft_wrap=True)
+    tell(tiers.validation_text(cells).splitlines()[0])
+    tell(f"written: {out / 'validate.json'}, {out / 'validate.md'}")

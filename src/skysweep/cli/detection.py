@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 from rich.progress import TaskID
 
-from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly
+from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly, tell
 
 
 @friendly
@@ -31,15 +31,12 @@ def dataset(
 
     with bar() as progress:
         task = progress.add_task("rendering", total=images)
-        render_dataset(
-            out,
-            images,
-            seed=seed,
-            split=split,
-            workers=workers,
-            progress=lambda done: progress.update(task, completed=done),
-        )
-    console.print(f"data set: {out}", soft_wrap=True)
+
+        def show(done: int) -> None:
+            progress.update(task, completed=done)
+
+        render_dataset(out, images, seed=seed, split=split, workers=workers, progress=show)
+    tell(f"data set: {out}")
 
 
 @friendly
@@ -83,7 +80,7 @@ def train(
             threads=threads,
             progress=show,
         )
-    console.print(f"model: {out}; use it with detector.model in a scenario", soft_wrap=True)
+    tell(f"model: {out}; use it with detector.model in a scenario")
 
 
 @friendly

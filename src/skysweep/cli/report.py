@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skysweep.cli.common import bar, console, friendly, local_folder, warn
+from skysweep.cli.common import bar, friendly, local_folder, tell, warn
 from skysweep.cli.missions import print_summary
 from skysweep.errors import UserError
 
@@ -77,15 +77,14 @@ def report(
     missions = load_missions(folder, lambda spec: matrix_of(parse_spec(spec, f"{folder}/spec.yaml")).table())
     with bar() as progress:
         task = progress.add_task("report", total=None)
-        sentences = write_sweep_report(
-            missions,
-            target,
-            min_recall,
-            on_step=lambda done, of: progress.update(task, completed=done, total=of),
-        )
+
+        def on_step(done: int, of: int) -> None:
+            progress.update(task, completed=done, total=of)
+
+        sentences = write_sweep_report(missions, target, min_recall, on_step=on_step)
     for sentence in sentences:
-        console.print(sentence, soft_wrap=True, highlight=False)
-    console.print(f"report: {target / REPORT_FILE}", soft_wrap=True)
+        tell(sentence)
+    tell(f"report: {target / REPORT_FILE}")
 
 
 def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
@@ -110,4 +109,4 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
         warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
     summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
     print_summary(summary)
-    console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+    tell(f"report: {out / 'report.html'}")

@@ -14,10 +14,10 @@ from skysweep.cli.common import (
     WorkersOption,
     bar,
     changes_of,
-    console,
-    errors,
     friendly,
+    say,
     show,
+    tell,
 )
 from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
@@ -138,52 +138,27 @@ def tune(
             study_name = problem.name
             if study:
                 study_name = study if len(problems) == 1 else f"{study}-{problem.name}"
-            _tune_one(
-                problem,
-                out / problem.name,
-                storage,
-                study_name,
-                trials,
-                minutes,
-                validation_seeds,
-                matters,
-                workers,
-            )
+            folder = out / problem.name
+            found = _search(problem, folder, storage, study_name, trials, minutes, workers)
+            if validation_seeds:
+                _validate(problem, found, folder, validation_seeds, matters, workers)
+            else:
+                say("searched only; give --validation-seeds for a recommendation")
     except KeyboardInterrupt:
-        errors.print(f"stopped; what was finished is kept in {out}; the same command goes on", soft_wrap=True)
+        say(f"stopped; what was finished is kept in {out}; the same command goes on")
         raise typer.Exit(130) from None
 
 
-def _tune_one(
+def _search(
     problem: Problem,
     folder: Path,
     storage: str | None,
     study: str,
     trials: int,
     minutes: float | None,
-    validation_seeds: int,
-    matters: bool,
     workers: int | None,
-) -> None:
-    from skysweep.experiments.tune.report import (
-        Tuned,
-        how_sure,
-        matters_grid,
-        matters_sentences,
-        recommendation,
-        recommendation_rule,
-        recommendation_sentence,
-        standings_table,
-        write_tuning,
-    )
+) -> list[Trial]:
     from skysweep.experiments.tune.run import search
-    from skysweep.experiments.tune.validate import (
-        candidates_of,
-        fly_candidates,
-        matters_candidates,
-        matters_table,
-        standings,
-    )
 
     if storage is None:
         make_folder(folder)
@@ -197,14 +172,19 @@ def _tune_one(
             seen.append(trial)
             best = _best(problem, seen)
             if best is trial:
-                progress.console.print(_best_so_far(problem, best), soft_wrap=True, highlight=False)
+                say(_best_so_far(problem, best))
             progress.advance(task)
 
         found = search(problem, database, study, trials, minutes, workers, on_trial)
-    errors.print(_search_sentence(found), soft_wrap=True, highlight=False)
-    if not validation_seeds:
-        errors.print("searched only; give --validation-seeds for a recommendation", soft_wrap=True)
-        return
+    say(_search_sentence(found))
+    return found
+
+
+def _validate(
+    problem: Problem, found: list[Trial], folder: Path, seeds: int, matters: bool, workers: int | None
+) -> None:
+    from skysweep.experiments.tune import report, validate
+
     make_folder(folder)
     with bar() as progress:
         task = progress.add_task(f"{problem.name}: validation", total=None)
@@ -212,28 +192,30 @@ def _tune_one(
         def on_mission(done: int, of: int) -> None:
             progress.update(task, completed=done, total=of)
 
-        candidates = candidates_of(problem, found)
-        flown = fly_candidates(problem.scenarios, candidates, validation_seeds, folder, workers, on_mission)
+        candidates = validate.candidates_of(problem, found)
+        flown = validate.fly_candidates(problem.scenarios, candidates, seeds, folder, workers, on_mission)
         tables = {}
         for scenario in problem.scenarios if matters else ():
             progress.reset(task, description=f"{scenario.name}: when it matters", total=None)
-            cells = matters_candidates(scenario)
-            cells_flown = fly_candidates([scenario], cells, validation_seeds, folder, workers, on_mission)
-            tables[scenario.name] = matters_table(cells, cells_flown, scenario)
-    tuned = Tuned(problem, found, standings(candidates, flown, problem.rules), tables)
-    recommended = write_tuning(tuned, folder)
-    _print_grid(recommendation(tuned))
-    for sentence in (recommendation_sentence(tuned), recommendation_rule(problem.rules), *how_sure(tuned)):
-        console.print(sentence, soft_wrap=True, highlight=False)
-    _print_grid(standings_table(tuned))
+            cells = validate.matters_candidates(scenario)
+            cells_flown = validate.fly_candidates([scenario], cells, seeds, folder, workers, on_mission)
+            tables[scenario.name] = validate.matters_table(cells, cells_flown, scenario)
+    tuned = report.Tuned(problem, found, validate.standings(candidates, flown, problem.rules), tables)
+    recommended = report.write_tuning(tuned, folder)
+    _print_grid(report.recommendation(tuned))
+    for sentence in (
+        report.recommendation_sentence(tuned),
+        report.recommendation_rule(problem.rules),
+        *report.how_sure(tuned),
+    ):
+        tell(sentence)
+    _print_grid(report.standings_table(tuned))
     for name, table in tables.items():
-        _print_grid(matters_grid(name, table))
-        for sentence in matters_sentences(table):
-            console.print(f"- {sentence}", soft_wrap=True, highlight=False)
-    console.print(f"fly it: skysweep run {recommended[0]}", soft_wrap=True, highlight=False)
-    console.print(
-        f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}", soft_wrap=True, highlight=False
-    )
+        _print_grid(report.matters_grid(name, table))
+        for sentence in report.matters_sentences(table):
+            tell(f"- {sentence}")
+    tell(f"fly it: skysweep run {recommended[0]}")
+    tell(f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}")
 
 
 def _say_what_is_tuned(problem: Problem) -> None:
@@ -241,16 +223,12 @@ def _say_what_is_tuned(problem: Problem) -> None:
 
     for original, flown in zip(problem.originals, problem.scenarios, strict=True):
         if flown.scatter_m != original.scatter_m:
-            errors.print(
-                f"{original.name}: every target is moved by about {flown.scatter_m:g} m, anew for each seed",
-                soft_wrap=True,
-                highlight=False,
-            )
+            say(f"{original.name}: every target is moved by about {flown.scatter_m:g} m, anew for each seed")
     for parameter in problem.space:
         shown = [number(value) for value in parameter.values]
         if len(shown) > 10:
             shown = [*shown[:3], "...", *shown[-2:]]
-        errors.print(f"  {parameter.field}: {', '.join(shown)}", soft_wrap=True, highlight=False)
+        say(f"  {parameter.field}: {', '.join(shown)}")
 
 
 def _best(problem: Problem, trials: list[Trial]) -> Trial | None:

@@ -14,6 +14,7 @@ or a roof is never seen; places beside them that they hide count as open.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import shapely
@@ -67,8 +68,8 @@ class Belief:
 
     def look(self, camera: CameraPose) -> None:
         """Update the belief with one look from the believed camera pose."""
-        known = self._places, self._roofed, self._chances, self._weights
-        changed = self._missed, self._looks, self._cell, self.unseen.ravel()
+        known: tuple[Any, ...] = self._places, self._roofed, self._chances, self._weights
+        changed: tuple[Any, ...] = self._missed, self._looks, self._cell, self.unseen.ravel()
         self._n_covered += _look(self._optics, *camera, *known, *changed)
 
 

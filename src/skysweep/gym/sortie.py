@@ -156,7 +156,7 @@ class Sortie:
         }
 
     def _shown(self, slots: int) -> list[tuple[int, int]]:
-        """Number and status of candidates with a slot; the oldest settled ones lose theirs if slots run out."""
+        """Number and status of candidates with a slot; if slots run out, the oldest settled ones go."""
         listed = self._follower.listed
         too_many = max(0, len(listed) - slots)
         gone = set(sorted(listed, key=lambda k: (listed[k] == OPEN, k))[:too_many]) if too_many else set()

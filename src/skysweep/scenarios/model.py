@@ -55,7 +55,7 @@ LatLon = tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge
 class Model(BaseModel):
     """Strict base: unknown fields are errors, NaN and infinity are refused unless a field says otherwise."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class Area(Model):
@@ -182,6 +182,8 @@ class Target(Model):
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     pose: ObjectPose | None = Field(None, description="Default depends on the class")
 
+    model_config = ConfigDict(populate_by_name=True)
+
 
 class Distractor(Model):
     """Something that looks like a target from high up and does not from near."""
@@ -192,6 +194,8 @@ class Distractor(Model):
         None, description="Counter-clockwise from east; default another one for every mission seed"
     )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
+
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class Generator(Model):
@@ -218,6 +222,8 @@ class Generator(Model):
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     poses: list[ObjectPose] | None = Field(None, description="Drawn from, one for each object")
     seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
+
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class Wind(Model):
