@@ -53,7 +53,7 @@ def run(
         vehicle: replaces the embedded one: a ``Vehicle``, or a function of (scenario, seed).
         renderer: "gl", "embree", or "auto", whichever is available.
         watch: called at every tick with the vehicle's state, the mode, and new detections or None.
-        show_progress: in a notebook, or on standard error where that is a terminal.
+        show_progress: in a notebook, or on standard error if it is a terminal.
 
     Raises:
         UserError: an argument is invalid, or the mission cannot be flown.

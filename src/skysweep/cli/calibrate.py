@@ -1,4 +1,4 @@
-"""Fit the statistical sensor, and compare missions flown with it to missions with pictures."""
+"""Fit the statistical sensor, and compare its missions with missions with pictures."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def calibrate(
     context: typer.Context,
     detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
     camera: Annotated[
-        str, typer.Option("--camera", "--camera-of", help="Scenario whose camera to fit: a name or a file.")
+        str,
+        typer.Option("--camera", "--camera-of", help="Scenario with the camera to fit: a name or a file."),
     ] = "clusters",
     pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
@@ -116,7 +117,7 @@ def _print_fit(held_out: list[HeldOut]) -> None:
 @friendly
 def validate(
     seeds: Annotated[
-        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures for each scenario and n_c.")
+        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures per scenario and n_c.")
     ] = 30,
     scenario: Annotated[
         list[str] | None,
@@ -133,7 +134,7 @@ def validate(
 ) -> None:
     """Fly the same missions with pictures and without, and compare their means.
 
-    An interrupted validation goes on where it was when the same command is given again.
+    The same command continues an interrupted validation.
 
     Examples:
 

@@ -120,7 +120,7 @@ def number_or_inf(text: str) -> float:
 ScenarioArg = Annotated[str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")]
 SensorOption = Annotated[
     Literal["imaging", "statistical"],
-    typer.Option(help="Rendered pictures and a real detector, or fast and without pictures."),
+    typer.Option(help="Rendered pictures and a real detector, or fast without pictures."),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -128,7 +128,7 @@ SetOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 FromSoundLinesOption = Annotated[
-    bool, typer.Option("--from-sound-lines", help="Of a damaged journal, go on from before the damage.")
+    bool, typer.Option("--from-sound-lines", help="Continue a damaged journal from before the damage.")
 ]
 
 

@@ -49,7 +49,7 @@ def train(
     ] = None,
     learning_rate: Annotated[
         float | None,
-        typer.Option(min=1e-6, max=0.1, help="Its peak. Default: 0.002, to fine-tune 0.0005."),
+        typer.Option(min=1e-6, max=0.1, help="Its peak. Default: 0.002, or 0.0005 to fine-tune."),
     ] = None,
     seed: SeedOption = 0,
     threads: Annotated[int, typer.Option(min=1, max=256, help="CPU cores to train on.")] = 2,
@@ -88,9 +88,11 @@ def detect_evaluate(
     dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
     model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
     stock: Annotated[
-        bool, typer.Option("--stock", help="Beside it, fetch and evaluate the COCO-trained YOLOv3-tiny.")
+        bool, typer.Option("--stock", help="Also fetch and evaluate the COCO-trained YOLOv3-tiny.")
     ] = False,
-    confidence: Annotated[float, typer.Option(min=0.01, max=0.99, help="Drops detections below.")] = 0.25,
+    confidence: Annotated[
+        float, typer.Option(min=0.01, max=0.99, help="Detections below are dropped.")
+    ] = 0.25,
     tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
 ) -> None:
     """Recall, precision and false positives by pixels on target and altitude.

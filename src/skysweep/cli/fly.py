@@ -50,17 +50,17 @@ _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (sig
 def fly(
     source: Annotated[
         str,
-        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to go on with."),
+        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to continue."),
     ],
     connection: Annotated[
         str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")
     ] = "udpin://127.0.0.1:14540",
     signing_key: Annotated[
         Path | None,
-        typer.Option(help="File with 64 hexadecimal digits: sign every frame, hear only signed ones."),
+        typer.Option(help="File with 64 hexadecimal digits: sign every frame, accept only signed ones."),
     ] = None,
     system_id: Annotated[
-        int | None, typer.Option("--system-id", min=1, max=255, help="Which of several vehicles on one link.")
+        int | None, typer.Option("--system-id", min=1, max=255, help="One of several vehicles on one link.")
     ] = None,
     sensor: SensorOption = "imaging",
     camera: Annotated[
@@ -76,19 +76,19 @@ def fly(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Stop after the preflight list.")] = False,
     timeout: Annotated[float, typer.Option(min=1, help="Seconds to wait for the vehicle.")] = 10.0,
     renderer: Annotated[
-        Literal["auto", "gl", "embree"], typer.Option(help="Of the rendered camera.")
+        Literal["auto", "gl", "embree"], typer.Option(help="Renderer of the rendered camera.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
     from_sound_lines: FromSoundLinesOption = False,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
-    Shows the preflight list and asks before arming; says each find as it is made. In flight: Ctrl-C holds,
-    Enter goes on, Ctrl-C again goes home and lands. A pilot, a ground station or a failsafe that takes the
-    vehicle keeps it until Enter is pressed. However this program ends, a vehicle that it flies is left in
-    Hold; killed outright, PX4 does what COM_OBL_RC_ACT says. A flight that was broken off goes on from where
-    the vehicle is when its run folder is given; only --connection, --system-id, --signing-key, --camera and
-    --from-sound-lines count then.
+    Shows the preflight list and asks before arming; reports each find at once. In flight, Ctrl-C holds, Enter
+    goes on, and a second Ctrl-C returns home and lands. A pilot, a ground station or a failsafe that takes
+    the vehicle over keeps it until Enter is pressed. However this program ends, it leaves its vehicle in
+    Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT says. Given the run folder of an interrupted
+    flight, it continues from where the vehicle is; only --connection, --system-id, --signing-key, --camera
+    and --from-sound-lines count then.
 
     Examples:
 

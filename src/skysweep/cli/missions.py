@@ -52,7 +52,7 @@ def run(
     ] = None,
     d_c: Annotated[
         float | None,
-        typer.Option("--d-c", parser=number_or_inf, help="Check this far (m) after the last one; or inf."),
+        typer.Option("--d-c", parser=number_or_inf, help="Check this far (m) after the last one, or inf."),
     ] = None,
     c_t: Annotated[float | None, typer.Option("--c-t", help="Confidence that confirms.")] = None,
     h_s: Annotated[float | None, typer.Option("--h-s", help="Scan altitude, m above ground.")] = None,
@@ -65,13 +65,13 @@ def run(
         typer.Option(help="rendered (ours), gazebo (Classic 11 draws), gz (gz-sim draws), or ros:/TOPIC."),
     ] = "rendered",
     detector: Annotated[
-        str, typer.Option(help="The scenario's, or ros:/TOPIC: somebody else's detections.")
+        str, typer.Option(help="The scenario's, or ros:/TOPIC: another node's detections.")
     ] = "scenario",
     pose: Annotated[
-        str, typer.Option(help="The vehicle's own, or ros:/TOPIC: odometry of another node.")
+        str, typer.Option(help="The vehicle's own, or ros:/TOPIC: another node's odometry.")
     ] = "vehicle",
     renderer: Annotated[
-        Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
+        Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or whichever is available.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
 ) -> None:
@@ -131,9 +131,9 @@ def resume(
     run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
     from_sound_lines: FromSoundLinesOption = False,
 ) -> None:
-    """Go on with a mission that was killed, stopped, or ran out of disk.
+    """Resume a mission that was killed, stopped, or ran out of disk space.
 
-    It ends as if nothing had happened: same journal, same results. A complete mission is left alone.
+    It ends as if never interrupted: same journal, same results. A complete mission does not change.
 
     Examples:
 
@@ -239,7 +239,7 @@ def _figure(value: float | None, unit: str, decimals: int = 0) -> str:
 
 @friendly
 def compare_paper_command(
-    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Missions for each row.")] = 5,
+    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Missions per row.")] = 5,
     sensor: SensorOption = "imaging",
     out: Annotated[
         Path, typer.Option(help="Folder for compare.json, baselines.json, figures, report, runs.")
@@ -249,9 +249,9 @@ def compare_paper_command(
 ) -> None:
     """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.
 
-    scan-only flies the same transects and never descends: the difference is what CHECK costs and brings.
+    scan-only flies the same transects and never descends: the difference shows the cost and benefit of CHECK.
 
-    An interrupted comparison goes on where it was when the same command is given again.
+    The same command continues an interrupted comparison.
 
     Examples:
 

@@ -1,4 +1,4 @@
-"""Report what a mission did, or what a sweep shows."""
+"""Report a mission or a sweep."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Where the results go. Default: DIR for a mission, DIR/report for a sweep."),
+        typer.Option(help="Folder of the results. Default: DIR for a mission, DIR/report for a sweep."),
     ] = None,
     min_recall: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration of a sweep must have."),
+        typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration of a sweep must reach."),
     ] = 0.95,
     from_sound_lines: Annotated[
         bool,
         typer.Option(
-            "--from-sound-lines", help="Of a damaged run folder, report what is sound; needs --out."
+            "--from-sound-lines", help="Report the sound part of a damaged run folder; needs --out."
         ),
     ] = False,
 ) -> None:
-    """Write the results of a mission from its journal, or report what the missions of a sweep show.
+    """Write the results of a mission from its journal, or report the statistics of a sweep.
 
-    A mission may have been broken off or still be flying: summary, found positions, map and report say what
-    is known so far, and resume and fly can still go on with it. Only the run folder is needed, neither the
-    vehicle nor the computer that flew it.
+    A mission may have been interrupted or still be flying: summary, found positions, map and report then show
+    the results so far, and resume and fly can still continue it. Only the run folder is needed, not the
+    vehicle or the computer that flew it.
 
     A sweep's report has intervals, tests, tables and figures; a sweep that still runs is reported so far.
     The best of a scenario: of the configurations that reach --min-recall, those whose recall is not

@@ -22,13 +22,14 @@ def serve_vehicle(
         int, typer.Option(min=1, max=65535, help="Where it sends to: MAVSDK's udpin://127.0.0.1:PORT.")
     ] = 14540,
     gcs_port: Annotated[
-        int, typer.Option("--gcs-port", min=1, max=65535, help="And to: QGroundControl's own port.")
+        int,
+        typer.Option("--gcs-port", min=1, max=65535, help="Where it also sends to: QGroundControl's port."),
     ] = 14550,
     local_port: Annotated[
-        int, typer.Option("--local-port", min=0, max=65535, help="Where it listens; 0 is any free port.")
+        int, typer.Option("--local-port", min=0, max=65535, help="Where it listens; 0: any free port.")
     ] = 14580,
     host: Annotated[
-        str, typer.Option(help="Where both programs run; another computer opens the vehicle to its network.")
+        str, typer.Option(help="Host of both programs; another computer opens the vehicle to the network.")
     ] = "127.0.0.1",
     speed: Annotated[float, typer.Option(min=0.1, max=50, help="Vehicle time over wall time.")] = 1.0,
     signing_key: Annotated[
@@ -57,7 +58,7 @@ def serve_vehicle(
     key = None if signing_key is None else read_signing_key(signing_key)
     to = address_of(host)
     if to != LOOPBACK:
-        who = "Whoever has the key" if key else "Whoever reaches this computer"
+        who = "Anyone with the key" if key else "Anyone who reaches this computer"
         warn(f"{host} is another computer: the vehicle listens on every network. {who} can command it.")
     vehicle, listeners = embedded_vehicle(chosen, seed), [(to, port), (to, gcs_port)]
     interface = LOOPBACK if to == LOOPBACK else EVERYWHERE

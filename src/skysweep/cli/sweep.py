@@ -35,13 +35,11 @@ def sweep(
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Do not ask before a sweep of more than an hour.")
     ] = False,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Fly the missions again that failed.")
-    ] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Fly failed missions again.")] = False,
 ) -> None:
     """Fly every scenario with every strategy, parameter and seed; write one table, missions.parquet.
 
-    The same command given again goes on where it was. `skysweep report DIR` makes statistics of the table.
+    The same command continues an interrupted sweep. `skysweep report DIR` makes statistics of the table.
 
     Examples:
 

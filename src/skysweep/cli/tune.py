@@ -37,18 +37,18 @@ def tune(
     trials: Annotated[int, typer.Option(min=1, max=100_000, help="Sets of parameters to try.")] = 100,
     minutes: Annotated[float | None, typer.Option(min=0.0, help="Search no longer than this.")] = None,
     seeds: Annotated[
-        int, typer.Option(min=4, max=MOST_SEEDS, help="Seeds that the best are flown on in the search.")
+        int, typer.Option(min=4, max=MOST_SEEDS, help="Seeds of the best sets in the search.")
     ] = 32,
     validation_seeds: Annotated[
         int,
-        typer.Option(min=0, max=MOST_SEEDS, help="Fresh seeds for the final comparison; 0: only search."),
+        typer.Option(min=0, max=MOST_SEEDS, help="Fresh seeds for the final comparison; 0: search only."),
     ] = 100,
     recall: Annotated[
         Literal["constraint", "objective"], typer.Option(help="Keep --min-recall, or trade recall for time.")
     ] = "constraint",
-    min_recall: Annotated[float, typer.Option(min=0.0, max=1.0, help="Mean recall to be kept.")] = 0.95,
+    min_recall: Annotated[float, typer.Option(min=0.0, max=1.0, help="Mean recall to keep.")] = 0.95,
     false_positive_cost_s: Annotated[
-        float, typer.Option(min=0.0, help="Seconds of mission time that one false positive is worth.")
+        float, typer.Option(min=0.0, help="Cost of one false positive, in seconds of mission time.")
     ] = 60.0,
     ranges: Annotated[
         list[str] | None,
@@ -56,7 +56,7 @@ def tune(
     ] = None,
     fix: Annotated[
         list[str] | None,
-        typer.Option(metavar="FIELD[=VALUE]", help="Do not tune this one. May be repeated."),
+        typer.Option(metavar="FIELD[=VALUE]", help="Do not tune this field. May be repeated."),
     ] = None,
     change: SetOption = None,
     scatter_m: Annotated[
@@ -70,9 +70,9 @@ def tune(
     matters: Annotated[
         bool, typer.Option("--matters/--no-matters", help="Fly the table of when n_c and d_c matter.")
     ] = True,
-    out: Annotated[Path, typer.Option(help="Folder; each answer gets a folder below it.")] = Path("tuning"),
+    out: Annotated[Path, typer.Option(help="Folder; each answer gets a folder in it.")] = Path("tuning"),
     storage: Annotated[
-        str | None, typer.Option(help="URL of a database to share. Default: a file in the answer's folder.")
+        str | None, typer.Option(help="URL of a shared database. Default: a file in the answer's folder.")
     ] = None,
     study: Annotated[
         str | None, typer.Option(help="Name in that database. Default: the scenario's name.")
@@ -82,10 +82,10 @@ def tune(
 ) -> None:
     """Find good n_c, d_c, altitudes, speeds and sidelap by flying many missions without pictures.
 
-    The best: of what finishes every search with a mean recall of at least --min-recall, the least cost, which
-    is mission time and --false-positive-cost-s for each false positive; chosen on fresh seeds.
+    The best set finishes every search with a mean recall of at least --min-recall, at the least cost: mission
+    time plus --false-positive-cost-s for each false positive. It is chosen on fresh seeds.
 
-    Writes recommended.yaml, which `skysweep run` flies. The same command goes on where it was stopped.
+    Writes recommended.yaml for `skysweep run`. The same command continues an interrupted search.
 
     Examples:
 
@@ -95,7 +95,7 @@ def tune(
 
         skysweep tune my-scenario.yaml --range search.n_c=1:8,inf --fix search.sidelap --minutes 10
 
-        skysweep tune clusters --storage postgresql://user@host/tuning   # on as many machines as there are
+        skysweep tune clusters --storage postgresql://user@host/tuning   # on several machines
     """
     from skysweep.experiments.tune.race import RaceRules
     from skysweep.experiments.tune.run import Problem, family_of

@@ -68,7 +68,7 @@ def world_transfer(
     seed: SeedOption = 0,
     change: SetOption = None,
 ) -> None:
-    """Print the detector's recall on Gazebo's pictures beside its recall on ours, from the same places.
+    """Print the detector's recall on Gazebo's pictures beside its recall on ours from the same places.
 
     Example:
 
