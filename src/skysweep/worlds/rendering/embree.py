@@ -24,7 +24,7 @@ _SUBPIXELS = np.array([[-0.375, -0.125], [0.125, -0.375], [0.375, 0.125], [-0.12
 
 
 class EmbreeRenderer:
-    """Casts rays. Raises MissingExtraError if embreex is not installed."""
+    """A ``Renderer`` that casts rays. Raises MissingExtraError if embreex is not installed."""
 
     backend: Final = "embree"
 
@@ -53,7 +53,6 @@ class EmbreeRenderer:
         """Does nothing: the garbage collector frees the scene."""
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
-        """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
         colours, faces = self._shoot(lens, pose, x, y, time_s)
@@ -70,7 +69,6 @@ class EmbreeRenderer:
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
-        """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         shape = (lens.height_px, lens.width_px)
         if self._objects is None:
             return np.zeros(shape, np.int32)

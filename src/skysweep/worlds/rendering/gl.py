@@ -27,17 +27,13 @@ Rectangle = tuple[int, int, int, int]  # left, first row, width, height
 
 SAMPLES = 4
 SHADOW_PX = 4096
-SHADOW_SPANS_M = (
-    64.0,
-    128.0,
-    320.0,
-)  # widths of the shadow map on the ground; the smallest sufficient one is taken
+SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground; the least sufficient is used
 _STEEP = 0.2  # descent of a line of sight that meets the ground well before the horizon
 _RUGGED_SHARE = 0.5  # of the picture: above it, the whole picture is drawn with all samples
 
 
 class GLRenderer:
-    """Draws a scene with OpenGL 3.3 without a window. Raises UserError if EGL is not available."""
+    """A ``Renderer`` with OpenGL 3.3, without a window. Raises UserError if EGL is not available."""
 
     backend: Final = "gl"
 
@@ -65,11 +61,9 @@ class GLRenderer:
             self._set_light()
 
     def close(self) -> None:
-        """See :class:`skysweep.worlds.rendering.renderer.Painter`."""
         self._free()
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
-        """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context as gl:
             self._aim_shadow(lens, pose)
             target = self._target(lens)
@@ -94,7 +88,6 @@ class GLRenderer:
             return target.read_rgb()
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
-        """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
         with self._context:
             target = self._target(lens)
             view = Projection.of(lens, pose)
@@ -220,15 +213,14 @@ def _open_context() -> moderngl.Context:
 
 def _compile(gl: moderngl.Context, is_water: bool) -> dict[str, moderngl.Program]:
     programs = {}
-    for name, vertex, fragment in (
-        ("ground", shaders.GROUND_VS, shaders.WATER_FS if is_water else shaders.GROUND_FS),
-        ("solid", shaders.SOLID_VS, shaders.SOLID_FS),
-        ("plant", shaders.PLANT_VS, shaders.PLANT_FS),
+    ground = shaders.WATER_FS if is_water else shaders.GROUND_FS
+    for name, vertex, fragment, ids in (
+        ("ground", shaders.GROUND_VS, ground, shaders.GROUND_ID_FS),
+        ("solid", shaders.SOLID_VS, shaders.SOLID_FS, shaders.ID_FS),
+        ("plant", shaders.PLANT_VS, shaders.PLANT_FS, shaders.ID_FS),
     ):
         programs[name] = gl.program(vertex, fragment)
-        programs[name + "_id"] = gl.program(
-            vertex, shaders.GROUND_ID_FS if name == "ground" else shaders.ID_FS
-        )
+        programs[name + "_id"] = gl.program(vertex, ids)
         programs[name + "_depth"] = gl.program(vertex, shaders.DEPTH_FS)
     return programs
 
