@@ -141,7 +141,7 @@ def compare(missions: pl.DataFrame, metric: str, first: str, second: str, by: st
             known = ", ".join(str(v) for v in missions[by].unique(maintain_order=True))
             raise UserError(f"{value}: no mission has this {by}; write one of {known}")
         if side.select(cell).is_duplicated().any():
-            raise UserError(f"{value}: several missions are of one seed; filter the table to one of each")
+            raise UserError(f"{value}: several missions have the same seed; keep one of each in the table")
         sides.append(side)
     pairs = sides[0].join(sides[1], on=cell, how="inner", nulls_equal=True, maintain_order="left")
     difference = (pairs[metric] - pairs[f"{metric}_right"]).drop_nulls().to_numpy().astype(float)
@@ -175,7 +175,7 @@ def _name_of(strategy: StrategyLike, lasting: bool) -> str:
     if not isinstance(strategy, str) and not leads_back(strategy, lasting):
         raise UserError(
             f"strategies: {name} cannot be found by its name, as workers and kept results need; define it at "
-            "the top of a module, or fly in this process and leave workers and out out"
+            "the top of a module, or fly in this process, without workers and out"
         )
     return name
 

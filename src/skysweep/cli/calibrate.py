@@ -78,13 +78,13 @@ def calibrate(
 
             model = fit(detector, load_scenario(camera).camera, out, pictures, seed, workers, on_look)
     except KeyboardInterrupt:
-        say("stopped; nothing was written, and the same command starts anew")
+        say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
     _print_fit(model.held_out)
     if pictures < FIRST_LOOK:
         warn(
-            f"{pictures} pictures are few, and what was not seen often enough is left "
-            f"out; {FIRST_LOOK} do for a first look"
+            f"{pictures} pictures are few: rarely seen cases are left out; "
+            f"{FIRST_LOOK} are enough for a first look"
         )
     tell(f"sensor model: {out}, picture: {out.with_suffix('.png')}")
 

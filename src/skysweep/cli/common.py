@@ -78,7 +78,7 @@ def friendly(command: Callable[P, R]) -> Callable[P, R]:
             where, why = error.filename or "a file or device", error.strerror or str(error)
             sentence = f"{where}: cannot be read or written ({why}); check name, permissions and free space"
         except KeyboardInterrupt:
-            errors.print("stopped; what was finished is kept, and the same command goes on where it can")
+            say("stopped; finished work is kept, and the same command continues it if it can")
             raise typer.Exit(130) from None
         _label("error", "bold red", sentence)
         raise typer.Exit(2)

@@ -212,7 +212,7 @@ def print_summary(summary: RunSummary) -> None:
     confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
     search = "completed" if summary["completed"] else f"not completed ({summary['end_reason']})"
     rows = [
-        ("Search", search if summary["ended"] else "broken off, or still flying"),
+        ("Search", search if summary["ended"] else "interrupted, or still flying"),
         ("Mission time", _figure(summary["mission_time_s"], "s")),
         ("Planned scan alone", _figure(summary["scan_only_time_s"], "s")),
         ("Confirmed", confirmed if judged else str(summary["n_confirmed"])),

@@ -72,7 +72,7 @@ def report(
         raise UserError(f"--from-sound-lines: {folder} is not the folder of one mission; leave it out")
     if target is None:
         if here is None:
-            raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
+            raise UserError(f"{folder}: is not on this computer; write the report's folder as --out")
         target = here / "report"
     missions = load_missions(folder, lambda spec: matrix_of(parse_spec(spec, f"{folder}/spec.yaml")).table())
     with bar() as progress:
@@ -94,19 +94,19 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
     run = load_run(folder, from_sound_lines)
     if run.left_out and out.resolve() == folder.resolve():
         raise UserError(
-            f"{folder}: is damaged ({', '.join(run.left_out)}); write what is sound elsewhere with --out"
+            f"{folder}: is damaged ({', '.join(run.left_out)}); write the sound part elsewhere with --out"
         )
     for what in run.left_out:
         warn(f"{folder}: is damaged; left out: {what}")
     if not run.has_its_plan:
         warn(
-            f"{run.scenario.search.plan}: is not there, or not the plan that was flown; how long a scan "
-            "alone takes is left out"
+            f"{run.scenario.search.plan}: is missing, or not the plan that was flown; the time of a scan alone "
+            "is left out"
         )
     if is_older(run.records):
-        warn(f"{folder}: an older skysweep wrote it, so that not all damage would be seen")
+        warn(f"{folder}: an older skysweep wrote it; some damage may go undetected")
     if not run.ended:
-        warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
+        warn(f"{folder}: the mission was interrupted or is still flying; these are the results so far")
     summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
     print_summary(summary)
     tell(f"report: {out / 'report.html'}")

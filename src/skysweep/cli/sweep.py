@@ -58,7 +58,7 @@ def sweep(
         raise UserError(f"--out {out}: is lost when this command ends; write a folder or another URL")
     folder = out or f"sweeps/{wanted.name}"
     runner = make_engine(engine, address, workers)
-    say(f"{spec}: checking what is to be flown")
+    say(f"{spec}: checking the missions to fly")
     flight = Sweep(wanted, folder, retry_failed)
     done = flight.missions - flight.left
     say(
@@ -94,7 +94,7 @@ def sweep(
             flight.fly(runner, confirm, on_done)
         except KeyboardInterrupt:
             progress.stop()
-            say("stopped; what was flown is kept: give the same command again to go on")
+            say("stopped; flown missions are kept, and the same command continues")
             raise typer.Exit(130) from None
     wrong = flight.errors()
     for error, count in Counter(wrong).most_common(3):

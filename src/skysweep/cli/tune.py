@@ -145,7 +145,7 @@ def tune(
             else:
                 say("searched only; give --validation-seeds for a recommendation")
     except KeyboardInterrupt:
-        say(f"stopped; what was finished is kept in {out}; the same command goes on")
+        say(f"stopped; finished work is kept in {out}, and the same command continues it")
         raise typer.Exit(130) from None
 
 
