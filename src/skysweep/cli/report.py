@@ -100,8 +100,8 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
         warn(f"{folder}: is damaged; left out: {what}")
     if not run.has_its_plan:
         warn(
-            f"{run.scenario.search.plan}: is missing, or not the plan that was flown; the time of a scan alone "
-            "is left out"
+            f"{run.scenario.search.plan}: is missing, or not the plan that was flown; the time of a scan "
+            "alone is left out"
         )
     if is_older(run.records):
         warn(f"{folder}: an older skysweep wrote it; some damage may go undetected")
