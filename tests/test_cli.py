@@ -211,7 +211,7 @@ def test_results_of_a_mission_broken_off_are_had_without_flying_and_it_still_goe
     result = skysweep("report", broken, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "warning" in result.stderr
-    assert "broken off, or still flies" in result.stderr
+    assert "interrupted or is still flying" in result.stderr
     assert set(contents(broken)) == set(whole)
     assert (broken / "journal.jsonl").read_bytes() == before
     assert json.loads((broken / "summary.json").read_text())["ended"] is False

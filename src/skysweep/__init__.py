@@ -90,18 +90,8 @@ _PUBLIC = {
     "scenarios.files": ("list_scenarios", "write_scenario"),
     "scenarios.model": (
         *("Area", "Building", "CameraModel", "DetectorModel", "Distractor", "Forest", "Generator", "Gimbal"),
-        *(
-            "Home",
-            "Light",
-            "Safety",
-            "Scenario",
-            "Search",
-            "Target",
-            "Terrain",
-            "Tree",
-            "VehicleLimits",
-            "Wind",
-        ),
+        *("Home", "Light", "Safety", "Scenario", "Search", "Target", "Terrain", "Tree", "VehicleLimits"),
+        "Wind",
     ),
     "types": (
         *("Camera", "Candidate", "Command", "Detections", "Detector", "Event", "EventKind", "Frame", "Mode"),

@@ -138,7 +138,7 @@ def test_a_kept_sweep_goes_on_and_knows_another_code(own):
 def test_parameters_are_varied_and_paired():
     missions = ss.sweep(SMALL, seeds=[1, 2], parameters={"search.n_c": [1, np.inf]})
     assert missions["param.search.n_c"].to_list() == [1.0, np.inf, 1.0, np.inf]
-    with pytest.raises(ss.UserError, match="several missions are of one seed"):
+    with pytest.raises(ss.UserError, match="several missions have the same seed"):
         ss.compare(missions.drop("param.search.n_c"), "recall", "scan-check", "scan-check")
 
 

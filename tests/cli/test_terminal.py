@@ -11,7 +11,7 @@ from io import StringIO
 
 import pytest
 
-from skysweep.cli.missions import say
+from skysweep.cli.common import say
 from skysweep.cli.terminal import unblocked
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pipes and pseudo-terminals of POSIX")

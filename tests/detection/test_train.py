@@ -78,9 +78,11 @@ def trained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("trained")
     squares(folder / "d")
     steps = []
-    train_detector(folder / "d", folder / "m.onnx", minutes=0.03, threads=1, progress=steps.append)
+    train_detector(
+        folder / "d", folder / "m.onnx", minutes=0.03, threads=1, progress=lambda *step: steps.append(step)
+    )
     assert steps
-    assert np.isfinite(steps[-1].loss)
+    assert np.isfinite(steps[-1]).all()
     return folder
 
 

@@ -220,7 +220,7 @@ def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
             go_on(folder)
     assert (folder / "journal.jsonl").read_bytes() == journal
     told = CliRunner().invoke(app, ["report", str(whole), "--out", str(tmp_path / "out")])
-    assert "field.plan: is not there, or not the plan that was flown" in told.stderr
+    assert "field.plan: is missing, or not the plan that was flown" in told.stderr
     without = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert without["scan_only_time_s"] is None
     assert without["mission_time_s"] == summary["mission_time_s"]

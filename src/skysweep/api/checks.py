@@ -1,4 +1,4 @@
-"""What is given to the public functions, looked at before anything is done."""
+"""Checks of arguments of the public functions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skysweep.errors import UserError
 
 
 def whole_seed(seed: Any) -> int:
-    """The seed. Raises UserError where it is no whole number from 0 on."""
+    """The seed. Raises UserError if it is no whole number from 0 on."""
     try:
         number = operator.index(seed)
     except TypeError:
@@ -22,7 +22,7 @@ def whole_seed(seed: Any) -> int:
 
 
 def folder(out: Any) -> Path | None:
-    """A folder to write into, or None. Raises UserError where that is no path."""
+    """A folder to write into, or None. Raises UserError if ``out`` is no path."""
     if out is None:
         return None
     if not isinstance(out, str | os.PathLike) or not os.fspath(out):

@@ -1,4 +1,4 @@
-"""Detectors on their own."""
+"""Detectors without a mission."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def load_detector(
         model: "skysweep" or the path of an ONNX file.
         classes: names to keep; None keeps all.
         confidence_min: weaker detections are dropped, 0..1.
-        tiles: split each picture into ``tiles`` x ``tiles`` enlarged parts: smaller things are found, at
+        tiles: split each picture into ``tiles`` x ``tiles`` enlarged parts, which finds smaller things at
             ``tiles**2`` times the cost.
         threads: CPU threads.
 
@@ -43,7 +43,7 @@ def load_detector(
 
 
 class ImageDetector:
-    """A detector of plain images; also one of frames, so that it can be given to a mission."""
+    """A detector for plain images. It also takes frames, so that a mission can use it."""
 
     def __init__(self, detector: YoloDetector) -> None:
         self._detector = detector
@@ -52,12 +52,12 @@ class ImageDetector:
     def detect(self, image: Any) -> Detections:
         """Boxes, confidences and class names in an image (H, W, 3) RGB of bytes, or in a ``Frame``.
 
-        Raises UserError where it is neither.
+        Raises UserError if ``image`` is neither.
         """
         return self._detector.detect(image if isinstance(image, Frame) else _frame_of(image))
 
     def interrupt(self) -> None:
-        """Break off the look that another thread is taking."""
+        """Break off a look in another thread."""
         self._detector.interrupt()
 
 

@@ -7,17 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal
 
-from skysweep.api import checks
-from skysweep.api.parts import (
-    CameraLike,
-    DetectorLike,
-    StrategyLike,
-    VehicleLike,
-    camera_maker,
-    detector_of,
-    strategy_of,
-    vehicle_of,
-)
+from skysweep.api import checks, parts
 from skysweep.api.progress import Show, progress
 from skysweep.api.runs import Run, load_run
 from skysweep.api.scenarios import ScenarioLike, change_scenario, load_scenario
@@ -37,14 +27,14 @@ _DETECTOR_THREADS = 2
 
 def run(
     scenario: ScenarioLike,
-    strategy: StrategyLike | None = None,
+    strategy: parts.StrategyLike | None = None,
     sensor: Literal["imaging", "statistical"] = "imaging",
     seed: int = 0,
     out: str | Path | None = None,
     *,
-    detector: DetectorLike | None = None,
-    camera: CameraLike | None = None,
-    vehicle: VehicleLike | None = None,
+    detector: parts.DetectorLike | None = None,
+    camera: parts.CameraLike | None = None,
+    vehicle: parts.VehicleLike | None = None,
     renderer: Backend = "auto",
     watch: Watch | None = None,
     show_progress: bool = True,
@@ -53,32 +43,32 @@ def run(
 
     Args:
         scenario: a name, the path of a file, or a ``Scenario``.
-        strategy: instead of the scenario's own: a name, "module:Name", or a class or function that makes a
-            ``Strategy`` of (search, waypoints, look_s).
+        strategy: replaces the scenario's: a name, "module:Name", or a class or function that makes a
+            ``Strategy`` from (search, waypoints, look_s).
         sensor: "imaging", rendered pictures and a real detector, or "statistical", fast and without pictures.
-        seed: of everything random.
-        out: a new folder for journal, results and report; without one nothing is written.
-        detector: instead of the scenario's: a model's path, a ``Detector``, or what makes one of (scenario).
-        camera: instead of the embedded one: a ``Camera``, or what makes one of (scenario, world, truth).
-        vehicle: instead of the embedded one: a ``Vehicle``, or what makes one of (scenario, seed).
+        seed: seeds everything random.
+        out: a new folder for journal, results and report; nothing is written without one.
+        detector: replaces the scenario's: a model's path, a ``Detector``, or a function of (scenario).
+        camera: replaces the embedded one: a ``Camera``, or a function of (scenario, world, truth).
+        vehicle: replaces the embedded one: a ``Vehicle``, or a function of (scenario, seed).
         renderer: "gl", "embree", or "auto", whichever is available.
         watch: called at every tick with the vehicle's state, the mode, and new detections or None.
-        show_progress: in a notebook, or on standard error where that is a terminal.
+        show_progress: in a notebook, or on standard error if it is a terminal.
 
     Raises:
-        UserError: something of this is not there, or does not fit.
+        UserError: an argument is invalid, or the mission cannot be flown.
     """
     seed, folder = checks.whole_seed(seed), checks.folder(out)
     chosen = load_scenario(scenario)
     spec = None
     if strategy is not None:
-        name, spec = strategy_of(strategy)
+        name, spec = parts.strategy_of(strategy)
         chosen = change_scenario(chosen, {"search.strategy": name})
     if isinstance(detector, str | Path):
         chosen, detector = change_scenario(chosen, {"detector.model": str(detector)}), None
     if sensor == "statistical" and (camera is not None or detector is not None):
         raise UserError("sensor: the statistical one takes no pictures; leave camera and detector out")
-    flying = None if vehicle is None else vehicle_of(vehicle, chosen, seed)
+    flying = None if vehicle is None else parts.part_of("vehicle", vehicle, chosen, seed)
     with progress(show_progress) as show:
         rig = Rig(
             sensor,
@@ -86,8 +76,8 @@ def run(
             _DETECTOR_THREADS,
             flying,
             vehicle_waits=flying is not None and flying.truth is not None,
-            make_camera=None if camera is None else camera_maker(camera, chosen),
-            detector=None if detector is None else detector_of(detector, chosen),
+            make_camera=None if camera is None else parts.camera_maker(camera, chosen),
+            detector=None if detector is None else parts.part_of("detector", detector, chosen),
             strategy=spec,
             watch=_watched(show, plan_scenario(chosen)[1].time_s, watch),
         )

@@ -1,4 +1,4 @@
-"""The user's own parts of a mission, as a rig takes them."""
+"""Turns the user's own parts of a mission into what a rig takes."""
 
 from __future__ import annotations
 
@@ -29,33 +29,23 @@ _METHODS = {
 
 
 def strategy_of(given: StrategyLike) -> tuple[str, StrategySpec]:
-    """The name that a scenario has for a strategy, and how it is made. Raises UserError."""
+    """A strategy's name in a scenario, and how it is made. Raises UserError."""
     if isinstance(given, str):
         return given, strategy_spec(given)
     return name_of(given), spec_of(given)
 
 
-def detector_of(given: Detector | Callable[[Scenario], Detector], scenario: Scenario) -> Detector:
-    """A detector, or what a function of the scenario makes. Raises UserError."""
-    return _part("detector", given, scenario)
-
-
-def vehicle_of(given: VehicleLike, scenario: Scenario, seed: int) -> Vehicle:
-    """A vehicle, or what a function of scenario and seed makes. Raises UserError."""
-    return _part("vehicle", given, scenario, seed)
-
-
 def camera_maker(given: CameraLike, scenario: Scenario) -> Callable[[worlds.World, Truth], Camera]:
-    """What gives the camera of a mission, or makes it of scenario, world and truth."""
+    """A function that returns the given camera, or makes one from scenario, world and truth."""
 
     def make(contents: worlds.World, eye: Truth) -> Camera:
-        return _part("camera", given, scenario, World(scenario, contents), eye)
+        return part_of("camera", given, scenario, World(scenario, contents), eye)
 
     return make
 
 
-def _part(kind: str, given: _Part | Callable[..., _Part], *of: Any) -> _Part:
-    """The part itself, where it is one; else what the class or function makes."""
+def part_of(kind: str, given: _Part | Callable[..., _Part], *of: Any) -> _Part:
+    """The given part, or the one that the given class or function makes from ``of``. Raises UserError."""
     methods = _METHODS[kind]
     is_one = not isinstance(given, type) and hasattr(given, methods[0])
     if not is_one and not callable(given):

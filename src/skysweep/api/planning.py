@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from skysweep.api.scenarios import ScenarioLike, load_scenario
+from skysweep.arrays import F64
 from skysweep.planning.advice import warnings_for
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
@@ -16,16 +14,16 @@ from skysweep.scenarios.model import Scenario
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Where a scan of a scenario's area leads, and what it costs. Shown as a picture in notebooks."""
+    """The scan of a scenario's area and its cost. Shown as a picture in notebooks."""
 
     scenario: Scenario
     coverage: CoveragePlan
     estimate: FlightEstimate  # time, energy, batteries, pixels on target ...
-    advice: tuple[str, ...]  # what will probably spoil the mission, a sentence each
+    advice: tuple[str, ...]  # probable problems, a sentence each
 
     @property
-    def waypoints(self) -> NDArray[np.float64]:
-        """(N, 2) east and north in metres, in the order in which they are flown."""
+    def waypoints(self) -> F64:
+        """(N, 2) east and north in metres, in the order of flight."""
         return self.coverage.waypoints_xy_enu_m
 
     def __repr__(self) -> str:
@@ -43,10 +41,6 @@ class Plan:
 
 
 def plan(scenario: ScenarioLike) -> Plan:
-    """Plan the scan of a scenario's area.
-
-    Raises:
-        UserError: there is no such scenario, or no flight is possible.
-    """
+    """Plan the scan of a scenario's area. Raises UserError if there is no such scenario or no flight."""
     chosen = load_scenario(scenario)
     return Plan(chosen, *plan_scenario(chosen), tuple(warnings_for(chosen)))

@@ -1,4 +1,4 @@
-"""How far something is: a bar in a notebook, a line in a terminal, nothing elsewhere."""
+"""Progress: a bar in a notebook, a line in a terminal, nothing elsewhere."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Any, Protocol
 
 from skysweep.text import printable
 
-_PERIOD_S = 0.2  # between two pictures of the bar
+_PERIOD_S = 0.2  # between two updates of the bar
 
 
 class Show(Protocol):
-    """Shows how far something is."""
+    """Shows progress."""
 
     def __call__(self, share: float, words: str) -> None:
-        """``share`` is done, 0..1; ``words`` say what is."""
+        """``share`` is done, 0..1; ``words`` describe it."""
 
 
 @contextmanager
 def progress(wanted: bool) -> Iterator[Show]:
-    """A bar that is gone at the end of the block. Where nobody looks, or wants it, nothing is shown."""
+    """A bar that disappears at the end of the block; nothing if it is unwanted or nobody sees it."""
     if wanted and _in_notebook():
         with _in_cell() as show:
             yield _seldom(show)
@@ -35,7 +35,7 @@ def progress(wanted: bool) -> Iterator[Show]:
 
 
 def _in_notebook() -> bool:
-    """Whether an IPython kernel runs this. It is asked only where somebody has imported it."""
+    """Whether an IPython kernel runs this; IPython is not imported to find out."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return shell is not None and hasattr(shell, "kernel")
@@ -68,7 +68,7 @@ def _in_terminal() -> Iterator[Show]:
 
 
 def _seldom(show: Show) -> Show:
-    """At most a few times a second."""
+    """Calls ``show`` at most a few times a second."""
     shown_s = -_PERIOD_S
 
     def seldom(share: float, words: str) -> None:

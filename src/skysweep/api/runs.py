@@ -1,4 +1,4 @@
-"""Missions that were flown."""
+"""Flown missions."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.api import checks
+from skysweep.arrays import U8
 from skysweep.errors import UserError
 from skysweep.results import run_folder
 from skysweep.results.metrics import whole_summary
@@ -23,7 +23,7 @@ _NO_EVENTS = ("setup", "state", "look", "snapshot")  # lines of a journal
 
 
 class KeptFrame:
-    """The best picture of one candidate, with what the detector said to it."""
+    """The best picture of one candidate, with the detector's answer."""
 
     def __init__(self, candidate: int, time_s: float, jpeg: bytes) -> None:
         self.candidate, self.time_s, self._jpeg = candidate, time_s, jpeg
@@ -33,7 +33,7 @@ class KeptFrame:
         return f"KeptFrame(candidate {self.candidate}, t = {self.time_s:.1f} s)"
 
     @property
-    def image(self) -> NDArray[np.uint8]:
+    def image(self) -> U8:
         """(H, W, 3) RGB."""
         import cv2
 
@@ -45,10 +45,10 @@ class KeptFrame:
 
 
 class Run:
-    """A mission as its journal tells it. Shown as a map in notebooks.
+    """A flown mission. Shown as a map in notebooks.
 
-    ``summary`` has the numbers of summary.json (docs/results.md), ``scenario`` is what was flown, ``folder``
-    where it was written, or None.
+    ``summary`` has the numbers of summary.json (docs/results.md), ``scenario`` is the one that was flown,
+    ``folder`` is the run folder or None.
     """
 
     def __init__(self, told: run_folder.Run, summary: Mapping[str, Any]) -> None:
@@ -57,7 +57,7 @@ class Run:
         self.seed: int = told.seed
         self.folder: Path | None = told.folder
         self.summary: dict[str, Any] = dict(summary)
-        self._frames = None if told.folder else _frames(told)  # else the pictures are gone when asked for
+        self._frames = None if told.folder else _frames(told)  # read now: they are deleted soon
 
     def __repr__(self) -> str:
         """One line."""
@@ -75,7 +75,7 @@ class Run:
 
     @cached_property
     def track(self) -> pl.DataFrame:
-        """Where the vehicle believed to be, every half second, a row each."""
+        """The estimated position every half second, a row each."""
         import polars as pl
 
         states = self._told.states
@@ -92,63 +92,45 @@ class Run:
 
     @cached_property
     def candidates(self) -> pl.DataFrame:
-        """What was seen and what became of it, a row each; ``verdict`` is confirmed, rejected or null."""
+        """Every candidate, a row each; ``verdict`` is confirmed, rejected or null."""
         import polars as pl
 
+        schema = {
+            **{"id": pl.Int64, "class_name": pl.String},
+            **dict.fromkeys(("east_m", "north_m", "up_m", "radius_95_m"), pl.Float64),
+            **{"verdict": pl.String, "verdict_s": pl.Float64, "first_seen_s": pl.Float64},
+            **{"n_sightings": pl.Int64, "confidence": pl.Float64},
+        }
         rows = [
-            {
-                "id": story.id,
-                "class_name": story.class_name,
-                **dict(zip(("east_m", "north_m", "up_m"), story.position_enu_m.tolist(), strict=True)),
-                "radius_95_m": story.radius_95_m,
-                "verdict": story.verdict,
-                "verdict_s": story.verdict_s,
-                "first_seen_s": story.first_seen_s,
-                "n_sightings": story.n_sightings,
-                "confidence": story.confidence,
-            }
-            for story in self._told.candidates
+            (
+                *(c.id, c.class_name, *c.position_enu_m.tolist(), c.radius_95_m, c.verdict, c.verdict_s),
+                *(c.first_seen_s, c.n_sightings, c.confidence),
+            )
+            for c in self._told.candidates
         ]
-        return pl.DataFrame(rows, schema=_candidate_schema(), orient="row")
+        return pl.DataFrame(rows, schema=schema, orient="row")
 
     @cached_property
     def events(self) -> tuple[dict[str, Any], ...]:
-        """What happened, oldest first: the journal's lines without states, looks and snapshots."""
+        """Events, oldest first: the journal's lines without states, looks and snapshots."""
         return tuple(dict(r) for r in self._told.records if r["kind"] not in _NO_EVENTS)
 
     @property
     def frames(self) -> tuple[KeptFrame, ...]:
-        """The best picture of every candidate, oldest first; none of a mission without pictures."""
+        """The best picture of every candidate, oldest first; empty for a mission without pictures."""
         return _frames(self._told) if self._frames is None else self._frames
 
 
 def load_run(folder: str | Path) -> Run:
-    """The mission of a run folder, also one that was broken off or still flies; nothing is written.
+    """The mission of a run folder, which may be broken off or still fly; nothing is written.
 
-    Raises:
-        UserError: it is no run folder, or a damaged one.
+    Raises UserError if the folder is no run folder or is damaged.
     """
     path = checks.folder(folder)
     if path is None:
         raise UserError("folder: is None; give a folder that a mission was flown into")
     told = run_folder.load_run(path)
     return Run(told, whole_summary(told) if told.summary is None else told.summary)
-
-
-def _candidate_schema() -> dict[str, Any]:
-    import polars as pl
-
-    numbers = ("east_m", "north_m", "up_m", "radius_95_m")
-    return {
-        "id": pl.Int64,
-        "class_name": pl.String,
-        **dict.fromkeys(numbers, pl.Float64),
-        "verdict": pl.String,
-        "verdict_s": pl.Float64,
-        "first_seen_s": pl.Float64,
-        "n_sightings": pl.Int64,
-        "confidence": pl.Float64,
-    }
 
 
 def _frames(told: run_folder.Run) -> tuple[KeptFrame, ...]:

@@ -1,4 +1,4 @@
-"""Scenarios for Python: loaded, built, changed."""
+"""Scenarios in Python: load, build, change."""
 
 from __future__ import annotations
 
@@ -17,10 +17,9 @@ ScenarioLike: TypeAlias = Scenario | str | Path  # itself, its name, or the path
 
 
 def load_scenario(name_or_path: ScenarioLike) -> Scenario:
-    """A shipped scenario by its name, or one from a YAML file; a scenario is given back as it is.
+    """A shipped scenario by its name, or one from a YAML file; a ``Scenario`` is returned unchanged.
 
-    Raises:
-        UserError: there is none, or the file is no valid scenario.
+    Raises UserError if there is none, or the file is no valid scenario.
     """
     if isinstance(name_or_path, Scenario):
         return name_or_path
@@ -33,14 +32,13 @@ def load_scenario(name_or_path: ScenarioLike) -> Scenario:
 
 
 def make_scenario(**fields: Any) -> Scenario:
-    """A scenario of these fields, which are those of a scenario file; parts may be dicts or objects.
+    """A scenario with these fields, as in a scenario file; parts may be dicts or objects.
+
+    Raises UserError if they make no valid scenario.
 
     Example:
         >>> make_scenario(name="field", area={"polygon_enu_m": [[0, 0], [60, 0], [60, 40], [0, 40]]}).name
         'field'
-
-    Raises:
-        UserError: they make no valid scenario.
     """
     plain = {name: _plain(value) for name, value in fields.items()}
     return validated(Scenario, plain, str(fields.get("name", "scenario")))
@@ -49,14 +47,13 @@ def make_scenario(**fields: Any) -> Scenario:
 def change_scenario(scenario: ScenarioLike, changes: Mapping[str, Any]) -> Scenario:
     """A copy with other values at dotted fields, such as ``{"search.n_c": 3}``.
 
-    Raises:
-        UserError: there is no such field, or the change makes no valid scenario.
+    Raises UserError if a field is unknown, or the result is no valid scenario.
     """
     return files.change_scenario(load_scenario(scenario), {k: _plain(v) for k, v in changes.items()})
 
 
 def _plain(value: Any) -> Any:
-    """Without objects, so that everything is checked again."""
+    """Plain data instead of objects, so that everything is validated again."""
     if isinstance(value, BaseModel):
         return value.model_dump(by_alias=True)
     if isinstance(value, list | tuple):

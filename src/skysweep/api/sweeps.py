@@ -1,4 +1,4 @@
-"""Many missions in one table, and what they say."""
+"""Many missions in one table, and their statistics."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from skysweep.strategies.given import leads_back
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-_CELL = ("scenario", "strategy", "seed")  # and the parameters: what two missions of a pair have in common
+_CELL = ("scenario", "strategy", "seed")  # and the parameters: two missions of a pair share them
 
 
 def sweep(
@@ -49,22 +49,22 @@ def sweep(
 
     Columns are scenario, strategy, seed, sensor, param.FIELD of each parameter, and the numbers of
     summary.json (docs/results.md). ``error`` says why a mission failed; its numbers are null. The frame is
-    polars'; ``.to_pandas()`` makes it pandas' where pandas and pyarrow are installed.
+    polars'; ``.to_pandas()`` converts it if pandas and pyarrow are installed.
 
     Args:
         scenarios: one or several, each a name, a path or a ``Scenario``.
-        strategies: names, "module:Name", or classes at the top of a module; without them the scenario's own.
+        strategies: names, "module:Name", or classes at the top of a module; by default the scenario's own.
         seeds: how many, or which.
         parameters: dotted fields and their values, such as ``{"search.n_c": [1, 5]}``.
         sensor: as in ``run``.
-        out: a folder or fsspec URL that keeps what was flown, and goes on with it; without it nothing is
-            written.
+        out: a folder or fsspec URL that keeps the missions; a later call continues there. By default nothing
+            is written.
         workers: processes. With 1 the missions fly in this one; with more, a script needs the usual
             ``if __name__ == "__main__":``.
-        show_progress: in a notebook, or on standard error where that is a terminal.
+        show_progress: in a notebook, or on standard error if it is a terminal.
 
     Raises:
-        UserError: something of this is not there or does not fit, or every mission failed.
+        UserError: an argument is invalid, or every mission failed.
     """
     if not isinstance(workers, int) or workers < 1:
         raise UserError(f"workers: is {workers!r:.60}; write how many processes, 1 or more")
@@ -113,7 +113,7 @@ def sweep(
 def estimate(values: ArrayLike | pl.Series) -> Estimate:
     """Mean of values (N,) with its 95 % bootstrap interval (BCa), median and standard deviation.
 
-    Nulls and NaN are left out. Raises UserError where the values are no numbers.
+    Nulls and NaN are ignored. Raises UserError if the values are no numbers.
     """
     try:
         return statistics.estimate(np.asarray(values, dtype=float).ravel())
@@ -124,11 +124,9 @@ def estimate(values: ArrayLike | pl.Series) -> Estimate:
 def compare(missions: pl.DataFrame, metric: str, first: str, second: str, by: str = "strategy") -> PairedTest:
     """How much larger ``metric`` is in missions with ``first`` in the column ``by`` than with ``second``.
 
-    Missions are paired by scenario, seed and all parameters; pairs of which one has no number are left out.
-    The mean difference has a 95 % bootstrap interval (BCa), p is Wilcoxon's.
-
-    Raises:
-        UserError: there is no such column or value, or a mission has no partner of its own.
+    Missions are paired by scenario, seed and all parameters; pairs with a missing number are ignored. The
+    mean difference has a 95 % bootstrap interval (BCa), p is Wilcoxon's. Raises UserError if there is no such
+    column or value, or pairs are ambiguous or missing.
     """
     for column in (metric, by):
         if column not in missions.columns:
@@ -143,7 +141,7 @@ def compare(missions: pl.DataFrame, metric: str, first: str, second: str, by: st
             known = ", ".join(str(v) for v in missions[by].unique(maintain_order=True))
             raise UserError(f"{value}: no mission has this {by}; write one of {known}")
         if side.select(cell).is_duplicated().any():
-            raise UserError(f"{value}: several missions are of one seed; filter the table to one of each")
+            raise UserError(f"{value}: several missions have the same seed; keep one of each in the table")
         sides.append(side)
     pairs = sides[0].join(sides[1], on=cell, how="inner", nulls_equal=True, maintain_order="left")
     difference = (pairs[metric] - pairs[f"{metric}_right"]).drop_nulls().to_numpy().astype(float)
@@ -153,7 +151,7 @@ def compare(missions: pl.DataFrame, metric: str, first: str, second: str, by: st
 
 
 class InThisProcess:
-    """Flies one mission after the other, here. Implements ``Engine``."""
+    """Flies the missions one after the other in this process. Implements ``Engine``."""
 
     workers = 1
 
@@ -177,7 +175,7 @@ def _name_of(strategy: StrategyLike, lasting: bool) -> str:
     if not isinstance(strategy, str) and not leads_back(strategy, lasting):
         raise UserError(
             f"strategies: {name} cannot be found by its name, as workers and kept results need; define it at "
-            "the top of a module, or fly in this process and leave workers and out out"
+            "the top of a module, or fly in this process, without workers and out"
         )
     return name
 
@@ -196,7 +194,7 @@ def _several(given: Any) -> list[Any]:
 
 
 def _plain(values: Any) -> Any:
-    """As YAML holds it."""
+    """As plain data for YAML."""
     if isinstance(values, np.ndarray | np.generic):
         return values.tolist()
     return [_plain(v) for v in values] if isinstance(values, list | tuple | range) else values

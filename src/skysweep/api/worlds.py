@@ -1,4 +1,4 @@
-"""A scenario's world on its own: what is there, how it looks, and what a detector would say to it."""
+"""A scenario's world without a mission: its content, its pictures, and simulated detections."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skysweep.api.checks import whole_seed
 from skysweep.api.scenarios import ScenarioLike, load_scenario
+from skysweep.arrays import F64, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu, yaw_from_heading
@@ -24,19 +25,15 @@ from skysweep.worlds import world as worlds
 if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend, Renderer
 
-F64 = NDArray[np.float64]
-
 
 def camera_pose(
     position_enu_m: ArrayLike, heading_deg: float = 0.0, pitch_deg: float = -90.0, roll_deg: float = 0.0
 ) -> CameraPose:
     """A camera at ``position_enu_m`` (3,): east, north and up of the scenario's origin.
 
-    ``heading_deg`` is a compass heading: where it looks, or with a pitch of -90, straight down, where the
-    picture's top points. ``pitch_deg`` is above the horizon; ``roll_deg`` turns the picture clockwise.
-
-    Raises:
-        UserError: the position is no three numbers, or an angle no number.
+    ``heading_deg`` is the compass heading of the view or, if the camera looks straight down (a pitch of -90),
+    of the picture's top. ``pitch_deg`` is above the horizon; ``roll_deg`` turns the picture clockwise. Raises
+    UserError if the position is not three numbers, or an angle no number.
     """
     try:
         position = np.asarray(position_enu_m, dtype=float)
@@ -52,17 +49,16 @@ def camera_pose(
 
 
 def build_world(scenario: ScenarioLike, seed: int = 0, renderer: Backend = "auto") -> World:
-    """The world that a mission of this scenario and seed flies in. ``renderer``: gl, embree or auto.
+    """The world of a mission with this scenario and seed. ``renderer``: gl, embree or auto.
 
-    Raises:
-        UserError: there is no such scenario.
+    Raises UserError if there is no such scenario.
     """
     chosen = load_scenario(scenario)
     return World(chosen, worlds.build_world(chosen, whole_seed(seed)), renderer)
 
 
 class World:
-    """What is out there: ground, trees, buildings, targets and what resembles them."""
+    """A world: ground, trees, buildings, targets and look-alikes."""
 
     def __init__(self, scenario: Scenario, contents: worlds.World, renderer: Backend = "auto") -> None:
         self._scenario, self._contents, self._backend = scenario, contents, renderer
@@ -78,7 +74,7 @@ class World:
 
     @property
     def objects(self) -> tuple[worlds.WorldObject, ...]:
-        """Targets and what resembles them."""
+        """Targets and look-alikes."""
         return self._contents.objects
 
     @property
@@ -88,24 +84,24 @@ class World:
 
     @property
     def lens(self) -> Lens:
-        """That of the scenario's camera."""
+        """The lens of the scenario's camera."""
         return self._scenario.camera.lens
 
     def ground_m(self, east_m: float, north_m: float) -> float:
-        """Height of the ground at a place, metres above that at the origin."""
+        """Height of the ground at a place, in metres above the origin."""
         return self._contents.terrain.height_at_m(float(east_m), float(north_m))
 
-    def render(self, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+    def render(self, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB of the scenario's camera from a pose, without noise or blur.
 
-        ``time_s`` moves the waves. Raises UserError where nothing can be rendered here.
+        ``time_s`` moves the waves. Raises UserError if rendering is impossible here.
         """
         return self._renderer.render(self.lens, _pose(pose), time_s)
 
     def detect(self, pose: CameraPose, velocity_enu_mps: Sequence[float] = (0.0, 0.0, 0.0)) -> Detections:
-        """What the statistical sensor reports from a pose: another draw each time, the same in every process.
+        """The statistical sensor's report from a pose: a new draw each time, the same in every process.
 
-        Raises UserError where its model was made for another detector or camera than the scenario's.
+        Raises UserError if its model was made for another detector or camera than the scenario's.
         """
         eye, sensor = self._statistical
         eye.pose, eye.velocity_enu_mps = _pose(pose), np.asarray(velocity_enu_mps, dtype=float)
@@ -122,23 +118,16 @@ class World:
 
     @cached_property
     def _statistical(self) -> tuple[_Eye, StatisticalSensor]:
-        eye, scenario = _Eye(), self._scenario
+        eye, scenario, contents = _Eye(), self._scenario, self._contents
         at_once = scenario.camera.model_copy(update={"latency_s": 0.0})
-        sensor = StatisticalSensor(
-            self._contents,
-            at_once,
-            eye,
-            _Always(),
-            scenario.target_classes,
-            scenario.detector.confidence_min,
-            self._contents.seed,
-            model_for(scenario),
-        )
+        classes, least = scenario.target_classes, scenario.detector.confidence_min
+        model = model_for(scenario)
+        sensor = StatisticalSensor(contents, at_once, eye, _Always(), classes, least, contents.seed, model)
         return eye, sensor
 
 
 class _Eye:
-    """Where the camera is, and how it moves. Implements ``types.Truth``."""
+    """Position and motion of the camera. Implements ``types.Truth``."""
 
     pose: CameraPose
     velocity_enu_mps: F64
@@ -159,7 +148,7 @@ class _Eye:
 
 
 class _Always(Exposures):
-    """Every state is an exposure."""
+    """Makes every state an exposure."""
 
     def __init__(self) -> None:
         super().__init__(rate_hz=1.0, pose_delay_s=0.0)

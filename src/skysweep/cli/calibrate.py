@@ -1,4 +1,4 @@
-"""Fit the statistical sensor, and compare missions flown with it to missions with pictures."""
+"""Fit the statistical sensor, and compare its missions with missions with pictures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from skysweep.cli.common import (
@@ -15,12 +14,11 @@ from skysweep.cli.common import (
     SeedOption,
     WorkersOption,
     bar,
-    console,
-    description,
-    errors,
     friendly,
     number_or_inf,
+    say,
     show,
+    tell,
     warn,
 )
 from skysweep.errors import UserError
@@ -42,7 +40,8 @@ def calibrate(
     context: typer.Context,
     detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
     camera: Annotated[
-        str, typer.Option("--camera", "--camera-of", help="Scenario whose camera to fit: a name or a file.")
+        str,
+        typer.Option("--camera", "--camera-of", help="Scenario with the camera to fit: a name or a file."),
     ] = "clusters",
     pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
@@ -72,31 +71,26 @@ def calibrate(
     try:
         with bar() as progress:
             task = progress.add_task("looking", total=pictures)
-            model = fit(
-                detector,
-                load_scenario(camera).camera,
-                out,
-                pictures,
-                seed,
-                workers,
-                lambda done, total: progress.update(
-                    task, completed=done, total=total, description="fitting" if done == total else "looking"
-                ),
-            )
+
+            def on_look(done: int, total: int) -> None:
+                doing = "fitting" if done == total else "looking"
+                progress.update(task, completed=done, total=total, description=doing)
+
+            model = fit(detector, load_scenario(camera).camera, out, pictures, seed, workers, on_look)
     except KeyboardInterrupt:
-        errors.print("stopped; nothing was written, and the same command starts anew")
+        say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
     _print_fit(model.held_out)
     if pictures < FIRST_LOOK:
         warn(
-            f"{pictures} pictures are few, and what was not seen often enough is left "
-            f"out; {FIRST_LOOK} do for a first look"
+            f"{pictures} pictures are few: rarely seen cases are left out; "
+            f"{FIRST_LOOK} are enough for a first look"
         )
-    console.print(f"sensor model: {out}, picture: {out.with_suffix('.png')}", soft_wrap=True)
+    tell(f"sensor model: {out}, picture: {out.with_suffix('.png')}")
 
 
 def _refuse_unwritable(out: Path) -> None:
-    """Before anything is rendered. Raises UserError."""
+    """Raises UserError if the results cannot be written, before anything is rendered."""
     if out.suffix not in (".yaml", ".yml"):
         raise UserError(f"--out {out}: is no YAML file; write a name such as sensor.yaml")
     make_folder(out.parent)
@@ -108,13 +102,9 @@ def _refuse_unwritable(out: Path) -> None:
 def _print_fit(held_out: list[HeldOut]) -> None:
     scores = Table("confidence ≥", "Brier", "of rates alone", "deviance explained", "calibration error")
     for h in held_out:
-        scores.add_row(
-            f"{h.confidence:g}",
-            f"{h.brier:.4f}",
-            f"{h.brier_of_rates:.4f}",
-            f"{h.deviance_explained:.0%}",
-            f"{h.calibration_error:.3f}",
-        )
+        brier = f"{h.brier:.4f}", f"{h.brier_of_rates:.4f}"
+        rest = f"{h.deviance_explained:.0%}", f"{h.calibration_error:.3f}"
+        scores.add_row(f"{h.confidence:g}", *brier, *rest)
     parts = Table("looks not seen by the fit", "looks", "reported", "drawn")
     for part in [part for h in held_out for part in h.parts]:
         parts.add_row(part.part, str(part.looks), f"{part.measured:.3f}", f"{part.drawn:.3f}")
@@ -127,7 +117,7 @@ def _print_fit(held_out: list[HeldOut]) -> None:
 @friendly
 def validate(
     seeds: Annotated[
-        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures for each scenario and n_c.")
+        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures per scenario and n_c.")
     ] = 30,
     scenario: Annotated[
         list[str] | None,
@@ -144,7 +134,7 @@ def validate(
 ) -> None:
     """Fly the same missions with pictures and without, and compare their means.
 
-    An interrupted validation goes on where it was when the same command is given again.
+    The same command continues an interrupted validation.
 
     Examples:
 
@@ -152,37 +142,23 @@ def validate(
 
         skysweep calibrate validate --seeds 5 --scenario clusters --n-c 5 --out quick
     """
-    from skysweep.experiments.calibration.tiers import (
-        N_C,
-        SCENARIOS,
-        STATISTICAL_TIMES,
-        TIER_HEADER,
-        compare_tiers,
-        validation_text,
-    )
+    from skysweep.experiments.calibration import tiers
 
-    scenarios, values = scenario or list(SCENARIOS), n_c or list(N_C)
+    scenarios, values = scenario or list(tiers.SCENARIOS), n_c or list(tiers.N_C)
     missions = len(scenarios) * len(values) * seeds
-    with Progress(
-        description,
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=errors,
-    ) as progress:
+    with bar() as progress:
         tasks = {
-            "statistical": progress.add_task("without pictures", total=missions * STATISTICAL_TIMES),
+            "statistical": progress.add_task("without pictures", total=missions * tiers.STATISTICAL_TIMES),
             "imaging": progress.add_task("with pictures", total=missions),
         }
 
         def on_done(job: MissionJob, _summary: Summary) -> None:
             progress.advance(tasks[job.sensor])
 
-        cells = compare_tiers(seeds, out, scenarios, values, workers, on_done)
-    table = Table(*TIER_HEADER)
+        cells = tiers.compare_tiers(seeds, out, scenarios, values, workers, on_done)
+    table = Table(*tiers.TIER_HEADER)
     for cell in cells:
         table.add_row(*cell.row)
     show(table)
-    console.print(validation_text(cells).splitlines()[0], soft_wrap=True, highlight=False)
-    console.print(f"written: {out / 'validate.json'}, {out / 'validate.md'}", soft_wrap=True)
+    tell(tiers.validation_text(cells).splitlines()[0])
+    tell(f"written: {out / 'validate.json'}, {out / 'validate.md'}")

@@ -1,4 +1,4 @@
-"""What the commands share: output, errors, progress, options."""
+"""Shared by the commands: output, errors, progress, options."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
@@ -16,6 +16,7 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
+    SpinnerColumn,
     Task,
     TextColumn,
     TimeElapsedColumn,
@@ -27,6 +28,9 @@ from rich.text import Text
 from skysweep.errors import UserError
 from skysweep.text import printable
 
+if TYPE_CHECKING:
+    from skysweep.scenarios.model import Scenario
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -36,21 +40,21 @@ _WIDEST = 10_000  # characters of a table in a file
 
 
 class PlainConsole(Console):
-    """Prints text as it stands: nothing in it is markup or steers the terminal."""
+    """Prints text verbatim: nothing in it is markup or controls the terminal."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(emoji=False, markup=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Of everything that is printed as a ``str``, cells of tables too."""
+        """Render a ``str``, also one in a table's cell."""
         return super().render_str("\n".join(map(printable, text.split("\n"))), **options)
 
 
 class _Description(ProgressColumn):
-    """What a task is called."""
+    """A task's description."""
 
     def render(self, task: Task) -> Text:
-        """As it stands."""
+        """The description, verbatim."""
         return Text(printable(task.description))
 
 
@@ -60,7 +64,7 @@ description = _Description()
 
 
 def friendly(command: Callable[P, R]) -> Callable[P, R]:
-    """User errors are one sentence and exit code 2; Ctrl-C is exit code 130."""
+    """A user's error ends the command with one sentence and exit code 2, Ctrl-C with exit code 130."""
 
     @wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -68,32 +72,42 @@ def friendly(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except UserError as error:
             sentence = str(error)
-        except BrokenPipeError:  # whoever read our output is gone
+        except BrokenPipeError:  # the reader of our output is gone
             raise
         except OSError as error:
             where, why = error.filename or "a file or device", error.strerror or str(error)
-            sentence = f"{where}: cannot be read or written ({why}); check its name, rights and room"
+            sentence = f"{where}: cannot be read or written ({why}); check name, permissions and free space"
         except KeyboardInterrupt:
-            errors.print("stopped; what was finished is kept, and the same command goes on where it can")
+            say("stopped; finished work is kept, and the same command continues it if it can")
             raise typer.Exit(130) from None
-        _say("error", "bold red", sentence)
+        _label("error", "bold red", sentence)
         raise typer.Exit(2)
 
     return wrapped
 
 
 def warn(sentence: str) -> None:
-    """Of what is no error, but may not be what was meant."""
-    _say("warning", "yellow", sentence)
+    """Warn of something that is no error, but may be unintended."""
+    _label("warning", "yellow", sentence)
 
 
-def _say(kind: str, style: str, sentence: str) -> None:
+def _label(kind: str, style: str, sentence: str) -> None:
     line = Text.assemble((f"{kind}:", style), " ", printable(sentence))
     errors.print(line, soft_wrap=True, highlight=False)
 
 
+def tell(text: str) -> None:
+    """A result on standard output."""
+    console.print(text, soft_wrap=True, highlight=False)
+
+
+def say(words: str) -> None:
+    """A line on standard error, above any progress."""
+    errors.print(printable(words), soft_wrap=True, highlight=False)
+
+
 def number_or_inf(text: str) -> float:
-    """An option's number, which may be infinite; what is none, and nan, is a typer.BadParameter."""
+    """An option's number, which may be infinite. Raises typer.BadParameter for anything else, also nan."""
     try:
         value = float(text)
     except ValueError:
@@ -106,13 +120,16 @@ def number_or_inf(text: str) -> float:
 ScenarioArg = Annotated[str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")]
 SensorOption = Annotated[
     Literal["imaging", "statistical"],
-    typer.Option(help="Rendered pictures and a real detector, or fast and without pictures."),
+    typer.Option(help="Rendered pictures and a real detector, or fast without pictures."),
 ]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="FIELD=VALUE", help="Change any field of the scenario; may be repeated."),
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
+FromSoundLinesOption = Annotated[
+    bool, typer.Option("--from-sound-lines", help="Continue a damaged journal from before the damage.")
+]
 
 
 def _fit_this_machine(workers: int | None) -> int | None:
@@ -141,8 +158,15 @@ def changes_of(assignments: list[str] | None) -> dict[str, Any]:
     return changes
 
 
+def chosen_scenario(name_or_path: str, assignments: list[str] | None) -> Scenario:
+    """The scenario of a command, changed as ``--set`` says."""
+    from skysweep.scenarios.files import change_scenario, load_scenario
+
+    return change_scenario(load_scenario(name_or_path), changes_of(assignments))
+
+
 def show(table: Table) -> None:
-    """Print a table with every character: a terminal folds what is wider than itself, a file takes it all."""
+    """Print a table without losing a character: a terminal folds wide cells, a file gets the full width."""
     for column in table.columns:
         column.overflow = "fold"
     if console.is_terminal:
@@ -153,26 +177,29 @@ def show(table: Table) -> None:
 
 
 def local_folder(address: str) -> Path | None:
-    """The folder that a path or an fsspec URL means; None where it is not on this computer."""
+    """The folder of a path or an fsspec URL, or None if it is not on this computer."""
     if "://" in address and not address.startswith(("file://", "local://")):
         return None
     return Path(address.partition("://")[2] or address)
 
 
 def refuse_unused_eye(sensor: str, camera: str) -> None:
-    """Raises UserError where a camera is given to a sensor that takes no pictures."""
+    """Raises UserError if a camera is given to a sensor that takes no pictures."""
     if sensor == "statistical" and camera != "rendered":
         raise UserError(f"--camera {camera}: the statistical sensor takes no pictures; leave one of them out")
 
 
 def bar() -> Progress:
-    """A progress bar that counts and says how long it will take, on standard error."""
-    return Progress(
-        description,
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-        console=errors,
-    )
+    """A progress bar on standard error that counts and estimates the time left."""
+    times = TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn()
+    return Progress(description, BarColumn(), MofNCompleteColumn(), *times, console=errors)
+
+
+def status() -> Progress:
+    """A status line on standard error: a task's description, its field ``doing``, and the time."""
+    return Progress(description, TextColumn("{task.fields[doing]}"), TimeElapsedColumn(), console=errors)
+
+
+def spinner() -> Progress:
+    """A line on standard error that says what is going on, and disappears at the end."""
+    return Progress(SpinnerColumn(), description, console=errors, transient=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 from rich.progress import TaskID
 
-from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly
+from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly, tell
 
 
 @friendly
@@ -31,15 +31,12 @@ def dataset(
 
     with bar() as progress:
         task = progress.add_task("rendering", total=images)
-        render_dataset(
-            out,
-            images,
-            seed=seed,
-            split=split,
-            workers=workers,
-            progress=lambda done, _total: progress.update(task, completed=done),
-        )
-    console.print(f"data set: {out}", soft_wrap=True)
+
+        def show(done: int) -> None:
+            progress.update(task, completed=done)
+
+        render_dataset(out, images, seed=seed, split=split, workers=workers, progress=show)
+    tell(f"data set: {out}")
 
 
 @friendly
@@ -52,7 +49,7 @@ def train(
     ] = None,
     learning_rate: Annotated[
         float | None,
-        typer.Option(min=1e-6, max=0.1, help="Its peak. Default: 0.002, to fine-tune 0.0005."),
+        typer.Option(min=1e-6, max=0.1, help="Its peak. Default: 0.002, or 0.0005 to fine-tune."),
     ] = None,
     seed: SeedOption = 0,
     threads: Annotated[int, typer.Option(min=1, max=256, help="CPU cores to train on.")] = 2,
@@ -70,8 +67,8 @@ def train(
     with bar() as progress:
         task = progress.add_task("training", total=1000)
 
-        def show(now: Any) -> None:
-            progress.update(task, completed=int(1000 * now.share), description=f"loss {now.loss:.2f}")
+        def show(share: float, loss: float) -> None:
+            progress.update(task, completed=int(1000 * share), description=f"loss {loss:.2f}")
 
         train_detector(
             dataset,
@@ -83,7 +80,7 @@ def train(
             threads=threads,
             progress=show,
         )
-    console.print(f"model: {out}; use it with detector.model in a scenario", soft_wrap=True)
+    tell(f"model: {out}; use it with detector.model in a scenario")
 
 
 @friendly
@@ -91,9 +88,11 @@ def detect_evaluate(
     dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
     model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
     stock: Annotated[
-        bool, typer.Option("--stock", help="Beside it, fetch and evaluate the COCO-trained YOLOv3-tiny.")
+        bool, typer.Option("--stock", help="Also fetch and evaluate the COCO-trained YOLOv3-tiny.")
     ] = False,
-    confidence: Annotated[float, typer.Option(min=0.01, max=0.99, help="Drops detections below.")] = 0.25,
+    confidence: Annotated[
+        float, typer.Option(min=0.01, max=0.99, help="Detections below are dropped.")
+    ] = 0.25,
     tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
 ) -> None:
     """Recall, precision and false positives by pixels on target and altitude.

@@ -14,23 +14,24 @@ from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from skysweep.cli.common import (
+    FromSoundLinesOption,
     SeedOption,
     SensorOption,
     SetOption,
     changes_of,
-    console,
-    description,
     errors,
     friendly,
     refuse_unused_eye,
+    say,
+    status,
+    tell,
     warn,
 )
-from skysweep.cli.missions import free_folder, print_summary, say
+from skysweep.cli.missions import free_folder, print_summary, tells_complete
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
 from skysweep.text import printable
@@ -39,8 +40,8 @@ if TYPE_CHECKING:
     from skysweep.types import Mode, VehicleState
     from skysweep.vehicles.px4.preflight import Check
 
-_READ_S = 1.0  # until somebody has read that the vehicle was taken
-_EXCUSED = ("mode", "ready", "battery")  # of what is in the air already; its reserve is watched over there
+_READ_S = 1.0  # to read that the vehicle was taken over
+_EXCUSED = ("mode", "ready", "battery")  # checks of a vehicle in the air; its reserve is watched in flight
 _DETECTOR_THREADS = 2
 _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (signal.SIGTERM,)
 
@@ -49,17 +50,17 @@ _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (sig
 def fly(
     source: Annotated[
         str,
-        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to go on with."),
+        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to continue."),
     ],
     connection: Annotated[
         str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")
     ] = "udpin://127.0.0.1:14540",
     signing_key: Annotated[
         Path | None,
-        typer.Option(help="File with 64 hexadecimal digits: sign every frame, hear only signed ones."),
+        typer.Option(help="File with 64 hexadecimal digits: sign every frame, accept only signed ones."),
     ] = None,
     system_id: Annotated[
-        int | None, typer.Option("--system-id", min=1, max=255, help="Which of several vehicles on one link.")
+        int | None, typer.Option("--system-id", min=1, max=255, help="One of several vehicles on one link.")
     ] = None,
     sensor: SensorOption = "imaging",
     camera: Annotated[
@@ -75,22 +76,19 @@ def fly(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Stop after the preflight list.")] = False,
     timeout: Annotated[float, typer.Option(min=1, help="Seconds to wait for the vehicle.")] = 10.0,
     renderer: Annotated[
-        Literal["auto", "gl", "embree"], typer.Option(help="Of the rendered camera.")
+        Literal["auto", "gl", "embree"], typer.Option(help="Renderer of the rendered camera.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
-    from_sound_lines: Annotated[
-        bool,
-        typer.Option("--from-sound-lines", help="Of a damaged journal, go on from before the damage."),
-    ] = False,
+    from_sound_lines: FromSoundLinesOption = False,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
-    Shows the preflight list and asks before arming; says each find as it is made. In flight: Ctrl-C holds,
-    Enter goes on, Ctrl-C again goes home and lands. A pilot, a ground station or a failsafe that takes the
-    vehicle keeps it until Enter is pressed. However this program ends, a vehicle that it flies is left in
-    Hold; killed outright, PX4 does what COM_OBL_RC_ACT says. A flight that was broken off goes on from where
-    the vehicle is when its run folder is given; only --connection, --system-id, --signing-key, --camera and
-    --from-sound-lines count then.
+    Shows the preflight list and asks before arming; reports each find at once. In flight, Ctrl-C holds, Enter
+    goes on, and a second Ctrl-C returns home and lands. A pilot, a ground station or a failsafe that takes
+    the vehicle over keeps it until Enter is pressed. However this program ends, it leaves its vehicle in
+    Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT says. Given the run folder of an interrupted
+    flight, it continues from where the vehicle is; only --connection, --system-id, --signing-key, --camera
+    and --from-sound-lines count then.
 
     Examples:
 
@@ -106,23 +104,21 @@ def fly(
     from skysweep.flights.resume import begun_scenario
     from skysweep.flights.rig import Rig
     from skysweep.planning.plan_files import scenario_from_plan
-    from skysweep.results.run_folder import CONFIG_FILE, summary_of_complete
+    from skysweep.results.run_folder import CONFIG_FILE
     from skysweep.scenarios.files import change_scenario, load_scenario
     from skysweep.vehicles.mavlink.signing import read_signing_key
 
     begun = Path(source) if (Path(source) / CONFIG_FILE).is_file() else None
     if begun is not None:
-        if summary_of_complete(begun, from_sound_lines) is not None:
-            console.print(f"complete; nothing to do. Report: {begun / 'report.html'}", soft_wrap=True)
+        if tells_complete(begun, from_sound_lines):
             return
         chosen = begun_scenario(begun, from_sound_lines, warn)
     elif from_sound_lines:
         raise UserError(f"--from-sound-lines: {source} is no run folder to go on with; leave it out")
     else:
         is_plan = Path(source).suffix.lower() == ".plan"
-        chosen = change_scenario(
-            scenario_from_plan(source) if is_plan else load_scenario(source), changes_of(change)
-        )
+        given = scenario_from_plan(source) if is_plan else load_scenario(source)
+        chosen = change_scenario(given, changes_of(change))
     refuse_unused_eye(sensor, camera)
     _end_on_signals()
     key = None if signing_key is None else read_signing_key(signing_key)
@@ -142,15 +138,13 @@ def fly(
         question = "Arm and take off?" if begun is None else "Go on with the mission?"
         if not yes and not typer.confirm(question, err=True):
             raise typer.Exit(1)
-        columns = description, TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
-        with Progress(*columns, console=errors) as progress, _Operator(folder) as operator:
+        with status() as progress, _Operator(folder) as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)
 
             def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
                 operator.look(state)
-                battery = (
-                    "unknown" if math.isnan(state.battery_remaining) else f"{state.battery_remaining:4.0%}"
-                )
+                left = state.battery_remaining
+                battery = "unknown" if math.isnan(left) else f"{left:4.0%}"
                 silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
                 progress.update(
                     task,
@@ -164,26 +158,26 @@ def fly(
             else:
                 summary = flight.fly(seed, folder, camera, rig)
     print_summary(summary)
-    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+    tell(f"report: {folder / 'report.html'}")
 
 
 class _Operator:
-    """Whoever sits at the keyboard: the first Ctrl-C holds, Enter goes on, the second Ctrl-C returns.
+    """The person at the keyboard: the first Ctrl-C holds, Enter goes on, the second Ctrl-C returns.
 
-    A third one ends the program, and that leaves the vehicle in Hold. Enter also takes the vehicle back from
-    whoever took it over.
+    A third one ends the program, which leaves the vehicle in Hold. Enter also takes the vehicle back after
+    somebody else took it over.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._word: str | None = None
         self._presses = 0
-        self._taken, self._taken_s = False, 0.0  # by somebody else; since when that is shown
+        self._taken, self._taken_s = False, 0.0  # by somebody else; since when this is shown
         self._before: Any = None
 
     @property
     def hint(self) -> str:
-        """What the keys do now."""
+        """The current meaning of the keys."""
         if self._taken:
             return "somebody else flies it; Enter: take it back"
         return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
@@ -200,7 +194,7 @@ class _Operator:
         return word
 
     def _typed(self) -> bool:
-        """Whether Enter was pressed; whatever was typed is taken, so that none of it counts later."""
+        """Whether Enter was pressed; all input is consumed, so that none of it counts later."""
         typed = False
         while sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
             if not os.read(sys.stdin.fileno(), 1024):
@@ -209,7 +203,7 @@ class _Operator:
         return typed
 
     def look(self, state: VehicleState) -> None:
-        """Show it every state. Raises UserError where somebody took the vehicle and there is no keyboard."""
+        """Take note of a state. Raises UserError if somebody took the vehicle and there is no keyboard."""
         if state.taken_over and not self._taken:
             self._taken_s = time.monotonic()
         self._taken = bool(state.taken_over)
@@ -234,25 +228,21 @@ class _Operator:
 
 
 def _end_on_signals() -> None:
-    """End in order at SIGTERM, and at SIGHUP (the terminal is closed) unless started with nohup."""
+    """End cleanly at SIGTERM, and at SIGHUP (a closed terminal) unless started with nohup."""
     for number in _ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _end)
 
 
 def _end(number: int, _frame: FrameType | None) -> None:
-    """SystemExit is no ``Exception``, which a mission survives; a second signal must not disturb the Hold."""
+    """Raise SystemExit: a mission survives an ``Exception``. Later signals must not disturb the Hold."""
     for each in _ENDING:
         signal.signal(each, signal.SIG_IGN)
     raise SystemExit(128 + number)
 
 
 def _print_checks(checks: tuple[Check, ...]) -> None:
-    marks = {
-        True: Text("ok", "green"),
-        None: Text("note", "yellow"),
-        False: Text("no", "bold red"),
-    }
+    marks = {True: Text("ok", "green"), None: Text("note", "yellow"), False: Text("no", "bold red")}
     table = Table(show_header=False, box=None)
     for check in checks:
         table.add_row(marks[check.passed], check.name, printable(check.said))

@@ -1,4 +1,4 @@
-"""The learning environment on this machine: what policies that learn nothing achieve, and how fast it is."""
+"""The learning environment on this machine: results of policies without learning, and its speed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def gym(
     episodes: Annotated[int, typer.Option(min=1, max=10_000, help="Of each policy.")] = 10,
     seed: Annotated[int, typer.Option(min=0, help="Of the first episode.")] = 0,
 ) -> None:
-    """Play the learning environment with policies that learn nothing: reward, recall, steps a second of CPU.
+    """Play the learning environment with policies without learning: reward, recall, steps per CPU second.
 
     Examples:
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.progress import Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from skysweep.cli.common import (
     MOST_SEEDS,
+    FromSoundLinesOption,
     ScenarioArg,
     SeedOption,
     SensorOption,
@@ -21,16 +21,16 @@ from skysweep.cli.common import (
     bar,
     changes_of,
     console,
-    description,
-    errors,
     friendly,
     number_or_inf,
     refuse_unused_eye,
+    say,
+    status,
+    tell,
     warn,
 )
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
-from skysweep.text import printable
 
 if TYPE_CHECKING:
     from skysweep.experiments.matrix import MissionJob
@@ -52,7 +52,7 @@ def run(
     ] = None,
     d_c: Annotated[
         float | None,
-        typer.Option("--d-c", parser=number_or_inf, help="Check this far (m) after the last one; or inf."),
+        typer.Option("--d-c", parser=number_or_inf, help="Check this far (m) after the last one, or inf."),
     ] = None,
     c_t: Annotated[float | None, typer.Option("--c-t", help="Confidence that confirms.")] = None,
     h_s: Annotated[float | None, typer.Option("--h-s", help="Scan altitude, m above ground.")] = None,
@@ -65,13 +65,13 @@ def run(
         typer.Option(help="rendered (ours), gazebo (Classic 11 draws), gz (gz-sim draws), or ros:/TOPIC."),
     ] = "rendered",
     detector: Annotated[
-        str, typer.Option(help="The scenario's, or ros:/TOPIC: somebody else's detections.")
+        str, typer.Option(help="The scenario's, or ros:/TOPIC: another node's detections.")
     ] = "scenario",
     pose: Annotated[
-        str, typer.Option(help="The vehicle's own, or ros:/TOPIC: odometry of another node.")
+        str, typer.Option(help="The vehicle's own, or ros:/TOPIC: another node's odometry.")
     ] = "vehicle",
     renderer: Annotated[
-        Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or what there is.")
+        Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or whichever is available.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
 ) -> None:
@@ -123,19 +123,17 @@ def run(
         rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
         summary = fly_to_folder(chosen, seed, folder, rig)
     print_summary(summary)
-    console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+    tell(f"report: {folder / 'report.html'}")
 
 
 @friendly
 def resume(
     run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
-    from_sound_lines: Annotated[
-        bool, typer.Option("--from-sound-lines", help="Of a damaged journal, go on from before the damage.")
-    ] = False,
+    from_sound_lines: FromSoundLinesOption = False,
 ) -> None:
-    """Go on with a mission that was killed, stopped, or ran out of disk.
+    """Resume a mission that was killed, stopped, or ran out of disk space.
 
-    It ends as if nothing had happened: same journal, same results. A complete mission is left alone.
+    It ends as if never interrupted: same journal, same results. A complete mission does not change.
 
     Examples:
 
@@ -145,19 +143,27 @@ def resume(
     """
     from skysweep.flights.resume import resume_folder
     from skysweep.flights.rig import Rig
-    from skysweep.results.run_folder import summary_of_complete
 
-    if summary_of_complete(run_dir, from_sound_lines) is not None:
-        console.print(f"complete; nothing to do. Report: {run_dir / 'report.html'}", soft_wrap=True)
+    if tells_complete(run_dir, from_sound_lines):
         return
     with flying(run_dir.name, run_dir) as watch:
         summary = resume_folder(run_dir, Rig(watch=watch, say=say), from_sound_lines)
     print_summary(summary)
-    console.print(f"report: {run_dir / 'report.html'}", soft_wrap=True)
+    tell(f"report: {run_dir / 'report.html'}")
+
+
+def tells_complete(folder: Path, from_sound_lines: bool) -> bool:
+    """Whether the mission of a run folder is complete; then it says so."""
+    from skysweep.results.run_folder import summary_of_complete
+
+    complete = summary_of_complete(folder, from_sound_lines) is not None
+    if complete:
+        tell(f"complete; nothing to do. Report: {folder / 'report.html'}")
+    return complete
 
 
 def _topic(option: str, value: str, *others: str) -> str:
-    """The topic of ``ros:TOPIC``; empty for one of the others."""
+    """The topic of ``ros:TOPIC``; empty for one of ``others``."""
     if value in others:
         return ""
     kind, _, topic = value.partition(":")
@@ -168,12 +174,11 @@ def _topic(option: str, value: str, *others: str) -> str:
 
 @contextmanager
 def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
-    """A status line that watches a mission, and never holds it up; Ctrl-C says how to go on."""
+    """A status line that watches a mission without blocking it; after Ctrl-C it says how to go on."""
     from skysweep.mission.journal import resume_command
     from skysweep.results.run_folder import JOURNAL_FILE
 
-    columns = description, TextColumn("{task.fields[doing]}"), TimeElapsedColumn()
-    with unblocked(), Progress(*columns, console=errors) as progress:
+    with unblocked(), status() as progress:
         task = progress.add_task(name, doing="preparing", total=None)
 
         def watch(state: Any, mode: str, _new: Any) -> None:
@@ -190,29 +195,24 @@ def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]
             journal = folder / JOURNAL_FILE
             begun = journal.is_file() and journal.stat().st_size > 0
             how = f"go on with:  {resume_command(folder)}" if begun else "nothing was flown"
-            errors.print(f"stopped; {how}", soft_wrap=True, highlight=False)
+            say(f"stopped; {how}")
             raise typer.Exit(130) from None
 
 
-def say(words: str) -> None:
-    """A line for whoever watches, above the status line."""
-    errors.print(printable(words), highlight=False, soft_wrap=True)
-
-
 def free_folder(parent: Path, name: str) -> Path:
-    """A folder of that name, or with a number behind it, that is not there yet."""
-    name = name.replace(":", ".")  # of a user's own strategy, which not every file system takes
+    """A new folder of that name, with a number appended if need be."""
+    name = name.replace(":", ".")  # in the name of a user's own strategy; not every file system allows it
     candidates = [parent / name] + [parent / f"{name}-{k}" for k in range(2, 10_000)]
     return next(c for c in candidates if not c.exists())
 
 
 def print_summary(summary: RunSummary) -> None:
-    """The figures of a mission as a table; what is not known is left out."""
+    """Print the figures of a mission as a table, without unknown ones."""
     judged = summary["n_targets"] is not None
     confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
     search = "completed" if summary["completed"] else f"not completed ({summary['end_reason']})"
     rows = [
-        ("Search", search if summary["ended"] else "broken off, or still flying"),
+        ("Search", search if summary["ended"] else "interrupted, or still flying"),
         ("Mission time", _figure(summary["mission_time_s"], "s")),
         ("Planned scan alone", _figure(summary["scan_only_time_s"], "s")),
         ("Confirmed", confirmed if judged else str(summary["n_confirmed"])),
@@ -233,13 +233,13 @@ def print_summary(summary: RunSummary) -> None:
 
 
 def _figure(value: float | None, unit: str, decimals: int = 0) -> str:
-    """A number with its unit; nothing where there is none."""
+    """A number with its unit, or nothing for None."""
     return "" if value is None else f"{value:.{decimals}f} {unit}".rstrip()
 
 
 @friendly
 def compare_paper_command(
-    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Missions for each row.")] = 5,
+    seeds: Annotated[int, typer.Option(min=1, max=MOST_SEEDS, help="Missions per row.")] = 5,
     sensor: SensorOption = "imaging",
     out: Annotated[
         Path, typer.Option(help="Folder for compare.json, baselines.json, figures, report, runs.")
@@ -249,9 +249,9 @@ def compare_paper_command(
 ) -> None:
     """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.
 
-    scan-only flies the same transects and never descends: the difference is what CHECK costs and brings.
+    scan-only flies the same transects and never descends: the difference shows the cost and benefit of CHECK.
 
-    An interrupted comparison goes on where it was when the same command is given again.
+    The same command continues an interrupted comparison.
 
     Examples:
 
@@ -271,15 +271,13 @@ def compare_paper_command(
         def on_done(job: MissionJob, summary: Summary) -> None:
             progress.advance(task)
             if (folder := folder_of(job, out)) is not None:
-                progress.console.print(
+                say(
                     f"{job.label} {choice(choice_of(summary))} seed {job.seed}: "
                     f"{summary['mission_time_s']:.0f} s, recall {summary['recall']:.2f}, "
-                    f"picture {folder / 'map.png'}",
-                    soft_wrap=True,
-                    highlight=False,
+                    f"picture {folder / 'map.png'}"
                 )
 
         summaries = compare_paper(seeds, sensor, out, workers, changes_of(change), on_done)
     rows = write_compare_report(out, summaries)
     print_tables(console, rows, summaries)
-    console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+    tell(f"report: {out / 'report.html'}")

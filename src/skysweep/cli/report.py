@@ -1,4 +1,4 @@
-"""Report what a mission did, or what a sweep shows."""
+"""Report a mission or a sweep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from skysweep.cli.common import bar, console, friendly, local_folder, warn
+from skysweep.cli.common import bar, friendly, local_folder, tell, warn
 from skysweep.cli.missions import print_summary
 from skysweep.errors import UserError
 
@@ -23,24 +23,24 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Where the results go. Default: DIR for a mission, DIR/report for a sweep."),
+        typer.Option(help="Folder of the results. Default: DIR for a mission, DIR/report for a sweep."),
     ] = None,
     min_recall: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration of a sweep must have."),
+        typer.Option(min=0.0, max=1.0, help="Mean recall that the best configuration of a sweep must reach."),
     ] = 0.95,
     from_sound_lines: Annotated[
         bool,
         typer.Option(
-            "--from-sound-lines", help="Of a damaged run folder, report what is sound; needs --out."
+            "--from-sound-lines", help="Report the sound part of a damaged run folder; needs --out."
         ),
     ] = False,
 ) -> None:
-    """Write the results of a mission from its journal, or report what the missions of a sweep show.
+    """Write the results of a mission from its journal, or report the statistics of a sweep.
 
-    A mission may have been broken off or still be flying: summary, found positions, map and report say what
-    is known so far, and resume and fly can still go on with it. Only the run folder is needed, neither the
-    vehicle nor the computer that flew it.
+    A mission may have been interrupted or still be flying: summary, found positions, map and report then show
+    the results so far, and resume and fly can still continue it. Only the run folder is needed, not the
+    vehicle or the computer that flew it.
 
     A sweep's report has intervals, tests, tables and figures; a sweep that still runs is reported so far.
     The best of a scenario: of the configurations that reach --min-recall, those whose recall is not
@@ -72,20 +72,19 @@ def report(
         raise UserError(f"--from-sound-lines: {folder} is not the folder of one mission; leave it out")
     if target is None:
         if here is None:
-            raise UserError(f"{folder}: is not on this computer; say with --out where the report goes")
+            raise UserError(f"{folder}: is not on this computer; write the report's folder as --out")
         target = here / "report"
     missions = load_missions(folder, lambda spec: matrix_of(parse_spec(spec, f"{folder}/spec.yaml")).table())
     with bar() as progress:
         task = progress.add_task("report", total=None)
-        sentences = write_sweep_report(
-            missions,
-            target,
-            min_recall,
-            on_step=lambda done, of: progress.update(task, completed=done, total=of),
-        )
+
+        def on_step(done: int, of: int) -> None:
+            progress.update(task, completed=done, total=of)
+
+        sentences = write_sweep_report(missions, target, min_recall, on_step=on_step)
     for sentence in sentences:
-        console.print(sentence, soft_wrap=True, highlight=False)
-    console.print(f"report: {target / REPORT_FILE}", soft_wrap=True)
+        tell(sentence)
+    tell(f"report: {target / REPORT_FILE}")
 
 
 def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
@@ -95,19 +94,19 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
     run = load_run(folder, from_sound_lines)
     if run.left_out and out.resolve() == folder.resolve():
         raise UserError(
-            f"{folder}: is damaged ({', '.join(run.left_out)}); write what is sound elsewhere with --out"
+            f"{folder}: is damaged ({', '.join(run.left_out)}); write the sound part elsewhere with --out"
         )
     for what in run.left_out:
         warn(f"{folder}: is damaged; left out: {what}")
     if not run.has_its_plan:
         warn(
-            f"{run.scenario.search.plan}: is not there, or not the plan that was flown; how long a scan "
-            "alone takes is left out"
+            f"{run.scenario.search.plan}: is missing, or not the plan that was flown; the time of a scan "
+            "alone is left out"
         )
     if is_older(run.records):
-        warn(f"{folder}: an older skysweep wrote it, so that not all damage would be seen")
+        warn(f"{folder}: an older skysweep wrote it; some damage may go undetected")
     if not run.ended:
-        warn(f"{folder}: the mission was broken off, or still flies; the results are those so far")
+        warn(f"{folder}: the mission was interrupted or is still flying; these are the results so far")
     summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
     print_summary(summary)
-    console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+    tell(f"report: {out / 'report.html'}")

@@ -1,4 +1,4 @@
-"""ROS 2: a mission as a node, a detector as a node, and what both cost."""
+"""ROS 2: a mission as a node, a detector as a node, and their cost."""
 
 from __future__ import annotations
 
@@ -8,20 +8,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.progress import Progress, SpinnerColumn
 from typer.core import TyperCommand
 
-from skysweep.cli.common import (
-    SeedOption,
-    SensorOption,
-    SetOption,
-    changes_of,
-    console,
-    description,
-    errors,
-    friendly,
-)
-from skysweep.cli.missions import flying, free_folder, print_summary, say
+from skysweep.cli.common import SeedOption, SensorOption, SetOption, changes_of, friendly, say, spinner, tell
+from skysweep.cli.missions import flying, free_folder, print_summary
 
 app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
 
@@ -29,7 +19,7 @@ _ROS_ARGUMENTS = "skysweep.ros_arguments"
 
 
 class _RosCommand(TyperCommand):
-    """A command that leaves what follows ``--ros-args`` to ROS."""
+    """A command that leaves everything after ``--ros-args`` to ROS."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         begin = args.index("--ros-args") if "--ros-args" in args else len(args)
@@ -108,10 +98,9 @@ def ros_detect(
     from skysweep.ros.link import RosLink
 
     finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
-    columns = SpinnerColumn(), description
     with (
         closing(RosLink("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
-        Progress(*columns, console=errors, transient=True) as progress,
+        spinner() as progress,
     ):
         task = progress.add_task(f"waiting for {link.node.resolve_topic_name(images)}")
 
@@ -121,7 +110,7 @@ def ros_detect(
         try:
             serve_detector(link, finder, images, patience, count)
         except KeyboardInterrupt:
-            errors.print("stopped")
+            say("stopped")
 
 
 @app.command("measure", cls=_RosCommand)
@@ -147,14 +136,12 @@ def ros_measure(
     from skysweep.ros.link import RosLink
     from skysweep.ros.measure import measure
 
-    errors.print(f"publishing for {seconds:g} s", highlight=False)
+    say(f"publishing for {seconds:g} s")
     with closing(RosLink("measure", arguments=context.meta[_ROS_ARGUMENTS])) as link:
         figures = measure(link, width, height, rate, seconds, patience)
-    console.print(
+    tell(
         f"{width}x{height} at {rate:g} Hz: publishing takes {figures.core_share:.1%} of a core\n"
         f"{figures.answered} of {figures.pictures} pictures answered; from picture to detections "
         f"{figures.latency_median_s * 1e3:.0f} ms (median), {figures.latency_p95_s * 1e3:.0f} ms (95 %)\n"
-        f"machine: {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
-        highlight=False,
-        soft_wrap=True,
+        f"machine: {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
     )

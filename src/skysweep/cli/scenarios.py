@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from skysweep.cli.common import ScenarioArg, console, friendly
+from skysweep.cli.common import ScenarioArg, console, friendly, tell
 
 app = typer.Typer(no_args_is_help=True, help="List, show and check scenarios.")
 
@@ -58,5 +58,5 @@ def scenarios_validate(files: Annotated[list[str], typer.Argument(help="Scenario
     for file in files:
         warnings = warnings_for(load_scenario(file))
         for warning in warnings:
-            console.print(f"{file}: warning: {warning}", soft_wrap=True, highlight=False)
-        console.print(f"{file}: {'usable' if warnings else 'good'}", soft_wrap=True)
+            tell(f"{file}: warning: {warning}")
+        tell(f"{file}: {'usable' if warnings else 'good'}")

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import Progress, SpinnerColumn
 
-from skysweep.cli.common import SeedOption, SetOption, changes_of, description, errors, friendly, warn
+from skysweep.cli.common import SeedOption, SetOption, chosen_scenario, friendly, say, spinner, warn
 
 if TYPE_CHECKING:
     from skysweep.vehicles.served.autopilot import Autopilot
@@ -23,13 +22,14 @@ def serve_vehicle(
         int, typer.Option(min=1, max=65535, help="Where it sends to: MAVSDK's udpin://127.0.0.1:PORT.")
     ] = 14540,
     gcs_port: Annotated[
-        int, typer.Option("--gcs-port", min=1, max=65535, help="And to: QGroundControl's own port.")
+        int,
+        typer.Option("--gcs-port", min=1, max=65535, help="Where it also sends to: QGroundControl's port."),
     ] = 14550,
     local_port: Annotated[
-        int, typer.Option("--local-port", min=0, max=65535, help="Where it listens; 0 is any free port.")
+        int, typer.Option("--local-port", min=0, max=65535, help="Where it listens; 0: any free port.")
     ] = 14580,
     host: Annotated[
-        str, typer.Option(help="Where both programs run; another computer opens the vehicle to its network.")
+        str, typer.Option(help="Host of both programs; another computer opens the vehicle to the network.")
     ] = "127.0.0.1",
     speed: Annotated[float, typer.Option(min=0.1, max=50, help="Vehicle time over wall time.")] = 1.0,
     signing_key: Annotated[
@@ -50,39 +50,29 @@ def serve_vehicle(
 
         skysweep serve-vehicle --port 14541 --local-port 0 --signing-key key.txt
     """
-    from skysweep.scenarios.files import change_scenario, load_scenario
     from skysweep.vehicles.embedded.at_home import embedded_vehicle
     from skysweep.vehicles.mavlink.signing import read_signing_key
     from skysweep.vehicles.served.server import EVERYWHERE, LOOPBACK, VehicleServer, address_of
 
-    chosen = change_scenario(load_scenario(scenario), changes_of(change))
+    chosen = chosen_scenario(scenario, change)
     key = None if signing_key is None else read_signing_key(signing_key)
     to = address_of(host)
     if to != LOOPBACK:
-        who = "Whoever has the key" if key else "Whoever reaches this computer"
+        who = "Anyone with the key" if key else "Anyone who reaches this computer"
         warn(f"{host} is another computer: the vehicle listens on every network. {who} can command it.")
-    server = VehicleServer(
-        embedded_vehicle(chosen, seed),
-        chosen,
-        [(to, port), (to, gcs_port)],
-        speed,
-        LOOPBACK if to == LOOPBACK else EVERYWHERE,
-        local_port,
-        key,
-    )
-    errors.print(
+    vehicle, listeners = embedded_vehicle(chosen, seed), [(to, port), (to, gcs_port)]
+    interface = LOOPBACK if to == LOOPBACK else EVERYWHERE
+    server = VehicleServer(vehicle, chosen, listeners, speed, interface, local_port, key)
+    say(
         f"{chosen.name} at {speed:g}x: MAVSDK udpin://{to}:{port}, QGroundControl {to}:{gcs_port}; "
-        f"listening on {':'.join(map(str, server.address))}. Ctrl-C ends it.",
-        soft_wrap=True,
-        highlight=False,
+        f"listening on {':'.join(map(str, server.address))}. Ctrl-C ends it."
     )
-    columns = SpinnerColumn(), description
-    with Progress(*columns, console=errors, transient=True) as progress:
+    with spinner() as progress:
         task = progress.add_task("")
         try:
             server.run(lambda pilot: progress.update(task, description=_status(pilot)))
         except KeyboardInterrupt:
-            errors.print(f"stopped after {server.face.pilot.time_s:.0f} s of flight time")
+            say(f"stopped after {server.face.pilot.time_s:.0f} s of flight time")
         finally:
             server.stop()
 

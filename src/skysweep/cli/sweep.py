@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from skysweep.cli.common import WorkersOption, bar, errors, friendly, local_folder, warn
+from skysweep.cli.common import WorkersOption, bar, friendly, local_folder, say, warn
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,13 +35,11 @@ def sweep(
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Do not ask before a sweep of more than an hour.")
     ] = False,
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Fly the missions again that failed.")
-    ] = False,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Fly failed missions again.")] = False,
 ) -> None:
     """Fly every scenario with every strategy, parameter and seed; write one table, missions.parquet.
 
-    The same command given again goes on where it was. `skysweep report DIR` makes statistics of the table.
+    The same command continues an interrupted sweep. `skysweep report DIR` makes statistics of the table.
 
     Examples:
 
@@ -60,10 +58,10 @@ def sweep(
         raise UserError(f"--out {out}: is lost when this command ends; write a folder or another URL")
     folder = out or f"sweeps/{wanted.name}"
     runner = make_engine(engine, address, workers)
-    _say(f"{spec}: checking what is to be flown")
+    say(f"{spec}: checking the missions to fly")
     flight = Sweep(wanted, folder, retry_failed)
     done = flight.missions - flight.left
-    _say(
+    say(
         f"{flight.configurations:,} configurations x {flight.missions // flight.configurations:,} seeds = "
         f"{flight.missions:,} missions" + (f", {done:,} of them flown already" if done else "")
     )
@@ -77,7 +75,7 @@ def sweep(
             progress.update(task, advance=1, description=f"missions ({failed} failed)" if failed else None)
 
         def confirm(outlook: Outlook) -> None:
-            _say(
+            say(
                 f"about {_duration(outlook.seconds)} for {outlook.missions:,} missions on "
                 f"{outlook.workers} workers ({outlook.mission_s:.2g} s each)"
             )
@@ -96,20 +94,16 @@ def sweep(
             flight.fly(runner, confirm, on_done)
         except KeyboardInterrupt:
             progress.stop()
-            _say("stopped; what was flown is kept: give the same command again to go on")
+            say("stopped; flown missions are kept, and the same command continues")
             raise typer.Exit(130) from None
     wrong = flight.errors()
     for error, count in Counter(wrong).most_common(3):
         warn(f"{count:,} of {flight.missions:,} missions failed: {error}")
-    _say(f"table: {flight.address}")
+    say(f"table: {flight.address}")
     if len(wrong) == flight.missions:
         raise typer.Exit(1)
     elsewhere = "" if local_folder(folder) else f" --out {wanted.name}-report"
-    _say(f"statistics: skysweep report {folder}{elsewhere}")
-
-
-def _say(text: str) -> None:
-    errors.print(text, soft_wrap=True, highlight=False)
+    say(f"statistics: skysweep report {folder}{elsewhere}")
 
 
 def _duration(seconds: float) -> str:

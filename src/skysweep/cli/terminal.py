@@ -1,4 +1,4 @@
-"""A terminal that a mission writes to without ever waiting for it."""
+"""Terminal output that never blocks a mission."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from queue import Full, Queue
 from threading import Thread
 from typing import Any, TextIO
 
-_HELD = 256  # pieces of output that may wait for their reader
+_HELD = 256  # pieces of output that may wait for a reader
 _DRAIN_S = 2.0
 
 
 @contextmanager
 def unblocked() -> Iterator[None]:
-    """Standard output and error drop what nobody reads instead of blocking whoever writes it.
+    """Make standard output and error drop unread output instead of blocking the writer.
 
-    At the end of the block, what still waits has two seconds to be read.
+    At the end of the block, waiting output has two seconds to be read.
     """
     with ExitStack() as stack:
         for stream, redirect in ((sys.stdout, redirect_stdout), (sys.stderr, redirect_stderr)):
@@ -34,7 +34,7 @@ def unblocked() -> Iterator[None]:
 
 
 class _Valve(io.RawIOBase):
-    """Passes bytes to a file descriptor in a thread of its own; they are lost while too many wait."""
+    """Passes bytes to a file descriptor in a thread; bytes are lost while too many wait."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -57,7 +57,7 @@ class _Valve(io.RawIOBase):
         return os.isatty(self._descriptor)
 
     def drain(self) -> None:
-        """Give what waits a little time, and end."""
+        """Give waiting output a little time, and end."""
         with suppress(Full):
             self._waiting.put_nowait(None)
         done = self._waiting.all_tasks_done
@@ -75,7 +75,7 @@ class _Valve(io.RawIOBase):
 
 
 def _valve_of(stream: TextIO | None) -> _Valve | None:
-    """None where there is no file behind the stream."""
+    """A valve for the stream, or None if there is no file behind it."""
     try:
         return _Valve(stream.fileno()) if stream is not None else None
     except (OSError, ValueError):

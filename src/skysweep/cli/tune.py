@@ -14,10 +14,10 @@ from skysweep.cli.common import (
     WorkersOption,
     bar,
     changes_of,
-    console,
-    errors,
     friendly,
+    say,
     show,
+    tell,
 )
 from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
@@ -37,18 +37,18 @@ def tune(
     trials: Annotated[int, typer.Option(min=1, max=100_000, help="Sets of parameters to try.")] = 100,
     minutes: Annotated[float | None, typer.Option(min=0.0, help="Search no longer than this.")] = None,
     seeds: Annotated[
-        int, typer.Option(min=4, max=MOST_SEEDS, help="Seeds that the best are flown on in the search.")
+        int, typer.Option(min=4, max=MOST_SEEDS, help="Seeds of the best sets in the search.")
     ] = 32,
     validation_seeds: Annotated[
         int,
-        typer.Option(min=0, max=MOST_SEEDS, help="Fresh seeds for the final comparison; 0: only search."),
+        typer.Option(min=0, max=MOST_SEEDS, help="Fresh seeds for the final comparison; 0: search only."),
     ] = 100,
     recall: Annotated[
         Literal["constraint", "objective"], typer.Option(help="Keep --min-recall, or trade recall for time.")
     ] = "constraint",
-    min_recall: Annotated[float, typer.Option(min=0.0, max=1.0, help="Mean recall to be kept.")] = 0.95,
+    min_recall: Annotated[float, typer.Option(min=0.0, max=1.0, help="Mean recall to keep.")] = 0.95,
     false_positive_cost_s: Annotated[
-        float, typer.Option(min=0.0, help="Seconds of mission time that one false positive is worth.")
+        float, typer.Option(min=0.0, help="Cost of one false positive, in seconds of mission time.")
     ] = 60.0,
     ranges: Annotated[
         list[str] | None,
@@ -56,7 +56,7 @@ def tune(
     ] = None,
     fix: Annotated[
         list[str] | None,
-        typer.Option(metavar="FIELD[=VALUE]", help="Do not tune this one. May be repeated."),
+        typer.Option(metavar="FIELD[=VALUE]", help="Do not tune this field. May be repeated."),
     ] = None,
     change: SetOption = None,
     scatter_m: Annotated[
@@ -70,9 +70,9 @@ def tune(
     matters: Annotated[
         bool, typer.Option("--matters/--no-matters", help="Fly the table of when n_c and d_c matter.")
     ] = True,
-    out: Annotated[Path, typer.Option(help="Folder; each answer gets a folder below it.")] = Path("tuning"),
+    out: Annotated[Path, typer.Option(help="Folder; each answer gets a folder in it.")] = Path("tuning"),
     storage: Annotated[
-        str | None, typer.Option(help="URL of a database to share. Default: a file in the answer's folder.")
+        str | None, typer.Option(help="URL of a shared database. Default: a file in the answer's folder.")
     ] = None,
     study: Annotated[
         str | None, typer.Option(help="Name in that database. Default: the scenario's name.")
@@ -82,10 +82,10 @@ def tune(
 ) -> None:
     """Find good n_c, d_c, altitudes, speeds and sidelap by flying many missions without pictures.
 
-    The best: of what finishes every search with a mean recall of at least --min-recall, the least cost, which
-    is mission time and --false-positive-cost-s for each false positive; chosen on fresh seeds.
+    The best set finishes every search with a mean recall of at least --min-recall, at the least cost: mission
+    time plus --false-positive-cost-s for each false positive. It is chosen on fresh seeds.
 
-    Writes recommended.yaml, which `skysweep run` flies. The same command goes on where it was stopped.
+    Writes recommended.yaml for `skysweep run`. The same command continues an interrupted search.
 
     Examples:
 
@@ -95,7 +95,7 @@ def tune(
 
         skysweep tune my-scenario.yaml --range search.n_c=1:8,inf --fix search.sidelap --minutes 10
 
-        skysweep tune clusters --storage postgresql://user@host/tuning   # on as many machines as there are
+        skysweep tune clusters --storage postgresql://user@host/tuning   # on several machines
     """
     from skysweep.experiments.tune.race import RaceRules
     from skysweep.experiments.tune.run import Problem, family_of
@@ -138,52 +138,27 @@ def tune(
             study_name = problem.name
             if study:
                 study_name = study if len(problems) == 1 else f"{study}-{problem.name}"
-            _tune_one(
-                problem,
-                out / problem.name,
-                storage,
-                study_name,
-                trials,
-                minutes,
-                validation_seeds,
-                matters,
-                workers,
-            )
+            folder = out / problem.name
+            found = _search(problem, folder, storage, study_name, trials, minutes, workers)
+            if validation_seeds:
+                _validate(problem, found, folder, validation_seeds, matters, workers)
+            else:
+                say("searched only; give --validation-seeds for a recommendation")
     except KeyboardInterrupt:
-        errors.print(f"stopped; what was finished is kept in {out}; the same command goes on", soft_wrap=True)
+        say(f"stopped; finished work is kept in {out}, and the same command continues it")
         raise typer.Exit(130) from None
 
 
-def _tune_one(
+def _search(
     problem: Problem,
     folder: Path,
     storage: str | None,
     study: str,
     trials: int,
     minutes: float | None,
-    validation_seeds: int,
-    matters: bool,
     workers: int | None,
-) -> None:
-    from skysweep.experiments.tune.report import (
-        Tuned,
-        how_sure,
-        matters_grid,
-        matters_sentences,
-        recommendation,
-        recommendation_rule,
-        recommendation_sentence,
-        standings_table,
-        write_tuning,
-    )
+) -> list[Trial]:
     from skysweep.experiments.tune.run import search
-    from skysweep.experiments.tune.validate import (
-        candidates_of,
-        fly_candidates,
-        matters_candidates,
-        matters_table,
-        standings,
-    )
 
     if storage is None:
         make_folder(folder)
@@ -197,14 +172,19 @@ def _tune_one(
             seen.append(trial)
             best = _best(problem, seen)
             if best is trial:
-                progress.console.print(_best_so_far(problem, best), soft_wrap=True, highlight=False)
+                say(_best_so_far(problem, best))
             progress.advance(task)
 
         found = search(problem, database, study, trials, minutes, workers, on_trial)
-    errors.print(_search_sentence(found), soft_wrap=True, highlight=False)
-    if not validation_seeds:
-        errors.print("searched only; give --validation-seeds for a recommendation", soft_wrap=True)
-        return
+    say(_search_sentence(found))
+    return found
+
+
+def _validate(
+    problem: Problem, found: list[Trial], folder: Path, seeds: int, matters: bool, workers: int | None
+) -> None:
+    from skysweep.experiments.tune import report, validate
+
     make_folder(folder)
     with bar() as progress:
         task = progress.add_task(f"{problem.name}: validation", total=None)
@@ -212,28 +192,30 @@ def _tune_one(
         def on_mission(done: int, of: int) -> None:
             progress.update(task, completed=done, total=of)
 
-        candidates = candidates_of(problem, found)
-        flown = fly_candidates(problem.scenarios, candidates, validation_seeds, folder, workers, on_mission)
+        candidates = validate.candidates_of(problem, found)
+        flown = validate.fly_candidates(problem.scenarios, candidates, seeds, folder, workers, on_mission)
         tables = {}
         for scenario in problem.scenarios if matters else ():
             progress.reset(task, description=f"{scenario.name}: when it matters", total=None)
-            cells = matters_candidates(scenario)
-            cells_flown = fly_candidates([scenario], cells, validation_seeds, folder, workers, on_mission)
-            tables[scenario.name] = matters_table(cells, cells_flown, scenario)
-    tuned = Tuned(problem, found, standings(candidates, flown, problem.rules), tables)
-    recommended = write_tuning(tuned, folder)
-    _print_grid(recommendation(tuned))
-    for sentence in (recommendation_sentence(tuned), recommendation_rule(problem.rules), *how_sure(tuned)):
-        console.print(sentence, soft_wrap=True, highlight=False)
-    _print_grid(standings_table(tuned))
+            cells = validate.matters_candidates(scenario)
+            cells_flown = validate.fly_candidates([scenario], cells, seeds, folder, workers, on_mission)
+            tables[scenario.name] = validate.matters_table(cells, cells_flown, scenario)
+    tuned = report.Tuned(problem, found, validate.standings(candidates, flown, problem.rules), tables)
+    recommended = report.write_tuning(tuned, folder)
+    _print_grid(report.recommendation(tuned))
+    for sentence in (
+        report.recommendation_sentence(tuned),
+        report.recommendation_rule(problem.rules),
+        *report.how_sure(tuned),
+    ):
+        tell(sentence)
+    _print_grid(report.standings_table(tuned))
     for name, table in tables.items():
-        _print_grid(matters_grid(name, table))
-        for sentence in matters_sentences(table):
-            console.print(f"- {sentence}", soft_wrap=True, highlight=False)
-    console.print(f"fly it: skysweep run {recommended[0]}", soft_wrap=True, highlight=False)
-    console.print(
-        f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}", soft_wrap=True, highlight=False
-    )
+        _print_grid(report.matters_grid(name, table))
+        for sentence in report.matters_sentences(table):
+            tell(f"- {sentence}")
+    tell(f"fly it: skysweep run {recommended[0]}")
+    tell(f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}")
 
 
 def _say_what_is_tuned(problem: Problem) -> None:
@@ -241,16 +223,12 @@ def _say_what_is_tuned(problem: Problem) -> None:
 
     for original, flown in zip(problem.originals, problem.scenarios, strict=True):
         if flown.scatter_m != original.scatter_m:
-            errors.print(
-                f"{original.name}: every target is moved by about {flown.scatter_m:g} m, anew for each seed",
-                soft_wrap=True,
-                highlight=False,
-            )
+            say(f"{original.name}: every target is moved by about {flown.scatter_m:g} m, anew for each seed")
     for parameter in problem.space:
         shown = [number(value) for value in parameter.values]
         if len(shown) > 10:
             shown = [*shown[:3], "...", *shown[-2:]]
-        errors.print(f"  {parameter.field}: {', '.join(shown)}", soft_wrap=True, highlight=False)
+        say(f"  {parameter.field}: {', '.join(shown)}")
 
 
 def _best(problem: Problem, trials: list[Trial]) -> Trial | None:

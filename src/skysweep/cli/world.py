@@ -9,7 +9,17 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from skysweep.cli.common import ScenarioArg, SeedOption, SetOption, bar, changes_of, console, errors, friendly
+from skysweep.cli.common import (
+    ScenarioArg,
+    SeedOption,
+    SetOption,
+    bar,
+    chosen_scenario,
+    console,
+    errors,
+    friendly,
+    tell,
+)
 from skysweep.text import printable
 
 app = typer.Typer(no_args_is_help=True, help="Worlds for Gazebo.")
@@ -38,9 +48,8 @@ def world_export(
         skysweep world export maritime --format gz --seed 7 --out sea
     """
     from skysweep.gazebo.export import export_world
-    from skysweep.scenarios.files import change_scenario, load_scenario
 
-    chosen = change_scenario(load_scenario(scenario), changes_of(change))
+    chosen = chosen_scenario(scenario, change)
     with errors.status(Text(printable(f"writing {out}"))):
         path = export_world(chosen, seed, out, fmt)
     models = (out / "models").resolve()
@@ -48,7 +57,7 @@ def world_export(
         "gazebo-classic": f"GAZEBO_MODEL_DATABASE_URI= GAZEBO_MODEL_PATH={models} gazebo {path}",
         "gz": f"GZ_SIM_RESOURCE_PATH={models} gz sim {path}",
     }
-    console.print(f"open it with:  {opens[fmt]}", soft_wrap=True, highlight=False)
+    tell(f"open it with:  {opens[fmt]}")
 
 
 @app.command("transfer")
@@ -59,7 +68,7 @@ def world_transfer(
     seed: SeedOption = 0,
     change: SetOption = None,
 ) -> None:
-    """Print the detector's recall on Gazebo's pictures beside its recall on ours, from the same places.
+    """Print the detector's recall on Gazebo's pictures beside its recall on ours from the same places.
 
     Example:
 
@@ -69,9 +78,8 @@ def world_transfer(
 
     from skysweep.experiments.calibration.gazebo import transfer
     from skysweep.flights.build import make_detector
-    from skysweep.scenarios.files import change_scenario, load_scenario
 
-    chosen = change_scenario(load_scenario(scenario), changes_of(change))
+    chosen = chosen_scenario(scenario, change)
     with bar() as progress:
         task = progress.add_task("views", total=2 * pictures)
         scores = transfer(chosen, make_detector(chosen, 2), pictures, seed, lambda: progress.advance(task))

@@ -1,4 +1,4 @@
-"""What counts as an answer of a detector."""
+"""Checks of a detector's answers."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from skysweep.types import Detections
 
-MAX_BOXES = 300  # in one look: what YOLO exports keep; more are no things but a broken model
+MAX_BOXES = 300  # in one look, as YOLO exports keep; more mean a broken model
 _ROUNDING = 1e-3  # of a confidence in half precision
 
 
 def sound(found: Detections, class_names: Container[str]) -> Detections:
-    """What a detector with these classes found. Raises ValueError, in words, where that is no answer."""
+    """``found`` itself. Raises ValueError if a detector with these classes cannot answer that."""
     n = len(found.class_names)
     if np.shape(found.boxes_xyxy_px) != (n, 4) or np.shape(found.confidences) != (n,):
         raise ValueError("boxes, confidences and names do not match")
@@ -28,7 +28,7 @@ def sound(found: Detections, class_names: Container[str]) -> Detections:
 
 
 def refuse_nonsense(boxes_xyxy_px: ArrayLike, confidences: ArrayLike) -> None:
-    """Raises ValueError where boxes (N, 4) or confidences (N,) cannot be."""
+    """Raises ValueError if boxes (N, 4) or confidences (N,) are invalid."""
     boxes, sure = np.asarray(boxes_xyxy_px, dtype=float), np.asarray(confidences, dtype=float)
     if not (np.isfinite(boxes).all() and np.isfinite(sure).all()):
         raise ValueError("boxes or confidences are not finite")

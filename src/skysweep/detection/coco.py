@@ -1,4 +1,4 @@
-"""Class names that models without names in their metadata are known to use."""
+"""Class names for models without names in their metadata."""
 
 from __future__ import annotations
 

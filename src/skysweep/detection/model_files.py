@@ -1,4 +1,4 @@
-"""Where a detector's model file lies, and which one it is. Light: nothing here opens a model."""
+"""Paths and digests of model files. Light: nothing here opens a model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_MODEL_BYTES = 1_000_000_000
 
 
 def own_model_path() -> Path:
-    """Where the model that the package ships lies."""
+    """The path of the shipped model."""
     return Path(str(resources.files("skysweep") / "models" / "skysweep.onnx"))
 
 
@@ -25,7 +25,7 @@ def model_file(model: Path | str) -> Path:
 
 
 def existing_model_file(model: Path | str) -> Path:
-    """The same. Raises UserError where it is missing."""
+    """Like :func:`model_file`. Raises UserError if the file is missing."""
     path = model_file(model)
     if not path.is_file():
         raise UserError(
@@ -35,13 +35,13 @@ def existing_model_file(model: Path | str) -> Path:
 
 
 def sha256_of(path: Path) -> str:
-    """The file's SHA-256 in hexadecimal; a file that did not change is read once. Raises OSError."""
+    """The file's SHA-256 in hexadecimal; an unchanged file is read only once. Raises OSError."""
     status = path.stat()
     return _digest(path, status.st_mtime_ns, status.st_size)
 
 
 def fingerprint(model: str) -> str:
-    """What tells one detector from another: its file's SHA-256, or the name of one that is no file."""
+    """What identifies a detector: its file's SHA-256, or its name if it is no file."""
     path = model_file(model)
     return sha256_of(path) if path.is_file() else model
 

@@ -1,7 +1,7 @@
-"""A stranger's model is tried in a process of its own before it runs in ours.
+"""Tries an unknown model in a separate process before it runs in ours.
 
-A file of a few hundred bytes may loop for ever, or ask for all the memory that there is. The trial loads it
-and shows it one blank picture, within limits. What a model does only when it sees more, it does not find.
+A file of a few hundred bytes may loop for ever or ask for all memory. The trial loads it and shows it one
+blank picture, within limits. It does not find what a model does only on other pictures.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skysweep.errors import UserError
 
 try:
     import resource
-except ImportError:  # only POSIX has it; elsewhere the wall clock alone is a limit
+except ImportError:  # only POSIX has it; elsewhere the wall clock is the only limit
     resource = None  # type: ignore[assignment]
 
 MEMORY_BYTES = 1_500_000_000
@@ -35,9 +35,9 @@ _REFUSED = 2
 
 
 def try_out(path: Path) -> None:
-    """Raises UserError where a model does not load, or takes too long or too much memory for one picture.
+    """Raises UserError if a model does not load, or takes too much time or memory for one picture.
 
-    The shipped model needs no trial, and one that passed is not tried again.
+    The shipped model needs no trial, and a model that passed is not tried again.
     """
     digest = sha256_of(path)
     if digest != sha256_of(own_model_path()):
@@ -45,7 +45,7 @@ def try_out(path: Path) -> None:
 
 
 def vouch_for(path: Path) -> None:
-    """Says that a model needs no trial, for as long as its file stays as it is."""
+    """Record that a model needs no trial as long as its file does not change."""
     passed = _passed(sha256_of(path))
     with suppress(OSError):
         passed.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +53,7 @@ def vouch_for(path: Path) -> None:
 
 
 def _passed(digest: str) -> Path:
-    """What is there where a model with this SHA-256 has passed."""
+    """The file that exists if a model with this SHA-256 has passed."""
     return cache_folder() / "tried-models" / digest
 
 
@@ -102,14 +102,14 @@ def _too_slow(path: Path) -> UserError:
 
 
 def _limit() -> None:
-    """From now on: so much more time and memory, and no core files."""
+    """Limit further time and memory of this process, and forbid core files."""
     if resource is None:
         return
     used = resource.getrusage(resource.RUSAGE_SELF)
     cpu_s = ceil(used.ru_utime + used.ru_stime) + CPU_S
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    with suppress(OSError):  # only Linux tells and limits it
+    with suppress(OSError):  # only Linux reports and limits it
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         memory_bytes = pages * resource.getpagesize() + MEMORY_BYTES
         resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))

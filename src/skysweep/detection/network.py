@@ -11,12 +11,11 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, U8
 from skysweep.detection.coco import default_names
 from skysweep.detection.yolo_outputs import Boxes, OutputLayout, PixelFormat, Probe, recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
-
-U8 = NDArray[np.uint8]
 
 PAD_GREY = 114
 STRIDE = 32
@@ -61,10 +60,10 @@ class Network:
         return self.layout.decode(self._run(canvas, self.layout.pixels), canvas.shape[:2])
 
     def interrupt(self) -> None:
-        """Break off what another thread is running; there it raises."""
+        """Break off a run in another thread, where it then raises."""
         self._options.terminate = True
 
-    def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, NDArray[np.float32]]:
+    def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, F32]:
         picture = _pixels(canvas, pixels, self._dtype)
         if self._channels_last:
             picture = np.ascontiguousarray(picture.transpose(1, 2, 0))
@@ -74,10 +73,8 @@ class Network:
             feed[self._size_input.name] = np.array([canvas.shape[1::-1]], dtype=kind)
         self._options = ort.RunOptions()
         answers = self._session.run(None, feed, self._options)
-        return {
-            o.name: np.asarray(a, np.float32)
-            for o, a in zip(self._session.get_outputs(), answers, strict=True)
-        }
+        names = [output.name for output in self._session.get_outputs()]
+        return {name: np.asarray(a, np.float32) for name, a in zip(names, answers, strict=True)}
 
     def _recognise(self) -> OutputLayout:
         input_hw = self._fixed_hw or PROBE_SIZE
@@ -99,7 +96,7 @@ class Network:
         return layout
 
     def _named_in_file(self) -> tuple[str, ...] | None:
-        """Class names of the metadata (a Python or JSON dict or list, as Ultralytics writes) or sidecar."""
+        """Class names from the sidecar or the metadata, which hold a dict or list in Python or JSON."""
         sidecar = self._path.with_suffix(".names")
         if sidecar.is_file():
             lines = read_text_limited(sidecar, _MAX_NAMES_BYTES).splitlines()
@@ -132,7 +129,7 @@ class Network:
 
 
 def load_network(path: Path, threads: int) -> Network:
-    """Opens a model and recognises its layout from its answer to a blank picture. Raises UserError."""
+    """Open a model and recognise its layout from its answer to a blank picture. Raises UserError."""
     return Network(_open(path, threads), path)
 
 
@@ -151,15 +148,14 @@ def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple
 
 
 def _pixels(canvas: U8, pixels: PixelFormat, dtype: type) -> NDArray[Any]:
-    """What a model wants to be given, (3, H, W); made plane by plane, which is several times as fast."""
+    """A model's input (3, H, W), made plane by plane because that is several times as fast."""
     planes = cv2.split(canvas)[:: -1 if pixels.bgr else 1]
     if dtype == np.uint8:
         return np.stack(planes)
     wanted = np.empty((3, *canvas.shape[:2]), dtype)
     mean, std = np.array(pixels.mean, np.float32), np.array(pixels.std, np.float32)
-    for plane, gain, offset, out in zip(
-        planes, np.float32(pixels.scale) / std, mean / std, wanted, strict=True
-    ):
+    gains = np.float32(pixels.scale) / std
+    for plane, gain, offset, out in zip(planes, gains, mean / std, wanted, strict=True):
         np.subtract(plane * gain, offset, out=out, casting="same_kind")
     return wanted
 

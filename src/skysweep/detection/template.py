@@ -1,7 +1,7 @@
 """A detector to copy: fill in ``detect``.
 
-A callable that takes the scenario and returns one is registered under the entry point group
-``skysweep.detectors``; its name there is the scenario's ``detector.model``.
+Register a callable that takes the scenario and returns a detector under the entry point group
+``skysweep.detectors``. Its name there is the scenario's ``detector.model``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from skysweep.types import Detections, Frame
 
 
 class RedBlobDetector:
-    """Calls the red pixels of a frame one stop sign."""
+    """Reports the red pixels of a frame as one stop sign."""
 
     class_names = ("stop sign",)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I64, U8
 from skysweep.detection.answers import refuse_nonsense
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
@@ -17,8 +17,6 @@ from skysweep.detection.yolo_outputs import Boxes, OutputLayout
 from skysweep.errors import UserError
 from skysweep.types import Detections, Frame
 
-U8 = NDArray[np.uint8]
-
 TILE_OVERLAP = 0.2
 
 
@@ -26,22 +24,22 @@ class YoloDetector:
     """Finds objects in pictures with an ONNX model of the YOLO family.
 
     The output layout is recognised, not configured (see :mod:`skysweep.detection.yolo_outputs`). Class names
-    come from a text file beside the model (``model.names``, one name a line), else from its metadata, else
-    they are COCO's where the model has 80 or 91 classes.
+    come from a text file beside the model (``model.names``, one name a line) or else from its metadata; a
+    model with 80 or 91 classes may leave both out and gets COCO's names.
 
     Args:
         model_path: an ONNX file, or "skysweep" for the model that the package ships.
         classes: names to keep; None keeps all.
         confidence_min: detections below are dropped, 0..1.
-        iou_max: of two boxes of one class that overlap more, the weaker is dropped, 0..1.
+        iou_max: if two boxes of one class overlap more, the weaker one is dropped, 0..1.
         tiles: split each picture into ``tiles`` x ``tiles`` overlapping parts, each enlarged to the model's
             input, so that small things span ``tiles`` times as many pixels (at ``tiles**2`` times the cost).
-        threads: CPU threads of the network; they do not spin while they wait, so that rendering may overlap.
+        threads: CPU threads of the network. They do not spin while waiting, so that rendering can overlap.
 
     Raises:
-        UserError: the file is missing or broken, takes too long or too much memory (see
-            :mod:`skysweep.detection.model_trial`), its layout or class names are unknown, or a class is asked
-            for that it does not have.
+        UserError: the file is missing or broken, takes too much time or memory (see
+            :mod:`skysweep.detection.model_trial`), its layout or class names are unknown, or it lacks one of
+            ``classes``.
 
     Example:
         >>> detector = YoloDetector("skysweep", classes=["person"])
@@ -79,7 +77,7 @@ class YoloDetector:
     def detect(self, frame: Frame) -> Detections:
         """Boxes in the frame's pixels, most confident first, with the frame's pose and lens.
 
-        Raises UserError where the model answers with what cannot be.
+        Raises UserError if the model's answer is invalid.
         """
         input_hw = self._network.input_hw_for(frame.image.shape[:2])
         found = [self._look(*tile, input_hw) for tile in _split(frame.image, self._tiles)]
@@ -97,14 +95,14 @@ class YoloDetector:
         )
 
     def interrupt(self) -> None:
-        """Break off the look that another thread is taking; there it raises."""
+        """Break off a look in another thread, where it then raises."""
         self._network.interrupt()
 
     def _look(self, picture: U8, left_px: int, top_px: int, input_hw: tuple[int, int]) -> Boxes:
         """Boxes of wanted classes above the threshold in one tile, in pixels of the whole picture."""
         canvas, scale, pad_x, pad_y = letterbox(picture, input_hw, centred=not self.layout.pixels.bgr)
         boxes = self._network(canvas)
-        keep = ~(boxes.scores < self._confidence_min)  # no number is not below
+        keep = ~(boxes.scores < self._confidence_min)  # keeps NaN, which is refused below
         try:
             refuse_nonsense(boxes.xyxy_px[keep], boxes.scores[keep])
             keep[keep] = self._wanted[_known(boxes.classes[keep], len(self._wanted))]
@@ -117,7 +115,7 @@ class YoloDetector:
         return Boxes(corners[real], boxes.scores[keep][real], boxes.classes[keep][real])
 
 
-def _known(classes: NDArray[np.int64], n_classes: int) -> NDArray[np.int64]:
+def _known(classes: I64, n_classes: int) -> I64:
     unknown = classes[(classes < 0) | (classes >= n_classes)]
     if len(unknown):
         raise ValueError(f"class number {unknown[0]}, and it has {n_classes} classes")
@@ -137,20 +135,16 @@ def _split(image: U8, tiles: int) -> Iterator[tuple[U8, int, int]]:
 
 
 def _suppress(
-    boxes: NDArray[np.float64],
-    scores: NDArray[np.float64],
-    classes: NDArray[np.int64],
+    boxes: F64,
+    scores: F64,
+    classes: I64,
     confidence_min: float,
     iou_max: float,
-) -> NDArray[np.int64]:
+) -> I64:
     """Indices that survive non-maximum suppression by class, most confident first."""
     if len(boxes) == 0:
         return np.zeros(0, dtype=np.int64)
     corner_and_size = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
-    kept = np.asarray(
-        cv2.dnn.NMSBoxesBatched(
-            corner_and_size.tolist(), scores.tolist(), classes.tolist(), confidence_min, iou_max
-        ),
-        dtype=np.int64,
-    ).ravel()
+    given = corner_and_size.tolist(), scores.tolist(), classes.tolist()
+    kept = np.asarray(cv2.dnn.NMSBoxesBatched(*given, confidence_min, iou_max), dtype=np.int64).ravel()
     return kept[np.argsort(-scores[kept], kind="stable")]

@@ -1,8 +1,8 @@
 """Output layouts of the YOLO family: recognised from a model's answer to a blank picture, then decoded.
 
-Nobody has to say which YOLO a file holds. Each recogniser looks at the shapes (and, where shapes are
-ambiguous, at a few values) and returns an :class:`OutputLayout` or None; the first that answers wins. Pixels
-are those of the model's input picture.
+Users need not say which YOLO a file holds. Each recogniser looks at the shapes (and at a few values if the
+shapes are ambiguous) and returns an :class:`OutputLayout` or None; the first layout wins. Pixels are those of
+the model's input picture.
 
 Sources: the export code or papers of YOLOv3 (arXiv:1804.02767), YOLOv4 (arXiv:2004.10934), YOLOv5/v8/v11
 (Ultralytics), YOLOv6 (arXiv:2209.02976), YOLOv7 (arXiv:2207.02696), YOLOv10 (arXiv:2405.14458), YOLOX
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-F32 = NDArray[np.float32]
+from skysweep.arrays import F32, I64
+
 Outputs = Mapping[str, F32]
 Size = tuple[int, int]
 
@@ -61,12 +61,12 @@ class Boxes:
 
     xyxy_px: F32  # (N, 4) in the input picture
     scores: F32  # (N,) 0..1
-    classes: NDArray[np.int64]  # (N,) indices
+    classes: I64  # (N,) indices
 
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """What a model answered to a blank picture, and what else is known of it."""
+    """A model's answer to a blank picture, and what else is known about the model."""
 
     outputs: Outputs
     input_hw: Size
@@ -85,12 +85,9 @@ class OutputLayout:
 
 
 def recognise(probe: Probe) -> OutputLayout | None:
-    """The layout of a model's outputs, or None when it is none of the known ones."""
-    for recogniser in _RECOGNISERS:
-        layout = recogniser(probe)
-        if layout is not None:
-            return layout
-    return None
+    """The layout of a model's outputs, or None if it is unknown."""
+    layouts = (recogniser(probe) for recogniser in _RECOGNISERS)
+    return next((layout for layout in layouts if layout is not None), None)
 
 
 def sigmoid(x: F32) -> F32:
@@ -114,13 +111,10 @@ def cell_centres(input_hw: Size, strides: tuple[int, ...]) -> tuple[F32, F32]:
     return np.concatenate(cells).astype(np.float32), np.concatenate(steps).astype(np.float32)
 
 
-def _n_cells(input_hw: Size, strides: tuple[int, ...]) -> int:
-    return sum((input_hw[0] // s) * (input_hw[1] // s) for s in strides)
-
-
 def _strides(probe: Probe, rows: int, per_cell: int) -> tuple[int, ...] | None:
-    fitting = (s for s in STRIDE_SETS if rows == per_cell * _n_cells(probe.input_hw, s))
-    return next(fitting, None)
+    height, width = probe.input_hw
+    cells = ((strides, sum((height // s) * (width // s) for s in strides)) for strides in STRIDE_SETS)
+    return next((strides for strides, n_cells in cells if rows == per_cell * n_cells), None)
 
 
 def _best_class(boxes_xyxy_px: F32, class_scores: F32) -> Boxes:
@@ -134,7 +128,7 @@ def _size_px(input_hw: Size) -> F32:
 
 
 def _find(probe: Probe, *names: str) -> tuple[str, ...] | None:
-    """The probe's output names that contain each of ``names``, in this order, if all are there."""
+    """The outputs whose names contain each of ``names``, in this order, if all exist."""
     found = tuple(next((o for o in probe.outputs if n in o.lower()), "") for n in names)
     return found if all(found) and len(set(found)) == len(names) else None
 
@@ -147,7 +141,7 @@ def _rows(probe: Probe) -> list[tuple[str, int, int]]:
 def _labelled_boxes(probe: Probe) -> OutputLayout | None:
     """Boxes (1, K, 4), scores (1, K) and classes or labels (1, K), with or without a count of valid ones.
 
-    YOLOv7 with TensorRT-style NMS, and RT-DETR, which is told the picture's size by a second input.
+    YOLOv7 with TensorRT-style NMS, and RT-DETR, which takes the picture's size as a second input.
     """
     names = _find(probe, "boxes", "scores", "classes") or _find(probe, "boxes", "scores", "labels")
     if names is None or probe.outputs[names[1]].ndim != 2 or probe.outputs[names[2]].ndim != 2:
@@ -226,7 +220,7 @@ def _decode_pair(boxes: str, scores: str, outputs: Outputs, input_hw: Size, *, s
 def _anchored_rows(probe: Probe) -> OutputLayout | None:
     """(1, N, 5 + C) with three rows a cell, decoded: YOLOv5, YOLOv7 and decoded YOLOv3/v4.
 
-    Other outputs of such a file (raw grids) say the same again.
+    Such a file may repeat the same as raw grids.
     """
     for name, rows, columns in _rows(probe):
         if columns > 5 and _strides(probe, rows, 3):
@@ -246,24 +240,20 @@ def _objectness_rows(rows: F32) -> Boxes:
 def _cell_columns(probe: Probe) -> OutputLayout | None:
     """(1, 4 + C, N) with one column a cell and no objectness: YOLOv8, v9, v11, v12; also transposed.
 
-    Segmentation models add 32 mask coefficients, which a second output (1, 32, h, w) gives away.
+    Segmentation models add 32 mask coefficients; a second output (1, 32, h, w) shows that.
     """
     masks = 32 if any(v.ndim == 4 and v.shape[1] == 32 for v in probe.outputs.values()) else 0
     for name, rows, columns in _rows(probe):
         n_classes = rows - 4 - masks
         if _strides(probe, columns, 1) and n_classes > 0:
-            return OutputLayout(
-                "YOLOv8", n_classes, partial(_decode_columns, name, n_classes, transposed=False)
-            )
+            return OutputLayout("YOLOv8", n_classes, partial(_decode_columns, name, n_classes, False))
         n_classes = columns - 4 - masks
         if _strides(probe, rows, 1) and n_classes == (probe.n_names or 80):
-            return OutputLayout(
-                "YOLOv8", n_classes, partial(_decode_columns, name, n_classes, transposed=True)
-            )
+            return OutputLayout("YOLOv8", n_classes, partial(_decode_columns, name, n_classes, True))
     return None
 
 
-def _decode_columns(name: str, n_classes: int, outputs: Outputs, _: Size, *, transposed: bool) -> Boxes:
+def _decode_columns(name: str, n_classes: int, transposed: bool, outputs: Outputs, _: Size) -> Boxes:
     p = outputs[name][0] if transposed else outputs[name][0].T
     return _best_class(xyxy_from_cxcywh(p), p[:, 4 : 4 + n_classes])
 
@@ -288,16 +278,15 @@ def _cell_rows(probe: Probe) -> OutputLayout | None:
 def _decode_yolox(name: str, strides: tuple[int, ...], outputs: Outputs, input_hw: Size) -> Boxes:
     p = outputs[name][0]
     cells, steps = cell_centres(input_hw, strides)
-    return _objectness_rows(
-        np.concatenate([(p[:, :2] + cells) * steps, np.exp(p[:, 2:4]) * steps, p[:, 4:]], axis=1)
-    )
+    parts = (p[:, :2] + cells) * steps, np.exp(p[:, 2:4]) * steps, p[:, 4:]
+    return _objectness_rows(np.concatenate(parts, axis=1))
 
 
 def _final_rows(probe: Probe) -> OutputLayout | None:
     """Rows that need no suppression: YOLOv10, exports with NMS, RT-DETR by Ultralytics.
 
     (1, K, 6): x0, y0, x1, y1, score, class: YOLOv10 and exports with NMS; or (1, K, 4 + C): centre and size
-    as shares of the picture, class scores: RT-DETR. K is no number of cells.
+    as shares of the picture, class scores: RT-DETR. K does not match the number of cells.
     """
     if len(probe.outputs) != 1 or not _rows(probe):
         return None
@@ -356,8 +345,8 @@ def _as_grid(name: str, shape: tuple[int, ...], input_hw: Size) -> _Grid | None:
 def _raw_grids(probe: Probe) -> OutputLayout | None:
     """Two or three raw heads of three anchors: YOLOv3, v4 (4 or 5 axes), v5 and v7 (1, 3, h, w, 5 + C).
 
-    Shapes do not tell v3 from v4, nor v5 from v7: the file's own names do; without a word the anchors are
-    YOLOv3's, or YOLOv7's where the axes are v5's or v7's.
+    Shapes do not distinguish v3 from v4, nor v5 from v7, but names in the file may. By default the anchors
+    are YOLOv3's, or YOLOv7's if the axes are those of v5 and v7.
     """
     found = [_as_grid(n, v.shape, probe.input_hw) for n, v in probe.outputs.items()]
     grids = sorted((g for g in found if g is not None), key=lambda g: g.stride)
@@ -390,9 +379,8 @@ def _raw_grids(probe: Probe) -> OutputLayout | None:
                 centre = sigmoid(t[..., :2]) * scale - (scale - 1) / 2 + cell
                 size = np.exp(t[..., 2:4]) * anchor
             parts.append(np.concatenate([centre * grid.stride, size, sigmoid(t[..., 4:])], axis=-1))
-        return _objectness_rows(
-            np.concatenate([p.reshape(-1, p.shape[-1]) for p in parts]).astype(np.float32)
-        )
+        rows = np.concatenate([p.reshape(-1, p.shape[-1]) for p in parts])
+        return _objectness_rows(rows.astype(np.float32))
 
     return OutputLayout(name, grids[0].columns - 5, decode)
 

@@ -1,4 +1,4 @@
-"""A folder of small files, here or on any store that fsspec knows (``s3://``, ``memory://`` ...)."""
+"""A folder of small files, local or on any store that fsspec knows (``s3://``, ``memory://`` ...)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ R = TypeVar("R")
 
 _UNFINISHED = ".unfinished-"
 
-
 Method = Callable[Concatenate["Folder", P], R]
 
 
 def _told(method: Method[P, R]) -> Method[P, R]:
-    """What a store refuses is one sentence. Stores raise what they like: fsspec asks for no common class."""
+    """Turn any error of a store into one sentence; fsspec prescribes no common class of errors."""
 
     @wraps(method)
     def wrapped(self: Folder, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -31,23 +30,23 @@ def _told(method: Method[P, R]) -> Method[P, R]:
         except Exception as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise UserError(
-                f"{self}: cannot be read or written ({reason}); check the address and its rights"
+                f"{self}: cannot be read or written ({reason}); check the address and its permissions"
             ) from None
 
     return cast("Method[P, R]", wrapped)
 
 
 class Folder:
-    """Whole files in and out: a file is written under another name first, then renamed.
+    """Reads and writes whole files: each is written under another name first, then renamed.
 
-    ``url`` is a path or an fsspec URL. Raises UserError where it cannot be opened.
+    ``url`` is a path or an fsspec URL. Raises UserError if it cannot be opened.
     """
 
     def __init__(self, url: str | os.PathLike[str]) -> None:
         self.url = os.fspath(url)
         try:
             self._files, self._root = fsspec.core.url_to_fs(self.url)
-        except Exception as error:  # a store raises what it likes, and some connect at once
+        except Exception as error:  # any class; some stores connect at once
             reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
             raise UserError(
                 f"{self.url}: {reason}; write a local folder or a URL that fsspec can open"
@@ -62,7 +61,7 @@ class Folder:
 
     @_told
     def read(self, name: str) -> bytes | None:
-        """What is in a file; None where there is none."""
+        """The content of a file, or None if there is no such file."""
         try:
             content: bytes = self._files.cat_file(self._path(name))
         except FileNotFoundError:
@@ -71,7 +70,7 @@ class Folder:
 
     @_told
     def exists(self, name: str = "") -> bool:
-        """Whether there is such a file or folder in it; of no name, whether it is there itself."""
+        """Whether it holds such a file or folder; without a name, whether it exists itself."""
         return bool(self._files.exists(self._path(name)))
 
     @_told
@@ -86,7 +85,7 @@ class Folder:
 
     @_told
     def try_out(self) -> None:
-        """Write a file and remove it again. Raises UserError where that cannot be done."""
+        """Write a file and remove it again, as a trial."""
         is_new = isinstance(self._files, LocalFileSystem) and not self._files.exists(self._root)
         self._files.makedirs(self._root, exist_ok=True)
         path = self._path(f"{_UNFINISHED}{os.getpid()}")
@@ -97,7 +96,7 @@ class Folder:
 
     @_told
     def names(self, folder: str) -> list[str]:
-        """Names, sorted, of the whole files in a folder; none where there is no such folder."""
+        """Sorted names of the whole files in a folder; none if there is no such folder."""
         self._files.invalidate_cache()
         try:
             paths = self._files.ls(self._path(folder), detail=False)
@@ -108,7 +107,7 @@ class Folder:
 
     @_told
     def remove(self, folder: str) -> None:
-        """Remove a folder and what is in it."""
+        """Remove a folder with its content."""
         if self._files.exists(self._path(folder)):
             self._files.rm(self._path(folder), recursive=True)
 

@@ -1,4 +1,4 @@
-"""JSON from strangers: what is wrong with it told in one sentence."""
+"""JSON from users: a mistake in it is one sentence."""
 
 from __future__ import annotations
 

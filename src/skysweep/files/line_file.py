@@ -1,10 +1,9 @@
-"""Files of JSON lines that know when they are damaged: the format of journals.
+"""Files of JSON lines that detect damage: the format of journals.
 
-Every line is an object whose last field is a checksum, a CRC-32 (that of zlib) in hexadecimal. ``chain`` goes
-on from the checksum of the line before, so that a line that is missing, doubled or in another place is found
-too; ``crc``, in older files, is that of the line alone. A file is only ever appended to. Its last line may be
-torn, because its writer was killed or the disk was full: such a line has no end, is left out, and cut off
-before the next one is written.
+The last field of every line is a checksum, zlib's CRC-32 in hexadecimal. ``chain`` continues the checksum of
+the line before, so that missing, doubled and moved lines are found too; ``crc``, in older files, covers its
+line only. A file is only appended to. Its last line may be torn because its writer was killed or the disk was
+full: such a line has no end. It is ignored, and cut off before the next line is written.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from skysweep.files.locking import lock
 
 Record = Mapping[str, Any]
 
-_SEALS = (b"", b"crc", b"chain")  # a line of a later kind is followed by no line of an earlier one
+_SEALS = (b"", b"crc", b"chain")  # a line of an earlier kind never follows one of a later kind
 _SEAL = re.compile(rb', "(crc|chain)": "([0-9a-f]{8})"}\Z')
 _LONGEST_SEAL = len(', "chain": "01234567"}')
 _LOOKS_SEALED = re.compile(rb'"(crc|chain)"|"[0-9a-f]{8}"}\Z')
@@ -37,21 +36,21 @@ _OPEN_FLAGS = os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """What a file of lines holds."""
+    """The content of a file of lines."""
 
-    records: list[dict[str, Any]]  # before the first line that is not sound, without their checksums
-    ends: list[int]  # where each of them ends, bytes from the file's beginning
-    seals: list[int]  # their checksums; 0 where a line has none
-    damaged: int | None  # number of that line; None: the last one may be torn, the others are sound
+    records: list[dict[str, Any]]  # before the first damaged line, without their checksums
+    ends: list[int]  # end of each record, in bytes from the file's beginning
+    seals: list[int]  # checksum of each record; 0 if a line has none
+    damaged: int | None  # number of the damaged line; None: all lines are sound but for a torn last one
 
     @property
     def n_bytes(self) -> int:
-        """That the records take."""
+        """Size of the records."""
         return self.ends[-1] if self.ends else 0
 
     @property
     def seal(self) -> int:
-        """The last line's checksum; of chained lines it speaks for all of them."""
+        """The last line's checksum; if the lines are chained, it covers all of them."""
         return self.seals[-1] if self.seals else 0
 
     def first(self, n: int) -> Lines:
@@ -59,7 +58,7 @@ class Lines:
         return Lines(self.records[:n], self.ends[:n], self.seals[:n], self.damaged)
 
     def refuse_damaged(self, source: str | Path, remedy: str) -> None:
-        """Raises UserError where a line is damaged: which, that those before it are sound, and the remedy."""
+        """Raises UserError with the damaged line, the number of sound ones before it, and the remedy."""
         if self.damaged is not None:
             raise UserError(
                 f"{source}: line {self.damaged} is damaged, {len(self.records)} before it are sound; {remedy}"
@@ -67,15 +66,14 @@ class Lines:
 
 
 class LineFile:
-    """A file of lines, open for appending; nobody else can append to it meanwhile.
+    """A file of lines, open for appending and locked against other writers.
 
-    ``records`` is what it held when it was opened. Nothing in the file changes before the first line is
-    written or ``mend`` is called. With ``set_aside`` a file that is damaged is copied there then, and cut off
-    before the damage.
+    The file does not change before the first line is written or ``mend`` is called. With ``set_aside``, a
+    damaged file is then copied there and cut off before the damage.
 
     Raises:
-        UserError: it cannot be opened, is a link or no file, somebody is writing it, or it is damaged;
-            ``remedy`` then says what to do.
+        UserError: it cannot be opened, is a link or no file, is being written, or is damaged; in the last
+            case the message ends with ``remedy``.
     """
 
     def __init__(self, path: Path, remedy: str, set_aside: Path | None = None) -> None:
@@ -85,7 +83,7 @@ class LineFile:
         except OSError as error:
             reason = "it is a link" if error.errno == errno.ELOOP else error.strerror
             raise UserError(
-                f"{path}: cannot be written ({reason}); choose another place or mend its rights"
+                f"{path}: cannot be written ({reason}); choose another place or fix its permissions"
             ) from None
         try:
             lock(self._file.fileno(), path)
@@ -99,13 +97,13 @@ class LineFile:
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """The sound lines that there were when it was opened, and that were not cut off."""
+        """The sound lines from when the file was opened that were not cut off."""
         return self._held.records
 
     def append(self, record: Record, sync: bool) -> None:
-        """Write one line, onto the disk itself with ``sync``.
+        """Write one line; ``sync`` waits until the disk has it.
 
-        Raises UserError where the disk takes no more; the file is then what it was before.
+        Raises UserError if nothing more can be written; the file is then unchanged.
         """
         self.mend()
         line, seal = _encode(record, self._seal)
@@ -125,12 +123,12 @@ class LineFile:
         self._seal = seal
 
     def cut(self, n_lines: int) -> None:
-        """Keep only the first of the lines that there were when the file was opened."""
+        """Keep only the first ``n_lines`` of the lines from when the file was opened."""
         self._held = self._held.first(n_lines)
         self._seal, self._end = self._held.seal, self._held.n_bytes
 
     def mend(self) -> None:
-        """Cut off what is behind the records. Raises UserError where a damaged file cannot be set aside."""
+        """Cut off everything after the records. Raises UserError if a damaged file cannot be set aside."""
         if os.fstat(self._file.fileno()).st_size == self._end:
             return
         if self._held.damaged is not None and self._set_aside is not None:
@@ -144,15 +142,14 @@ class LineFile:
         self._file.truncate(self._end)
 
     def close(self) -> None:
-        """Close the file; others may write it."""
+        """Close the file and release its lock."""
         self._file.close()
 
 
 def read_lines(path: Path, remedy: str) -> list[dict[str, Any]]:
-    """The lines of a file, without their checksums. A torn last one is left out.
+    """The lines of a file, without their checksums and without a torn last one.
 
-    Raises UserError when the file cannot be read, or a line is damaged: it says which, that those before it
-    are sound, and the ``remedy``.
+    Raises UserError if the file cannot be read or a line is damaged; the message ends with ``remedy``.
     """
     found = read_sound_lines(path)
     found.refuse_damaged(path, remedy)
@@ -160,7 +157,7 @@ def read_lines(path: Path, remedy: str) -> list[dict[str, Any]]:
 
 
 def scan_lines(data: bytes) -> Lines:
-    """What a file with these bytes holds."""
+    """The lines in a file's bytes."""
     records: list[dict[str, Any]] = []
     ends: list[int] = []
     seals: list[int] = []
@@ -188,17 +185,19 @@ def scan_lines(data: bytes) -> Lines:
 
 
 def read_sound_lines(path: Path) -> Lines:
-    """The lines before the first damaged one. Raises UserError when the file cannot be read."""
+    """The lines before the first damaged one. Raises UserError if the file cannot be read."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise UserError(f"{path}: is no file; put the file itself there")
         return scan_lines(path.read_bytes())
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+        raise UserError(
+            f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
+        ) from None
 
 
 def _encode(record: Record, before: int) -> tuple[bytes, int]:
-    """A record as its line, chained to the checksum of the one ``before``, and its own checksum.
+    """A record as a line chained to the checksum ``before`` it, and its own checksum.
 
     Raises ValueError on infinities and NaN.
     """
@@ -210,7 +209,7 @@ def _encode(record: Record, before: int) -> tuple[bytes, int]:
 def _decode(text: bytes) -> dict[str, Any] | None:
     try:
         record = json.loads(text)
-        if b"\\ud" in text or b"\\uD" in text:  # half a character can be told in JSON, and nowhere else
+        if b"\\ud" in text or b"\\uD" in text:  # a lone surrogate is valid in JSON only
             record = json.loads(json.dumps(record, ensure_ascii=False).encode(errors="replace"))
     except (ValueError, RecursionError):
         return None

@@ -1,4 +1,4 @@
-"""One writer at a time. A lock goes with the process that holds it: a kill leaves nothing to clean up."""
+"""Locks for a single writer. A lock ends with its process, so that a kill leaves nothing to clean up."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from skysweep.errors import UserError
 
 try:
     import fcntl
-except ImportError:  # only POSIX has it; elsewhere nobody is kept from writing twice
+except ImportError:  # only POSIX has it; elsewhere two writers are not prevented
     fcntl = None  # type: ignore[assignment]
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """A folder that no other process locks meanwhile. Raises UserError where another one holds it."""
+    """Hold the lock of a folder. Raises UserError if another process holds it."""
     if fcntl is None:
         yield
         return
@@ -31,7 +31,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def lock(descriptor: int, path: Path) -> None:
-    """Lock an open file until it is closed. Raises UserError where another process holds it."""
+    """Lock an open file until it is closed. Raises UserError if another process holds the lock."""
     if fcntl is None:
         return
     try:
@@ -41,5 +41,10 @@ def lock(descriptor: int, path: Path) -> None:
             raise UserError(
                 f"{path}: another skysweep is writing it; wait until that one has ended, or stop it"
             ) from None
-        if error.errno not in (errno.EBADF, errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP):  # disks without locks
+        if error.errno not in (
+            errno.EBADF,
+            errno.ENOLCK,
+            errno.ENOSYS,
+            errno.ENOTSUP,
+        ):  # file systems without locks
             raise

@@ -1,4 +1,4 @@
-"""What a user writes as a pydantic model, and what is wrong with it told in one sentence."""
+"""Pydantic models from what users write; a mistake in it is one sentence."""
 
 from __future__ import annotations
 
@@ -25,13 +25,9 @@ _ARM = re.compile(r"bool|int|float|str|(literal|list|dict)\[.*")
 def validated(
     model: type[AnyModel], data: Any, source: str, write: Mapping[str, str] | None = None
 ) -> AnyModel:
-    """The model that ``data`` makes.
+    """The model made from ``data``. Raises UserError with the first wrong field and what to write instead.
 
-    ``source`` names the data in errors. ``write`` says what to write in a top-level field where something of
-    another type stands there.
-
-    Raises:
-        UserError: the first wrong field and what to write instead.
+    ``source`` names the data in errors. ``write`` says what to write in a top-level field of a wrong type.
     """
     try:
         return model.model_validate(data)
@@ -40,7 +36,7 @@ def validated(
 
 
 def leaf_fields(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
-    """Dotted names of a model's fields that hold no model themselves."""
+    """Dotted names of a model's fields, nested ones included, that hold no model themselves."""
     for name, field in model.model_fields.items():
         inner = next((kind for kind in union_arms(field.annotation) if _is_model(kind)), None)
         if inner is None:
@@ -62,7 +58,7 @@ def dotted(location: Location) -> str:
 
 
 def _explained(error: ValidationError, model: type[BaseModel], write: Mapping[str, str]) -> str:
-    """Unknown fields come first: a misspelt one is also reported as missing."""
+    """Unknown fields come first, because a misspelt field is also reported as missing."""
     by_path: dict[Location, list[ErrorDetails]] = {}
     for detail in sorted(error.errors(), key=lambda d: d["type"] != "extra_forbidden"):
         location = tuple(part for part in detail["loc"] if not _ARM.fullmatch(str(part)))

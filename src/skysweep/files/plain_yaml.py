@@ -1,4 +1,4 @@
-"""YAML from strangers: plain values only, found to be so before anything is built from them."""
+"""YAML from users: plain values only, checked before anything is built from them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FastLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoade
 
 
 class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
-    """YAML's own types only; a key may be written once."""
+    """Allows only YAML's own types, and each key once."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[str] = set()
@@ -36,13 +36,13 @@ class _PlainLoader(_FastLoader):  # type: ignore[valid-type, misc]
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """Writes every value where it stands, without anchors, as the loader wants it."""
+    """Writes every value in place, without anchors, as the loader wants it."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
     def represent_text(self, text: str) -> yaml.ScalarNode:
-        """Text that holds Unicode's own line ends is escaped: PyYAML would read them as blanks."""
+        """Escape text with Unicode line ends, which PyYAML would read as blanks."""
         style = '"' if re.search("[\x85\u2028\u2029]", text) else None
         return self.represent_scalar("tag:yaml.org,2002:str", text, style)
 
@@ -51,28 +51,24 @@ _PlainDumper.add_representer(str, _PlainDumper.represent_text)
 
 
 def dump_yaml(data: Any) -> str:
-    """Plain data as YAML: ``parse_yaml`` gives it back."""
+    """Plain data as YAML; ``parse_yaml`` reads it back."""
     return yaml.dump(
         data, Dumper=_PlainDumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
     )
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """The value that plain YAML says: no tags, no aliases, words as keys, none of them twice.
+    """The value of plain YAML: no tags, no aliases, words as keys, no key twice.
 
-    ``source`` names the text in errors.
-
-    Raises:
-        UserError: it is anything else, or too much.
+    ``source`` names the text in errors. Raises UserError if it is anything else, or too large.
     """
     return _load(text, source, _PlainLoader)
 
 
 def parse_fields(text: str, source: str, what: str, such_as: str) -> dict[str, Any]:
-    """The fields that plain YAML says; errors tell ``what`` they make, and some of them (``such_as``).
+    """The fields of plain YAML. Raises UserError if it is no plain YAML, or no fields.
 
-    Raises:
-        UserError: it is no plain YAML, or no fields.
+    Errors say ``what`` the fields make, and name some (``such_as``).
     """
     data = parse_yaml(text, source)
     if not isinstance(data, dict):
@@ -82,7 +78,7 @@ def parse_fields(text: str, source: str, what: str, such_as: str) -> dict[str, A
 
 
 def parse_foreign_yaml(text: str, source: str) -> Any:
-    """The same for files of other programs, whose keys may be numbers."""
+    """Like :func:`parse_yaml`, for files of other programs, whose keys may be numbers."""
     return _load(text, source, _FastLoader)
 
 
@@ -106,7 +102,7 @@ def _load(text: str, source: str, loader: type[yaml.SafeLoader]) -> Any:
 
 
 def _forbidden(text: str) -> Iterator[tuple[str, int]]:
-    """What plain YAML does not hold, and on which line."""
+    """What plain YAML does not allow, and on which line."""
     depth = values = 0
     for event in yaml.parse(text, Loader=_FastLoader):
         line = event.start_mark.line + 1 if event.start_mark else 0

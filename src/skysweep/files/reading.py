@@ -1,4 +1,4 @@
-"""Files from strangers: none larger than it may be, and nothing that is no file."""
+"""Files from users: only regular files up to a size."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from skysweep.errors import UserError
 def read_limited(path: str | Path, max_bytes: int) -> bytes:
     """The bytes of a user's file. Folders, pipes and devices, which may have no end, are not opened.
 
-    Raises:
-        UserError: not there, no file, unreadable, or larger than ``max_bytes``.
+    Raises UserError if the file is missing, no file, unreadable, or larger than ``max_bytes``.
     """
     path = Path(path)
     try:
@@ -22,14 +21,16 @@ def read_limited(path: str | Path, max_bytes: int) -> bytes:
         with path.open("rb") as file:
             data = file.read(max_bytes + 1)
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from None
+        raise UserError(
+            f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
+        ) from None
     if len(data) > max_bytes:
         raise UserError(f"{path}: is larger than {max_bytes / 1e6:g} MB; give a smaller file")
     return data
 
 
 def read_text_limited(path: str | Path, max_bytes: int) -> str:
-    """The same as text. Raises UserError, as that does, and where the file is not UTF-8."""
+    """Like :func:`read_limited`, as text. Raises UserError also if the file is not UTF-8."""
     try:
         return read_limited(path, max_bytes).decode("utf-8")
     except UnicodeDecodeError:

@@ -1,4 +1,4 @@
-"""What commands write: whole or not at all."""
+"""Files written whole or not at all."""
 
 from __future__ import annotations
 
@@ -16,12 +16,10 @@ _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # two letters at least: C:/ is 
 
 @contextmanager
 def whole_files(folder: Path) -> Iterator[Path]:
-    """A folder to write into; at the end of the block its files become those of ``folder``.
+    """A folder to write into; at the end of the block its files move into ``folder``.
 
-    Where the block fails, ``folder`` is as it was before, and is not made.
-
-    Raises:
-        UserError: ``folder`` cannot be made or written to.
+    If the block fails, ``folder`` stays as it was, and is not made. Raises UserError if it cannot be made or
+    written to.
     """
     made = make_folder(folder)
     try:
@@ -42,7 +40,7 @@ def whole_files(folder: Path) -> Iterator[Path]:
 
 
 def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
-    """Make ``content`` that of a file, whole or not at all; with ``sync`` on the disk. Raises OSError."""
+    """Write a file whole or not at all; ``sync`` waits until the disk has it. Raises OSError."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with part.open("wb") as file:
@@ -58,9 +56,9 @@ def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
 
 
 def make_folder(folder: Path) -> Sequence[Path]:
-    """Make a folder that files can be written to; the folders that were missing, innermost first.
+    """Make a folder that can be written to, and return the folders that were missing, innermost first.
 
-    Raises UserError, with nothing made, where that cannot be done.
+    Raises UserError, with nothing made, if that fails.
     """
     if _URL.match(str(folder)):
         raise UserError(f"--out {folder}: is a URL; write a folder of this computer")
@@ -76,7 +74,7 @@ def make_folder(folder: Path) -> Sequence[Path]:
 
 
 def _remove(folders: Sequence[Path]) -> None:
-    """Those that are empty."""
+    """Remove the folders that are empty."""
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()

@@ -9,11 +9,9 @@ import shapely
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
-_MANY_CORNERS = (
-    500  # from here on a cut by GEOS, which rounds better, takes too long: a comb's has as many parts
-)
+_MANY_CORNERS = 500  # above it, a cut by GEOS, which rounds better, takes too long
 
 
 def heading_axes(heading_deg: float) -> F64:
@@ -30,17 +28,22 @@ def headings_of(legs_xy: ArrayLike) -> F64:
 
 
 def edge_headings(area: shapely.Polygon) -> F64:
-    """Compass headings in degrees [0, 180) of every edge, outer ring and holes, the longest edge first."""
-    rings = [shapely.get_coordinates(ring) for ring in (area.exterior, *area.interiors)]
-    legs = np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
+    """Compass headings in degrees [0, 180) of all edges, outer ring and holes, the longest edge first."""
+    legs = _edges(area)
     lengths = np.linalg.norm(legs[:, 1] - legs[:, 0], axis=1)
     return headings_of(legs)[np.argsort(-lengths, kind="stable")] % 180.0
 
 
-def swept_rectangles(legs_xy: ArrayLike, heading_deg: float, width_m: float, height_m: float) -> NDArray[Any]:
-    """What a rectangle sweeps (N,) that is carried along legs (N, 2, 2) without turning.
+def _edges(area: shapely.Polygon) -> F64:
+    """All edges (N, 2, 2), outer ring and holes."""
+    rings = [shapely.get_coordinates(ring) for ring in (area.exterior, *area.interiors)]
+    return np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
 
-    ``height_m`` is its extent along ``heading_deg``, ``width_m`` across it.
+
+def swept_rectangles(legs_xy: ArrayLike, heading_deg: float, width_m: float, height_m: float) -> NDArray[Any]:
+    """Polygons (N,) that a rectangle sweeps when it moves along legs (N, 2, 2) without turning.
+
+    ``height_m`` is its extent along ``heading_deg``, ``width_m`` its extent across.
     """
     legs = np.asarray(legs_xy, dtype=float).reshape(-1, 2, 2)
     along, left = heading_axes(heading_deg)
@@ -51,15 +54,14 @@ def swept_rectangles(legs_xy: ArrayLike, heading_deg: float, width_m: float, hei
 
 
 def intervals_in_bands(area: shapely.Polygon, bands: ArrayLike, min_gap: float) -> list[F64]:
-    """What the area spans along x in each of ``bands`` (B, 2), from low to high y.
+    """The intervals of x that the area spans in each of ``bands`` (B, 2) from low to high y.
 
-    Returns one array (K, 2) of disjoint ascending intervals for each band; intervals no more than
-    ``min_gap`` apart are joined. The area within a band lies inside the band's intervals.
+    Each band has one array (K, 2) of disjoint ascending intervals that hold all of the area within the band.
+    Intervals no more than ``min_gap`` apart are joined.
     """
     bands = np.asarray(bands, dtype=float)
     if shapely.get_num_coordinates(area) > _MANY_CORNERS:
-        rings = [shapely.get_coordinates(ring) for ring in (area.exterior, *area.interiors)]
-        edges = np.concatenate([np.column_stack([r[:-1], r[1:]]) for r in rings])
+        edges = _edges(area).reshape(-1, 4)
         return [_joined(_extents(edges, low, high), min_gap) for low, high in bands]
     west, _, east, _ = area.bounds
     low, high = bands.T
@@ -74,7 +76,7 @@ def intervals_in_bands(area: shapely.Polygon, bands: ArrayLike, min_gap: float) 
 
 @njit(cache=True)
 def _extents(edges: F64, low: float, high: float) -> F64:
-    """Ranges (K, 2) of x: of edges (N, 4) between two heights, and between edges at the low one."""
+    """Ranges (K, 2) of x: of edges (N, 4) between two heights, and between edges at the lower height."""
     ranges, k = np.empty((2 * len(edges), 2)), 0
     crossings, c = np.empty(len(edges)), 0
     for x, y, to_x, to_y in edges:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +48,8 @@ class Lens:
 
     def footprint_m(self, altitude_agl_m: float) -> tuple[float, float]:
         """Ground (width, height) in metres of a nadir picture over flat ground."""
-        return (
-            self.width_px * self.gsd_m(altitude_agl_m),
-            self.height_px * self.gsd_m(altitude_agl_m),
-        )
+        gsd_m = self.gsd_m(altitude_agl_m)
+        return self.width_px * gsd_m, self.height_px * gsd_m
 
 
 @lru_cache
@@ -60,14 +58,14 @@ def _focal_px(width_px: int, hfov_rad: float) -> float:
 
 
 class CameraPose(NamedTuple):
-    """Where a camera is and how it looks. ``R_camera_to_enu`` (3, 3) maps optical axes to ENU."""
+    """Position (3,) and attitude of a camera; ``R_camera_to_enu`` (3, 3) maps optical axes to ENU."""
 
     position_enu_m: F64
     R_camera_to_enu: F64
 
 
 class CameraMotion(NamedTuple):
-    """How a camera moves, in its own optical axes (x right, y down, z forward)."""
+    """A camera's motion in its own optical axes (x right, y down, z forward)."""
 
     velocity_mps: F64  # (3,)
     rates_radps: F64  # (3,)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 # ENU <-> NED is its own inverse: swap x and y, flip z. FLU <-> FRD flips y and z.
 _ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -21,13 +21,11 @@ _FLU_FRD = np.diag([1.0, -1.0, -1.0])
 
 
 def ned_from_enu(vectors_enu: ArrayLike) -> F64:
-    """Vectors (..., 3) from ENU to NED; the same map takes NED to ENU."""
+    """Vectors (..., 3) from ENU to NED."""
     return np.asarray(np.asarray(vectors_enu, dtype=float) @ _ENU_NED.T)
 
 
-def enu_from_ned(vectors_ned: ArrayLike) -> F64:
-    """Vectors (..., 3) from NED to ENU."""
-    return np.asarray(np.asarray(vectors_ned, dtype=float) @ _ENU_NED.T)
+enu_from_ned = ned_from_enu  # its own inverse
 
 
 def rotation_flu_to_enu(R_frd_to_ned: ArrayLike) -> F64:

@@ -1,6 +1,6 @@
 """Environments for learning. ``import skysweep.gym`` registers ``skysweep/Search-v0`` with Gymnasium.
 
-Raises MissingExtraError, on import, where Gymnasium or PettingZoo is not installed.
+Importing it raises MissingExtraError if Gymnasium or PettingZoo is not installed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Policies that learn nothing, for comparison, and what they achieve."""
+"""Policies without learning, for comparison, and their results."""
 
 from __future__ import annotations
 
@@ -10,38 +10,39 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from skysweep.arrays import F32
 from skysweep.gym.env import SearchEnv
-from skysweep.gym.spaces import F32, OPEN, Observed
+from skysweep.gym.spaces import OPEN, Observed
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
 
 SCAN, CHECK = -1.0, 1.0
-_TILL_CHECK = 5  # open candidates: n_c
+_TILL_CHECK = 5  # open candidates, as n_c
 
 
 class Policy(Protocol):
-    """What to do, from what is observed."""
+    """Chooses actions from observations."""
 
     def act(self, observation: Observed) -> F32:
         """The action."""
 
 
 class Random:
-    """Any action, anew for every decision."""
+    """A random action for every decision."""
 
-    def __init__(self, env: SearchEnv, _info: dict[str, Any], seed: int) -> None:
+    def __init__(self, env: SearchEnv, seed: int) -> None:
         self._space = env.action_space
         self._space.seed(seed)
 
     def act(self, observation: Observed) -> F32:
-        """Whatever it is."""
+        """A random action."""
         return self._space.sample()
 
 
 class PlannedPath:
-    """Flies the planned path, again and again; ``till_check`` open candidates, or its end, start a CHECK.
+    """Flies the planned path repeatedly; ``till_check`` open candidates, or the path's end, start a CHECK.
 
-    For actions that are waypoints. After a CHECK it goes on from where it left the path, as Algorithm 1 does.
+    Its actions are waypoints. After a CHECK it continues where it left the path, as Algorithm 1 does.
     """
 
     def __init__(self, info: dict[str, Any], till_check: float = math.inf) -> None:
@@ -73,7 +74,7 @@ class PlannedPath:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """One episode, with the process's CPU time for its steps: the flight home and the summary included."""
+    """One episode, with the CPU time of its steps, which includes the flight home and the summary."""
 
     policy: str
     steps: int
@@ -83,11 +84,11 @@ class Played:
 
 
 def play_all(scenario: str | Scenario, seeds: Sequence[int], **rules: Any) -> Iterator[Played]:
-    """An episode of each policy for each seed. Raises UserError as ``SearchEnv``."""
+    """Play an episode of each policy for each seed. Raises UserError as ``SearchEnv``."""
     for actions, names in (("velocity", ["random"]), ("waypoint", ["scan-only", "scan-check"])):
         env = SearchEnv(scenario, actions=actions, **rules)
         env.reset(seed=0)
-        env.step(np.zeros(3))  # what is compiled once is not measured
+        env.step(np.zeros(3))  # compiles; that is not measured
         for name in names:
             for seed in seeds:
                 yield _play(env, name, seed)
@@ -98,7 +99,7 @@ def _play(env: SearchEnv, name: str, seed: int) -> Played:
     observation, info = env.reset(seed=seed)
     policy: Policy
     if name == "random":
-        policy = Random(env, info, seed)
+        policy = Random(env, seed)
     else:
         policy = PlannedPath(info, _TILL_CHECK if name == "scan-check" else math.inf)
     steps, total, cpu_s, over = 0, 0.0, 0.0, False

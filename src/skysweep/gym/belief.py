@@ -1,19 +1,20 @@
-"""Where something unseen may still be: a raster over the search area, brought up to date look by look.
+"""The belief: a raster over the search area of where something unseen may still be.
 
-A cell's value is the chance that a target there would have gone unseen so far, which is also the probability
-that something unseen is there, in units of what it was before the first look (exact where targets are rare).
+A cell's value is the chance that a target there would have gone unseen so far. If targets are rare, it is
+also the probability that something unseen is there, relative to that before the first look.
 
-What a look would have seen is taken from the statistical sensor's own model: pixels on target at this depth,
-the angle of view, the ground, lapses, the threshold of confidence. A target's luck, its own and that of a
-pass, is the same in all looks, as if there were one pass: that makes the raster fall too slowly rather than
-too fast. Targets are of the searched classes, of the smallest size, in every pose that was measured alike.
-What the mission does not know is not taken into account: heading, colour, blur, the camera's true pose.
-A place below a crown or a roof is never seen; what these hide beside them is taken for open.
+The chance that a look detects a target comes from the statistical sensor's model: pixels on target at this
+depth, the angle of view, the ground, lapses, the confidence threshold. A target's luck, its own and that of a
+pass, stays the same in all looks, as if there were one pass: the raster rather falls too slowly than too
+fast. Targets have a searched class, the smallest size, and with equal probability any pose that was measured.
+Heading, colour, blur and the camera's true pose are unknown to the mission and ignored. A place below a crown
+or a roof is never seen; places beside them that they hide count as open.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import shapely
@@ -22,6 +23,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from skysweep.arrays import F32, F64, I64
 from skysweep.geometry.camera import CameraPose
 from skysweep.gym.spaces import Chart
 from skysweep.mission.mission import Mission
@@ -30,16 +32,12 @@ from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT,
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
 from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-
-_LUCKS = 5  # that a target may have: nodes of Gauss and Hermite
+_LUCKS = 5  # nodes of the Gauss-Hermite quadrature over a target's luck
 _DEPTHS_M = np.geomspace(1.0, 512.0, 73)
 _VIEWS = np.linspace(0.0, 1.0, 21)  # squares of the sine of the angle off the vertical
 _LOOKS_TO_COVER = 2
-_LEAST = 1e-12  # nothing is surer than that, and smaller numbers are slow
-_TOO_SMALL = 0.8  # of the smallest size in pixels that was measured
+_LEAST = 1e-12  # smaller numbers become slow
+_TOO_SMALL = 0.8  # of the smallest measured size in pixels
 _SHAPES = {"standing": STANDING, "floating": FLOATING}
 
 
@@ -65,29 +63,20 @@ class Belief:
 
     @property
     def covered(self) -> float:
-        """Share of the area that lay in two pictures or more."""
+        """Share of the area that was in two pictures or more."""
         return self._n_covered / len(self._looks)
 
     def look(self, camera: CameraPose) -> None:
-        """Take in one look from where the camera is believed to have been."""
-        self._n_covered += _look(
-            self._optics,
-            *camera,
-            self._places,
-            self._roofed,
-            self._chances,
-            self._weights,
-            self._missed,
-            self._looks,
-            self._cell,
-            self.unseen.ravel(),
-        )
+        """Update the belief with one look from the believed camera pose."""
+        known: tuple[Any, ...] = self._places, self._roofed, self._chances, self._weights
+        changed: tuple[Any, ...] = self._missed, self._looks, self._cell, self.unseen.ravel()
+        self._n_covered += _look(self._optics, *camera, *known, *changed)
 
 
 def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
     """The chance (D, V, L) that one look reports a target, and the weights (L,) of its lucks.
 
-    Over ``_DEPTHS_M``, ``_VIEWS`` and the lucks that a target may have, best last. Raises UserError as
+    The axes are ``_DEPTHS_M``, ``_VIEWS`` and a target's possible lucks, best last. Raises UserError as
     ``model_for``.
     """
     model = model_for(scenario)
@@ -141,9 +130,9 @@ def _look(
     cell: I64,
     unseen: F32,
 ) -> int:
-    """Bring ``missed``, ``looks`` and ``unseen`` up to date for the cells in the picture.
+    """Update ``missed``, ``looks`` and ``unseen`` of the cells in the picture.
 
-    Returns how many cells that covers.
+    Returns the number of newly covered cells.
     """
     focal, half_width, half_height = optics[0], optics[1] / 2.0, optics[2] / 2.0
     n_depths, n_views, n_lucks = chances.shape

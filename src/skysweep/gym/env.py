@@ -7,9 +7,10 @@ from typing import Any
 import gymnasium
 from numpy.typing import ArrayLike
 
+from skysweep.arrays import F32, U8
 from skysweep.errors import UserError
-from skysweep.gym.picture import U8, draw
-from skysweep.gym.spaces import F32, Observed, action_space, observation_space
+from skysweep.gym.picture import draw
+from skysweep.gym.spaces import Observed, action_space, observation_space
 from skysweep.gym.team import Rules, Team
 from skysweep.scenarios.model import Scenario
 
@@ -19,8 +20,8 @@ PICTURES = ("rgb_array",)
 class SearchEnv(gymnasium.Env[Observed, F32]):
     """One UAV searches a scenario's area with the statistical sensor; docs/gym.md has spaces and reward.
 
-    ``scenario`` is a name, a path or a ``Scenario``; ``reset(options={"scenario": ...})`` takes another one.
-    ``rules`` are the fields of ``Rules``. Raises UserError on what is not there or cannot be flown.
+    ``scenario`` is a name, a path or a ``Scenario``; ``reset(options={"scenario": ...})`` changes it.
+    ``rules`` are the fields of ``Rules``. Raises UserError if something is missing or cannot be flown.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(PICTURES), "render_fps": 10}  # noqa: RUF012
@@ -36,13 +37,13 @@ class SearchEnv(gymnasium.Env[Observed, F32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
-        """Take off; the search begins. Another mission seed is drawn for every episode."""
+        """Take off and begin the search. Every episode draws another mission seed."""
         super().reset(seed=seed)
         begun = self._team.begin(self.np_random, options)[0]
         return begun.observation, begun.info
 
     def step(self, action: ArrayLike) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
-        """Do that for ``period_s``; where it ends the search, fly home and land as well."""
+        """Do that for ``period_s``; if it ends the search, also fly home and land."""
         return self._team.step({0: action})[0]
 
     def render(self) -> U8 | None:
@@ -50,12 +51,12 @@ class SearchEnv(gymnasium.Env[Observed, F32]):
         return draw(self._team) if self.render_mode is not None else None
 
     def close(self) -> None:
-        """Let go of the mission."""
+        """Release the mission."""
         self._team.close()
 
 
 def checked(render_mode: str | None) -> str | None:
-    """A render mode that there is. Raises UserError."""
+    """The render mode. Raises UserError if there is no such mode."""
     if render_mode not in (None, *PICTURES):
         raise UserError(f"render_mode: is {render_mode!r}; write {' or '.join(PICTURES)}, or leave it out")
     return render_mode

@@ -1,4 +1,4 @@
-"""The strategy that does what a learner says, by Algorithm 1's rules of what a CHECK confirms and rejects."""
+"""The strategy that follows a learner; Algorithm 1 decides what a CHECK confirms and rejects."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Way
 
 
 class AgentOrder(NamedTuple):
-    """What a learner wants now."""
+    """A learner's current order."""
 
     mode: Mode  # SCAN or CHECK
     xy_enu_m: XY  # where to, or near which candidate
     speed_mps: float  # in SCAN
-    ends: bool = False  # the search, where it scans
+    ends: bool = False  # the search, if it scans
 
 
 class Follower(ScanCheck):
-    """Scans towards a place, or comes down to the open candidate nearest to it.
+    """Scans towards a place, or descends to the open candidate nearest to it.
 
-    What is sighted inside the area is an open candidate until a CHECK confirms or rejects it; without one a
-    CHECK is a SCAN. A place that is refused is not flown to: the vehicle waits for another order. When the
+    A candidate sighted inside the area is open until a CHECK confirms or rejects it; without open candidates
+    a CHECK becomes a SCAN. The vehicle does not fly to a refused place, but waits for another order. When the
     search ends, an open candidate that was once seen with confidence c_t counts as confirmed. Implements
     ``types.Strategy``.
     """
@@ -33,7 +33,7 @@ class Follower(ScanCheck):
         super().__init__(search, (), look_s)
         self._order: AgentOrder | None = None
         self._asked: Waypoint | None = None  # newest
-        self._waits: Waypoint | None = None  # there, as the order is refused
+        self._waits: Waypoint | None = None  # here, because the order was refused
         self._chosen: int | None = None  # candidate, to check by this order
         self.seen: Observation | None = None
 
@@ -46,15 +46,15 @@ class Follower(ScanCheck):
 
     @property
     def checks(self) -> bool:
-        """Whether it comes down to a candidate."""
+        """Whether it descends to a candidate."""
         return self._mode == Mode.CHECK
 
     def follow(self, order: AgentOrder) -> None:
-        """Do this from the next step on."""
+        """Follow an order from the next step on."""
         self._order, self._waits, self._chosen = order, None, None
 
     def step(self, observation: Observation) -> Command:
-        """Judge what was checked, list what was sighted, and go where it is told."""
+        """Judge checked candidates, list new ones, and follow the order."""
         self.seen, events = observation, list[Event]()
         if self._mode == Mode.CHECK:
             self._check(observation, events)
@@ -73,21 +73,20 @@ class Follower(ScanCheck):
         return Command(self._mode, self._asked, tuple(events))
 
     def _scan_to(self, order: AgentOrder, seen: Observation) -> Waypoint:
-        """Where to, unless that was refused just now: who asks for the same again ends the search."""
+        """The ordered place unless it was just refused: asking for it again would end the search."""
         to = Waypoint(order.xy_enu_m, self._search.scan_altitude_agl_m, order.speed_mps)
         if self._waits is None and seen.refused and to == self._asked:
             self._waits = self._here(seen)
         return self._waits or to
 
     def _turn_to(self, order: AgentOrder, seen: Observation, events: list[Event]) -> None:
-        """Which mode, and which candidate first."""
+        """Choose the mode, and the first candidate."""
         left = [*self._to_check, *self._scanned]
         if order.mode == Mode.SCAN or not left:
             if self.checks:
                 events.append(Event(EventKind.SCAN_RESUMED))
             self._mode, self._scanned, self._to_check, self._arrived_s = Mode.SCAN, left, [], None
             return
-
         if self._chosen not in left:
             xy = order.xy_enu_m
             self._chosen = min(left, key=lambda k: math.dist(seen.candidates[k].position_enu_m[:2], xy))
@@ -101,7 +100,7 @@ class Follower(ScanCheck):
         self._mode, self._scanned, self._to_check = Mode.CHECK, [], [self._chosen, *left]
 
     def _close(self, seen: Observation, events: list[Event]) -> None:
-        """The search is over: what becomes of the open candidates."""
+        """Settle the open candidates at the end of the search."""
         self._to_check, self._scanned = self._scanned, []
         for k in list(self._to_check):
             if max(seen.candidates[k].confidences) >= self._search.c_t:

@@ -9,11 +9,12 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 from pettingzoo import ParallelEnv
 
+from skysweep.arrays import U8
 from skysweep.errors import UserError
 from skysweep.gym.env import PICTURES, checked
-from skysweep.gym.picture import U8, draw
+from skysweep.gym.picture import draw
 from skysweep.gym.spaces import Observed, action_space, observation_space
-from skysweep.gym.team import Result, Rules, Team
+from skysweep.gym.team import Rules, Team
 from skysweep.scenarios.model import Scenario
 
 Infos = dict[str, dict[str, Any]]
@@ -22,9 +23,9 @@ Infos = dict[str, dict[str, Any]]
 class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no types
     """Several UAVs search the whole area of one scenario.
 
-    Each has a mission, a sensor and candidates of its own. They share the belief raster and know where the
-    others are. They start from the same home and do not collide: nothing keeps them apart. Arguments as of
-    ``SearchEnv``; ``n`` vehicles, at least 2.
+    Each has its own mission, sensor and candidates. They share the belief raster and know the others'
+    positions. They start from the same home; nothing keeps them apart, and they do not collide. The arguments
+    are those of ``SearchEnv`` and ``n``, the number of vehicles, at least 2.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -48,10 +49,8 @@ class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no
         self.render_mode = checked(render_mode)
         self.possible_agents = [f"uav_{k}" for k in range(n)]
         self.agents: list[str] = []
-        r = self._team.rules
-        self.observation_spaces = {
-            a: observation_space(r.cells, r.slots, n - 1) for a in self.possible_agents
-        }
+        cells, slots = self._team.rules.cells, self._team.rules.slots
+        self.observation_spaces = {a: observation_space(cells, slots, n - 1) for a in self.possible_agents}
         self.action_spaces = {a: action_space() for a in self.possible_agents}
 
     def observation_space(self, agent: str) -> spaces.Dict:
@@ -65,7 +64,7 @@ class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observed], Infos]:
-        """All take off; the search begins."""
+        """All take off and begin the search."""
         if seed is not None:
             self._rng = np.random.default_rng(seed)
         self.agents = list(self.possible_agents)
@@ -75,11 +74,9 @@ class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no
     def step(
         self, actions: dict[str, ArrayLike]
     ) -> tuple[dict[str, Observed], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """All do what they are told for ``period_s``; who has ended its search is no agent any more."""
+        """All follow their actions for ``period_s``; a vehicle whose search has ended leaves ``agents``."""
         units = {self.possible_agents.index(a): actions[a] for a in self.agents}
-        results: dict[str, Result] = {
-            self.possible_agents[k]: result for k, result in self._team.step(units).items()
-        }
+        results = {self.possible_agents[k]: result for k, result in self._team.step(units).items()}
         self.agents = [a for a in self.agents if not (results[a].terminated or results[a].truncated)]
         return (
             {a: r.observation for a, r in results.items()},
@@ -94,5 +91,5 @@ class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no
         return draw(self._team) if self.render_mode is not None else None
 
     def close(self) -> None:
-        """Let go of the missions."""
+        """Release the missions."""
         self._team.close()

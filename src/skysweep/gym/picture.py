@@ -1,25 +1,19 @@
-"""The map of a search in pixels: what is believed of the area, the candidates, and where the vehicles are."""
+"""The map of a search in pixels: the belief, the candidates and the vehicles."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import U8
 from skysweep.gym.spaces import CONFIRMED, EMPTY, OPEN, REJECTED, UNCHECKED
 from skysweep.gym.team import Team
-
-U8 = NDArray[np.uint8]
 
 _LONGEST_PX = 512
 _UNSEEN, _SEEN, _BEYOND = np.array([38, 50, 64]), np.array([214, 226, 205]), np.array([120, 120, 120])
 _VEHICLE = (11, 95, 165)
-_STATUS = {
-    OPEN: (240, 180, 0),
-    CONFIRMED: (200, 30, 30),
-    REJECTED: (110, 110, 110),
-    UNCHECKED: (150, 60, 190),
-}
+_STATUS = {OPEN: (240, 180, 0), CONFIRMED: (200, 30, 30)}
+_STATUS |= {REJECTED: (110, 110, 110), UNCHECKED: (150, 60, 190)}
 
 
 def draw(team: Team) -> U8:
@@ -29,9 +23,8 @@ def draw(team: Team) -> U8:
     half_x, half_y = team.chart.half_m
     scale = _LONGEST_PX / (2.0 * max(half_x, half_y))
     width, height = max(1, round(2.0 * half_x * scale)), max(1, round(2.0 * half_y * scale))
-    picture = cv2.resize(
-        np.ascontiguousarray(raster[::-1], dtype=np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
-    )
+    north_up = np.ascontiguousarray(raster[::-1], dtype=np.uint8)
+    picture = cv2.resize(north_up, (width, height), interpolation=cv2.INTER_NEAREST)
 
     def pixel(east: float, north: float) -> tuple[int, int]:
         return round((east + 1.0) / 2.0 * width), round((1.0 - north) / 2.0 * height)

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.arrays import F32
 from skysweep.errors import UserError
 from skysweep.flights.build import build_mission
 from skysweep.flights.rig import Rig
 from skysweep.gym.belief import Belief
 from skysweep.gym.follower import AgentOrder, Follower
-from skysweep.gym.spaces import CANDIDATE, EMPTY, F32, OPEN, Chart, Observed, as_numbers
+from skysweep.gym.spaces import EMPTY, N_CANDIDATE, OPEN, Chart, Observed, as_numbers
 from skysweep.mission.journal import MemoryJournal, line_of
 from skysweep.mission.loop import Flight
 from skysweep.mission.mission import Mission
@@ -34,19 +35,14 @@ _NO_ROW = np.zeros(0, dtype=np.float32)
 
 
 class Sortie:
-    """One mission with the statistical sensor and the order that it follows. It begins at the scan altitude.
+    """One mission with the statistical sensor that follows orders. It begins at the scan altitude.
 
-    ``unit`` is which of several in the same world; ``belief_of`` gives the belief that its looks change.
-    Raises UserError where the mission cannot be flown.
+    ``unit`` is its number among several in the same world; ``belief_of`` returns the belief that its looks
+    update. Raises UserError if the mission cannot be flown.
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        seed: int,
-        chart: Chart,
-        belief_of: Callable[[Mission], Belief],
-        unit: int = 0,
+        self, scenario: Scenario, seed: int, chart: Chart, belief_of: Callable[[Mission], Belief], unit: int
     ) -> None:
         search = scenario.search.model_copy(update={"strategy": LEARNER})
         self._scenario, self._seed = scenario.model_copy(update={"search": search}), seed
@@ -59,7 +55,7 @@ class Sortie:
         self.belief = belief_of(mission)
         self._logbook = _Logbook()
         self._word: str | None = None
-        self._rows: dict[int, tuple[Candidate | None, F32]] = {}  # of candidates, as they were told
+        self._rows: dict[int, tuple[Candidate | None, F32]] = {}  # of candidates, as last observed
         self.searches = self.is_over = False
         self._open = ExitStack()
         self._open.callback(mission.sensor.close)
@@ -75,7 +71,7 @@ class Sortie:
             raise UserError(f"scenario {scenario.name}: the mission ends before its search begins; {why}")
 
     def fly(self, order: AgentOrder, duration_s: float) -> float:
-        """Follow an order for so long, or home and down where that ends the search; seconds searched."""
+        """Follow an order, or return and land if it ends the search. Returns the seconds searched."""
         self._follower.follow(order)
         began_s = ended_s = self.state.time_s
         for tick in self._flight:
@@ -93,34 +89,34 @@ class Sortie:
         return ended_s - began_s
 
     def call_home(self) -> None:
-        """The search ends at the next tick."""
+        """End the search at the next tick."""
         self._word = "return"
 
     def close(self) -> None:
-        """Let go of the mission, wherever it is."""
+        """Release the mission."""
         self._open.close()
 
     @property
     def mode(self) -> Mode:
-        """What it does as it follows the order."""
+        """SCAN or CHECK."""
         return Mode.CHECK if self._follower.checks else Mode.SCAN
 
     def alarms(self) -> list[str]:
-        """What safety said since the last call."""
+        """Safety alarms since the last call."""
         said, self._logbook.alarms = self._logbook.alarms, []
         return said
 
     def matches(self) -> Matches:
-        """What was confirmed so far, against the truth."""
+        """The candidates confirmed so far, matched with the truth."""
         return match(Run(self._scenario, tuple(self._logbook.verdicts), known_world=self._world))
 
     @property
     def n_confirmed(self) -> int:
-        """How many candidates were confirmed so far."""
+        """Number of candidates confirmed so far."""
         return self._logbook.n_confirmed
 
     def summary(self) -> Summary:
-        """As ``summary.json``: the truth, for the end."""
+        """The numbers of ``summary.json``; they use the truth."""
         run = Run(self._scenario, tuple(self._logbook.lines), known_world=self._world)
         return compute_summary(run, scan_only_time_s=plan_scenario(self._scenario)[1].search_time_s)
 
@@ -133,7 +129,7 @@ class Sortie:
         return word
 
     def observe(self, slots: int, time_limit_s: float) -> Observed:
-        """What docs/gym.md says, of this vehicle."""
+        """This vehicle's observation, as in docs/gym.md."""
         seen = self._follower.seen
         assert seen is not None
         state, search = self.state, self._scenario.search
@@ -147,7 +143,7 @@ class Sortie:
             self.belief.covered,
             float(self._follower.checks),
         )
-        candidates = np.zeros((slots, len(CANDIDATE)), dtype=np.float32)
+        candidates = np.zeros((slots, N_CANDIDATE), dtype=np.float32)
         status = np.full(slots, EMPTY)
         for slot, (number, what) in enumerate(self._shown(slots)):
             candidates[slot], status[slot] = self._row(seen.candidates[number]), what
@@ -160,14 +156,14 @@ class Sortie:
         }
 
     def _shown(self, slots: int) -> list[tuple[int, int]]:
-        """Number and status of the candidates that have a slot: too many, and the oldest settled ones go."""
+        """Number and status of candidates with a slot; if slots run out, the oldest settled ones go."""
         listed = self._follower.listed
         too_many = max(0, len(listed) - slots)
         gone = set(sorted(listed, key=lambda k: (listed[k] == OPEN, k))[:too_many]) if too_many else set()
         return [(k, what) for k, what in listed.items() if k not in gone]
 
     def _row(self, candidate: Candidate) -> F32:
-        """What a slot says of a candidate; made again when it was sighted again."""
+        """A candidate's row; recomputed after each new sighting."""
         known, row = self._rows.get(candidate.id, (None, _NO_ROW))
         if known is not candidate:
             x, y, _ = candidate.position_enu_m.tolist()
@@ -181,7 +177,7 @@ class Sortie:
 
 
 class _Logbook(MemoryJournal):
-    """Also keeps at hand what is asked for in flight: the alarms, and what verdicts are judged by."""
+    """A journal that also collects what is asked for in flight: alarms, and verdicts with their sightings."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What learners say and see: boxes of numbers near 1, in the frame of the search area."""
+"""Actions and observations of learners: numbers near 1, in the frame of the search area."""
 
 from __future__ import annotations
 
@@ -8,39 +8,16 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Observed = dict[str, Any]  # name -> array
 
-VEHICLE = (
-    "east",
-    "north",
-    "height",
-    "velocity_east",
-    "velocity_north",
-    "velocity_up",
-    "battery",
-    "time",
-    "covered",
-    "checks",
-)
-CANDIDATE = (
-    "east",
-    "north",
-    "variance_east",
-    "covariance",
-    "variance_north",
-    "confidence_best",
-    "confidence_newest",
-    "looks",
-)
+N_VEHICLE, N_CANDIDATE = 10, 8  # numbers that describe one; docs/gym.md lists them
 EMPTY, OPEN, CONFIRMED, REJECTED, UNCHECKED = range(5)  # status of a slot
-_FAR = 100.0  # what is observed is clipped to
+_FAR = 100.0  # observed numbers are clipped to -_FAR .. _FAR
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,26 +31,26 @@ class Chart:
 
     @classmethod
     def of(cls, scenario: Scenario) -> Chart:
-        """Of a scenario's area."""
+        """The chart of a scenario's area."""
         return cls(*scenario.area_enu_m.bounds)
 
     @property
     def half_m(self) -> XY:
-        """Half of its width and height."""
+        """Half the width and half the height."""
         return (self.east_m - self.west_m) / 2.0, (self.north_m - self.south_m) / 2.0
 
     def xy_enu_m(self, east: float, north: float) -> XY:
-        """A place of the square, in metres ENU."""
+        """A place on the square, in metres ENU."""
         half_x, half_y = self.half_m
         return self.west_m + half_x * (1.0 + east), self.south_m + half_y * (1.0 + north)
 
     def on_square(self, x_m: float, y_m: float) -> XY:
-        """The other way round; beyond 1 outside."""
+        """A place in metres ENU, on the square; outside the box it lies beyond -1 .. 1."""
         half_x, half_y = self.half_m
         return (x_m - self.west_m) / half_x - 1.0, (y_m - self.south_m) / half_y - 1.0
 
     def places_of_cells(self, cells: int) -> F64:
-        """Centres (cells * cells, 2), rows south to north, west to east in each, in metres ENU."""
+        """Cell centres (cells * cells, 2) in metres ENU: rows south to north, each west to east."""
         shares = (np.arange(cells) + 0.5) / cells
         x = self.west_m + shares * (self.east_m - self.west_m)
         y = self.south_m + shares * (self.north_m - self.south_m)
@@ -81,16 +58,16 @@ class Chart:
 
 
 def action_space() -> spaces.Space[Any]:
-    """East, north, and more than 0 for a CHECK."""
+    """East, north, and a number above 0 for a CHECK."""
     return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
 
 def observation_space(cells: int, slots: int, others: int = 0) -> spaces.Dict:
-    """As docs/gym.md says; ``others`` are the vehicles of the others, where there are any."""
+    """The space of docs/gym.md; ``others`` is the number of other vehicles."""
     parts: dict[str, spaces.Space[Any]] = {
         "belief": spaces.Box(0.0, 1.0, (cells, cells), np.float32),
-        "vehicle": _numbers(len(VEHICLE)),
-        "candidates": _numbers(slots, len(CANDIDATE)),
+        "vehicle": _numbers(N_VEHICLE),
+        "candidates": _numbers(slots, N_CANDIDATE),
         "candidate_status": spaces.MultiDiscrete([UNCHECKED + 1] * slots),
         "candidate_mask": spaces.MultiBinary(slots),
     }
@@ -104,5 +81,5 @@ def _numbers(*shape: int) -> spaces.Box:
 
 
 def as_numbers(values: Iterable[float]) -> F32:
-    """Values (N,) within what the spaces hold."""
+    """Values (N,) clipped to the limits of the spaces."""
     return np.array([min(max(value, -_FAR), _FAR) for value in values], dtype=np.float32)

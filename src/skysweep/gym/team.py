@@ -1,4 +1,4 @@
-"""A search by one vehicle or several, as learners see it: decisions, rewards, and when it is over."""
+"""A search by one vehicle or several, as learners see it: decisions, rewards and its end."""
 
 from __future__ import annotations
 
@@ -9,34 +9,35 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from skysweep.arrays import F32
 from skysweep.errors import UserError
 from skysweep.gym.belief import Belief
 from skysweep.gym.follower import AgentOrder
 from skysweep.gym.sortie import Sortie
-from skysweep.gym.spaces import F32, Chart, Observed, as_numbers
+from skysweep.gym.spaces import Chart, Observed, as_numbers
 from skysweep.mission.mission import Mission
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Mode
 
-_ENOUGH = 0.99  # of the area: then a SCAN has nothing left to do
-_AHEAD_S = 2.0  # a velocity's waypoint lies so much farther ahead than a decision lasts
+_ENOUGH = 0.99  # covered share of the area at which a SCAN ends the search
+_AHEAD_S = 2.0  # that a velocity's waypoint lies ahead of the end of its decision
 _STILL = 1e-3  # of the scan speed
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """How a search is put to learners. Raises UserError on a value that is out of range."""
+    """The rules of the environment. Raises UserError on a value that is out of range."""
 
     actions: Literal["velocity", "waypoint"] = "velocity"
-    period_s: float = 0.4  # that a decision lasts: one look at the usual rate
-    time_limit_s: float = 1800.0  # of the mission: then it is called home
+    period_s: float = 0.4  # duration of a decision: one look at the usual rate
+    time_limit_s: float = 1800.0  # of the mission, which is then called home
     cells: int = 64  # of the belief raster, along each side
     slots: int = 32  # for candidates
     cost_missed: float = 10.0  # of a target that is not found
-    cost_false_alarm: float = 1.0  # of what is confirmed and is nothing
+    cost_false_alarm: float = 1.0  # of a confirmed candidate that is no target
     cost_second: float = 0.01  # of the search
-    new_layouts: bool = True  # what is placed at random is placed anew in every episode
+    new_layouts: bool = True  # generators place their objects anew in every episode
 
     def __post_init__(self) -> None:
         if self.actions not in ("velocity", "waypoint"):
@@ -49,7 +50,7 @@ class Rules:
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> Rules:
-        """From keyword arguments. Raises UserError on one that there is not."""
+        """Rules from keyword arguments. Raises UserError on an unknown one."""
         names = [field.name for field in fields(cls)]
         unknown = next((name for name in given if name not in names), None)
         if unknown is not None:
@@ -58,7 +59,7 @@ class Rules:
 
 
 class Result(NamedTuple):
-    """What came of one vehicle's decision."""
+    """The outcome of one vehicle's decision."""
 
     observation: Observed
     reward: float
@@ -75,7 +76,7 @@ class Team:
         self.sorties: list[Sortie] = []
 
     def begin(self, rng: np.random.Generator, options: dict[str, Any] | None) -> list[Result]:
-        """A new mission each, at the scan altitude above home. Raises UserError where none can be flown."""
+        """Begin new missions at the scan altitude above home. Raises UserError if they cannot be flown."""
         self.close()
         scenario = _scenario_of((options or {}).get("scenario", self._given))
         if self.rules.new_layouts:
@@ -94,12 +95,12 @@ class Team:
         ]
 
     def step(self, actions: dict[int, ArrayLike]) -> dict[int, Result]:
-        """Every vehicle that still searches does what it is told, one after the other."""
+        """Every vehicle that still searches follows its action, one after the other."""
         told = {k: self._fly(k, action) for k, action in actions.items()}
         return {k: Result(self._observe(k), *rest) for k, rest in told.items()}
 
     def close(self) -> None:
-        """Let go of the missions."""
+        """Release the missions."""
         for sortie in self.sorties:
             sortie.close()
         self.sorties = []
@@ -141,7 +142,7 @@ class Team:
         return AgentOrder(mode, place, speed_mps * min(share, 1.0), ends)
 
     def _score(self, unit: int) -> float:
-        """What new verdicts are worth: a target counts for who finds it first."""
+        """The reward of new verdicts; a target counts only for the first vehicle that finds it."""
         matches = self.sorties[unit].matches()
         new = set(matches.confirmed.values()) - self._found
         false_alarms = len(matches.false_alarms) - self._false_alarms[unit]
@@ -156,7 +157,7 @@ class Team:
         return told
 
     def _others(self, unit: int) -> F32:
-        """Where the others are: east, north, and height over the scan altitude."""
+        """The others' positions: east, north, and height relative to the scan altitude."""
         rows = []
         for k, sortie in enumerate(self.sorties):
             if k != unit:

@@ -1,6 +1,6 @@
-"""Scenario files: YAML in, YAML out, and what is wrong with one said in a sentence.
+"""Scenario files: read from YAML and written as YAML.
 
-Everything that a user can mend raises UserError naming the file, the field and what to write instead.
+A mistake in one raises UserError, a sentence with the file, the field and what to write instead.
 """
 
 from __future__ import annotations
@@ -31,10 +31,8 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by its name, or one from a YAML file.
 
     Relative paths of ``area.file``, ``search.plan``, ``detector.model`` and ``detector.statistical_model``
-    count from the scenario file's folder.
-
-    Raises:
-        UserError: not found, not readable as plain YAML, or not a valid scenario.
+    start at the scenario file's folder. Raises UserError if the scenario is not found, is not plain YAML or
+    is invalid.
     """
     name = str(name_or_path)
     if name in list_scenarios():
@@ -45,26 +43,26 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 
 def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
-    """The scenario with its relative paths counted from ``folder``."""
-    updates: dict[str, Any] = {}
-    if scenario.search.plan is not None:
-        plan = str(folder / Path(os.path.expanduser(scenario.search.plan)))
-        updates["search"] = scenario.search.model_copy(update={"plan": plan})
-    detector, beside = scenario.detector, {}
+    """The scenario with its relative paths resolved against ``folder``."""
+    search, detector = scenario.search, scenario.detector
+    if search.plan is not None:
+        search = search.model_copy(update={"plan": str(_beside(folder, search.plan))})
     if detector.model.lower().endswith(".onnx"):
-        beside["model"] = str(folder / Path(os.path.expanduser(detector.model)))
+        detector = detector.model_copy(update={"model": str(_beside(folder, detector.model))})
     if detector.statistical_model is not None:
-        beside["statistical_model"] = str(folder / Path(os.path.expanduser(detector.statistical_model)))
-    if beside:
-        updates["detector"] = detector.model_copy(update=beside)
-    return scenario.model_copy(update=updates)
+        fitted = str(_beside(folder, detector.statistical_model))
+        detector = detector.model_copy(update={"statistical_model": fitted})
+    return scenario.model_copy(update={"search": search, "detector": detector})
+
+
+def _beside(folder: Path, name: str) -> Path:
+    return folder / os.path.expanduser(name)
 
 
 def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
-    """A scenario from YAML text; ``source`` names it in errors, ``area.file`` counts from ``folder``.
+    """A scenario from YAML text; ``source`` names it in errors, ``area.file`` is relative to ``folder``.
 
-    Raises:
-        UserError: not plain YAML, or not a valid scenario.
+    Raises UserError if the text is not plain YAML or no valid scenario.
     """
     fields = parse_fields(text, source, "scenario", "name: my-search")
     return validated(Scenario, _with_area_read(fields, source, folder), source)
@@ -73,10 +71,7 @@ def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
 def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """A copy with other values at dotted fields, such as ``search.n_c``; ``area.file`` is read.
 
-    None leaves a field as it is.
-
-    Raises:
-        UserError: the change makes no valid scenario.
+    None leaves a field unchanged. Raises UserError if a field is unknown or the result is no valid scenario.
     """
     data = scenario.model_dump(by_alias=True)
     for dotted, value in changes.items():
@@ -92,15 +87,14 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
 
 
 def dump_scenario(scenario: Scenario) -> str:
-    """The whole scenario as YAML, defaults included: ``parse_scenario`` gives the same one back."""
+    """The whole scenario as YAML, with defaults; ``parse_scenario`` reads the same scenario from it."""
     return dump_yaml(scenario.model_dump(by_alias=True))
 
 
 def write_scenario(scenario: Scenario, path: str | Path) -> Path:
-    """Writes the scenario to ``path``, whole or not at all, and returns the path.
+    """Write the scenario to ``path``, whole or not at all, and return the path.
 
-    Raises:
-        UserError: the folder is missing or cannot be written to.
+    Raises UserError if the folder is missing or cannot be written to.
     """
     path = Path(os.path.expanduser(path))
     text = dump_scenario(scenario)
@@ -136,13 +130,13 @@ def _shipped_hint(name: str) -> str:
 
 
 def _with_area_read(data: dict[str, Any], source: str, folder: Path) -> dict[str, Any]:
-    """The fields of a scenario with the corners in the place of ``area.file``."""
+    """The fields of a scenario with the corners of ``area.file`` in place of the file."""
     match data.get("area"):
         case {"file": str(name), **others} if not others:
             from skysweep.planning.area_files import read_corners
 
             try:
-                polygon, holes = read_corners(folder / Path(os.path.expanduser(name)))
+                polygon, holes = read_corners(_beside(folder, name))
             except UserError as error:
                 raise UserError(f"{source}: area.file: {error}") from None
             return data | {"area": {"polygon_lat_lon_deg": polygon, "holes_lat_lon_deg": holes}}
@@ -150,7 +144,7 @@ def _with_area_read(data: dict[str, Any], source: str, folder: Path) -> dict[str
 
 
 def _without_infinity(node: Any) -> Any:
-    """JSON has no infinity: such a default is said in YAML's words."""
+    """JSON has no infinity: such a default is written as in YAML."""
     if isinstance(node, dict):
         return {key: _without_infinity(value) for key, value in node.items()}
     if isinstance(node, list):

@@ -8,7 +8,7 @@ an area may be given in latitude/longitude instead. ``Scenario.model_json_schema
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import shapely
@@ -182,7 +182,7 @@ class Target(Model):
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     pose: ObjectPose | None = Field(None, description="Default depends on the class")
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class Distractor(Model):
@@ -195,7 +195,7 @@ class Distractor(Model):
     )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class Generator(Model):
@@ -223,7 +223,7 @@ class Generator(Model):
     poses: list[ObjectPose] | None = Field(None, description="Drawn from, one for each object")
     seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
 
 class Wind(Model):
@@ -610,12 +610,9 @@ class Scenario(Model):
     @property
     def target_classes(self) -> tuple[str, ...]:
         """The classes that this mission searches for."""
-        kinds = {t.kind for t in self.targets} | {
-            g.kind
-            for g in self.generators
-            if g.kind in TargetClass.__args__  # type: ignore[attr-defined]
-        }
-        return tuple(sorted(kinds)) or ("stop sign", "person", "boat")
+        classes = get_args(TargetClass)
+        kinds = {t.kind for t in self.targets} | {g.kind for g in self.generators if g.kind in classes}
+        return tuple(sorted(kinds)) or classes
 
     def pixels_on_target(self, altitude_agl_m: float) -> float:
         """Pixels that the smallest target spans, seen straight down from ``altitude_agl_m``."""

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-F32 = NDArray[np.float32]
-I32 = NDArray[np.int32]
+from skysweep.arrays import F32, F64, I32
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +64,9 @@ def make_mesh(
     v = np.asarray(vertices, dtype=float)
     f = np.asarray(faces, dtype=np.int32)
     c = np.broadcast_to(np.asarray(colour, dtype=float), v.shape)
-    t = np.asarray(uv, dtype=float) if uv is not None else _projected_uv(v, texture_size_m)
+    if uv is None:
+        uv = np.column_stack([v[:, 0] + 0.61 * v[:, 2], v[:, 1] + 0.73 * v[:, 2]]) / texture_size_m
+    t = np.asarray(uv, dtype=float)
     if flat:
         v, c, t = v[f].reshape(-1, 3), c[f].reshape(-1, 3), t[f].reshape(-1, 2)
         f = np.arange(len(v), dtype=np.int32).reshape(-1, 3)
@@ -93,13 +94,13 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def yaw_rotation(yaw_rad: float) -> NDArray[np.float64]:
+def yaw_rotation(yaw_rad: float) -> F64:
     """Rotation (3, 3) about z."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def tilt_rotation(normal: ArrayLike) -> NDArray[np.float64]:
+def tilt_rotation(normal: ArrayLike) -> F64:
     """The smallest rotation (3, 3) that takes z to the unit vector ``normal``."""
     n = np.asarray(normal, dtype=float)
     axis = np.cross([0.0, 0.0, 1.0], n)
@@ -140,7 +141,7 @@ def skin_faces(stations: int, n: int) -> NDArray[np.int_]:
     return np.concatenate(faces)
 
 
-def circle(n: int) -> NDArray[np.float64]:
+def circle(n: int) -> F64:
     """Unit circle (n, 2), counter-clockwise."""
     a = np.arange(n) * 2 * np.pi / n
     return np.column_stack([np.cos(a), np.sin(a)])
@@ -150,9 +151,7 @@ def lathe(profile: ArrayLike, colour: ArrayLike, n: int = 16, **kwargs: Any) -> 
     """Surface of revolution about z of a profile (S, 2) of (radius, z), bottom to top."""
     p = np.asarray(profile, dtype=float)
     ring = circle(n)
-    rings = np.concatenate(
-        [p[:, None, :1] * ring[None], np.broadcast_to(p[:, None, 1:], (len(p), n, 1))], axis=2
-    )
+    rings = [np.column_stack([radius * ring, np.full(n, z)]) for radius, z in p]
     return loft(rings, colour, **kwargs)
 
 
@@ -170,10 +169,8 @@ def tube(points: ArrayLike, radii: ArrayLike, colour: ArrayLike, n: int = 7, **k
         side[k] = side[k - 1] - (side[k - 1] @ d[k]) * d[k]
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     up = np.cross(d, side)
-    ring = circle(n)
-    rings = p[:, None] + r[:, None, None] * (
-        ring[None, :, :1] * side[:, None] + ring[None, :, 1:] * up[:, None]
-    )
+    x, y = circle(n).T[..., None]
+    rings = p[:, None] + r[:, None, None] * (x * side[:, None] + y * up[:, None])
     c = np.asarray(colour, dtype=float)
     c = np.concatenate([c[:1], c, c[-1:]]) if c.ndim == 2 else c
     return loft(rings, c, **kwargs)
@@ -188,10 +185,8 @@ def ellipsoid(radii: ArrayLike, colour: ArrayLike, n: int = 10, **kwargs: Any) -
 
 def box(size: ArrayLike, colour: ArrayLike, **kwargs: Any) -> Mesh:
     """A box (sx, sy, sz) standing on z = 0, flat shaded."""
-    x, y = np.asarray(size, dtype=float)[:2] / 2
-    z = float(np.asarray(size, dtype=float)[2])
-    base = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-    return prism(base, 0.0, z, colour, **kwargs)
+    x, y, z = np.asarray(size, dtype=float) / (2, 2, 1)
+    return prism([[-x, -y], [x, -y], [x, y], [-x, y]], 0.0, z, colour, **kwargs)
 
 
 def prism(outline: ArrayLike, z0: float, z1: float, colour: ArrayLike, **kwargs: Any) -> Mesh:
@@ -212,22 +207,17 @@ def plate(outline: ArrayLike, z: float, colour: ArrayLike, layer: int, uv_radius
     return make_mesh(v, faces, colour, layer, uv=uv)
 
 
-def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
+def icosphere(subdivisions: int) -> tuple[F64, I32]:
     """Unit sphere: vertices (V, 3) and faces (F, 3); 20 * 4**subdivisions faces."""
     g = (1 + 5**0.5) / 2
-    v: list[tuple[float, float, float]] = [
-        (-1, g, 0),
-        (1, g, 0),
-        (-1, -g, 0),
-        (1, -g, 0),
-        (0, -1, g),
-        (0, 1, g),
-    ]
-    v += [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
+    v = np.array([
+        (-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g),
+        (0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1),
+    ])  # fmt: skip
     f = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4), (11, 10, 2)]
     f += [(10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8), (3, 8, 9), (4, 9, 5)]
     f += [(2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)]
-    vertices, faces = np.array(v, dtype=float), np.array(f, dtype=np.int32)
+    vertices, faces = v, np.array(f, dtype=np.int32)
     for _ in range(subdivisions):
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         unique, index = np.unique(edges, axis=0, return_inverse=True)
@@ -241,9 +231,7 @@ def icosphere(subdivisions: int) -> tuple[NDArray[np.float64], I32]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces.astype(np.int32)
 
 
-def lumpy(
-    directions: NDArray[np.float64], rng: np.random.Generator, lumps: int, size: float
-) -> NDArray[np.float64]:
+def lumpy(directions: F64, rng: np.random.Generator, lumps: int, size: float) -> F64:
     """Radii (V,) of a sphere with ``lumps`` bulges of angular ``size`` rad, the largest radius 1."""
     centres = rng.normal(size=(lumps, 3))
     centres /= np.linalg.norm(centres, axis=1, keepdims=True)
@@ -251,7 +239,3 @@ def lumpy(
     height = np.exp(-((distance / size) ** 2)) * rng.uniform(0.5, 1.0, lumps)
     bulge = height.max(axis=1)
     return np.asarray(bulge / bulge.max())
-
-
-def _projected_uv(v: NDArray[np.float64], size_m: float) -> NDArray[np.float64]:
-    return np.column_stack([v[:, 0] + 0.61 * v[:, 2], v[:, 1] + 0.73 * v[:, 2]]) / size_m

@@ -1,9 +1,9 @@
-"""What stands on the ground and is known before take-off: trees, buildings, the ground itself.
+"""Known obstacles: trees, buildings and the ground itself.
 
 A solid is an upright prism whose outline is a rectangle with round corners: a crown is a disc, a building its
-walls and eaves. There is no safe space below a crown. A gable may be as high as half the width of its house.
+walls and eaves. The space below a crown counts as solid. A gable may rise by half the width of its house.
 A row of ``solids`` is ``x, y`` of the centre, cosine and sine of the yaw, the half sides ``a, b``, the radius
-``r`` around them, the height ENU below which it can be seen through, and that of its top.
+``r`` around them, the height ENU below which it can be seen through, and the height ENU of its top.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import shapely.affinity
 from numba import njit
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Mode
 from skysweep.worlds.world import (
@@ -30,16 +31,14 @@ from skysweep.worlds.world import (
     build_trees,
 )
 
-F64 = NDArray[np.float64]
-
-BODY_RADIUS_M = 0.3  # of the vehicle: what is nearer to its centre is touched
+BODY_RADIUS_M = 0.3  # of the vehicle: anything nearer to its centre is touched
 _EAVES_M = 0.4
 _CROWN_FROM = 0.35  # of a tree's height
-_STATION_M = 0.5  # between two places where a leg is looked at
+_STATION_M = 0.5  # between two samples of a leg
 _GROUND_STATION_M = 1.0
-_GROUND_PLACES = 9  # in a row, where the ground around a place is looked at
+_GROUND_PLACES = 9  # in each row of the ground samples around a place
 _TRACK_STEP_M = 0.1
-_NEAR_PLACE_M = 1.5  # of a line of sight that hides nothing: the place is not known better
+_NEAR_PLACE_M = 1.5  # from the place; its position is not known better, so nothing nearer hides it
 
 
 class Obstacles:
@@ -68,9 +67,8 @@ class Obstacles:
         return len(self.solids) > 0 or not self.terrain.is_flat
 
     def top_m(self) -> float:
-        """Height ENU above which there is nothing."""
-        tops = [self.solids[:, 8].max()] if len(self.solids) else []
-        return float(max([self.terrain.heights_m.max(), *tops]))
+        """Height ENU of the highest point."""
+        return float(self.solids[:, 8].max(initial=self.terrain.heights_m.max()))
 
     def outlines(self) -> NDArray[np.object_]:
         """Polygons (N,) of the solids, seen from above."""
@@ -82,52 +80,45 @@ class Obstacles:
         return np.asarray(shapely.buffer(cores, r), dtype=object)
 
     def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:
-        """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf: none."""
+        """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf if none."""
         return _top_within(self.solids, xy_enu_m, distance_m)
 
     def heights_within_m(self, xy_enu_m: XY, distance_m: float) -> tuple[float, float]:
         """Heights ENU of the lowest ground and the highest top or ground within a horizontal distance."""
         here = np.array([xy_enu_m])
         steps_m = np.linspace(-distance_m, distance_m, _GROUND_PLACES)
-        ground_m = self.terrain.height_m(
-            here + np.stack(np.meshgrid(steps_m, steps_m), axis=-1).reshape(-1, 2)
-        )
+        around = here + np.stack(np.meshgrid(steps_m, steps_m), axis=-1).reshape(-1, 2)
+        ground_m = self.terrain.height_m(around)
         top_m = self.top_within_m(here, distance_m).item()
         return float(ground_m.min()), max(float(ground_m.max()), top_m)
 
     def heights_along(
         self, here: XY, to: XY, keep_m: float, keep_ground_m: float, near_m: float, slope: float
     ) -> tuple[float, float]:
-        """Heights ENU to be at on a straight leg, to be ``keep_m`` clear of all solids above and beside it.
+        """Heights ENU that keep a straight leg ``keep_m`` above, or beside, all solids.
 
-        The first is where to be now, so that a climb by ``slope`` metres a metre is enough from ``near_m``
-        on; the second what the next ``near_m`` ask for. -inf: nothing is in the way. The ground within
-        ``keep_m`` beside the leg is kept ``keep_ground_m`` below.
+        The first is needed now if the vehicle climbs ``slope`` metres a metre from ``near_m`` on; the second
+        is needed within the next ``near_m``. Both are -inf if nothing is in the way. The ground within
+        ``keep_m`` beside the leg stays ``keep_ground_m`` below.
         """
         terrain = self.terrain
         aim_m, least_m = _solids_along(self.solids, *here, *to, keep_m, near_m, slope)
         if terrain.is_flat:
             return aim_m, least_m
+        farthest_m = near_m + self._relief_m / slope
         ground_aim_m, ground_least_m = _ground_along(
-            terrain.heights_m,
-            terrain.bounds_enu_m,
-            *here,
-            *to,
-            keep_m,
-            near_m,
-            slope,
-            near_m + self._relief_m / slope,
+            terrain.heights_m, terrain.bounds_enu_m, *here, *to, keep_m, near_m, slope, farthest_m
         )
         return max(aim_m, ground_aim_m + keep_ground_m), max(least_m, ground_least_m + keep_ground_m)
 
     def hide(self, place_enu_m: F64, eye_enu_m: F64) -> bool:
-        """Whether a crown or a building is between a place (3,), known to a metre or so, and an eye (3,)."""
+        """Whether a crown or building hides a place (3,), known to a metre or so, from an eye (3,)."""
         return bool(_hides(self.solids, place_enu_m, eye_enu_m))
 
     def clearances_m(self, track_enu_m: F64, over_ground: NDArray[np.bool_]) -> F64:
         """Smallest distances (N + 1,) between a track (K, 3), straight from point to point, and each solid.
 
-        The last one is that of the ground below, where ``over_ground`` (K,) says that it counts. inf: none.
+        The last one is the distance to the ground, taken where ``over_ground`` (K,) is true; inf if nowhere.
         """
         clearances = np.full(len(self.solids) + 1, np.inf)
         _write_clearances(clearances, self.solids, track_enu_m)
@@ -137,16 +128,16 @@ class Obstacles:
 
 
 def known_obstacles(scenario: Scenario) -> Obstacles:
-    """What a scenario says of trees, buildings and ground."""
+    """The trees, buildings and ground of a scenario."""
     terrain = build_terrain(scenario)
     return Obstacles(terrain, build_trees(scenario, terrain), build_buildings(scenario, terrain))
 
 
 def came_near(obstacles: Obstacles, track_enu_m: F64, modes: Sequence[str]) -> dict[str, Any]:
-    """How near a track (K, 3) came, in these modes, to anything: ``collisions`` and ``min_clearance_m``.
+    """``collisions`` and ``min_clearance_m`` of a track (K, 3) flown in these modes (K,).
 
-    Taking off and landing, the ground does not count. ``min_clearance_m`` is that of the vehicle's centre,
-    None without a track.
+    The ground does not count during take-off and landing. ``min_clearance_m`` is measured from the vehicle's
+    centre; it is None without a track.
     """
     over_ground = np.array([mode not in (Mode.TAKEOFF, Mode.LAND) for mode in modes], dtype=bool)
     clearances_m = obstacles.clearances_m(track_enu_m, over_ground)
@@ -168,7 +159,7 @@ def _beside(solid: F64, x: float, y: float) -> float:
 
 @njit(cache=True)
 def _reach(solid: F64) -> float:
-    """Of its outline from its centre."""
+    """Largest horizontal distance from a solid's centre to its outline."""
     return float(solid[4] + solid[5] + solid[6])
 
 
@@ -268,7 +259,7 @@ def _hides(solids: F64, place: F64, eye: F64) -> bool:
 
 @njit(cache=True)
 def _write_clearances(clearances: F64, solids: F64, track: F64) -> None:
-    """Of each solid; a step is looked at where it may come nearer than any place before."""
+    """Clearance of each solid. A step is sampled only if it may come nearer than every place before."""
     last = len(track) - 1
     for n in range(len(solids)):
         solid, best, reach = solids[n], np.inf, _reach(solids[n])

@@ -1,8 +1,8 @@
-"""How much of an object a camera sees, from simple solids: crowns and buildings.
+"""How much of an object a camera sees past simple solids: crowns and buildings.
 
-The solids of a world are one array, so that compiled code can ask many times. A row is
-``x, y, z`` of the centre, the half axes ``a, b, c``, cosine and sine of the yaw, the height of the top, the
-reach (largest horizontal extent from the centre) and 1 for a box, 0 for an ellipsoid.
+The solids of a world are one array for compiled code. A row is ``x, y, z`` of the centre, the half axes
+``a, b, c``, cosine and sine of the yaw, the height of the top, the reach (largest horizontal extent from the
+centre) and 1 for a box, 0 for an ellipsoid.
 """
 
 from __future__ import annotations
@@ -11,12 +11,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I64
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 FLAT, STANDING, FLOATING = 0, 1, 2
 
@@ -28,7 +25,7 @@ _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # 
 
 
 def shape_of(thing: WorldObject) -> int:
-    """FLAT, STANDING or FLOATING: how the object's apparent size follows from where it is seen from."""
+    """FLAT, STANDING or FLOATING: how the object's apparent size depends on the viewing direction."""
     return {"standing": STANDING, "floating": FLOATING}.get(thing.pose, FLAT)
 
 
@@ -36,7 +33,7 @@ def shape_of(thing: WorldObject) -> int:
 def pixels_on_target(
     focal_px: float, shape: int, size_m: float, east_m: float, north_m: float, up_m: float, depth_m: float
 ) -> float:
-    """Pixels that the longest visible extent of an object spans, ``depth_m`` along the optical axis away.
+    """Pixels that the longest visible extent of an object spans at ``depth_m`` along the optical axis.
 
     ``east_m``, ``north_m`` and ``up_m`` lead from the camera to the object's middle (:func:`middle_enu_m`).
     """
@@ -51,16 +48,15 @@ def pixels_on_target(
 
 
 def middle_enu_m(thing: WorldObject) -> F64:
-    """(3,): the middle of what is seen of an object; that of a standing one is well above the ground."""
-    above = 0.0
-    if thing.pose == "standing":
-        above = 0.5 * thing.size_m + (0.0 if thing.kind == "person" else STANDING_SIGN_EDGE_M)
-    x, y, z = thing.position_enu_m
-    return np.array([x, y, z + above], dtype=float)
+    """The middle (3,) of an object's visible part; that of a standing object is well above the ground."""
+    if thing.pose != "standing":
+        return thing.position_enu_m
+    above = 0.5 * thing.size_m + (0.0 if thing.kind == "person" else STANDING_SIGN_EDGE_M)
+    return np.asarray(thing.position_enu_m + np.array([0.0, 0.0, above]))
 
 
 class Occluders:
-    """The trees and buildings of one world. ``solids`` (S, 11) as the module says."""
+    """The trees and buildings of one world; the module describes ``solids`` (S, 11)."""
 
     def __init__(self, world: World) -> None:
         rows = []
@@ -77,7 +73,7 @@ class Occluders:
         self.solids = np.array(rows, dtype=float).reshape(-1, 11)
 
     def near(self, thing: WorldObject) -> I64:
-        """Indices of the solids that can hide any of ``thing`` from a camera that is not very low."""
+        """Indices of the solids that can hide part of ``thing`` from a camera that is not very low."""
         if not len(self.solids):
             return np.zeros(0, dtype=np.int64)
         s = self.solids
@@ -86,7 +82,7 @@ class Occluders:
         return np.flatnonzero(away <= throw + s[:, 9] + thing.size_m)
 
     def is_beside_a_crown(self, thing: WorldObject) -> bool:
-        """Whether the crown of a tree or bush ends nearer to the object's middle than the object is large."""
+        """Whether a crown's edge is closer to the object's middle than the object's size."""
         s = self.solids[self.solids[:, 10] == 0.0]
         away = np.hypot(s[:, 0] - thing.position_enu_m[0], s[:, 1] - thing.position_enu_m[1])
         return bool((away <= s[:, 9] + thing.size_m).any())
@@ -129,14 +125,14 @@ def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64
 def count_seen(
     points: F64, eyes: F64, R_camera_to_enu: F64, u: float, v: float, solids: F64
 ) -> tuple[int, int]:
-    """How many points (M, 3) are in a picture, and how many are in one with no solid before them.
+    """How many points (M, 3) are in a picture, and how many of them no solid hides there.
 
     ``eyes`` (N, 3) and ``R_camera_to_enu`` (N, 3, 3) are the cameras', ``u`` and ``v`` half of the picture's
     width and height over the focal length.
     """
     pictured = seen = 0
-    looking = np.empty(len(eyes), dtype=np.int64)  # cameras that have the point in their picture
-    near = np.empty(len(solids), dtype=np.int64)  # solids that can be before it
+    looking = np.empty(len(eyes), dtype=np.int64)  # cameras whose picture holds the point
+    near = np.empty(len(solids), dtype=np.int64)  # solids that can hide it
     for k in range(len(points)):
         x, y, z = points[k]
         n_looking, flattest = 0, 0.0
@@ -165,7 +161,7 @@ def count_seen(
 
 @njit(cache=True)
 def _any_hides(solids: F64, near: I64, camera: F64, x: float, y: float, z: float) -> bool:
-    """Whether one of the near solids is on the line from (x, y, z) to the camera."""
+    """Whether a near solid is on the line from (x, y, z) to the camera."""
     dx, dy = camera[0] - x, camera[1] - y
     along = max(dx * dx + dy * dy, 1e-9)
     for i in near:

@@ -1,4 +1,4 @@
-"""Where things are placed at random. Draws are many at a time, and the same however many."""
+"""Random placement of objects and trees."""
 
 from __future__ import annotations
 
@@ -6,22 +6,20 @@ import math
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import Generator
 from skysweep.types import XY
 
-F64 = NDArray[np.float64]
-
-_FILLS = 0.1  # of its bounding box: a polygon that fills less is drawn from by triangles
-_UNTIL_CLOSER = 500  # tries
+_FILLS = 0.1  # of its bounding box: a polygon that fills less is split into triangles
+_UNTIL_CLOSER = 500  # tries before the separation is halved
 _SPARSE_TRIES = 1000
 _SCATTER_TRIES = 100
-_CLUSTER_TRIES = 10_000, 100  # and for each object
+_CLUSTER_TRIES = 10_000, 100  # in all, and more for each object
 
 
 class Ground:
-    """A polygon, or several as one, that places are drawn evenly from."""
+    """A polygon or multipolygon from which places are drawn uniformly."""
 
     def __init__(self, polygon: shapely.Geometry) -> None:
         self.polygon = polygon
@@ -34,16 +32,15 @@ class Ground:
             self._areas_m2 = np.cumsum(shapely.area(triangles))
 
     def covers(self, xy: XY) -> bool:
-        """Whether a place is in it."""
+        """Whether a place lies inside."""
         return bool(shapely.intersects_xy(self.polygon, *xy))
 
     def draw(self, count: int, rng: np.random.Generator) -> F64:
         """Places (count, 2)."""
         if self._is_thin:
             which, u, v = rng.random((count, 3)).T
-            a, b, c = self._corners[np.searchsorted(self._areas_m2, which * self._areas_m2[-1])].swapaxes(
-                0, 1
-            )
+            chosen = np.searchsorted(self._areas_m2, which * self._areas_m2[-1])
+            a, b, c = self._corners[chosen].swapaxes(0, 1)
             u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
             return np.asarray(a + u[:, None] * (b - a) + v[:, None] * (c - a))
         found = np.empty((0, 2))
@@ -56,20 +53,18 @@ class Ground:
 def generate_positions(generator: Generator, area: Ground, rng: np.random.Generator) -> list[XY]:
     """Positions inside the area by the generator's pattern, at least ``min_separation_m`` apart.
 
-    Where the area has no room for that, the separation is halved until they fit. Where clusters hardly meet
-    the area, what is left of them is placed anywhere in it.
+    If the area has no room for that, the separation is halved until the positions fit. If clusters hardly
+    overlap the area, their remaining positions are placed anywhere in it.
     """
     count, spread_m = generator.count, generator.spread_m
     if generator.pattern == "sparse":
         return _pairs(_sparse(area, count, rng))
     centres = None
-    if generator.pattern == "clustered":
+    if generator.pattern == "clustered" and generator.centres_enu_m is not None:
+        centres = np.array(generator.centres_enu_m)
+    elif generator.pattern == "clustered":
         inner = area.polygon.buffer(-spread_m)
-        centres = (
-            _sparse(area if inner.is_empty else Ground(inner), generator.clusters, rng)
-            if generator.centres_enu_m is None
-            else np.array(generator.centres_enu_m)
-        )
+        centres = _sparse(area if inner.is_empty else Ground(inner), generator.clusters, rng)
     cluster_tries = _CLUSTER_TRIES[0] + _CLUSTER_TRIES[1] * count
     placed, n, tries = np.empty((count, 2)), 0, 0
     separation_m = generator.min_separation_m
@@ -91,7 +86,7 @@ def generate_positions(generator: Generator, area: Ground, rng: np.random.Genera
 
 
 def scattered(xy: XY, scatter_m: float, area: Ground, rng: np.random.Generator) -> XY:
-    """``xy`` moved at random; what was inside the area stays inside, anywhere if it is hardly hit."""
+    """``xy`` moved at random. A place in the area stays in it; if every try leaves it, any place is drawn."""
     if scatter_m == 0:
         return xy
     stays = area.covers(xy)

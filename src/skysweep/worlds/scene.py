@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, U8
 from skysweep.scenarios.model import Light
 from skysweep.worlds.assets import object_mesh
 from skysweep.worlds.assets.buildings import building_mesh
@@ -14,11 +15,6 @@ from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
 from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
-U8 = NDArray[np.uint8]
 
 GROUND_LOOKS = 8
 HORIZON_M = 4000.0  # the ground goes on flat this far beyond the world
@@ -40,7 +36,7 @@ class Sun:
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """One thing of its own shape; ``id`` is 0 or 1 + its index in ``world.objects``."""
+    """A thing with its own mesh; ``id`` is 0, or 1 + its index in ``world.objects``."""
 
     mesh: Mesh  # in ENU
     id: int
@@ -48,7 +44,7 @@ class Solid:
 
 @dataclass(frozen=True, slots=True)
 class Planting:
-    """One unit mesh, coarse to fine, and where it stands: rows of x, y, z, yaw, radius, height, shade."""
+    """A unit mesh, coarse to fine, and its places: rows of x, y, z, yaw, radius, height, shade."""
 
     meshes: tuple[Mesh, ...]
     places: F32  # (N, 7)
@@ -56,7 +52,7 @@ class Planting:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything to draw. ``layers`` are the texture layers that vertices name, renumbered from 0."""
+    """Everything to draw. ``layers`` holds the texture layers in use, renumbered from 0."""
 
     ground: Mesh
     terrain: TerrainSurface
@@ -71,23 +67,16 @@ class Scene:
 def build_scene(world: World) -> Scene:
     """Meshes, textures and light of a world. Deterministic."""
     solids = [Solid(_placed(world.terrain, o), k) for k, o in enumerate(world.objects, start=1)]
-    solids += [
-        Solid(
-            building_mesh(b.size_m, b.height_m, b.variant).moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0
-        )
-        for b in world.buildings
-    ]
+    for b in world.buildings:
+        house = building_mesh(b.size_m, b.height_m, b.variant)
+        solids.append(Solid(house.moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0))
     plantings = _plant(world)
-    used = np.unique(
-        np.concatenate(
-            [[0.0], *(s.mesh.texture[:, 2] for s in solids), *(p.meshes[-1].texture[:, 2] for p in plantings)]
-        )
-    ).astype(int)
+    shown = [s.mesh for s in solids] + [p.meshes[-1] for p in plantings]
+    used = np.unique(np.concatenate([[0.0], *(m.texture[:, 2] for m in shown)])).astype(int)
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
     plantings = [Planting(tuple(_renumbered(m, used) for m in p.meshes), p.places) for p in plantings]
-    ground = ground_mesh(world.terrain)
     return Scene(
-        ground,
+        ground_mesh(world.terrain),
         world.terrain,
         ground_textures(world.terrain.surface, world.seed % GROUND_LOOKS),
         tuple(solids),
@@ -130,7 +119,8 @@ def ground_mesh(terrain: TerrainSurface) -> Mesh:
     x = np.concatenate([west - far, np.linspace(west, east, columns), east + far[::-1]])
     y = np.concatenate([south - far, np.linspace(south, north, rows), north + far[::-1]])
     X, Y = np.meshgrid(x, y)
-    v = np.column_stack([X.ravel(), Y.ravel(), terrain.height_m(np.column_stack([X.ravel(), Y.ravel()]))])
+    xy = np.column_stack([X.ravel(), Y.ravel()])
+    v = np.column_stack([xy, terrain.height_m(xy)])
     n = len(x)
     i, j = np.meshgrid(np.arange(len(y) - 1), np.arange(n - 1), indexing="ij")
     a = (i * n + j).ravel()
@@ -159,16 +149,13 @@ def _plant(world: World) -> list[Planting]:
         yaw, shade = rng.uniform(0, 2 * np.pi), rng.uniform(0.78, 1.12)
         place = [*tree.position_enu_m, yaw, tree.crown_radius_m, tree.height_m, shade]
         groups.setdefault((tree.kind, int(rng.integers(SHAPES))), []).append(place)
-    return [
-        Planting(tree_meshes(*key), np.array(places, dtype=np.float32))
-        for key, places in sorted(groups.items())
-    ]
+    return [Planting(tree_meshes(*key), np.array(rows, np.float32)) for key, rows in sorted(groups.items())]
 
 
 def _renumbered(mesh: Mesh, used: NDArray[np.int_]) -> Mesh:
     texture = mesh.texture.copy()
     texture[:, 2] = np.searchsorted(used, mesh.texture[:, 2].astype(int))
-    return Mesh(mesh.vertices, mesh.normals, mesh.colours, texture, mesh.faces)
+    return replace(mesh, texture=texture)
 
 
 def _bounds(terrain: TerrainSurface, solids: list[Solid], plantings: list[Planting]) -> tuple[F64, F64]:

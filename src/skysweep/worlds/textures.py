@@ -1,6 +1,6 @@
 """Procedural textures: ground at every scale, materials, and the faces of signs. sRGB bytes, tileable.
 
-Layers are numbered: materials first, then decals, of which each group has training looks and held-out
+Layers are numbered: materials first, then decals. Each group of decals has training looks and held-out
 looks (:data:`skysweep.worlds.world.HELD_OUT_VARIANTS`).
 """
 
@@ -12,15 +12,14 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64, U8
+from skysweep.types import XY
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 
-U8 = NDArray[np.uint8]
-F64 = NDArray[np.float64]
-
 LAYER_PX = 256
-LOOKS = 16  # decals a group
+LOOKS = 16  # decals in a group
 
 
 class Layer(IntEnum):
@@ -61,9 +60,6 @@ def layer_image(layer: int) -> U8:
         return _MATERIALS[Layer(layer)](rng)
     group, held_out = divmod((layer - 16) // LOOKS, 2)
     return _DECALS[Decal(group)](rng, bool(held_out))
-
-
-# --- noise -----------------------------------------------------------------------------------------
 
 
 def noise(n: int, rng: np.random.Generator, slope: float = 1.0, low: float = 1.0, high: float = 1e9) -> F64:
@@ -129,21 +125,14 @@ def _spots(
     palette = np.asarray(colours)
     c = palette[rng.integers(len(palette), size=count)] * rng.uniform(0.75, 1.2, (count, 1))
     radii = rng.uniform(radius[0] ** 0.5, radius[1] ** 0.5, count) ** 2
-    for (x, y), r, colour, angle in zip(
-        rng.uniform(0, n, (count, 2)),
-        radii,
-        np.clip(c, 0, 255).tolist(),
-        rng.uniform(0, 360, count),
-        strict=True,
-    ):
+    centres, angles = rng.uniform(0, n, (count, 2)), rng.uniform(0, 360, count)
+    for (x, y), r, colour, angle in zip(centres, radii, np.clip(c, 0, 255).tolist(), angles, strict=True):
         for dx in (-n, 0, n) if min(x, n - x) < r * 2 else (0,):
             for dy in (-n, 0, n) if min(y, n - y) < r * 2 else (0,):
                 centre = (round((x + dx) * 8), round((y + dy) * 8))
                 axes = (max(round(r * stretch * 8), 4), max(round(r * 8), 4))
                 cv2.ellipse(image, centre, axes, angle, 0, 360, colour, -1, cv2.LINE_AA, 3)
 
-
-# --- ground ----------------------------------------------------------------------------------------
 
 DETAIL_PX, MIDDLE_PX, MACRO_PX = 1024, 512, 512
 DETAIL_M, MIDDLE_M, MACRO_M = 5.0, 27.0, 211.0  # tile sizes, so that none repeats with another
@@ -187,9 +176,8 @@ def _grass(rng: np.random.Generator) -> GroundTextures:
     _strokes(detail, rng, 26000, (8, 26), blades)
     _spots(detail, rng, 60, (2, 9), [(66, 96, 38), (108, 122, 56)], 1.6)
     _spots(detail, rng, 24, (1, 2.5), [(232, 226, 190), (226, 200, 70)])
-    macro = _variation(
-        MACRO_PX, rng, [(1.09, 1.03, 0.96), (0.9, 0.95, 0.92), (1.13, 1.04, 0.95)], 0.12, 1.2, 90
-    )
+    tints = [(1.09, 1.03, 0.96), (0.9, 0.95, 0.92), (1.13, 1.04, 0.95)]
+    macro = _variation(MACRO_PX, rng, tints, 0.12, 1.2, 90)
     middle = _variation(MIDDLE_PX, rng, [(1.08, 1.04, 0.98), (0.9, 0.96, 0.92)], 0.20, 0.6, 200)
     return GroundTextures(detail, middle, macro)
 
@@ -197,14 +185,8 @@ def _grass(rng: np.random.Generator) -> GroundTextures:
 def _forest_floor(rng: np.random.Generator) -> GroundTextures:
     detail = _bytes(blend((58, 46, 34), (92, 74, 52), noise(DETAIL_PX, rng, 0.8, 3)))
     _strokes(detail, rng, 9000, (5, 18), [(122, 92, 58), (88, 66, 44), (140, 110, 74)])
-    _spots(
-        detail,
-        rng,
-        2600,
-        (3, 9),
-        [(128, 88, 46), (104, 78, 46), (150, 112, 62), (78, 62, 42), (92, 98, 50)],
-        1.7,
-    )
+    litter = [(128, 88, 46), (104, 78, 46), (150, 112, 62), (78, 62, 42), (92, 98, 50)]
+    _spots(detail, rng, 2600, (3, 9), litter, 1.7)
     _strokes(detail, rng, 130, (40, 150), [(74, 60, 48), (110, 96, 78)], 3)
     middle = _variation(MIDDLE_PX, rng, [(0.9, 1.06, 0.85), (0.86, 0.86, 0.88)], 0.22, 0.7, 200)
     macro = _variation(MACRO_PX, rng, [(0.9, 1.07, 0.86), (1.09, 1.03, 0.96)], 0.14, 1.1, 80)
@@ -275,9 +257,6 @@ _GROUND = {
     "asphalt": _asphalt,
     "water": _water,
 }
-
-
-# --- materials -------------------------------------------------------------------------------------
 
 
 def _plain(rng: np.random.Generator) -> U8:
@@ -368,9 +347,6 @@ _MATERIALS = {
 }
 
 
-# --- decals ----------------------------------------------------------------------------------------
-
-
 def _weather(image: F64, rng: np.random.Generator, held_out: bool) -> U8:
     """Fading, dirt, scratches and grit on a large picture; returned at layer size."""
     n = len(image)
@@ -412,14 +388,12 @@ def _stop_sign(rng: np.random.Generator, held_out: bool) -> U8:
     return _weather(image, rng, held_out)
 
 
-def _arc(
-    cx: float, cy: float, rx: float, ry: float, start_deg: float, end_deg: float
-) -> list[tuple[float, float]]:
+def _arc(cx: float, cy: float, rx: float, ry: float, start_deg: float, end_deg: float) -> list[XY]:
     a = np.radians(np.linspace(start_deg, end_deg, 13))
     return [(float(x), float(y)) for x, y in zip(cx + rx * np.cos(a), cy + ry * np.sin(a), strict=True)]
 
 
-_LETTERS: dict[str, list[list[tuple[float, float]]]] = {  # strokes in a unit box, y down
+_LETTERS: dict[str, list[list[XY]]] = {  # strokes in a unit box, y down
     "S": [_arc(0.5, 0.25, 0.5, 0.25, -20, -270) + _arc(0.5, 0.75, 0.5, 0.25, -90, 160)],
     "T": [[(-0.05, 0), (1.05, 0)], [(0.5, 0), (0.5, 1)]],
     "O": [_arc(0.5, 0.3, 0.5, 0.3, 180, 360) + _arc(0.5, 0.7, 0.5, 0.3, 0, 180) + [(0, 0.3)]],

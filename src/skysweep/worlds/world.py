@@ -1,22 +1,22 @@
-"""What is out there: a scenario made concrete. Everything random is drawn here, from one seed.
+"""The true world of a mission. Everything random in it is drawn here, from one seed.
 
-This is the truth. Only simulated sensors and results may look at it.
+Only simulated sensors and results may look at it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import shapely
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
 from skysweep.worlds.places import Ground, generate_positions, scattered
-
-F64 = NDArray[np.float64]
 
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
@@ -76,17 +76,13 @@ class TerrainSurface:
 
     def height_m(self, xy_enu_m: ArrayLike) -> F64:
         """Ground height (N,) in metres ENU at points (N, 2)."""
-        xy = np.asarray(xy_enu_m, dtype=float)
-        if xy.ndim == 1:
-            xy = xy[None]
+        xy = np.atleast_2d(np.asarray(xy_enu_m, dtype=float))
         if self._level_m is not None:
-            level = np.empty(len(xy))
-            level.fill(self._level_m)
-            return level
+            return np.full(len(xy), self._level_m)
         return bilinear(self.heights_m, self.bounds_enu_m, xy)
 
     def height_at_m(self, x_m: float, y_m: float) -> float:
-        """Ground height in metres ENU at one point: what missions ask at every step."""
+        """Ground height in metres ENU at one point; fast, because missions ask at every step."""
         if self._level_m is not None:
             return self._level_m
         return bilinear_at(self.heights_m, self.bounds_enu_m, x_m, y_m)
@@ -136,13 +132,9 @@ class World:
 
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
-    """The scenario's ground. Home's ground is height 0 unless a heightmap says otherwise."""
-    west, south, east, north = (
-        shapely.box(*scenario.area_enu_m.bounds)
-        .union(shapely.Point(scenario.home.position_enu_m))
-        .buffer(MARGIN_M)
-        .bounds
-    )
+    """The scenario's ground. Its height at home is 0 unless a heightmap says otherwise."""
+    with_home = shapely.box(*scenario.area_enu_m.bounds).union(shapely.Point(scenario.home.position_enu_m))
+    west, south, east, north = with_home.buffer(MARGIN_M).bounds
     bounds = (west, south, east, north)
     t = scenario.terrain
     if t.heightmap_m is not None:
@@ -150,9 +142,8 @@ def build_terrain(scenario: Scenario) -> TerrainSurface:
     if t.hills_height_m == 0:
         return TerrainSurface(np.zeros((2, 2)), bounds, t.surface)
     step = max(2.0, max(east - west, north - south) / 400)
-    x = np.arange(west, east + step, step)
-    y = np.arange(south, north + step, step)
-    X, Y = np.meshgrid(np.linspace(west, east, len(x)), np.linspace(south, north, len(y)))
+    columns, rows = len(np.arange(west, east + step, step)), len(np.arange(south, north + step, step))
+    X, Y = np.meshgrid(np.linspace(west, east, columns), np.linspace(south, north, rows))
     rng = np.random.default_rng([t.seed, 7])
     h = np.zeros_like(X)
     for octave in range(4):
@@ -162,8 +153,7 @@ def build_terrain(scenario: Scenario) -> TerrainSurface:
             h += 0.5**octave * np.sin(k * (X * np.cos(a) + Y * np.sin(a)) + phase)
     h = (h - h.min()) / np.ptp(h) * t.hills_height_m
     surface = TerrainSurface(h, bounds, t.surface)
-    home_height = surface.height_m([scenario.home.position_enu_m])[0]
-    return TerrainSurface(h - home_height, bounds, t.surface)
+    return TerrainSurface(h - surface.height_at_m(*scenario.home.position_enu_m), bounds, t.surface)
 
 
 def build_world(scenario: Scenario, seed: int) -> World:
@@ -215,25 +205,21 @@ def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree,
 
 
 def build_buildings(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldBuilding, ...]:
-    """The same for every mission seed."""
+    """The scenario's buildings: the same for every mission seed."""
     return tuple(
-        WorldBuilding(
-            _on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, float(np.radians(b.yaw_deg)), i
-        )
+        WorldBuilding(_on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, math.radians(b.yaw_deg), i)
         for i, b in enumerate(scenario.buildings)
     )
 
 
 def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:
-    return np.array([xy[0], xy[1], terrain.height_m([xy])[0]])
+    return np.array([*xy, terrain.height_at_m(*xy)])
 
 
 def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: int) -> list[WorldTree]:
     rng = np.random.default_rng([forest.seed, index, 17])
-    area = scenario.area_enu_m
-    ground = Ground(
-        shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else area.buffer(MARGIN_M).envelope
-    )
+    everywhere = scenario.area_enu_m.buffer(MARGIN_M).envelope
+    ground = Ground(shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else everywhere)
     count = round(forest.trees_per_hectare * ground.polygon.area / 1e4)
     clear = shapely.Point(scenario.home.position_enu_m).buffer(6.0)
     shapely.prepare(clear)

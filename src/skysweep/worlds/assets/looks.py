@@ -6,12 +6,9 @@ from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.worlds.world import HELD_OUT_VARIANTS
-
-F64 = NDArray[np.float64]
-RGB = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -38,8 +35,8 @@ class Appearance:
     def chance(self, probability: float) -> bool:
         return bool(self.rng.random() < probability)
 
-    def pick(self, training: list[RGB], held_out: list[RGB]) -> F64:
-        """A colour (3,) 0..1 from the palette that applies, a little off."""
-        palette = held_out if self.held_out else training
-        colour = np.array(palette[self.rng.integers(len(palette))], dtype=float) / 255
+    def pick(self, training: str, held_out: str = "") -> F64:
+        """A varied colour (3,) 0..1 from the palette that applies; palettes are colours in hexadecimal."""
+        palette = (held_out if self.held_out and held_out else training).split()
+        colour = np.array([*bytes.fromhex(palette[self.rng.integers(len(palette))])]) / 255
         return np.clip(colour * self.rng.uniform(0.88, 1.1) + self.rng.normal(0, 0.015, 3), 0.01, 1.0)

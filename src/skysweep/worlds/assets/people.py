@@ -6,48 +6,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from skysweep.worlds.assets.looks import F64, RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
 from skysweep.worlds.textures import Layer
 
-_SKIN: list[RGB] = [(236, 188, 158), (214, 160, 124), (176, 122, 86), (120, 78, 54), (84, 56, 42)]
-_SKIN_HELD_OUT: list[RGB] = [(226, 176, 146), (196, 142, 104), (146, 100, 70), (98, 66, 48)]
-_HAIR: list[RGB] = [
-    (40, 30, 24),
-    (82, 56, 34),
-    (150, 112, 62),
-    (200, 172, 120),
-    (120, 116, 112),
-    (96, 42, 22),
-]
-_HAIR_HELD_OUT: list[RGB] = [(26, 22, 20), (112, 76, 46), (178, 146, 96), (210, 206, 200)]
-_UPPER: list[RGB] = [
-    (190, 34, 36), (30, 62, 140), (232, 232, 228), (34, 34, 38), (240, 150, 24), (224, 224, 40),
-    (46, 104, 62), (118, 120, 124), (86, 148, 200), (128, 50, 110), (214, 120, 130), (90, 76, 54),
-]  # fmt: skip
-_UPPER_HELD_OUT: list[RGB] = [
-    (206, 70, 30), (20, 110, 120), (246, 246, 240), (60, 60, 90), (196, 222, 40), (160, 30, 60), (70, 90, 50),
-    (150, 140, 120), (60, 130, 220), (170, 130, 60),
-]  # fmt: skip
-_LOWER: list[RGB] = [
-    (36, 48, 84),
-    (30, 30, 34),
-    (92, 86, 70),
-    (70, 92, 130),
-    (130, 116, 88),
-    (58, 62, 52),
-    (120, 122, 126),
-]
-_LOWER_HELD_OUT: list[RGB] = [
-    (52, 70, 110),
-    (44, 40, 40),
-    (112, 100, 76),
-    (84, 60, 46),
-    (160, 154, 140),
-    (40, 80, 70),
-]
-_BAG: list[RGB] = [(180, 40, 30), (36, 70, 120), (50, 56, 40), (220, 130, 30), (40, 40, 44)]
+_SKIN = "ecbc9e d6a07c b07a56 784e36 54382a"
+_SKIN_HELD_OUT = "e2b092 c48e68 926446 624230"
+_HAIR = "281e18 523822 96703e c8ac78 787470 602a16"
+_HAIR_HELD_OUT = "1a1614 704c2e b29260 d2cec8"
+_UPPER = "be2224 1e3e8c e8e8e4 222226 f09618 e0e028 2e683e 76787c 5694c8 80326e d67882 5a4c36"
+_UPPER_HELD_OUT = "ce461e 146e78 f6f6f0 3c3c5a c4de28 a01e3c 465a32 968c78 3c82dc aa823c"
+_LOWER = "243054 1e1e22 5c5646 465c82 827458 3a3e34 787a7e"
+_LOWER_HELD_OUT = "34466e 2c2828 70644c 543c2e a09a8c 285046"
+_BAG = "b4281e 244678 323828 dc821e 28282c"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +31,8 @@ class Skeleton:
     pelvis: F64
     neck: F64
     head: F64
-    arms: tuple[F64, F64]  # each (3, 3): shoulder, elbow, wrist
-    legs: tuple[F64, F64]  # each (4, 3): hip, knee, ankle, toe
+    arms: list[F64]  # two, each (3, 3): shoulder, elbow, wrist
+    legs: list[F64]  # two, each (4, 3): hip, knee, ankle, toe
 
 
 def person(looks: Appearance, size_m: float, pose: str) -> Mesh:
@@ -77,14 +51,10 @@ def person(looks: Appearance, size_m: float, pose: str) -> Mesh:
 def _floating(looks: Appearance, size_m: float) -> Mesh:
     """Upright in the water to the chest, arms out, or on the back with the face up."""
     if looks.chance(0.3):
-        skeleton = _stretched(looks, knees=0.05)
-        return _on_the_back(_dress(looks, skeleton, swimmer=True), face_up=True).moved(
-            (0, 0, -0.045), scale=size_m
-        )
+        body = _dress(looks, _stretched(looks, knees=0.05), swimmer=True)
+        return _on_the_back(body, face_up=True).moved((0, 0, -0.045), scale=size_m)
     spread = looks.rng.uniform(np.radians(60), np.radians(100), 2)
-    skeleton = _upright(
-        looks, spread, forward=looks.rng.uniform(-0.3, 0.8, 2), elbow=looks.rng.uniform(0.1, 0.9, 2)
-    )
+    skeleton = _upright(looks, spread, looks.rng.uniform(-0.3, 0.8, 2), looks.rng.uniform(0.1, 0.9, 2))
     lean = looks.rng.normal(0, 0.12)
     c, s = np.cos(lean), np.sin(lean)
     R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
@@ -108,9 +78,27 @@ def _on_the_back(body: Mesh, face_up: bool) -> Mesh:
     return body.moved((0, 0, -0.5)).moved((0, 0, 0.075), R)
 
 
-def _limb(start: F64, direction: F64, bend: F64, first: float, second: float) -> F64:
-    knee = start + first * direction / np.linalg.norm(direction)
-    return np.stack([start, knee, knee + second * bend / np.linalg.norm(bend)])
+def _limb(start: ArrayLike, direction: ArrayLike, bend: ArrayLike, first: float, second: float) -> F64:
+    knee = start + first * np.asarray(direction) / np.linalg.norm(direction)
+    return np.stack([start, knee, knee + second * np.asarray(bend) / np.linalg.norm(bend)])
+
+
+def _arm(shoulder: ArrayLike, direction: ArrayLike, bend: ArrayLike) -> F64:
+    return _limb(shoulder, direction, bend, 0.165, 0.15)
+
+
+def _leg(hip: ArrayLike, direction: ArrayLike, bend: ArrayLike) -> F64:
+    return _limb(hip, direction, bend, 0.245, 0.225)
+
+
+def _with_toe(leg: F64, toe: ArrayLike) -> F64:
+    return np.vstack([leg, leg[2] + toe])
+
+
+def _straight(arms: list[F64], legs: list[F64], head_forward: float) -> Skeleton:
+    return Skeleton(
+        np.array([0, 0, 0.53]), np.array([0, 0, 0.83]), np.array([head_forward, 0, 0.925]), arms, legs
+    )
 
 
 def _upright(looks: Appearance, spread: F64, forward: F64, elbow: F64) -> Skeleton:
@@ -120,24 +108,11 @@ def _upright(looks: Appearance, spread: F64, forward: F64, elbow: F64) -> Skelet
     for side, a, f, e in zip((1, -1), spread, forward, elbow, strict=True):
         down = np.array([np.sin(f) * np.cos(a), side * np.sin(a), -np.cos(a) * np.cos(f)])
         bend = down + e * np.array([1.0, -0.4 * side, 0.5])
-        arms.append(_limb(np.array([0, side * shoulders, 0.81]), down, bend, 0.165, 0.15))
-        stance = looks.between(0.02, 0.10)
-        step = looks.between(-0.12, 0.12)
-        leg = _limb(
-            np.array([0, side * hips, 0.51]),
-            np.array([step, side * stance, -1]),
-            np.array([step - 0.06, side * stance, -1]),
-            0.245,
-            0.225,
-        )
-        legs.append(np.vstack([leg, leg[2] + [0.105, side * 0.02, -0.02]]))
-    return Skeleton(
-        np.array([0, 0, 0.53]),
-        np.array([0, 0, 0.83]),
-        np.array([0.012, 0, 0.925]),
-        (arms[0], arms[1]),
-        (legs[0], legs[1]),
-    )
+        arms.append(_arm([0, side * shoulders, 0.81], down, bend))
+        stance, step = side * looks.between(0.02, 0.10), looks.between(-0.12, 0.12)
+        leg = _leg([0, side * hips, 0.51], [step, stance, -1], [step - 0.06, stance, -1])
+        legs.append(_with_toe(leg, [0.105, side * 0.02, -0.02]))
+    return _straight(arms, legs, head_forward=0.012)
 
 
 def _standing(looks: Appearance) -> Skeleton:
@@ -154,35 +129,16 @@ def _stretched(looks: Appearance, knees: float) -> Skeleton:
     hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
     arms, legs = [], []
     for side in (1, -1):
-        a = float(
-            looks.rng.choice([looks.rng.uniform(0.1, 0.6), looks.rng.uniform(0.8, 2.8)], p=[0.55, 0.45])
-        )
+        near, far = looks.rng.uniform(0.1, 0.6), looks.rng.uniform(0.8, 2.8)
+        a = float(looks.rng.choice([near, far], p=[0.55, 0.45]))
         b = a + looks.rng.uniform(-0.5, 0.7)
-        arm = _limb(
-            np.array([0, side * shoulders, 0.81]),
-            np.array([0, side * np.sin(a), -np.cos(a)]),
-            np.array([0, side * np.sin(b), -np.cos(b)]),
-            0.165,
-            0.15,
-        )
-        arms.append(arm)
+        upper, lower = ([0, side * np.sin(t), -np.cos(t)] for t in (a, b))
+        arms.append(_arm([0, side * shoulders, 0.81], upper, lower))
         t = looks.rng.uniform(0.02, 0.35)
         k = t + looks.rng.uniform(-1.2, 0.3) * knees
-        leg = _limb(
-            np.array([0, side * hips, 0.51]),
-            np.array([0.02, side * np.sin(t), -np.cos(t)]),
-            np.array([0, side * np.sin(k), -np.cos(k)]),
-            0.245,
-            0.225,
-        )
-        legs.append(np.vstack([leg, leg[2] + [0.03, side * 0.06, -0.07]]))
-    return Skeleton(
-        np.array([0, 0, 0.53]),
-        np.array([0, 0, 0.83]),
-        np.array([0.0, 0, 0.925]),
-        (arms[0], arms[1]),
-        (legs[0], legs[1]),
-    )
+        thigh, shin = [0.02, side * np.sin(t), -np.cos(t)], [0, side * np.sin(k), -np.cos(k)]
+        legs.append(_with_toe(_leg([0, side * hips, 0.51], thigh, shin), [0.03, side * 0.06, -0.07]))
+    return _straight(arms, legs, head_forward=0.0)
 
 
 def _sitting(looks: Appearance, curled: bool = False) -> Skeleton:
@@ -195,21 +151,16 @@ def _sitting(looks: Appearance, curled: bool = False) -> Skeleton:
     for side in (1, -1):
         shoulder = pelvis + 0.28 * up + [0, side * shoulders, 0]
         reach = np.array([looks.rng.uniform(0.1, 0.9), side * 0.25, -0.7])
-        arms.append(_limb(shoulder, reach, reach + np.array([0.8, -0.4 * side, 0.4]), 0.165, 0.15))
+        arms.append(_arm(shoulder, reach, reach + np.array([0.8, -0.4 * side, 0.4])))
         rise = looks.rng.uniform(0.0, 0.9) if not curled else looks.rng.uniform(0.3, 0.9)
         drop = -rise * 245 / 225
         out = looks.rng.uniform(0.05, 0.35)
         ahead = -0.3 if curled else np.sqrt(max(0.04, 1 - drop**2))
-        leg = _limb(
-            np.array([0.02, side * hips, 0.06]),
-            np.array([np.sqrt(1 - min(rise, 0.95) ** 2), side * out, rise]),
-            np.array([ahead, -side * 0.3 * out, drop]),
-            0.245,
-            0.225,
-        )
+        thigh = [np.sqrt(1 - min(rise, 0.95) ** 2), side * out, rise]
+        leg = _leg([0.02, side * hips, 0.06], thigh, [ahead, -side * 0.3 * out, drop])
         leg[2, 2] = max(leg[2, 2], 0.03)
-        legs.append(np.vstack([leg, leg[2] + [0.09, side * 0.02, 0.0]]))
-    return Skeleton(pelvis, neck, neck + 0.095 * up + [0.012, 0, 0], (arms[0], arms[1]), (legs[0], legs[1]))
+        legs.append(_with_toe(leg, [0.09, side * 0.02, 0.0]))
+    return Skeleton(pelvis, neck, neck + 0.095 * up + [0.012, 0, 0], arms, legs)
 
 
 def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
@@ -218,9 +169,7 @@ def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
     hair = looks.pick(_HAIR, _HAIR_HELD_OUT)
     upper = looks.pick(_UPPER, _UPPER_HELD_OUT)
     lower = looks.pick(_LOWER, _LOWER_HELD_OUT)
-    shoes = looks.pick(
-        [(40, 36, 34), (150, 150, 150), (96, 66, 44)], [(30, 30, 40), (190, 186, 176), (120, 60, 40)]
-    )
+    shoes = looks.pick("282422 969696 60422c", "1e1e28 bebab0 783c28")
     long_sleeves, shorts, bare = looks.chance(0.6), looks.chance(0.25), swimmer and looks.chance(0.4)
     stout = looks.between(0.88, 1.22)
     cloth: dict[str, Any] = {"layer": Layer.FABRIC, "texture_size_m": 0.45}
@@ -228,29 +177,16 @@ def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
         upper, long_sleeves = skin, False
     parts = [_torso(bones, stout, upper, lower, cloth)]
     for arm in bones.arms:
-        sleeve = np.stack([upper, upper, upper if long_sleeves else skin, upper if long_sleeves else skin])
-        mid = 0.5 * (arm[0] + arm[1])
+        below = upper if long_sleeves else skin
         parts.append(
-            tube(
-                [arm[0], mid, arm[1], arm[2]],
-                np.array([0.033, 0.030, 0.025, 0.019]) * stout**0.5,
-                sleeve,
-                n=6,
-                **cloth,
-            )
+            _clothed(arm, np.array([0.033, 0.030, 0.025, 0.019]) * stout**0.5, upper, below, 6, cloth)
         )
         hand = arm[2] + 0.03 * (arm[2] - arm[1]) / np.linalg.norm(arm[2] - arm[1])
         parts.append(ellipsoid((0.022, 0.022, 0.026), skin, n=6).moved(hand))
     for leg in bones.legs:
-        trouser = np.stack([lower, lower, skin if shorts else lower, skin if shorts else lower])
+        below = skin if shorts else lower
         parts.append(
-            tube(
-                [leg[0], 0.5 * (leg[0] + leg[1]), leg[1], leg[2]],
-                np.array([0.050, 0.045, 0.034, 0.026]) * stout**0.5,
-                trouser,
-                n=7,
-                **cloth,
-            )
+            _clothed(leg, np.array([0.050, 0.045, 0.034, 0.026]) * stout**0.5, lower, below, 7, cloth)
         )
         parts.append(tube(leg[2:] - [0, 0, 0.008], [0.027, 0.024], shoes, n=6))
     up = bones.head - bones.neck
@@ -259,33 +195,34 @@ def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
     parts.append(ellipsoid((0.052, 0.044, 0.066), skin, n=10).moved(bones.head))
     cap = looks.chance(0.3)
     colour = looks.pick(_UPPER, _UPPER_HELD_OUT) if cap else hair
-    parts.append(
-        ellipsoid((0.055, 0.049, 0.058), colour, n=10).moved(bones.head + 0.018 * up - [0.012, 0, 0])
-    )
+    crown = ellipsoid((0.055, 0.049, 0.058), colour, n=10)
+    parts.append(crown.moved(bones.head + 0.018 * up - [0.012, 0, 0]))
     if cap:
-        parts.append(
-            ellipsoid((0.05, 0.042, 0.006), colour, n=8).moved(bones.head + 0.022 * up + [0.05, 0, 0])
-        )
+        peak = ellipsoid((0.05, 0.042, 0.006), colour, n=8)
+        parts.append(peak.moved(bones.head + 0.022 * up + [0.05, 0, 0]))
     chest = 0.5 * (bones.pelvis + bones.neck) + 0.05 * up
     if looks.chance(0.3 if not swimmer else 0.45):
         if swimmer or looks.chance(0.4):  # life jacket or hi-vis vest
-            vest = looks.pick(
-                [(244, 110, 20), (232, 226, 30), (220, 40, 30)], [(250, 90, 40), (200, 240, 40)]
-            )
+            vest = looks.pick("f46e14 e8e21e dc281e", "fa5a28 c8f028")
             parts.append(ellipsoid((0.085, 0.115, 0.115), vest, n=10, **cloth).moved(chest))
         else:
-            bag = looks.pick(_BAG, _BAG)
+            bag = looks.pick(_BAG)
             parts.append(box((0.09, 0.15, 0.22), bag, **cloth).moved(chest - [0.105, 0, 0.1]))
     return merge(parts)
+
+
+def _clothed(limb: F64, radii: F64, above: F64, below: F64, n: int, cloth: dict[str, Any]) -> Mesh:
+    """An arm or a leg whose cloth has the colour ``above`` as far as the joint and ``below`` beyond it."""
+    line = [limb[0], 0.5 * (limb[0] + limb[1]), limb[1], limb[2]]
+    return tube(line, radii, np.stack([above, above, below, below]), n=n, **cloth)
 
 
 def _torso(bones: Skeleton, stout: float, upper: F64, lower: F64, cloth: dict[str, Any]) -> Mesh:
     """Elliptical sections from the crotch to the shoulders."""
     along = bones.neck - bones.pelvis
     t = np.array([-0.14, -0.04, 0.12, 0.35, 0.65, 0.88, 0.98])
-    half_width = np.array([0.050, 0.088, 0.090, 0.082, 0.098, 0.105, 0.045]) * np.array(
-        [1, stout, stout, stout, stout**0.7, 1, 1]
-    )
+    half_width = np.array([0.050, 0.088, 0.090, 0.082, 0.098, 0.105, 0.045])
+    half_width *= [1, stout, stout, stout, stout**0.7, 1, 1]
     half_depth = np.array([0.040, 0.062, 0.064, 0.058, 0.068, 0.058, 0.035]) * stout
     ring = circle(10)
     forward = np.cross([0.0, 1.0, 0.0], along)

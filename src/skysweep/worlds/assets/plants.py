@@ -10,16 +10,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh, icosphere, lathe, loft, lumpy, make_mesh, merge
 from skysweep.worlds.textures import Layer
 
 SHAPES = 6  # unit meshes a kind
 DETAILS = 3
 
-_BROADLEAF: list[RGB] = [(138, 168, 78), (118, 154, 72), (156, 172, 88), (108, 140, 76), (172, 168, 84)]
-_CONIFER: list[RGB] = [(96, 128, 84), (84, 118, 82), (110, 134, 88), (92, 122, 98)]
-_TRUNK: list[RGB] = [(92, 76, 60), (112, 98, 82), (80, 66, 52)]
+_BROADLEAF = "8aa84e 769a48 9cac58 6c8c4c aca854"
+_CONIFER = "608054 547652 6e8658 5c7a62"
+_TRUNK = "5c4c3c 706252 504234"
 
 
 @lru_cache(maxsize=128)
@@ -44,23 +45,22 @@ def _crown(looks: Appearance, colour: F64, detail: int, lumps: int) -> Mesh:
 
 
 def _broadleaf(looks: Appearance, detail: int) -> Mesh:
-    colour = looks.pick(_BROADLEAF, _BROADLEAF)
-    trunk = lathe(
-        [(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK
-    )
+    colour = looks.pick(_BROADLEAF)
+    profile = [(0.11, -0.05), (0.075, 0.1), (0.06, 0.5)]
+    trunk = lathe(profile, looks.pick(_TRUNK), n=5, layer=Layer.BARK)
     crown = _crown(looks, colour, detail, 26).moved((0, 0, 0.675), scale=(1.0, 1.0, 0.325))
     return merge([crown, trunk])
 
 
 def _bush(looks: Appearance, detail: int) -> Mesh:
-    colour = looks.pick(_BROADLEAF, _BROADLEAF) * 0.92
+    colour = looks.pick(_BROADLEAF) * 0.92
     return _crown(looks, colour, detail, 16).moved((0, 0, 0.42), scale=(1.0, 1.0, 0.58))
 
 
 def _conifer(looks: Appearance, detail: int) -> Mesh:
     """Tiers of drooping branches with ragged edges."""
-    colour = looks.pick(_CONIFER, _CONIFER)
-    parts = [lathe([(0.10, -0.05), (0.03, 0.9)], looks.pick(_TRUNK, _TRUNK), n=5, layer=Layer.BARK)]
+    colour = looks.pick(_CONIFER)
+    parts = [lathe([(0.10, -0.05), (0.03, 0.9)], looks.pick(_TRUNK), n=5, layer=Layer.BARK)]
     tiers, n = ((4, 8), (6, 12), (8, 18))[detail]
     a0 = np.arange(n) * 2 * np.pi / n
     for k in range(tiers):
@@ -68,18 +68,12 @@ def _conifer(looks: Appearance, detail: int) -> Mesh:
         z0, z1 = 0.18 + 0.80 * t, 0.18 + 0.80 * min(t + 1.9 / tiers, 1.02)
         a = a0 + looks.rng.uniform(0, 1)
         out = (1 - t) ** 0.85 * np.where(np.arange(n) % 2, 0.62, 1.0) * looks.rng.uniform(0.82, 1.0, n)
-        edge = np.column_stack(
-            [np.cos(a) * out, np.sin(a) * out, z0 + 0.03 * looks.rng.normal(size=n) * (1 - t)]
-        )
-        tip = np.column_stack([np.cos(a) * 0.02, np.sin(a) * 0.02, np.full(n, z1)])
-        rings, shades = [edge, tip], [colour * 1.12, colour * 0.6]
-        if detail > 0:
-            rings.insert(
-                1,
-                np.column_stack(
-                    [np.cos(a) * out / 2, np.sin(a) * out / 2, np.full(n, 0.45 * z0 + 0.55 * z1)]
-                ),
-            )
-            shades.insert(1, colour * 0.86)
+        cos, sin = np.cos(a), np.sin(a)
+        edge = np.column_stack([cos * out, sin * out, z0 + 0.03 * looks.rng.normal(size=n) * (1 - t)])
+        middle = np.column_stack([cos * out / 2, sin * out / 2, np.full(n, 0.45 * z0 + 0.55 * z1)])
+        tip = np.column_stack([cos * 0.02, sin * 0.02, np.full(n, z1)])
+        rings, shades = [edge, middle, tip], [colour * 1.12, colour * 0.86, colour * 0.6]
+        if detail == 0:
+            del rings[1], shades[1]
         parts.append(loft(np.stack(rings), np.clip(np.stack(shades), 0, 1), caps=False, layer=Layer.NEEDLES))
     return merge(parts)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import F64, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh, circle, merge, plate, prism, tube
 from skysweep.worlds.textures import Decal, decal_layer
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M
@@ -30,9 +31,7 @@ def _sign(looks: Appearance, size_m: float, pose: str, outline: F64, decal: Deca
     face = merge([prism(outline, 0.0, top, STEEL), plate(outline, top + 0.002, (1, 1, 1), layer, radius_m)])
     tilt = looks.rng.normal(0, np.radians(4 if looks.held_out else 3), 2)
     if pose == "standing":
-        upright = np.array(
-            [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-        )  # face towards +x, text upright
+        upright = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # facing +x
         post = tube([(-0.04, 0, 0), (-0.04, 0, STANDING_SIGN_EDGE_M + 0.9 * size_m)], [0.035, 0.035], STEEL)
         return merge([post, face.moved((0, 0, STANDING_SIGN_EDGE_M + size_m / 2), upright)])
     c, s = np.cos(tilt), np.sin(tilt)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from skysweep.worlds.assets.looks import RGB, Appearance
+from skysweep.arrays import F64
+from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import (
     Mesh,
     circle,
@@ -21,26 +22,16 @@ from skysweep.worlds.meshes import (
 )
 from skysweep.worlds.textures import Decal, Layer, decal_layer
 
-_BUCKET: list[RGB] = [(196, 30, 32), (210, 44, 36), (176, 22, 30)]
-_BUCKET_HELD_OUT: list[RGB] = [(200, 56, 28), (160, 30, 44), (220, 40, 56)]
-_ROCK: list[RGB] = [(190, 186, 178), (158, 150, 140), (214, 202, 184), (134, 134, 138), (200, 178, 152)]
-_ROCK_HELD_OUT: list[RGB] = [(174, 162, 154), (228, 220, 210), (142, 126, 110), (168, 178, 184)]
-_BARK: list[RGB] = [(96, 78, 60), (74, 62, 52), (122, 106, 88)]
-_BARK_HELD_OUT: list[RGB] = [(84, 66, 54), (136, 124, 110), (104, 84, 60)]
-_CLOTH: list[RGB] = [
-    (190, 34, 36), (30, 62, 140), (228, 228, 224), (36, 36, 40), (240, 150, 24), (224, 224, 40),
-    (46, 104, 62), (118, 120, 124), (36, 48, 84), (90, 76, 54),
-]  # fmt: skip
-_CLOTH_HELD_OUT: list[RGB] = [
-    (206, 70, 30),
-    (20, 110, 120),
-    (246, 246, 240),
-    (60, 60, 90),
-    (160, 30, 60),
-    (112, 100, 76),
-]
-_BUOY: list[RGB] = [(230, 90, 20), (214, 40, 30), (240, 120, 30)]
-_BUOY_HELD_OUT: list[RGB] = [(236, 70, 50), (224, 130, 20), (190, 30, 40)]
+_BUCKET = "c41e20 d22c24 b0161e"
+_BUCKET_HELD_OUT = "c8381c a01e2c dc2838"
+_ROCK = "bebab2 9e968c d6cab8 86868a c8b298"
+_ROCK_HELD_OUT = "aea29a e4dcd2 8e7e6e a8b2b8"
+_BARK = "604e3c 4a3e34 7a6a58"
+_BARK_HELD_OUT = "544236 887c6e 68543c"
+_CLOTH = "be2224 1e3e8c e4e4e0 242428 f09618 e0e028 2e683e 76787c 243054 5a4c36"
+_CLOTH_HELD_OUT = "ce461e 146e78 f6f6f0 3c3c5a a01e3c 70644c"
+_BUOY = "e65a14 d6281e f0781e"
+_BUOY_HELD_OUT = "ec4632 e08214 be1e28"
 
 
 def bucket(looks: Appearance, size_m: float, pose: str) -> Mesh:
@@ -52,7 +43,7 @@ def bucket(looks: Appearance, size_m: float, pose: str) -> Mesh:
     colours = np.stack([red * 0.8, red, red * 1.05, red * 1.1, red * 1.1, red * 0.62])
     shell = lathe(profile, np.clip(colours, 0, 1), n=20, layer=Layer.WORN, texture_size_m=0.6)
     if looks.chance(0.2):  # something in it
-        fill = looks.pick([(70, 84, 92), (110, 92, 64), (60, 50, 40)], [(84, 96, 80), (140, 130, 110)])
+        fill = looks.pick("46545c 6e5c40 3c3228", "546050 8c826e")
         level = looks.between(0.25, 0.55)
         inside = lathe([(0.9 * r * level + foot * 0.9 * (1 - level), level * h)] * 2, fill, n=20)
         shell = merge([shell, inside])
@@ -89,9 +80,8 @@ def stump(looks: Appearance, size_m: float, pose: str) -> Mesh:
     n, h = 22, size_m * looks.between(0.35, 0.8)
     ring = circle(n)
     wobble = 1 + 0.05 * looks.rng.normal(size=n)
-    roots = 1 + 0.28 * np.maximum(
-        0, np.cos(np.arange(n) * 2 * np.pi / n * looks.rng.integers(3, 6) + looks.rng.uniform(0, 6))
-    )
+    phase = np.arange(n) * 2 * np.pi / n * looks.rng.integers(3, 6) + looks.rng.uniform(0, 6)
+    roots = 1 + 0.28 * np.maximum(0, np.cos(phase))
     rings = []
     for z, flare in ((-0.1, 1.0), (0.05, 0.7), (0.4 * h, 0.2), (0.96 * h, 0.0), (h, 0.0)):
         radius = size_m / 2 * wobble * (1 + (roots - 1 + 0.12) * flare) * (0.97 if z == h else 1.0)
@@ -107,31 +97,28 @@ def clothing(looks: Appearance, size_m: float, pose: str) -> Mesh:
     jacket = looks.chance(0.55)
     rng = looks.rng
 
-    def bend(a: float, length: float, start: tuple[float, float]) -> np.ndarray:
+    def bend(a: float, length: float, start: tuple[float, float]) -> F64:
         turn = np.cumsum([a, rng.normal(0, 0.35), rng.normal(0, 0.5)])
         steps = np.column_stack([np.cos(turn), np.sin(turn)]) * length / 3
         return np.concatenate([[start], np.array(start) + np.cumsum(steps, axis=0)])
 
-    strips: list[tuple[np.ndarray, float]] = []
     if jacket:
-        strips.append((bend(0.0, 0.72, (-0.36, 0.0)), looks.between(0.24, 0.30)))
-        strips += [
-            (bend(np.pi - side * looks.between(0.7, 1.9), 0.55, (0.28, side * 0.22)), 0.085)
-            for side in (1, -1)
-        ]
+        strips = [(bend(0.0, 0.72, (-0.36, 0.0)), looks.between(0.24, 0.30))]
+        splay, length, half_m, x, y = (0.7, 1.9), 0.55, 0.085, 0.28, 0.22  # of the sleeves
     else:
-        strips.append((np.array([(0.5, 0.0), (0.36, 0.0), (0.26, 0.0)]), 0.19))
-        strips += [
-            (bend(np.pi - side * looks.between(0.0, 0.5), 0.8, (0.34, side * 0.10)), 0.095)
-            for side in (1, -1)
+        strips = [(np.array([(0.5, 0.0), (0.36, 0.0), (0.26, 0.0)]), 0.19)]
+        splay, length, half_m, x, y = (0.0, 0.5), 0.8, 0.095, 0.34, 0.10  # of the legs
+    for side in (1, -1):
+        strips.append((bend(np.pi - side * looks.between(*splay), length, (x, side * y)), half_m))
+    return merge(
+        [
+            _heap(looks, line * size_m, half * size_m, colour * (1.0 - 0.06 * k), 0.07 * size_m)
+            for k, (line, half) in enumerate(strips)
         ]
-    parts = []
-    for k, (line, half) in enumerate(strips):
-        parts.append(_heap(looks, line * size_m, half * size_m, colour * (1.0 - 0.06 * k), 0.07 * size_m))
-    return merge(parts)
+    )
 
 
-def _heap(looks: Appearance, line: np.ndarray, half_m: float, colour: np.ndarray, height_m: float) -> Mesh:
+def _heap(looks: Appearance, line: F64, half_m: float, colour: F64, height_m: float) -> Mesh:
     """A rumpled strip of cloth along a line (S, 2)."""
     s = np.linspace(0, len(line) - 1, 14)
     p = np.column_stack([np.interp(s, np.arange(len(line)), line[:, c]) for c in (0, 1)])

@@ -10,24 +10,21 @@ from typing import Any, Final
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64, I32, I64, U8
 from skysweep.errors import MissingExtraError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.worlds.meshes import Mesh, merge
+from skysweep.worlds.meshes import Mesh, merge, yaw_rotation
 from skysweep.worlds.rendering.projection import NEAR_M
 from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene
 from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 _GROUND, _WATER, _SOLID = 0, 1, 2
 _SUBPIXELS = np.array([[-0.375, -0.125], [0.125, -0.375], [0.375, 0.125], [-0.125, 0.375]])
 
 
 class EmbreeRenderer:
-    """Casts rays. Raises MissingExtraError where embreex is not installed."""
+    """A ``Renderer`` that casts rays. Raises MissingExtraError if embreex is not installed."""
 
     backend: Final = "embree"
 
@@ -44,23 +41,18 @@ class EmbreeRenderer:
         self._density = _texel_density(mesh, scene.layers.shape[1])
         self._sun = scene.sun
         g = scene.ground_textures
-        self._textures = (
-            *_mips(g.detail[None]),
-            *_mips(g.middle[None]),
-            *_mips(g.macro[None]),
-            *_mips(scene.layers),
-        )
+        images = g.detail[None], g.middle[None], g.macro[None], scene.layers
+        self._textures = tuple(_mips(image) for image in images)
         self._everything = _embree_scene(mesh.vertices, mesh.faces)
         self._object_faces = np.flatnonzero(self._ids > 0)
-        self._objects: Any = None
+        self._objects = None
         if len(self._object_faces):
             self._objects = _embree_scene(mesh.vertices, mesh.faces[self._object_faces])
 
     def close(self) -> None:
-        """Nothing to free; the garbage collector does it."""
+        """Does nothing: the garbage collector frees the scene."""
 
-    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
-        """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
         colours, faces = self._shoot(lens, pose, x, y, time_s)
@@ -76,8 +68,7 @@ class EmbreeRenderer:
             colours[at] = np.mean(fine, axis=0)
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
-        """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         shape = (lens.height_px, lens.width_px)
         if self._objects is None:
             return np.zeros(shape, np.int32)
@@ -87,9 +78,7 @@ class EmbreeRenderer:
         ids = self._ids if occluders else self._ids[self._object_faces]
         return np.where(faces >= 0, ids[faces], 0).astype(np.int32).reshape(shape)
 
-    def _shoot(
-        self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float
-    ) -> tuple[F32, NDArray[np.int32]]:
+    def _shoot(self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float) -> tuple[F32, I32]:
         """Colours (N, 3) 0..1 and faces (N,) seen through picture points."""
         origins, directions = _rays(lens, pose, x, y)
         hit = self._everything.run(origins, directions, output=1)
@@ -110,7 +99,7 @@ class EmbreeRenderer:
         return colours, faces
 
 
-def _embree_scene(vertices: F32, faces: NDArray[np.int32]) -> Any:
+def _embree_scene(vertices: F32, faces: I32) -> Any:
     try:
         from embreex import rtcore_scene
         from embreex.mesh_construction import TriangleMesh
@@ -126,9 +115,7 @@ def _expanded(planting: Planting) -> Mesh:
     unit = planting.meshes[1]
     copies = []
     for x, y, z, yaw, radius, height, shade in planting.places.tolist():
-        c, s = np.cos(yaw), np.sin(yaw)
-        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        copy = unit.moved((x, y, z), R, (radius, radius, height)).tinted(shade)
+        copy = unit.moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade)
         sized = unit.vertices * (radius, radius, height)
         uv = (sized[:, :2] + sized[:, 2:] * (0.61, 0.73)) / PLANT_TEXTURE_M
         texture = np.column_stack([uv, unit.texture[:, 2]])
@@ -158,7 +145,7 @@ def _texel_density(mesh: Mesh, layer_px: int) -> F32:
     return np.asarray(np.sqrt(texels / np.maximum(world, 1e-12)), dtype=np.float32)
 
 
-def _mips(images: NDArray[np.uint8]) -> tuple[F32, NDArray[np.int64]]:
+def _mips(images: U8) -> tuple[F32, I64]:
     """Mip maps of square layers (L, n, n, 3): texels (T, 3) 0..1 in a row, and where levels start."""
     levels, level = [], images.astype(np.float32) / 255
     while True:
@@ -166,16 +153,23 @@ def _mips(images: NDArray[np.uint8]) -> tuple[F32, NDArray[np.int64]]:
         n = level.shape[1]
         if n == 1:
             break
-        level = np.stack(
-            [cv2.resize(i, (n // 2, n // 2), interpolation=cv2.INTER_AREA) for i in level]
-        ).reshape(-1, n // 2, n // 2, 3)
+        smaller = [cv2.resize(i, (n // 2, n // 2), interpolation=cv2.INTER_AREA) for i in level]
+        level = np.stack(smaller).reshape(-1, n // 2, n // 2, 3)
     starts = np.cumsum([0] + [len(t) for t in levels])
     return np.concatenate(levels), starts.astype(np.int64)
 
 
 @njit(cache=True)
-def _sample(texels: Any, starts: Any, layer: int, u: float, v: float, level: float, out: Any) -> None:
+def _tile(texture: Any, u: float, v: float, pixel: float, out: Any) -> None:
+    """A sample of a single layer; ``pixel`` is the share of the tile's side that a pixel spans."""
+    n = 1 << (len(texture[1]) - 2)
+    _sample(texture, 0, u, v, np.log2(pixel * n), out)
+
+
+@njit(cache=True)
+def _sample(texture: Any, layer: int, u: float, v: float, level: float, out: Any) -> None:
     """Trilinear, wrapping: writes (3,) to ``out``."""
+    texels, starts = texture
     top = len(starts) - 2
     level = min(max(level, 0.0), float(top))
     k0 = int(level)
@@ -203,8 +197,8 @@ def _shade(
     triangles: Any, normals: Any, tints: Any, texture: Any, textures: Any, eye: Any, focal_px: float,
     sun: Any, sun_rgb: Any, sky_rgb: Any, ground_rgb: Any, haze_rgb: Any, haze_per_m: float, time_s: float,
 ) -> Any:  # fmt: skip
-    """The shaders of render_gl, ray by ray."""
-    detail, detail_at, middle, middle_at, macro, macro_at, layers, layers_at = textures
+    """The shaders of gl_shaders, ray by ray."""
+    detail, middle, macro, layers = textures
     n_rays = len(faces)
     out = np.empty((n_rays, 3), np.float32)
     a, b, c, n, light = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -226,33 +220,9 @@ def _shade(
         lean = max(abs(directions[i, 2]), 0.2)
         pixel_m = distance / focal_px / np.sqrt(lean)
         if material[face] == _WATER:
-            _sample(
-                detail,
-                detail_at,
-                0,
-                p[0] / 2.9 + 0.11 * time_s,
-                p[1] / 2.9 + 0.05 * time_s,
-                np.log2(pixel_m * 1024 / 2.9),
-                a,
-            )
-            _sample(
-                detail,
-                detail_at,
-                0,
-                p[1] / 11.7 - 0.031 * time_s,
-                p[0] / 11.7 + 0.043 * time_s,
-                np.log2(pixel_m * 1024 / 11.7),
-                b,
-            )
-            _sample(
-                detail,
-                detail_at,
-                0,
-                p[0] / 47.0 + 0.017 * time_s,
-                p[1] / 47.0 - 0.008 * time_s,
-                np.log2(pixel_m * 1024 / 47.0),
-                c,
-            )
+            _tile(detail, p[0] / 2.9 + 0.11 * time_s, p[1] / 2.9 + 0.05 * time_s, pixel_m / 2.9, a)
+            _tile(detail, p[1] / 11.7 - 0.031 * time_s, p[0] / 11.7 + 0.043 * time_s, pixel_m / 11.7, b)
+            _tile(detail, p[0] / 47.0 + 0.017 * time_s, p[1] / 47.0 - 0.008 * time_s, pixel_m / 47.0, c)
             crest = b[2] + c[2]
             for k in range(2):
                 n[k] = -((a[k] - 0.5) * 0.32 + (b[k] - 0.5) * 0.42 + (c[k] - 0.5) * 0.40)
@@ -269,14 +239,12 @@ def _shade(
                     up = min(max(r, 0.0), 1.0)
             glint = max(towards_sun, 0.0) ** 90.0
             slope_light = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0)
-            _sample(macro, macro_at, 0, p[0] / MACRO_M, p[1] / MACRO_M, np.log2(pixel_m * 512 / MACRO_M), a)
-            _sample(
+            _tile(macro, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, a)
+            _tile(
                 middle,
-                middle_at,
-                0,
                 p[0] / MIDDLE_M + 0.006 * time_s,
                 p[1] / MIDDLE_M + 0.004 * time_s,
-                np.log2(pixel_m * 512 / MIDDLE_M),
+                pixel_m / MIDDLE_M,
                 b,
             )
             t = min(max((crest - 1.0) / 0.3, 0.0), 1.0)
@@ -290,34 +258,16 @@ def _shade(
         else:
             beam = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0) * shine
             if material[face] == _GROUND:
-                _sample(
-                    detail,
-                    detail_at,
-                    0,
-                    p[0] / DETAIL_M,
-                    p[1] / DETAIL_M,
-                    np.log2(pixel_m * 1024 / DETAIL_M),
-                    a,
-                )
-                _sample(
-                    middle,
-                    middle_at,
-                    0,
-                    p[1] / MIDDLE_M,
-                    p[0] / MIDDLE_M,
-                    np.log2(pixel_m * 512 / MIDDLE_M),
-                    b,
-                )
-                _sample(
-                    macro, macro_at, 0, p[0] / MACRO_M, p[1] / MACRO_M, np.log2(pixel_m * 512 / MACRO_M), c
-                )
+                _tile(detail, p[0] / DETAIL_M, p[1] / DETAIL_M, pixel_m / DETAIL_M, a)
+                _tile(middle, p[1] / MIDDLE_M, p[0] / MIDDLE_M, pixel_m / MIDDLE_M, b)
+                _tile(macro, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, c)
                 for k in range(3):
                     light[k] = (4.0 * a[k] * b[k] * c[k]) ** 2 * (sky_rgb[k] + sun_rgb[k] * beam)
             else:
                 u = w0 * texture[i0, 0] + w1 * texture[i1, 0] + w2 * texture[i2, 0]
                 v = w0 * texture[i0, 1] + w1 * texture[i1, 1] + w2 * texture[i2, 1]
                 level = np.log2(max(pixel_m * density[face], 1e-6))
-                _sample(layers, layers_at, int(texture[i0, 2] + 0.5), u, v, level, a)
+                _sample(layers, int(texture[i0, 2] + 0.5), u, v, level, a)
                 for k in range(3):
                     tint = w0 * tints[i0, k] + w1 * tints[i1, k] + w2 * tints[i2, k]
                     ambient = ground_rgb[k] + (sky_rgb[k] - ground_rgb[k]) * (0.5 + 0.5 * n[2])

@@ -1,8 +1,8 @@
-"""OpenGL renderer through EGL: Mesa's llvmpipe on a CPU, or a GPU where there is one.
+"""OpenGL renderer through EGL: a GPU, or Mesa's llvmpipe on a CPU.
 
-Forward shading with one shadow map around the place looked at, four-sample anti-aliasing where there are
-edges, frustum culling by tiles, instanced plants. Colours are squared to approximate linear light and
-square-rooted at the end.
+Forward shading with one shadow map around the place looked at, four-sample anti-aliasing at edges, frustum
+culling by tiles, instanced plants. Colours are squared to approximate linear light, and the square root is
+taken at the end.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any, Final
 import cv2
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
@@ -23,25 +23,23 @@ from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Scene
 from skysweep.worlds.textures import LAYER_PX
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Rectangle = tuple[int, int, int, int]  # left, first row, width, height
 
 SAMPLES = 4
 SHADOW_PX = 4096
-SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground, by how much is in sight
+SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground; the least sufficient is used
 _STEEP = 0.2  # descent of a line of sight that meets the ground well before the horizon
-_RUGGED_SHARE = 0.5  # of the picture: with more, all of it is drawn with all samples
+_RUGGED_SHARE = 0.5  # of the picture: above it, the whole picture is drawn with all samples
 
 
 class GLRenderer:
-    """Draws a scene with OpenGL 3.3 without a window. Raises UserError where EGL is not available."""
+    """A ``Renderer`` with OpenGL 3.3, without a window. Raises UserError if EGL is not available."""
 
     backend: Final = "gl"
 
     def __init__(self, scene: Scene) -> None:
         self._context = gl = _open_context()
-        self._free = weakref.finalize(self, gl.release)  # with all that is in it; by itself nothing is freed
+        self._free = weakref.finalize(self, gl.release)  # frees everything in it; nothing is freed otherwise
         self._sun = scene.sun
         self._terrain = scene.terrain
         self._is_water = scene.terrain.surface == "water"
@@ -63,11 +61,9 @@ class GLRenderer:
             self._set_light()
 
     def close(self) -> None:
-        """Free everything; the renderer is of no use afterwards."""
         self._free()
 
-    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
-        """The picture (H, W, 3) RGB; see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         with self._context as gl:
             self._aim_shadow(lens, pose)
             target = self._target(lens)
@@ -91,8 +87,7 @@ class GLRenderer:
                 target.resolved.scissor = target.whole
             return target.read_rgb()
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
-        """Which object each pixel shows (H, W); see :class:`skysweep.worlds.rendering.renderer.Renderer`."""
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         with self._context:
             target = self._target(lens)
             view = Projection.of(lens, pose)
@@ -113,10 +108,10 @@ class GLRenderer:
             self._ground.draw(self._programs["ground" + suffix], view)
 
     def _rugged(self, lens: Lens, pose: CameraPose, view: Projection) -> Rectangle | None:
-        """The part of the picture in which there are edges.
+        """The part of the picture that has edges.
 
-        Elsewhere is flat ground, which one sample a pixel shows as well as four (but for rounding) in two
-        thirds of the time.
+        The rest is flat ground: one sample a pixel shows it as well as four (but for rounding) in two thirds
+        of the time.
         """
         whole = (0, 0, lens.width_px, lens.height_px)
         if (
@@ -161,9 +156,9 @@ class GLRenderer:
             texture.use(unit)
 
     def _aim_shadow(self, lens: Lens, pose: CameraPose) -> None:
-        """Draw the shadow map again when the place looked at left the middle of the last one.
+        """Redraw the shadow map when the place looked at has left the middle of the last one.
 
-        The map moves in steps, so that a pose has the same shadows whatever was looked at before.
+        The map moves in steps, so that the shadows of a pose do not depend on earlier poses.
         """
         eye, forward = pose.position_enu_m, pose.R_camera_to_enu[:, 2]
         reach = max(eye[2] - self._terrain.height_m(eye[:2])[0], 1.0) / max(-forward[2], 0.35)
@@ -198,11 +193,11 @@ class _Target:
             [gl.renderbuffer(size, 4, samples=samples)], gl.depth_renderbuffer(size, samples=samples)
         )
 
-    def read_rgba(self) -> NDArray[np.uint8]:
+    def read_rgba(self) -> U8:
         width, height = self.size
         return np.frombuffer(self.resolved.read(components=4), np.uint8).reshape(height, width, 4)
 
-    def read_rgb(self) -> NDArray[np.uint8]:
+    def read_rgb(self) -> U8:
         return np.asarray(cv2.cvtColor(self.read_rgba(), cv2.COLOR_RGBA2RGB))
 
 
@@ -218,15 +213,14 @@ def _open_context() -> moderngl.Context:
 
 def _compile(gl: moderngl.Context, is_water: bool) -> dict[str, moderngl.Program]:
     programs = {}
-    for name, vertex, fragment in (
-        ("ground", shaders.GROUND_VS, shaders.WATER_FS if is_water else shaders.GROUND_FS),
-        ("solid", shaders.SOLID_VS, shaders.SOLID_FS),
-        ("plant", shaders.PLANT_VS, shaders.PLANT_FS),
+    ground = shaders.WATER_FS if is_water else shaders.GROUND_FS
+    for name, vertex, fragment, ids in (
+        ("ground", shaders.GROUND_VS, ground, shaders.GROUND_ID_FS),
+        ("solid", shaders.SOLID_VS, shaders.SOLID_FS, shaders.ID_FS),
+        ("plant", shaders.PLANT_VS, shaders.PLANT_FS, shaders.ID_FS),
     ):
         programs[name] = gl.program(vertex, fragment)
-        programs[name + "_id"] = gl.program(
-            vertex, shaders.GROUND_ID_FS if name == "ground" else shaders.ID_FS
-        )
+        programs[name + "_id"] = gl.program(vertex, ids)
         programs[name + "_depth"] = gl.program(vertex, shaders.DEPTH_FS)
     return programs
 
@@ -246,7 +240,7 @@ def _upload(gl: moderngl.Context, scene: Scene) -> list[Any]:
     return textures
 
 
-def _rgba(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _rgba(image: U8) -> U8:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2RGBA))
 
 
@@ -256,7 +250,7 @@ def film(light: F64) -> F64:
 
 
 def _set(program: moderngl.Program, **uniforms: Any) -> None:
-    """Write those uniforms that the program kept."""
+    """Write the uniforms that the program kept."""
     for name, value in uniforms.items():
         if name not in program:
             continue

@@ -1,4 +1,4 @@
-"""Vertex buffers of the OpenGL renderer: what is culled together and drawn in one call."""
+"""Vertex buffers of the OpenGL renderer: blocks that are culled together and drawn in one call."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from skysweep.arrays import F64, I32
 from skysweep.worlds.meshes import Mesh, merge
 from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Planting, Solid
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 SOLID_TILE_M = 16.0
 GROUND_TILE_M = 64.0
@@ -24,10 +22,10 @@ PLANT_DETAIL_PX = (8.0, 40.0)  # crown radii from which a plant is drawn finer
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Packed vertices, faces and the bounding box of what is culled together."""
+    """Packed vertices, faces and bounding box of triangles that are culled together."""
 
     vertices: NDArray[Any]
-    faces: NDArray[np.int32]
+    faces: I32
     low: F64
     high: F64
 
@@ -37,26 +35,26 @@ _PLACE_LAYOUT = ("4f 3f /i", "place", "shape")
 _LAYOUT = ("3f 3f 4f1 3f 1f", "position", "normal", "tint", "texel", "id")
 
 
-def _block(mesh: Mesh, ids: F32 | None = None) -> Block:
+def _block(mesh: Mesh, ids: ArrayLike = 0.0) -> Block:
     packed = np.zeros(len(mesh.vertices), _VERTEX)
     packed["p"], packed["n"], packed["t"] = mesh.vertices, mesh.normals, mesh.texture
     packed["c"][:, :3] = np.round(mesh.colours * 255)
-    packed["id"] = 0.0 if ids is None else ids
+    packed["id"] = ids
     return Block(packed, mesh.faces, mesh.vertices.min(0).astype(float), mesh.vertices.max(0).astype(float))
 
 
-def _packed_solids(solids: list[Solid]) -> Block:
-    ids = np.concatenate([np.full(len(s.mesh.vertices), s.id, np.float32) for s in solids])
-    return _block(merge([s.mesh for s in solids]), ids)
-
-
 def solid_blocks(solids: list[Solid]) -> list[Block]:
-    """Things packed with their neighbours, so that only those in sight are drawn."""
+    """Solids packed with their neighbours, so that only blocks in sight are drawn."""
     tiles: dict[tuple[int, int], list[Solid]] = {}
     for solid in solids:
         x, y = solid.mesh.vertices[:, :2].mean(axis=0) // SOLID_TILE_M
         tiles.setdefault((int(x), int(y)), []).append(solid)
-    return [_packed_solids(tile) for tile in tiles.values()]
+    return [
+        _block(
+            merge([s.mesh for s in tile]), np.concatenate([np.full(len(s.mesh.vertices), s.id) for s in tile])
+        )
+        for tile in tiles.values()
+    ]
 
 
 def ground_blocks(ground: Mesh) -> list[Block]:
@@ -69,14 +67,9 @@ def ground_blocks(ground: Mesh) -> list[Block]:
     blocks = []
     for faces in np.split(ground.faces[order], edges):
         used, index = np.unique(faces, return_inverse=True)
-        tile = Mesh(
-            ground.vertices[used],
-            ground.normals[used],
-            ground.colours[used],
-            ground.texture[used],
-            index.reshape(-1, 3).astype(np.int32),
-        )
-        blocks.append(_block(tile))
+        attributes = ground.vertices, ground.normals, ground.colours, ground.texture
+        v, n, c, t = (values[used] for values in attributes)
+        blocks.append(_block(Mesh(v, n, c, t, index.reshape(-1, 3).astype(np.int32))))
     return blocks
 
 
@@ -109,7 +102,7 @@ class Tiles:
             array.render(vertices=self._counts[k], first=self._firsts[k])
 
     def corners(self, view: Projection) -> F64:
-        """Of the boxes around what is in sight, (N, 3)."""
+        """Corners (N, 3) of the bounding boxes of all blocks in sight."""
         return self._boxes[self._seen(view)][:, _CORNERS, range(3)].reshape(-1, 3)
 
     def _seen(self, view: Projection) -> NDArray[np.intp]:
@@ -117,17 +110,14 @@ class Tiles:
 
 
 class Plants:
-    """Copies of one unit mesh; those in sight are drawn, in as much detail as they need."""
+    """Copies of one unit mesh; those in sight are drawn at the level of detail they need."""
 
     def __init__(self, gl: moderngl.Context, planting: Planting) -> None:
         self._gl = gl
+        blocks, n_bytes = map(_block, planting.meshes), planting.places.nbytes
         self._details = [
-            (
-                gl.buffer(b.vertices.tobytes()),
-                gl.buffer(b.faces.tobytes()),
-                gl.buffer(reserve=planting.places.nbytes),
-            )
-            for b in map(_block, planting.meshes)
+            (gl.buffer(b.vertices.tobytes()), gl.buffer(b.faces.tobytes()), gl.buffer(reserve=n_bytes))
+            for b in blocks
         ]
         self._places = planting.places
         height, radius = planting.places[:, 5].astype(float), planting.places[:, 4].astype(float)
@@ -157,7 +147,7 @@ class Plants:
 
 
 def _bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
-    """A buffer with those attributes that the program kept; the rest becomes padding."""
+    """A buffer with the attributes that the program kept; the rest becomes padding."""
     sizes = {"3f": "12x", "4f": "16x", "4f1": "4x", "1f": "4x"}
     rate = [f for f in layout[0].split() if f.startswith("/")]
     formats = [f for f in layout[0].split() if not f.startswith("/")]

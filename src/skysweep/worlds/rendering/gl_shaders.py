@@ -1,4 +1,4 @@
-"""The shaders of the OpenGL renderer (GLSL 3.30). The Embree renderer computes the same in NumPy's terms."""
+"""The shaders of the OpenGL renderer (GLSL 3.30). The Embree renderer computes the same with Numba."""
 
 from __future__ import annotations
 

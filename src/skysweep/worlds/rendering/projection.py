@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose, Lens
-
-F64 = NDArray[np.float64]
 
 NEAR_M, FAR_M = 0.2, 6000.0
 
@@ -31,10 +30,10 @@ def view_projection(lens: Lens, pose: CameraPose) -> F64:
 
 
 class Projection:
-    """What is in sight of a clip matrix, and how large."""
+    """The view of a clip matrix: what is in sight, and how large."""
 
     def __init__(self, matrix: F64, eye: F64 | None, focal_px: float) -> None:
-        """``eye`` None means a parallel view whose ``focal_px`` is pixels a metre."""
+        """Without ``eye`` the view is parallel and ``focal_px`` is pixels a metre."""
         self.matrix = matrix
         self._eye = eye
         self._focal_px = focal_px

@@ -1,13 +1,11 @@
-"""What a renderer is, and which one this machine can run."""
+"""The renderer interface, and the choice of a renderer that this machine can run."""
 
 from __future__ import annotations
 
 import logging
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skysweep.arrays import I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import CameraModel
@@ -26,19 +24,19 @@ class Painter(Protocol):
     @property
     def backend(self) -> Backend: ...
 
-    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> NDArray[np.uint8]:
+    def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB. Time moves the waves, nothing else."""
         ...
 
     def close(self) -> None:
-        """Free what it holds; it is of no use afterwards."""
+        """Free all resources; the renderer cannot be used afterwards."""
         ...
 
 
 class Renderer(Painter, Protocol):
-    """A painter that also knows what it painted where."""
+    """A painter that also tells which object each pixel shows."""
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> NDArray[np.int32]:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
         """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
 
         Without ``occluders`` only the objects are drawn: an object's visible fraction is its pixel count
@@ -48,7 +46,7 @@ class Renderer(Painter, Protocol):
 
 
 def refuse_unrenderable(camera: CameraModel) -> None:
-    """Raises UserError where a camera's pictures take more than 2 GB to render."""
+    """Raises UserError if a camera's pictures would take more than 2 GB to render."""
     if camera.width_px * camera.height_px > MAX_RENDERED_PX:
         raise UserError(
             f"camera.width_px: {camera.width_px} x {camera.height_px} pixels are more than can be rendered "
@@ -59,8 +57,8 @@ def refuse_unrenderable(camera: CameraModel) -> None:
 def make_renderer(world: World, backend: Backend = "auto") -> Renderer:
     """A renderer of ``world``: OpenGL through EGL (CPU or GPU), or ray casting with Embree.
 
-    ``auto`` takes OpenGL and falls back to Embree with one warning. Raises UserError when the backend
-    cannot run here, MissingExtraError when Embree is not installed.
+    ``auto`` takes OpenGL and falls back to Embree with one warning. Raises UserError if the backend
+    cannot run here, MissingExtraError if Embree is not installed.
     """
     from skysweep.worlds.rendering.gl import GLRenderer
 
