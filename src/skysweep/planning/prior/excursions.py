@@ -1,0 +1,98 @@
+"""Straight ways from paths to parts of a map that are worth the way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from skysweep.planning.prior.coverage import add_lengths
+from skysweep.planning.prior.growth import Paths
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_PARTS = 12  # looked at in one go, the best first
+_PLACES = 3000  # on the paths from where a way may begin
+_SMOOTH_CELLS = 1.0
+
+
+def go_where_it_pays(paths: Paths, worth_per_m: float) -> bool:
+    """Lead paths to parts of the map where what is left to find is worth search and way; whether any was."""
+    went = False
+    worth, parts = _parts(paths, worth_per_m)
+    for part in np.argsort(-worth, kind="stable")[:_PARTS]:
+        if worth[part] > 0.0:
+            went |= _go_to(paths, np.argwhere(parts == part + 1), float(worth[part]), worth_per_m)
+    return went
+
+
+def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
+    """Parts of the map that are worth visits: what each finds beyond its cost, and their labels (R, C)."""
+    field = paths.lattice
+    cost = worth_per_m * field.pitch_m
+    left = field.poa * np.exp(-paths.coverage)
+    smooth = ndimage.gaussian_filter(left, _SMOOTH_CELLS, mode="nearest")
+    share = -np.expm1(-field.step)
+    labels, n = ndimage.label(smooth * share > cost, structure=np.ones((3, 3)))
+    index = np.arange(1, n + 1)
+    log_worth = np.log(left * share / cost, where=left > 0.0, out=np.full(left.shape, -1.0))
+    visits = np.maximum(np.floor(log_worth / field.step) + 1.0, 0.0)
+    net = left * -np.expm1(-visits * field.step) - cost * visits
+    return np.atleast_1d(ndimage.sum_labels(net, labels, index)), labels
+
+
+def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> bool:
+    """Lead the path that is nearest to one of the cells (M, 2) there and back, or there from its end."""
+    field = paths.lattice
+    nodes = cells * field.split + field.split // 2
+    tree = cKDTree(field.xy_m(nodes))
+    best: tuple[float, float, int, I64] | None = None
+    for path in range(len(paths.starts_xy_m)):
+        visits = paths.visits(path)
+        places = paths.xy_m(visits)
+        ends = np.append(places[1:], places[-1:], axis=0)
+        legs = np.linalg.norm(ends - places, axis=1)
+        pieces = np.where(legs > 1.5 * field.pitch_m, np.ceil(legs / (2.0 * field.pitch_m)), 1).astype(int)
+        leg = np.repeat(np.arange(len(visits)), pieces)
+        share = (np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[leg]
+        every = -(-len(leg) // _PLACES)
+        leg, share = leg[len(leg) - 1 :: -every], share[len(leg) - 1 :: -every]
+        near = tree.query(places[leg] + share[:, None] * (ends - places)[leg])[1]
+        there = field.xy_m(nodes[near])
+        way = np.linalg.norm(there - places[leg], axis=1)
+        back = np.linalg.norm(there - ends[leg], axis=1) - legs[leg] + field.pitch_m
+        cost_m = np.where(leg == len(visits) - 1, way, way + back)
+        k = int(np.argmin(cost_m))
+        if cost_m[k] + field.pitch_m <= paths.left_m[path] and (best is None or cost_m[k] < best[0]):
+            best = float(cost_m[k]), path, int(visits[leg[k]]), nodes[near[k]]
+    if best is None or best[0] * worth_per_m >= worth:
+        return False
+    _insert(paths, best[2], best[3])
+    return True
+
+
+def _insert(paths: Paths, visit: int, node: I64) -> None:
+    """Fly to a node after a visit, and from the one beside it on to where the path led."""
+    field, after, first = paths.lattice, int(paths.following[visit]), paths.count
+    columns = field.poa.shape[1] * field.split
+    beside = node + (0, 1 if node[1] + 1 < columns else -1)
+    new = [node] if after < 0 else [node, beside]
+    paths.count += len(new)
+    paths.nodes[first : paths.count] = new
+    paths.owner[first : paths.count] = paths.owner[visit]
+    paths.following[visit] = first
+    paths.following[first : paths.count] = [*range(first + 1, paths.count), after]
+    old = [visit] if after < 0 else [visit, after]
+    led = paths.xy_m(np.array(old))
+    leads = paths.xy_m(np.array([visit, *range(first, paths.count), *old[1:]]))
+    paths.left_m[paths.owner[visit]] -= _length_m(leads) - _length_m(led)
+    for way, sign in ((leads, 1.0), (led, -1.0)):
+        lengths = np.zeros(field.poa.shape)
+        add_lengths(lengths, (way - field.origin_xy_m) / field.cell_m, 0.0)
+        paths.coverage += sign * field.step * field.split * lengths
+
+
+def _length_m(xy_m: F64) -> float:
+    return float(np.linalg.norm(np.diff(xy_m, axis=0), axis=1).sum())

@@ -1,0 +1,214 @@
+"""Paths that grow on a lattice where searching pays for the way.
+
+Between two neighbouring nodes of a path, or at its end, the best move goes straight aside for some nodes (and
+back beside itself). What it finds less what its length costs is the move's worth; the best move of all is made
+until none pays. What a move finds only falls as more is searched, so that a heap of old values need only look
+at its first again (Minoux, "Accelerated greedy algorithms for maximizing submodular set functions", 1978).
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skysweep.planning.prior.lattice import Lattice
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_UNPAID_NODES = 3.0  # that a move may cross in one go
+
+
+@dataclass
+class Paths:
+    """Paths on a lattice as one linked list of visits; the first visit of each is its start, beside the lattice."""
+
+    lattice: Lattice
+    starts_xy_m: F64  # (N, 2)
+    nodes: I64  # (room, 2) row and column
+    following: I64  # (room,) the next visit; -1 at an end
+    owner: I64  # (room,) which path
+    count: int
+    left_m: F64  # (N,) of each path's budget
+    coverage: F64  # (R, C) of the lattice's cells
+
+    @classmethod
+    def at_starts(cls, lattice: Lattice, starts_xy_m: F64, budget_m: float, room: int) -> Paths:
+        """Paths (N, 2) that go nowhere yet, with a budget each and room for so many visits."""
+        n = len(starts_xy_m)
+        return cls(
+            lattice,
+            starts_xy_m,
+            np.full((room, 2), -(2**40)),
+            np.full(room, -1),
+            np.arange(room),
+            n,
+            np.full(n, budget_m),
+            np.zeros(lattice.poa.shape),
+        )
+
+    def grow(self, worth_per_m: float) -> None:
+        """Make moves while one finds more than its length is worth."""
+        field = self.lattice
+        self.count = _grow(
+            self.nodes,
+            self.following,
+            self.owner,
+            self.count,
+            self.left_m,
+            worth_per_m * field.pitch_m,
+            field.pitch_m,
+            field.split,
+            field.poa,
+            self.coverage,
+            field.step,
+        )
+
+    def visits(self, path: int) -> I64:
+        """The visits of one path in order, its start first."""
+        return _in_order(self.following, path)
+
+    def xy_m(self, visits: I64) -> F64:
+        """Where visits are, (K, 2)."""
+        places = self.lattice.xy_m(self.nodes[visits])
+        at_start = visits < len(self.starts_xy_m)
+        places[at_start] = self.starts_xy_m[visits[at_start]]
+        return places
+
+
+@njit(cache=True)
+def _in_order(following: I64, first: int) -> I64:
+    order = np.empty(len(following), dtype=np.int64)
+    n, i = 0, first
+    while i >= 0:
+        order[n] = i
+        n += 1
+        i = following[i]
+    return order[:n]
+
+
+@njit(cache=True)
+def _along(
+    a: I64, b: I64, dr: int, dc: int, most: int, cost: float, split: int, poa: F64, coverage: F64, step: float
+) -> tuple[float, int]:
+    """Worth and depth of the best move to one side: from node a, and back to b where that is another one."""
+    rows, columns = poa.shape[0] * split, poa.shape[1] * split
+    pair = a[0] != b[0] or a[1] != b[1]
+    share = -math.expm1(-step)
+    cost_of_nodes = 2.0 * cost if pair else cost
+    best, depth, net = 0.0, 0, 0.0
+    cell_a = cell_b = (-1, -1)
+    more_a = more_b = 0.0
+    for k in range(1, most + 1):
+        r, c = a[0] + k * dr, a[1] + k * dc
+        if r < 0 or c < 0 or r >= rows or c >= columns:
+            break
+        here = (r // split, c // split)
+        if here != cell_a:
+            cell_a, more_a = here, 0.0
+        net += poa[here] * math.exp(-coverage[here] - more_a) * share
+        more_a += step
+        if pair:
+            there = ((b[0] + k * dr) // split, (b[1] + k * dc) // split)
+            if there == here:
+                net += poa[here] * math.exp(-coverage[here] - more_a) * share
+                more_a += step
+            else:
+                if there != cell_b:
+                    cell_b, more_b = there, 0.0
+                net += poa[there] * math.exp(-coverage[there] - more_b) * share
+                more_b += step
+        net -= cost_of_nodes
+        if net > best:
+            best, depth = net, k
+        elif net < best - _UNPAID_NODES * cost_of_nodes:
+            break
+    return best, depth
+
+
+@njit(cache=True)
+def _best_move(
+    i: int,
+    nodes: I64,
+    following: I64,
+    most: int,
+    cost: float,
+    split: int,
+    poa: F64,
+    coverage: F64,
+    step: float,
+) -> tuple[float, int, int, int]:
+    """Worth, depth and direction (rows, columns) of the best move after visit i; depth 0 for none."""
+    best, depth, best_dr, best_dc = 0.0, 0, 0, 0
+    a, j = nodes[i], following[i]
+    if j < 0:
+        if a[0] >= 0:
+            for dr, dc in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+                net, k = _along(a, a, dr, dc, most, cost, split, poa, coverage, step)
+                if net > best:
+                    best, depth, best_dr, best_dc = net, k, dr, dc
+        return best, depth, best_dr, best_dc
+    b = nodes[j]
+    if abs(a[0] - b[0]) + abs(a[1] - b[1]) == 1:
+        for side in (1, -1):
+            dr, dc = side * (b[1] - a[1]), side * (b[0] - a[0])
+            net, k = _along(a, b, dr, dc, most // 2, cost, split, poa, coverage, step)
+            if net > best:
+                best, depth, best_dr, best_dc = net, k, dr, dc
+    return best, depth, best_dr, best_dc
+
+
+@njit(cache=True)
+def _grow(
+    nodes: I64,
+    following: I64,
+    owner: I64,
+    count: int,
+    left_m: F64,
+    cost: float,
+    pitch_m: float,
+    split: int,
+    poa: F64,
+    coverage: F64,
+    step: float,
+) -> int:
+    heap = [(0.0, np.int64(-1))]
+    first, until = 0, count
+    while True:
+        for i in range(first, until):
+            most = int(left_m[owner[i]] / pitch_m)
+            net, k, dr, dc = _best_move(i, nodes, following, most, cost, split, poa, coverage, step)
+            if k:
+                heapq.heappush(heap, (-net, np.int64(i)))
+        k = 0
+        while True:
+            i = heapq.heappop(heap)[1]
+            if i < 0:
+                return count
+            most = int(left_m[owner[i]] / pitch_m)
+            net, k, dr, dc = _best_move(i, nodes, following, most, cost, split, poa, coverage, step)
+            if k and -net <= heap[0][0]:
+                break
+            if k:
+                heapq.heappush(heap, (-net, i))
+        j, new = following[i], count
+        for m in range(1, k + 1):
+            nodes[count, 0], nodes[count, 1] = nodes[i, 0] + m * dr, nodes[i, 1] + m * dc
+            count += 1
+        if j >= 0:
+            for m in range(k, 0, -1):
+                nodes[count, 0], nodes[count, 1] = nodes[j, 0] + m * dr, nodes[j, 1] + m * dc
+                count += 1
+        following[i] = new
+        for m in range(new, count):
+            following[m], owner[m] = m + 1, owner[i]
+            coverage[nodes[m, 0] // split, nodes[m, 1] // split] += step
+        following[count - 1] = j
+        left_m[owner[i]] -= (count - new) * pitch_m
+        heapq.heappush(heap, (-np.inf, i))  # what it can do now is looked at when it comes up
+        first, until = new, count
