@@ -57,3 +57,8 @@ def add_lengths(lengths: F64, path: F64, aside: float) -> None:
             if 0 <= row < rows and 0 <= column < columns:
                 lengths[row, column] += (until - done) * length
             done = until
+
+
+def length_of(path_xy_m: F64) -> float:
+    """Metres along a path (K, 2)."""
+    return float(np.linalg.norm(np.diff(path_xy_m, axis=0), axis=1).sum())

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from skysweep.planning.prior.coverage import add_lengths
+from skysweep.planning.prior.coverage import length_of
 from skysweep.planning.prior.growth import Paths
 
 F64 = NDArray[np.float64]
@@ -22,8 +22,9 @@ def go_where_it_pays(paths: Paths, worth_per_m: float) -> bool:
     """Lead paths to parts of the map where what is left to find is worth search and way; whether any was."""
     went = False
     worth, parts = _parts(paths, worth_per_m)
+    least = 2.0 * worth_per_m * paths.lattice.pitch_m
     for part in np.argsort(-worth, kind="stable")[:_PARTS]:
-        if worth[part] > 0.0:
+        if worth[part] > least:
             went |= _go_to(paths, np.argwhere(parts == part + 1), float(worth[part]), worth_per_m)
     return went
 
@@ -87,12 +88,6 @@ def _insert(paths: Paths, visit: int, node: I64) -> None:
     old = [visit] if after < 0 else [visit, after]
     led = paths.xy_m(np.array(old))
     leads = paths.xy_m(np.array([visit, *range(first, paths.count), *old[1:]]))
-    paths.left_m[paths.owner[visit]] -= _length_m(leads) - _length_m(led)
-    for way, sign in ((leads, 1.0), (led, -1.0)):
-        lengths = np.zeros(field.poa.shape)
-        add_lengths(lengths, (way - field.origin_xy_m) / field.cell_m, 0.0)
-        paths.coverage += sign * field.step * field.split * lengths
-
-
-def _length_m(xy_m: F64) -> float:
-    return float(np.linalg.norm(np.diff(xy_m, axis=0), axis=1).sum())
+    paths.left_m[paths.owner[visit]] -= length_of(leads) - length_of(led)
+    field.add_coverage(paths.coverage, leads)
+    field.add_coverage(paths.coverage, led, -1.0)

@@ -10,18 +10,22 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skysweep.planning.prior.coverage import length_of
 from skysweep.planning.prior.lattice import Lattice
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
+MOST_JUMPS = 2000  # visits that are added by anything but moves
 _UNPAID_NODES = 3.0  # that a move may cross in one go
+_MOVE_NODES = 0.5  # what the turns of a move cost, as nodes
 
 
 @dataclass
@@ -38,19 +42,29 @@ class Paths:
     coverage: F64  # (R, C) of the lattice's cells
 
     @classmethod
-    def at_starts(cls, lattice: Lattice, starts_xy_m: F64, budget_m: float, room: int) -> Paths:
-        """Paths (N, 2) that go nowhere yet, with a budget each and room for so many visits."""
+    def through(cls, lattice: Lattice, starts_xy_m: F64, budget_m: float, routes: Sequence[I64]) -> Paths:
+        """Paths from starts (N, 2) through nodes (K, 2) each, with a budget each."""
         n = len(starts_xy_m)
-        return cls(
+        visits = n + sum(map(len, routes)) + int(n * budget_m / lattice.pitch_m) + MOST_JUMPS
+        paths = cls(
             lattice,
             starts_xy_m,
-            np.full((room, 2), -(2**40)),
-            np.full(room, -1),
-            np.arange(room),
+            np.full((visits, 2), -(2**40)),
+            np.full(visits, -1),
+            np.arange(visits),
             n,
             np.full(n, budget_m),
             np.zeros(lattice.poa.shape),
         )
+        for path, route in enumerate(routes):
+            first, end = paths.count, paths.count + len(route)
+            paths.nodes[first:end], paths.owner[first:end] = route, path
+            paths.following[[path, *range(first, end)][: len(route)]] = np.arange(first, end)
+            paths.count = end
+            way = paths.xy_m(paths.visits(path))
+            paths.left_m[path] -= length_of(way)
+            lattice.add_coverage(paths.coverage, way)
+        return paths
 
     def grow(self, worth_per_m: float) -> None:
         """Make moves while one finds more than its length is worth."""
@@ -68,6 +82,11 @@ class Paths:
             self.coverage,
             field.step,
         )
+
+    @property
+    def pos(self) -> float:
+        """What the paths find, as the lattice counts it."""
+        return float(np.sum(self.lattice.poa * -np.expm1(-self.coverage)))
 
     def visits(self, path: int) -> I64:
         """The visits of one path in order, its start first."""
@@ -101,7 +120,7 @@ def _along(
     pair = a[0] != b[0] or a[1] != b[1]
     share = -math.expm1(-step)
     cost_of_nodes = 2.0 * cost if pair else cost
-    best, depth, net = 0.0, 0, 0.0
+    best, depth, net = 0.0, 0, -_MOVE_NODES * cost
     cell_a = cell_b = (-1, -1)
     more_a = more_b = 0.0
     for k in range(1, most + 1):

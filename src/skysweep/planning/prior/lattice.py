@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.planning.prior.coverage import add_lengths
+
 F64 = NDArray[np.float64]
 
 MAX_SPLIT = 5  # rows of nodes in a cell
@@ -32,6 +34,12 @@ class Lattice:
     def xy_m(self, nodes: NDArray[np.int64]) -> F64:
         """Places (N, 2) of nodes (N, 2) given as row and column."""
         return np.asarray(self.origin_xy_m + (nodes[:, ::-1] + 0.5) * self.pitch_m)
+
+    def add_coverage(self, coverage: F64, path_xy_m: F64, times: float = 1.0) -> None:
+        """Add what a path (K, 2) covers of the cells to their coverage (R, C), so many times."""
+        lengths = np.zeros(coverage.shape)
+        add_lengths(lengths, (path_xy_m - self.origin_xy_m) / self.cell_m, 0.0)
+        coverage += times * self.step * self.split * lengths
 
 
 def lattice_over(
