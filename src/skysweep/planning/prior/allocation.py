@@ -1,8 +1,8 @@
 """How an ideal searcher shares effort out: the bound that no path beats.
 
-Koopman, "Search and Screening" (1980), and Stone, "Theory of Optimal Search" (1975): with exponential detection
-the effort that finds most is put where the probability density is highest, until what is left of it is equally
-high wherever anything was searched.
+Koopman, "Search and Screening" (1980), and Stone, "Theory of Optimal Search" (1975): with exponential
+detection the effort that finds most goes where the probability density is highest, until what is left of it
+is equally high wherever anything was searched.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def ideal_coverage(poa: F64, effort: float) -> F64:
     sums, counts = np.cumsum(falling), np.arange(1, len(falling) + 1)
     searched = int(np.searchsorted(sums - counts * falling, effort, side="right"))
     level = (sums[searched - 1] - effort) / searched
-    return np.maximum(log_poa - level, 0.0)
+    return np.asarray(np.maximum(log_poa - level, 0.0))
 
 
 def ideal_pos(poa: F64, effort: float) -> float:

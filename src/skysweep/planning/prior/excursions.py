@@ -78,7 +78,7 @@ def _insert(paths: Paths, visit: int, node: I64) -> None:
     """Fly to a node after a visit, and from the one beside it on to where the path led."""
     field, after, first = paths.lattice, int(paths.following[visit]), paths.count
     columns = field.poa.shape[1] * field.split
-    beside = node + (0, 1 if node[1] + 1 < columns else -1)
+    beside = node + np.array([0, 1 if node[1] + 1 < columns else -1])
     new = [node] if after < 0 else [node, beside]
     paths.count += len(new)
     paths.nodes[first : paths.count] = new

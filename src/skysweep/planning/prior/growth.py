@@ -1,7 +1,7 @@
 """Paths that grow on a lattice where searching pays for the way.
 
-Between two neighbouring nodes of a path, or at its end, the best move goes straight aside for some nodes (and
-back beside itself). What it finds less what its length costs is the move's worth; the best move of all is made
+Between two neighbouring nodes of a path a move goes straight aside for some nodes and back beside itself; at
+its end it goes straight on. A move is worth what it finds less what its length costs; the best of all is made
 until none pays. What a move finds only falls as more is searched, so that a heap of old values need only look
 at its first again (Minoux, "Accelerated greedy algorithms for maximizing submodular set functions", 1978).
 """
@@ -30,7 +30,7 @@ _MOVE_NODES = 0.5  # what the turns of a move cost, as nodes
 
 @dataclass
 class Paths:
-    """Paths on a lattice as one linked list of visits; the first visit of each is its start, beside the lattice."""
+    """Paths on a lattice, one linked list of visits; each path begins with its start, beside the nodes."""
 
     lattice: Lattice
     starts_xy_m: F64  # (N, 2)
@@ -196,14 +196,14 @@ def _grow(
     coverage: F64,
     step: float,
 ) -> int:
-    heap = [(0.0, np.int64(-1))]
+    heap = [(0.0, -1)]
     first, until = 0, count
     while True:
         for i in range(first, until):
             most = int(left_m[owner[i]] / pitch_m)
             net, k, dr, dc = _best_move(i, nodes, following, most, cost, split, poa, coverage, step)
             if k:
-                heapq.heappush(heap, (-net, np.int64(i)))
+                heapq.heappush(heap, (-net, i))
         k = 0
         while True:
             i = heapq.heappop(heap)[1]

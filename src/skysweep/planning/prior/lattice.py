@@ -51,7 +51,7 @@ def lattice_over(
         rows, south = _shares(poa.shape[0], cell_size_m, pitch)
         columns, west = _shares(poa.shape[1], cell_size_m, pitch)
         step = sweep_width_m / pitch
-        return Lattice(rows @ poa @ columns.T, pitch, origin_xy_m + (west, south), 1, step)
+        return Lattice(rows @ poa @ columns.T, pitch, origin_xy_m + np.array([west, south]), 1, step)
     split = min(round(cell_size_m / pitch), MAX_SPLIT)
     return Lattice(poa, cell_size_m, origin_xy_m, split, sweep_width_m / (cell_size_m * split))
 

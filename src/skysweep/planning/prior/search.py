@@ -136,4 +136,4 @@ def _corners(xy_m: F64) -> F64:
     scale = np.linalg.norm(legs[:-1], axis=1) * np.linalg.norm(legs[1:], axis=1)
     straight = ahead & (np.abs(turn) <= 1e-9 * scale)
     moved = np.concatenate([[True], np.linalg.norm(np.diff(xy_m, axis=0), axis=1) > 0.0])
-    return xy_m[moved][np.concatenate([[True], ~straight, np.full(min(len(legs), 1), True)])]
+    return np.asarray(xy_m[moved][np.concatenate([[True], ~straight, np.full(min(len(legs), 1), True)])])

@@ -36,7 +36,6 @@ def _kept(places: F64, found: F64, worth_per_m: float) -> NDArray[np.bool_]:
     before = np.full(n, -1)
     for j in range(1, n):
         best[j] = -np.inf
-        missed = 0.0
         for i in range(j - 1, max(j - _LONGEST, 0) - 1, -1):
             way = math.hypot(places[j, 0] - places[i, 0], places[j, 1] - places[i, 1])
             value = best[i] + found[j] - worth_per_m * way
