@@ -2,8 +2,8 @@
 
 A NumPy file (``.npz``) holds ``poa`` (R, C), row 0 in the south, and ``bounds_lon_lat_deg`` (west, south,
 east, north); or, as written here, ``cell_size_m``, ``origin_xy_m`` and ``frame_lat_lon_deg``, which lose
-nothing. A CSV file has the columns ``lon``, ``lat`` and ``poa``, a line for the middle of each cell; cells that are left
-out are 0. A GeoTIFF has a CRS; its first band is read and its nodata are 0.
+nothing. A CSV file has the columns ``lon``, ``lat`` and ``poa``, a line for the middle of each cell; cells
+that are left out are 0. A GeoTIFF has a CRS; its first band is read and its nodata are 0.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def read_map(path: str | Path, frame: LocalFrame | None = None) -> ProbabilityMa
         if isinstance(read, Raster):
             checked_poa(read.poa)
             return read.onto_ground(frame)
-        return read
+        return read if frame in (None, read.frame) else _raster_of(read).onto_ground(frame)
     except MissingExtraError:
         raise
     except UserError as error:
@@ -64,6 +64,13 @@ def write_map(path: Path, cells: ProbabilityMap) -> None:
         origin_xy_m=cells.origin_xy_m,
         frame_lat_lon_deg=np.array([cells.frame.latitude_deg, cells.frame.longitude_deg]),
     )
+
+
+def _raster_of(cells: ProbabilityMap) -> Raster:
+    """A map whose metres are taken for azimuthal equidistant ones: within 1 cm at 10 km from the origin."""
+    frame, (west, south, _, _) = cells.frame, cells.bounds_m
+    here = f"+proj=aeqd +ellps=WGS84 +lat_0={frame.latitude_deg!r} +lon_0={frame.longitude_deg!r}"
+    return Raster(cells.poa, west, south, cells.cell_size_m, cells.cell_size_m, pyproj.CRS.from_proj4(here))
 
 
 def _read_npz(path: Path) -> Raster | ProbabilityMap:
