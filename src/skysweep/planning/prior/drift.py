@@ -1,11 +1,11 @@
 """Where what drifts at sea may be: Monte Carlo of wind and current.
 
 Leeway by the taxonomy of Allen and Plourde, "Review of Leeway: Field Experiments and Implementation" (USCG
-R&D Center, CG-D-08-99, 1999), with the slope, offset and standard error of its downwind and crosswind parts as
-Breivik and Allen, "An operational search and rescue model for the Norwegian Sea and the North Sea" (Journal of
-Marine Systems 69, 2008) use them. Each particle keeps its own error e of each part: slope + e / 20 and
-offset + e / 2 (there, equations 8 and 9), and drifts to the right or to the left of the wind, half and half;
-it never changes sides.
+Research and Development Center, CG-D-08-99, 1999): slope, offset and standard error of the drift down the
+wind and across it, as SAROPS lists them (Allen, 2010). As in Breivik and Allen, "An operational search and
+rescue model for the Norwegian Sea and the North Sea" (Journal of Marine Systems 69, 2008), each particle
+keeps its own error e of each part, slope + e / 20 and offset + e / 2, and drifts to the right or to the left
+of the wind, half and half. It never changes sides.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 from skysweep.errors import UserError
 from skysweep.planning.prior.checks import checked_poa, place, positive
@@ -77,13 +78,13 @@ LEEWAY = {
 
 @dataclass(frozen=True)
 class Weather:
-    """Steps of wind (at 10 m) and surface current, east and north in m/s, and what they may be wrong by."""
+    """Steps of wind (at 10 m) and surface current, east and north in m/s, and their errors."""
 
     step_s: float
     wind_mps: F64  # (N, 2) where it blows to
     current_mps: F64  # (N, 2) where it flows to
-    wind_std_mps: float = 2.6
-    current_std_mps: float = 0.25
+    wind_std_mps: float  # of each component
+    current_std_mps: float
 
 
 def drifted(
@@ -96,8 +97,8 @@ def drifted(
 ) -> F64:
     """Where particles (P, 2) are after the last step, ENU metres.
 
-    Each starts about ``start_xy_m`` (2,) with a standard deviation along each axis, and keeps its own error of
-    wind and current. Raises UserError where a field cannot be drifted with.
+    Each starts about ``start_xy_m`` (2,) with a standard deviation along each axis, and keeps its own error
+    of wind and current. Raises UserError where a field cannot be drifted with.
     """
     wind, current = _steps(weather.wind_mps, "wind_mps"), _steps(weather.current_mps, "current_mps")
     if wind.shape != current.shape:
@@ -145,8 +146,6 @@ def map_of_particles(cells: ProbabilityMap, particles_xy_m: F64, smooth_m: float
     if not counts.any():
         raise UserError("cells: no particle drifts onto the map; move it, or make it larger")
     if smooth_m > 0.0:
-        from scipy import ndimage
-
         counts = ndimage.gaussian_filter(counts, smooth_m / cells.cell_size_m, mode="constant")
     return cells.with_poa(checked_poa(counts, "particles"))
 

@@ -1,9 +1,9 @@
 """Where a person lost on land may be, from the place where they were last known to be.
 
 Distances from the initial planning point to where people were found: Koester, "Lost Person Behavior" (dbS
-Productions 2008), tables "Distance (horizontal) from the IPP", of the International Search and Rescue Incident
-Database. Only categories whose numbers were checked against a published copy are here; others are read from
-the book and given as ``Distances`` of one's own.
+Productions 2008), tables "Distance (horizontal) from the IPP", of the International Search and Rescue
+Incident Database. Only categories whose numbers were checked against a published copy are here; others are
+read from the book and given as ``Distances`` of one's own.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def distances_of(category: str, ecoregion: str) -> Distances:
             return row
     known = "; ".join(f"{row.category}, {row.ecoregion}" for row in KOESTER_2008)
     raise UserError(
-        f"category: '{category}, {ecoregion}' is not in the table; write one of {known}, or distances of your own"
+        f"category: '{category}, {ecoregion}' is not in the table; write one of {known}, or own distances"
     )
 
 

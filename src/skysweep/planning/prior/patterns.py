@@ -71,7 +71,8 @@ def expanding_square(
 def sector_search(datum_xy_m: ArrayLike, radius_m: float, heading_deg: float, turn: Turn = "right") -> F64:
     """Sector search (VS): three equilateral triangles through the datum, each leg as long as the radius.
 
-    Turns are of 120 degrees, none at the datum, where the path ends. Raises UserError where the radius is none above 0.
+    Turns are of 120 degrees; none at the datum, where the path ends. Raises UserError where the radius is
+    none above 0.
     """
     radius, side = positive(radius_m, "radius_m"), 1.0 if turn == "right" else -1.0
     legs = 3 * _SECTORS

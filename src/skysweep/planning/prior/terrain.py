@@ -39,7 +39,7 @@ def slope_factors(slopes_deg: F64, upto_deg: ArrayLike, factors: ArrayLike) -> F
 
 
 def factors_near(cells: ProbabilityMap, features: shapely.Geometry, within_m: float, factor: float) -> F64:
-    """``factor`` for cells (R, C) whose middles are near trails, streams or shores (ENU metres), 1 elsewhere."""
+    """``factor`` for cells (R, C) whose middles are near trails or streams (ENU metres), 1 elsewhere."""
     middles = shapely.points(cells.centres_xy_m)
     shapely.prepare(features)
     near = shapely.dwithin(middles, features, positive(within_m, "within_m"))
