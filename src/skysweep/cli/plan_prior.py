@@ -25,6 +25,7 @@ from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.results.run_folder import JOURNAL_FILE, load_flown
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
+from skysweep.sensing.statistical.sweep_width import sweep_width_m
 
 F64 = NDArray[np.float64]
 
@@ -67,6 +68,15 @@ def plan_with_prior(
         soft_wrap=True,
         highlight=False,
     )
+
+
+def width_of_sensor(scenario: Scenario | None) -> float:
+    """The effective sweep width of a scenario's sensor, metres."""
+    if scenario is None:
+        raise UserError(
+            "--sweep-width-m: is missing; write the sensor's effective sweep width, or name a scenario"
+        )
+    return sweep_width_m(scenario)
 
 
 def _map(options: SearchOptions, scenario: Scenario | None) -> ProbabilityMap:
@@ -123,6 +133,7 @@ def _told(sortie: Sortie, speed_mps: float) -> Table:
         for path in sortie.paths_xy_m
     )
     table = Table(show_header=False, box=None)
+    table.add_row("sweep width", f"{sortie.sweep_width_m:.1f} m")
     table.add_row("paths", f"{len(sortie.paths_xy_m)}, {expected.length_m[-1]:.0f} m together")
     table.add_row("time", f"{longest_s / 60:.1f} min for the longest, without take-off and return")
     table.add_row("expected POS", f"{expected.pos[-1]:.1%} (exponential detection)")

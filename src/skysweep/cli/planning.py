@@ -28,7 +28,10 @@ def plan(
         typer.Option(help="Map of where the target may be (.tif, .npz, .csv): search where it pays."),
     ] = None,
     budget_m: Annotated[float | None, typer.Option(help="Length of all paths, m.")] = None,
-    sweep_width_m: Annotated[float | None, typer.Option(help="Effective sweep width, m.")] = None,
+    sweep_width_m: Annotated[
+        float | None,
+        typer.Option(help="Effective sweep width, m. Default: of the scenario's calibrated sensor."),
+    ] = None,
     uavs: Annotated[int, typer.Option(help="Vehicles that share the budget.")] = 1,
     start: Annotated[
         str | None, typer.Option(metavar="LON,LAT", help="Where they start. Default: the scenario's home.")
@@ -53,7 +56,7 @@ def plan(
 
         skysweep plan --prior map.tif --budget-m 20000 --sweep-width-m 30 --uavs 2 --start 22.1,60.2
     """
-    from skysweep.cli.plan_prior import SearchOptions, plan_with_prior
+    from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
     from skysweep.planning.area_files import SUFFIXES, scenario_from_area
@@ -75,13 +78,20 @@ def plan(
         is_area = Path(source).suffix.lower() in SUFFIXES
         chosen = change_scenario(scenario_from_area(source) if is_area else load_scenario(source), changes)
     if prior is not None:
+        if sidelap is not None or heading is not None:
+            raise UserError(
+                "--sidelap, --heading: are of transects, which --prior has none of; leave them out"
+            )
         if budget_m is None:
             raise UserError("--budget-m: is missing; write the length of all paths in metres")
-        if sweep_width_m is None:
-            raise UserError("--sweep-width-m: is missing; write the sensor's effective sweep width in metres")
-        options = SearchOptions(prior, budget_m, sweep_width_m, uavs, start, searched or [], seed)
+        width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
+        options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], seed)
         plan_with_prior(options, chosen, changes, out)
         return
+    if budget_m is not None or sweep_width_m is not None or start is not None or searched or uavs != 1:
+        raise UserError(
+            "--prior: is missing; name the map of where the target may be, or leave its options out"
+        )
     if chosen is None:
         raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
     for warning in warnings_for_plan(chosen):
