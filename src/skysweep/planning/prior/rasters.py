@@ -18,6 +18,8 @@ from skysweep.planning.prior.maps import ProbabilityMap
 F64 = NDArray[np.float64]
 
 _SAMPLES = 3  # along a cell's side
+_FARTHEST_M = 200_000.0  # from where a local frame is flat enough
+_WGS84 = pyproj.Geod(ellps="WGS84")
 _BORDER = 50  # points along an edge
 
 
@@ -49,6 +51,13 @@ class Raster:
             raise UserError("its coordinates lie outside its CRS; write those of its CRS, or the right CRS")
         if frame is None:
             frame = LocalFrame(float(latitude[-1]), float(longitude[-1]))
+        else:
+            _, _, away_m = _WGS84.inv(frame.longitude_deg, frame.latitude_deg, longitude[-1], latitude[-1])
+            if away_m > _FARTHEST_M:
+                raise UserError(
+                    f"does not overlap the area, which is {away_m / 1e3:.0f} km away; give the map of this "
+                    "area, or check its coordinates"
+                )
         border = frame.enu_from_geodetic(np.column_stack([latitude, longitude, np.zeros(len(x))]))[:, :2]
         west, south = border.min(axis=0)
         east, north = border.max(axis=0)
