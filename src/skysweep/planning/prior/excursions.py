@@ -47,8 +47,7 @@ def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
 def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> bool:
     """Lead the path that is nearest to one of the cells (M, 2) there and back, or there from its end."""
     field = paths.lattice
-    nodes = cells * field.split + field.split // 2
-    tree = cKDTree(field.xy_m(nodes))
+    tree = cKDTree(field.xy_m(cells))
     best: tuple[float, float, int, I64] | None = None
     for path in range(len(paths.starts_xy_m)):
         visits = paths.visits(path)
@@ -61,13 +60,13 @@ def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> bool:
         every = -(-len(leg) // _PLACES)
         leg, share = leg[len(leg) - 1 :: -every], share[len(leg) - 1 :: -every]
         near = tree.query(places[leg] + share[:, None] * (ends - places)[leg])[1]
-        there = field.xy_m(nodes[near])
+        there = field.xy_m(cells[near])
         way = np.linalg.norm(there - places[leg], axis=1)
         back = np.linalg.norm(there - ends[leg], axis=1) - legs[leg] + field.pitch_m
         cost_m = np.where(leg == len(visits) - 1, way, way + back)
         k = int(np.argmin(cost_m))
         if cost_m[k] + field.pitch_m <= paths.left_m[path] and (best is None or cost_m[k] < best[0]):
-            best = float(cost_m[k]), path, int(visits[leg[k]]), nodes[near[k]]
+            best = float(cost_m[k]), path, int(visits[leg[k]]), cells[near[k]]
     if best is None or best[0] * worth_per_m >= worth:
         return False
     _insert(paths, best[2], best[3])
@@ -77,8 +76,8 @@ def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> bool:
 def _insert(paths: Paths, visit: int, node: I64) -> None:
     """Fly to a node after a visit, and from the one beside it on to where the path led."""
     field, after, first = paths.lattice, int(paths.following[visit]), paths.count
-    columns = field.poa.shape[1] * field.split
-    beside = node + np.array([0, 1 if node[1] + 1 < columns else -1])
+    beside, axis = node.copy(), int(field.poa.shape[1] > 1)
+    beside[axis] += 1 if node[axis] + 1 < field.poa.shape[axis] else -min(node[axis], 1)
     new = [node] if after < 0 else [node, beside]
     paths.count += len(new)
     paths.nodes[first : paths.count] = new

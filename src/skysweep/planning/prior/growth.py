@@ -77,7 +77,6 @@ class Paths:
             self.left_m,
             worth_per_m * field.pitch_m,
             field.pitch_m,
-            field.split,
             field.poa,
             self.coverage,
             field.step,
@@ -113,36 +112,21 @@ def _in_order(following: I64, first: int) -> I64:
 
 @njit(cache=True)
 def _along(
-    a: I64, b: I64, dr: int, dc: int, most: int, cost: float, split: int, poa: F64, coverage: F64, step: float
+    a: I64, b: I64, dr: int, dc: int, most: int, cost: float, poa: F64, coverage: F64, step: float
 ) -> tuple[float, int]:
     """Worth and depth of the best move to one side: from node a, and back to b where that is another one."""
-    rows, columns = poa.shape[0] * split, poa.shape[1] * split
     pair = a[0] != b[0] or a[1] != b[1]
     share = -math.expm1(-step)
     cost_of_nodes = 2.0 * cost if pair else cost
     best, depth, net = 0.0, 0, -_MOVE_NODES * cost
-    cell_a = cell_b = (-1, -1)
-    more_a = more_b = 0.0
     for k in range(1, most + 1):
         r, c = a[0] + k * dr, a[1] + k * dc
-        if r < 0 or c < 0 or r >= rows or c >= columns:
+        if r < 0 or c < 0 or r >= poa.shape[0] or c >= poa.shape[1]:
             break
-        here = (r // split, c // split)
-        if here != cell_a:
-            cell_a, more_a = here, 0.0
-        net += poa[here] * math.exp(-coverage[here] - more_a) * share
-        more_a += step
+        net += poa[r, c] * math.exp(-coverage[r, c]) * share - cost_of_nodes
         if pair:
-            there = ((b[0] + k * dr) // split, (b[1] + k * dc) // split)
-            if there == here:
-                net += poa[here] * math.exp(-coverage[here] - more_a) * share
-                more_a += step
-            else:
-                if there != cell_b:
-                    cell_b, more_b = there, 0.0
-                net += poa[there] * math.exp(-coverage[there] - more_b) * share
-                more_b += step
-        net -= cost_of_nodes
+            r, c = b[0] + k * dr, b[1] + k * dc
+            net += poa[r, c] * math.exp(-coverage[r, c]) * share
         if net > best:
             best, depth = net, k
         elif net < best - _UNPAID_NODES * cost_of_nodes:
@@ -157,7 +141,6 @@ def _best_move(
     following: I64,
     most: int,
     cost: float,
-    split: int,
     poa: F64,
     coverage: F64,
     step: float,
@@ -168,7 +151,7 @@ def _best_move(
     if j < 0:
         if a[0] >= 0:
             for dr, dc in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-                net, k = _along(a, a, dr, dc, most, cost, split, poa, coverage, step)
+                net, k = _along(a, a, dr, dc, most, cost, poa, coverage, step)
                 if net > best:
                     best, depth, best_dr, best_dc = net, k, dr, dc
         return best, depth, best_dr, best_dc
@@ -176,7 +159,7 @@ def _best_move(
     if abs(a[0] - b[0]) + abs(a[1] - b[1]) == 1:
         for side in (1, -1):
             dr, dc = side * (b[1] - a[1]), side * (b[0] - a[0])
-            net, k = _along(a, b, dr, dc, most // 2, cost, split, poa, coverage, step)
+            net, k = _along(a, b, dr, dc, most // 2, cost, poa, coverage, step)
             if net > best:
                 best, depth, best_dr, best_dc = net, k, dr, dc
     return best, depth, best_dr, best_dc
@@ -191,7 +174,6 @@ def _grow(
     left_m: F64,
     cost: float,
     pitch_m: float,
-    split: int,
     poa: F64,
     coverage: F64,
     step: float,
@@ -201,7 +183,7 @@ def _grow(
     while True:
         for i in range(first, until):
             most = int(left_m[owner[i]] / pitch_m)
-            net, k, dr, dc = _best_move(i, nodes, following, most, cost, split, poa, coverage, step)
+            net, k, dr, dc = _best_move(i, nodes, following, most, cost, poa, coverage, step)
             if k:
                 heapq.heappush(heap, (-net, i))
         k = 0
@@ -210,7 +192,7 @@ def _grow(
             if i < 0:
                 return count
             most = int(left_m[owner[i]] / pitch_m)
-            net, k, dr, dc = _best_move(i, nodes, following, most, cost, split, poa, coverage, step)
+            net, k, dr, dc = _best_move(i, nodes, following, most, cost, poa, coverage, step)
             if k and -net <= heap[0][0]:
                 break
             if k:
@@ -226,7 +208,7 @@ def _grow(
         following[i] = new
         for m in range(new, count):
             following[m], owner[m] = m + 1, owner[i]
-            coverage[nodes[m, 0] // split, nodes[m, 1] // split] += step
+            coverage[nodes[m, 0], nodes[m, 1]] += step
         following[count - 1] = j
         left_m[owner[i]] -= (count - new) * pitch_m
         heapq.heappush(heap, (-np.inf, i))  # what it can do now is looked at when it comes up

@@ -65,6 +65,8 @@ def plan_search(
     origin, start = place(origin_xy_m, "origin_xy_m"), place(start_xy_m, "start_xy_m")
     width_m, n = positive(sweep_width_m, "sweep_width_m"), uavs(n_uavs)
     each_m = positive(budget_m, "budget_m") / n
+    if seed < 0:
+        raise UserError(f"seed: is {seed}; write a whole number from 0 on")
     way_m = way_to_map(p, cell_m, origin, start)
     if each_m <= way_m:
         raise UserError(
@@ -112,14 +114,14 @@ def _grow(paths: Paths, worth_per_m: float) -> float:
 def _mean_way(lattice: Lattice, start_xy_m: F64, length_m: float) -> float:
     """From the start to where an ideal searcher searches."""
     ideal = ideal_coverage(lattice.poa, length_m / lattice.pitch_m * lattice.step)
-    centres = lattice.xy_m(np.argwhere(ideal > 0.0) * lattice.split + lattice.split // 2)
+    centres = lattice.xy_m(np.argwhere(ideal > 0.0))
     return float(np.average(np.linalg.norm(centres - start_xy_m, axis=1), weights=ideal[ideal > 0.0]))
 
 
 def _straight(lattice: Lattice, start_xy_m: F64, length_m: float) -> F64:
     """Straight towards the best cell, where the budget does for no more."""
     cells = np.argwhere(lattice.poa > 0.0)
-    centres = lattice.xy_m(cells * lattice.split + lattice.split // 2)
+    centres = lattice.xy_m(cells)
     ways = np.linalg.norm(centres - start_xy_m, axis=1)
     worth = np.where(ways <= length_m, lattice.poa[tuple(cells.T)], -ways)
     k = int(np.argmax(worth))

@@ -21,7 +21,7 @@ def take_shortcuts(paths: Paths, budget_m: float, worth_per_m: float) -> Paths:
     finds = field.poa * np.exp(-paths.coverage) * math.expm1(field.step)
     for path in range(len(paths.starts_xy_m)):
         visits = paths.visits(path)
-        cells = paths.nodes[visits[1:]] // field.split
+        cells = paths.nodes[visits[1:]]
         found = np.append(0.0, finds[cells[:, 0], cells[:, 1]])
         kept = visits[_kept(paths.xy_m(visits), found, worth_per_m)]
         routes.append(paths.nodes[kept[1:]])
