@@ -73,7 +73,8 @@ def test_a_map_alone_makes_plans_a_picture_a_report_and_the_map_after(tmp_path):
         first = read_plan(tmp_path / f"out/map-{k}.plan").waypoints[0]
         assert (first.longitude_deg, first.latitude_deg) == pytest.approx((22.101, 60.201), abs=1e-6)
     before, after = read_map("map.npz"), read_map("out/after.npz")
-    assert after.poa.max() < before.poa.max()
+    best = before.poa > 0.3 * before.poa.max()
+    assert after.poa[best].sum() < 0.8 * before.poa[best].sum()
 
 
 def test_the_next_sortie_goes_where_the_last_one_was_not(tmp_path):
