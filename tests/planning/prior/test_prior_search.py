@@ -189,6 +189,7 @@ def test_an_endless_budget_is_flown_as_far_as_it_finds_anything():
         ({"sweep_width_m": 0.0}, "sweep_width_m"),
         ({"n_uavs": 0}, "n_uavs"),
         ({"n_uavs": 1.5}, "n_uavs"),
+        ({"n_uavs": float("nan")}, "n_uavs"),
         ({"seed": -1}, "seed"),
     ],
 )

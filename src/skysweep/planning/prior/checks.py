@@ -58,7 +58,7 @@ def place(xy_m: ArrayLike, field: str) -> F64:
 
 def uavs(count: int) -> int:
     """How many vehicles. Raises UserError where there can be no such number."""
-    if count != int(count) or not 1 <= count <= MAX_UAVS:
+    if not 1 <= count <= MAX_UAVS or count != int(count):
         raise UserError(f"n_uavs: is {count}; write a whole number from 1 to {MAX_UAVS}")
     return int(count)
 

@@ -18,15 +18,13 @@ _PLACES = 3000  # on the paths from where a way may begin
 _SMOOTH_CELLS = 1.0
 
 
-def go_where_it_pays(paths: Paths, worth_per_m: float) -> bool:
-    """Lead paths to parts of the map where what is left to find is worth search and way; whether any was."""
-    went = False
+def go_where_it_pays(paths: Paths, worth_per_m: float) -> None:
+    """Lead paths to parts of the map where what is left to find is worth search and way."""
     worth, parts = _parts(paths, worth_per_m)
     least = 2.0 * worth_per_m * paths.lattice.pitch_m
     for part in np.argsort(-worth, kind="stable")[:_PARTS]:
         if worth[part] > least:
-            went |= _go_to(paths, np.argwhere(parts == part + 1), float(worth[part]), worth_per_m)
-    return went
+            _go_to(paths, np.argwhere(parts == part + 1), float(worth[part]), worth_per_m)
 
 
 def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
@@ -44,11 +42,11 @@ def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
     return np.atleast_1d(ndimage.sum_labels(net, labels, index)), labels
 
 
-def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> bool:
+def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> None:
     """Lead the path that is nearest to one of the cells (M, 2) there and back, or there from its end."""
     field = paths.lattice
     tree = cKDTree(field.xy_m(cells))
-    best: tuple[float, float, int, I64] | None = None
+    best: tuple[float, int, I64] | None = None
     for path in range(len(paths.starts_xy_m)):
         visits = paths.visits(path)
         places = paths.xy_m(visits)
@@ -66,11 +64,9 @@ def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> bool:
         cost_m = np.where(leg == len(visits) - 1, way, way + back)
         k = int(np.argmin(cost_m))
         if cost_m[k] + field.pitch_m <= paths.left_m[path] and (best is None or cost_m[k] < best[0]):
-            best = float(cost_m[k]), path, int(visits[leg[k]]), cells[near[k]]
-    if best is None or best[0] * worth_per_m >= worth:
-        return False
-    _insert(paths, best[2], best[3])
-    return True
+            best = float(cost_m[k]), int(visits[leg[k]]), cells[near[k]]
+    if best is not None and best[0] * worth_per_m < worth:
+        _insert(paths, best[1], best[2])
 
 
 def _insert(paths: Paths, visit: int, node: I64) -> None:
