@@ -15,24 +15,49 @@ from skysweep.files.writing import whole_files
 @friendly
 def plan(
     source: Annotated[
-        str,
+        str | None,
         typer.Argument(help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan)."),
-    ],
+    ] = None,
     altitude: Annotated[float | None, typer.Option(help="Scan altitude, m above ground.")] = None,
     sidelap: Annotated[float | None, typer.Option(help="Share of the swath that neighbours share.")] = None,
     heading: Annotated[float | None, typer.Option(help="Compass heading of the transects.")] = None,
     hfov: Annotated[float | None, typer.Option(help="Horizontal field of view of the camera, rad.")] = None,
     speed: Annotated[float | None, typer.Option(help="Scan speed, m/s.")] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the .plan file and the picture.")] = Path("plan"),
+    prior: Annotated[
+        Path | None,
+        typer.Option(help="Map of where the target may be (.tif, .npz, .csv): search where it pays."),
+    ] = None,
+    budget_m: Annotated[float | None, typer.Option(help="Length of all paths, m.")] = None,
+    sweep_width_m: Annotated[
+        float | None,
+        typer.Option(help="Effective sweep width, m. Default: of the scenario's calibrated sensor."),
+    ] = None,
+    uavs: Annotated[int, typer.Option(help="Vehicles that share the budget.")] = 1,
+    start: Annotated[
+        str | None, typer.Option(metavar="LON,LAT", help="Where they start. Default: the scenario's home.")
+    ] = None,
+    searched: Annotated[
+        list[Path] | None,
+        typer.Option(help="Run folder or .plan that was flown and found nothing; may be repeated."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
+
+    With --prior: the paths that probably find most within a length, what they may find, and the map if they
+    find nothing.
 
     Examples:
 
         skysweep plan clusters
 
         skysweep plan my-area.kml --altitude 40 --sidelap 0.3 --out saturday
+
+        skysweep plan --prior map.tif --budget-m 20000 --sweep-width-m 30 --uavs 2 --start 22.1,60.2
     """
+    from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
+    from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
     from skysweep.planning.area_files import SUFFIXES, scenario_from_area
     from skysweep.planning.flight_plan import plan_scenario
@@ -41,17 +66,34 @@ def plan(
     from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.files import change_scenario, load_scenario
 
-    is_area = Path(source).suffix.lower() in SUFFIXES
-    chosen = change_scenario(
-        scenario_from_area(source) if is_area else load_scenario(source),
-        {
-            "search.scan_altitude_agl_m": altitude,
-            "search.sidelap": sidelap,
-            "search.transect_heading_deg": heading,
-            "search.scan_speed_mps": speed,
-            "camera.hfov_rad": hfov,
-        },
-    )
+    changes = {
+        "search.scan_altitude_agl_m": altitude,
+        "search.sidelap": sidelap,
+        "search.transect_heading_deg": heading,
+        "search.scan_speed_mps": speed,
+        "camera.hfov_rad": hfov,
+    }
+    chosen = None
+    if source is not None:
+        is_area = Path(source).suffix.lower() in SUFFIXES
+        chosen = change_scenario(scenario_from_area(source) if is_area else load_scenario(source), changes)
+    if prior is not None:
+        if sidelap is not None or heading is not None:
+            raise UserError(
+                "--sidelap, --heading: are of transects, which --prior has none of; leave them out"
+            )
+        if budget_m is None:
+            raise UserError("--budget-m: is missing; write the length of all paths in metres")
+        width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
+        options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], seed)
+        plan_with_prior(options, chosen, changes, out)
+        return
+    if budget_m is not None or sweep_width_m is not None or start is not None or searched or uavs != 1:
+        raise UserError(
+            "--prior: is missing; name the map of where the target may be, or leave its options out"
+        )
+    if chosen is None:
+        raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
     for warning in warnings_for_plan(chosen):
         warn(warning)
     coverage, estimate = plan_scenario(chosen)

@@ -1,0 +1,144 @@
+"""Plan a search with a prior."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from skysweep.cli.common import console, warn
+from skysweep.errors import UserError
+from skysweep.files.writing import whole_files
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.area_files import scenario_over
+from skysweep.planning.flight_plan import leg_time_s
+from skysweep.planning.prior.flown import ground_path, path_of_plan
+from skysweep.planning.prior.map_files import read_map, write_map
+from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.planning.prior.picture import draw_sortie
+from skysweep.planning.prior.sortie import Sortie, plan_sortie
+from skysweep.planning.qgc import plan_for_qgc, write_plan
+from skysweep.results.run_folder import JOURNAL_FILE, load_flown
+from skysweep.scenarios.files import change_scenario
+from skysweep.scenarios.model import Home, Scenario
+from skysweep.sensing.statistical.sweep_width import sweep_width_m
+
+F64 = NDArray[np.float64]
+
+_WORTH_SAYING = 0.05  # of the map, that lies outside the area
+MAP_AFTER, REPORT = "after.npz", "sortie.json"
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """What the command was told of a search with a prior."""
+
+    prior: Path
+    budget_m: float
+    sweep_width_m: float
+    uavs: int
+    start_lon_lat: str | None
+    searched: list[Path]
+    seed: int
+
+
+def plan_with_prior(
+    options: SearchOptions, scenario: Scenario | None, changes: dict[str, float | None], out: Path
+) -> None:
+    """Plan a sortie over a map, within the area of a scenario where there is one; write and show it."""
+    cells = _map(options, scenario)
+    start = _start(options, scenario, cells.frame)
+    sortie = plan_sortie(cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed)
+    chosen = scenario or change_scenario(_scenario_of(options.prior, sortie), changes)
+    plans = [f"{chosen.name}-{k + 1}.plan" for k in range(options.uavs)]
+    with whole_files(out) as unfinished:
+        for k, name in enumerate(plans):
+            write_plan(unfinished / name, plan_for_qgc(chosen, sortie.as_coverage(k)))
+        draw_sortie(unfinished / f"{chosen.name}.png", chosen.name, sortie)
+        write_map(unfinished / MAP_AFTER, sortie.after)
+        (unfinished / REPORT).write_text(json.dumps(sortie.as_json(), indent=2) + "\n", encoding="utf-8")
+    console.print(_told(sortie, chosen.search.scan_speed_mps))
+    console.print(
+        f"plans: {', '.join(str(out / name) for name in plans)}\npicture: {out / chosen.name}.png\n"
+        f"report: {out / REPORT}\nmap if nothing is found: {out / MAP_AFTER}",
+        soft_wrap=True,
+        highlight=False,
+    )
+
+
+def width_of_sensor(scenario: Scenario | None) -> float:
+    """The effective sweep width of a scenario's sensor, metres."""
+    if scenario is None:
+        raise UserError(
+            "--sweep-width-m: is missing; write the sensor's effective sweep width, or name a scenario"
+        )
+    return sweep_width_m(scenario)
+
+
+def _map(options: SearchOptions, scenario: Scenario | None) -> ProbabilityMap:
+    cells = read_map(options.prior, None if scenario is None else scenario.frame)
+    if scenario is not None:
+        outside = 1.0 - cells.share_within(scenario.area_enu_m)
+        cells = cells.within(scenario.area_enu_m)
+        if outside > _WORTH_SAYING:
+            warn(f"--prior {options.prior}: {outside:.0%} of the map lies outside the area and is left out")
+    flown = [_flown(path, cells.frame) for path in options.searched]
+    return cells.after_search(flown, options.sweep_width_m) if flown else cells
+
+
+def _flown(path: Path, frame: LocalFrame) -> F64:
+    """Where the vehicle was in a run folder, or is led by a plan."""
+    if not path.is_dir():
+        return path_of_plan(path, frame)
+    if not (path / JOURNAL_FILE).exists():
+        raise UserError(f"--searched {path}: holds no {JOURNAL_FILE}; give a run's folder or a .plan file")
+    run = load_flown(path)
+    return ground_path(run.scenario.frame.geodetic_from_enu(run.states.position_enu_m)[:, :2], frame)
+
+
+def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame) -> F64:
+    if options.start_lon_lat is None:
+        if scenario is None:
+            raise UserError("--start: is missing; write where the vehicles start as LON,LAT in degrees")
+        return np.array(scenario.home.position_enu_m, dtype=float)
+    try:
+        longitude, latitude = (float(part) for part in options.start_lon_lat.split(","))
+    except ValueError:
+        longitude = latitude = np.nan
+    if not (abs(longitude) <= 180.0 and abs(latitude) <= 90.0):
+        raise UserError(f"--start {options.start_lon_lat}: is no place; write LON,LAT in degrees")
+    return np.asarray(ground_path([(latitude, longitude)], frame)[0])
+
+
+def _scenario_of(prior: Path, sortie: Sortie) -> Scenario:
+    """Around the paths, as a map's file says nothing of an area."""
+    frame, start = sortie.before.frame, sortie.paths_xy_m[0][0]
+    home = Home(
+        latitude_deg=frame.latitude_deg,
+        longitude_deg=frame.longitude_deg,
+        position_enu_m=(float(start[0]), float(start[1])),
+    )
+    corners = [(float(x), float(y)) for x, y in list(sortie.hull.exterior.coords)[:-1]]
+    return scenario_over(prior, home, corners)
+
+
+def _told(sortie: Sortie, speed_mps: float) -> Table:
+    expected = sortie.expected
+    longest_s = max(
+        float(leg_time_s(np.linalg.norm(np.diff(path, axis=0), axis=1), speed_mps).sum())
+        for path in sortie.paths_xy_m
+    )
+    table = Table(show_header=False, box=None)
+    table.add_row("sweep width", f"{sortie.sweep_width_m:.1f} m")
+    table.add_row("paths", f"{len(sortie.paths_xy_m)}, {expected.length_m[-1]:.0f} m together")
+    table.add_row("time", f"{longest_s / 60:.1f} min for the longest, without take-off and return")
+    table.add_row("expected POS", f"{expected.pos[-1]:.1%} (exponential detection)")
+    table.add_row(
+        "bound", f"{expected.bound[-1]:.1%}; {expected.bound_from_start[-1]:.1%} after the way there"
+    )
+    table.add_row("definite range", f"{expected.definite_pos:.1%} of at most {expected.definite_bound:.1%}")
+    return table

@@ -1,0 +1,88 @@
+"""Straight ways from paths to parts of a map that are worth the way."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from skysweep.planning.prior.coverage import length_of
+from skysweep.planning.prior.growth import Paths
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_PARTS = 12  # looked at in one go, the best first
+_PLACES = 3000  # on the paths from where a way may begin
+_SMOOTH_CELLS = 1.0
+
+
+def go_where_it_pays(paths: Paths, worth_per_m: float) -> None:
+    """Lead paths to parts of the map where what is left to find is worth search and way."""
+    worth, parts = _parts(paths, worth_per_m)
+    least = 2.0 * worth_per_m * paths.lattice.pitch_m
+    for part in np.argsort(-worth, kind="stable")[:_PARTS]:
+        if worth[part] > least:
+            _go_to(paths, np.argwhere(parts == part + 1), float(worth[part]), worth_per_m)
+
+
+def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
+    """Parts of the map that are worth visits: what each finds beyond its cost, and their labels (R, C)."""
+    field = paths.lattice
+    cost = worth_per_m * field.pitch_m
+    left = field.poa * np.exp(-paths.coverage)
+    smooth = ndimage.gaussian_filter(left, _SMOOTH_CELLS, mode="nearest")
+    share = -np.expm1(-field.step)
+    labels, n = ndimage.label(smooth * share > cost, structure=np.ones((3, 3)))
+    index = np.arange(1, n + 1)
+    log_worth = np.log(left * share / cost, where=left > 0.0, out=np.full(left.shape, -1.0))
+    visits = np.maximum(np.floor(log_worth / field.step) + 1.0, 0.0)
+    net = left * -np.expm1(-visits * field.step) - cost * visits
+    return np.atleast_1d(ndimage.sum_labels(net, labels, index)), labels
+
+
+def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> None:
+    """Lead the path that is nearest to one of the cells (M, 2) there and back, or there from its end."""
+    field = paths.lattice
+    tree = cKDTree(field.xy_m(cells))
+    best: tuple[float, int, I64] | None = None
+    for path in range(len(paths.starts_xy_m)):
+        visits = paths.visits(path)
+        places = paths.xy_m(visits)
+        ends = np.append(places[1:], places[-1:], axis=0)
+        legs = np.linalg.norm(ends - places, axis=1)
+        pieces = np.where(legs > 1.5 * field.pitch_m, np.ceil(legs / (2.0 * field.pitch_m)), 1).astype(int)
+        leg = np.repeat(np.arange(len(visits)), pieces)
+        share = (np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[leg]
+        every = -(-len(leg) // _PLACES)
+        leg, share = leg[len(leg) - 1 :: -every], share[len(leg) - 1 :: -every]
+        near = tree.query(places[leg] + share[:, None] * (ends - places)[leg])[1]
+        there = field.xy_m(cells[near])
+        way = np.linalg.norm(there - places[leg], axis=1)
+        back = np.linalg.norm(there - ends[leg], axis=1) - legs[leg] + field.pitch_m
+        cost_m = np.where(leg == len(visits) - 1, way, way + back)
+        k = int(np.argmin(cost_m))
+        if cost_m[k] + field.pitch_m <= paths.left_m[path] and (best is None or cost_m[k] < best[0]):
+            best = float(cost_m[k]), int(visits[leg[k]]), cells[near[k]]
+    if best is not None and best[0] * worth_per_m < worth:
+        _insert(paths, best[1], best[2])
+
+
+def _insert(paths: Paths, visit: int, node: I64) -> None:
+    """Fly to a node after a visit, and from the one beside it on to where the path led."""
+    field, after, first = paths.lattice, int(paths.following[visit]), paths.count
+    beside, axis = node.copy(), int(field.poa.shape[1] > 1)
+    beside[axis] += 1 if node[axis] + 1 < field.poa.shape[axis] else -min(node[axis], 1)
+    new = [node] if after < 0 else [node, beside]
+    paths.count += len(new)
+    paths.nodes[first : paths.count] = new
+    paths.owner[first : paths.count] = paths.owner[visit]
+    paths.following[visit] = first
+    paths.following[first : paths.count] = [*range(first + 1, paths.count), after]
+    old = [visit] if after < 0 else [visit, after]
+    led = paths.xy_m(np.array(old))
+    leads = paths.xy_m(np.array([visit, *range(first, paths.count), *old[1:]]))
+    paths.left_m[paths.owner[visit]] -= length_of(leads) - length_of(led)
+    field.add_coverage(paths.coverage, leads)
+    field.add_coverage(paths.coverage, led, -1.0)

@@ -1,0 +1,59 @@
+"""Where a path may turn: the middles of cells that are about as wide as a sweep."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.planning.prior.coverage import add_lengths
+
+F64 = NDArray[np.float64]
+
+MAX_NODES = 40_000  # on all paths together
+WIDEST = 4.0  # cells, in sweeps: a wider one is cut, so that passes over it lie beside each other
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Cells, whose middles are the nodes of paths."""
+
+    poa: F64  # (R, C) of its cells
+    pitch_m: float  # side of a cell
+    origin_xy_m: F64  # (2,) corner of cell 0, 0
+    step: float  # coverage that one visit adds to a cell
+
+    def xy_m(self, nodes: NDArray[np.int64]) -> F64:
+        """Places (N, 2) of nodes (N, 2) given as row and column."""
+        return np.asarray(self.origin_xy_m + (nodes[:, ::-1] + 0.5) * self.pitch_m)
+
+    def add_coverage(self, coverage: F64, path_xy_m: F64, times: float = 1.0) -> None:
+        """Add what a path (K, 2) covers of the cells to their coverage (R, C), so many times."""
+        lengths = np.zeros(coverage.shape)
+        add_lengths(lengths, (path_xy_m - self.origin_xy_m) / self.pitch_m, 0.0)
+        coverage += times * self.step * lengths
+
+
+def lattice_over(
+    poa: F64, cell_size_m: float, origin_xy_m: F64, sweep_width_m: float, length_m: float
+) -> Lattice:
+    """The lattice for sweeps of a width over a map (R, C), coarse enough for paths ``length_m`` long."""
+    finest_m = max(sweep_width_m, length_m / MAX_NODES)
+    pitch_m = max(finest_m, cell_size_m / math.ceil(cell_size_m / (WIDEST * finest_m)))
+    step = sweep_width_m / pitch_m
+    if pitch_m == cell_size_m:
+        return Lattice(poa, pitch_m, origin_xy_m, step)
+    rows, south = _shares(poa.shape[0], cell_size_m, pitch_m)
+    columns, west = _shares(poa.shape[1], cell_size_m, pitch_m)
+    return Lattice(rows @ poa @ columns.T, pitch_m, origin_xy_m + np.array([west, south]), step)
+
+
+def _shares(count: int, size_m: float, other_m: float) -> tuple[F64, float]:
+    """Shares (M, count) of cells in others, centred over them, and where these begin."""
+    others = math.ceil(count * size_m / other_m - 1e-9)
+    begin_m = (count * size_m - others * other_m) / 2.0
+    low, high = begin_m + other_m * np.arange(others)[:, None], size_m * np.arange(count)
+    overlap_m = np.minimum(low + other_m, high + size_m) - np.maximum(low, high)
+    return np.maximum(overlap_m, 0.0) / size_m, begin_m

@@ -1,0 +1,192 @@
+"""Maps of probabilities from files: GeoTIFF, NumPy and CSV; and into a NumPy file.
+
+A NumPy file (``.npz``) holds ``poa`` (R, C), row 0 in the south, and ``bounds_lon_lat_deg`` (west, south,
+east, north); or, as written here, ``cell_size_m``, ``origin_xy_m`` and ``frame_lat_lon_deg``, which lose
+nothing. A CSV file has the columns ``lon``, ``lat`` and ``poa``, a line for the middle of each cell; cells
+that are left out are 0. A GeoTIFF has a CRS; its first band is read and its nodata are 0.
+"""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from skysweep.errors import MissingExtraError, UserError
+from skysweep.files.reading import read_limited, read_text_limited
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
+from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.planning.prior.rasters import Raster
+
+F64 = NDArray[np.float64]
+
+MAX_MAP_BYTES = 200_000_000
+_COLUMNS = ("lon", "lat", "poa")
+_UNEVEN = 0.01  # of a cell, by which a CSV's places may be off the grid
+
+
+def read_map(path: str | Path, frame: LocalFrame | None = None) -> ProbabilityMap:
+    """The map in a file, in the frame given or one of its own.
+
+    Raises UserError naming the file where it is unreadable, holds no probabilities, or is in a CRS that is
+    not known or not its own.
+    """
+    path = Path(path)
+    readers = {".npz": _read_npz, ".csv": _read_csv, ".tif": _read_tiff, ".tiff": _read_tiff}
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise UserError(f"{path}: is no map of probabilities; give a {', '.join(readers)} file")
+    try:
+        read = reader(path)
+        if isinstance(read, Raster):
+            checked_poa(read.poa)
+            return read.onto_ground(frame)
+        return read if frame in (None, read.frame) else _raster_of(read).onto_ground(frame)
+    except MissingExtraError:
+        raise
+    except UserError as error:
+        raise UserError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+def write_map(path: Path, cells: ProbabilityMap) -> None:
+    """Write a map as a ``.npz`` file that ``read_map`` reads back as it is."""
+    np.savez_compressed(
+        path,
+        poa=cells.poa,
+        cell_size_m=cells.cell_size_m,
+        origin_xy_m=cells.origin_xy_m,
+        frame_lat_lon_deg=np.array([cells.frame.latitude_deg, cells.frame.longitude_deg]),
+    )
+
+
+def _raster_of(cells: ProbabilityMap) -> Raster:
+    """A map whose metres are taken for azimuthal equidistant ones: within 1 cm at 10 km from the origin."""
+    frame, (west, south, _, _) = cells.frame, cells.bounds_m
+    here = f"+proj=aeqd +ellps=WGS84 +lat_0={frame.latitude_deg!r} +lon_0={frame.longitude_deg!r}"
+    return Raster(cells.poa, west, south, cells.cell_size_m, cells.cell_size_m, pyproj.CRS.from_proj4(here))
+
+
+def _read_npz(path: Path) -> Raster | ProbabilityMap:
+    data = read_limited(path, MAX_MAP_BYTES)
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > MAX_MAP_BYTES:
+                raise UserError(f"unpacks to more than {MAX_MAP_BYTES / 1e6:g} MB; give a smaller map")
+        with np.load(BytesIO(data), allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
+        raise UserError("is no NumPy file; write one with numpy.savez(file, poa=..., ...)") from None
+    if "poa" not in arrays:
+        raise UserError("poa: is missing; write the probabilities (rows, columns) as poa")
+    poa = checked_poa(arrays["poa"])
+    if "bounds_lon_lat_deg" in arrays:
+        west, south, east, north = _numbers(arrays, "bounds_lon_lat_deg", 4)
+        _check_degrees(np.array([west, east]), np.array([south, north]), "bounds_lon_lat_deg")
+        if not (west < east and south < north):
+            raise UserError("bounds_lon_lat_deg: are not in order; write west, south, east, north")
+        rows, columns = poa.shape
+        return Raster(poa, west, south, (east - west) / columns, (north - south) / rows, _wgs84())
+    if "frame_lat_lon_deg" not in arrays:
+        raise UserError("bounds_lon_lat_deg: is missing; write west, south, east, north in degrees")
+    latitude, longitude = _numbers(arrays, "frame_lat_lon_deg", 2)
+    _check_degrees(np.array([longitude]), np.array([latitude]), "frame_lat_lon_deg")
+    (cell_m,) = _numbers(arrays, "cell_size_m", 1)
+    if not cell_m > 0.0:
+        raise UserError(f"cell_size_m: is {cell_m:g}; write metres above 0")
+    origin = np.array(_numbers(arrays, "origin_xy_m", 2))
+    return ProbabilityMap(poa, cell_m, origin, LocalFrame(latitude, longitude))
+
+
+def _numbers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[float]:
+    try:
+        values = np.asarray(arrays[name], dtype=float).ravel()
+    except (KeyError, TypeError, ValueError):
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise UserError(f"{name}: write {count} finite number{'s' if count > 1 else ''}")
+    return [float(v) for v in values]
+
+
+def _read_csv(path: Path) -> Raster:
+    lines = csv.reader(read_text_limited(path, MAX_MAP_BYTES).splitlines())
+    header = [name.strip().lower() for name in next(lines, [])]
+    if any(name not in header for name in _COLUMNS):
+        raise UserError(f"line 1: is no header with {', '.join(_COLUMNS)}; write one")
+    order = [header.index(name) for name in _COLUMNS]
+    values = []
+    for number, line in enumerate(lines, 2):
+        if line:
+            try:
+                values.append([float(line[k]) for k in order])
+            except (IndexError, ValueError):
+                raise UserError(f"line {number}: write a number for each of {', '.join(_COLUMNS)}") from None
+    if not values:
+        raise UserError("holds no cells; write a line with lon,lat,poa for each")
+    table = np.array(values)
+    _check_degrees(table[:, 0], table[:, 1], "lon, lat")
+    (x0, dx, columns), (y0, dy, rows) = _grid_of(table[:, 0], "lon"), _grid_of(table[:, 1], "lat")
+    if rows * columns > MAX_CELLS:
+        raise UserError(f"spans {rows * columns:,} cells; write at most {MAX_CELLS:,}, larger ones")
+    i, j = np.floor((table[:, 1] - y0) / dy).astype(int), np.floor((table[:, 0] - x0) / dx).astype(int)
+    if len(np.unique(i * columns + j)) < len(table):
+        raise UserError("tells a cell twice; write one line for each")
+    poa = np.zeros((rows, columns))
+    poa[i, j] = table[:, 2]
+    return Raster(poa, x0, y0, dx, dy, _wgs84())
+
+
+def _grid_of(middles: F64, column: str) -> tuple[float, float, int]:
+    """Where cells begin along one axis, how wide they are, and how many."""
+    places = np.unique(middles)
+    gaps = np.diff(places)
+    if not len(gaps):
+        raise UserError(f"{column}: is the same everywhere; write at least two rows and two columns of cells")
+    wide = float(gaps.min())
+    count = round(float(places[-1] - places[0]) / wide) + 1
+    if count > MAX_CELLS:
+        raise UserError(f"{column}: is on no grid; write the middles of cells of one size")
+    wide = float(places[-1] - places[0]) / (count - 1)
+    steps = (places - places[0]) / wide
+    if np.abs(steps - np.round(steps)).max() > _UNEVEN:
+        raise UserError(f"{column}: is on no grid; write the middles of cells of one size")
+    return float(places[0]) - wide / 2.0, wide, count
+
+
+def _read_tiff(path: Path) -> Raster:
+    try:
+        import rasterio
+    except ImportError:
+        raise MissingExtraError(f"{path}: a GeoTIFF", "geo") from None
+    data = read_limited(path, MAX_MAP_BYTES)
+    try:
+        with rasterio.MemoryFile(data) as memory, memory.open() as file:
+            if file.width * file.height > MAX_CELLS:
+                raise UserError(f"has {file.width * file.height:,} cells; write at most {MAX_CELLS:,}")
+            if file.crs is None:
+                raise UserError("has no CRS; write one into it, such as EPSG:4326")
+            band, transform = file.read(1, masked=True), file.transform
+            crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
+    except (rasterio.errors.RasterioError, pyproj.exceptions.CRSError):
+        raise UserError("is no GeoTIFF with a known CRS; save it again with one") from None
+    if transform.b or transform.d:
+        raise UserError("is turned; save it again with north up")
+    poa = np.ma.filled(band.astype(float), 0.0)
+    return Raster(poa, transform.c, transform.f, transform.a, transform.e, crs)
+
+
+def _check_degrees(longitude: F64, latitude: F64, field: str) -> None:
+    if not (np.abs(longitude) <= 180.0).all() or not (np.abs(latitude) <= 90.0).all():
+        raise UserError(
+            f"{field}: are no degrees, so in another CRS than WGS 84; write longitude and latitude in degrees"
+        )
+
+
+def _wgs84() -> pyproj.CRS:
+    return pyproj.CRS.from_epsg(4326)

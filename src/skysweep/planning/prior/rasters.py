@@ -1,0 +1,85 @@
+"""Maps of probabilities in any projection, brought onto square cells in local metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pyproj
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
+from skysweep.planning.prior.maps import ProbabilityMap
+
+F64 = NDArray[np.float64]
+
+_SAMPLES = 3  # along a cell's side
+_FARTHEST_M = 200_000.0  # from where a local frame is flat enough
+_WGS84 = pyproj.Geod(ellps="WGS84")
+_BORDER = 50  # points along an edge
+
+
+@dataclass(frozen=True)
+class Raster:
+    """A map as a file has it: cell i, j spans x from ``x0 + j dx`` and y from ``y0 + i dy``, of a CRS."""
+
+    poa: F64  # (R, C)
+    x0: float
+    y0: float
+    dx: float
+    dy: float
+    crs: pyproj.CRS
+
+    def onto_ground(self, frame: LocalFrame | None = None) -> ProbabilityMap:
+        """Square cells of about the same size, east and north of the frame's origin, or of the middle.
+
+        Raises UserError where the CRS leads to no place on earth, or the map is too fine for its extent.
+        """
+        from_crs = pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        rows, columns = self.poa.shape
+        share = np.linspace(0.0, 1.0, _BORDER)
+        x = self.x0 + self.dx * columns * np.concatenate(
+            [share, share, 0.0 * share, 1.0 + 0.0 * share, [0.5]]
+        )
+        y = self.y0 + self.dy * rows * np.concatenate([0.0 * share, 1.0 + 0.0 * share, share, share, [0.5]])
+        longitude, latitude = from_crs.transform(x, y)
+        if not (np.isfinite(longitude).all() and np.isfinite(latitude).all()):
+            raise UserError("its coordinates lie outside its CRS; write those of its CRS, or the right CRS")
+        if frame is None:
+            frame = LocalFrame(float(latitude[-1]), float(longitude[-1]))
+        else:
+            _, _, away_m = _WGS84.inv(frame.longitude_deg, frame.latitude_deg, longitude[-1], latitude[-1])
+            if away_m > _FARTHEST_M:
+                raise UserError(
+                    f"does not overlap the area, which is {away_m / 1e3:.0f} km away; give the map of this "
+                    "area, or check its coordinates"
+                )
+        border = frame.enu_from_geodetic(np.column_stack([latitude, longitude, np.zeros(len(x))]))[:, :2]
+        west, south = border.min(axis=0)
+        east, north = border.max(axis=0)
+        outline = shapely.Polygon(np.concatenate([border[:_BORDER], border[_BORDER : 2 * _BORDER][::-1]]))
+        cell_m = math.sqrt(outline.area / self.poa.size)
+        n_rows, n_columns = max(1, round((north - south) / cell_m)), max(1, round((east - west) / cell_m))
+        if n_rows * n_columns > 2 * MAX_CELLS:
+            raise UserError("its cells are much longer than wide; write cells that are about square")
+        empty = ProbabilityMap(np.zeros((n_rows, n_columns)), cell_m, np.array([west, south]), frame)
+        return empty.with_poa(checked_poa(self._sampled(empty, from_crs)))
+
+    def _sampled(self, cells: ProbabilityMap, from_crs: pyproj.Transformer) -> F64:
+        """The density at places in each cell, (R, C)."""
+        rows, columns = self.poa.shape
+        sums, n = np.zeros(cells.poa.shape), _SAMPLES
+        for k in range(n * n):
+            aside = cells.cell_size_m * (np.array([k % n, k // n]) + 0.5 - n / 2.0) / n
+            xy = (cells.centres_xy_m + aside).reshape(-1, 2)
+            geodetic = cells.frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
+            x, y = from_crs.transform(geodetic[:, 1], geodetic[:, 0], direction="INVERSE")
+            i, j = np.floor((y - self.y0) / self.dy), np.floor((x - self.x0) / self.dx)
+            inside = (i >= 0) & (i < rows) & (j >= 0) & (j < columns)
+            found = self.poa[i[inside].astype(int), j[inside].astype(int)]
+            sums[inside.reshape(sums.shape)] += found
+        return sums

@@ -1,0 +1,141 @@
+"""Paths that find most of what a map says may be there, within a length.
+
+Path planning with a budget on an area of probabilities is the orienteering problem with a submodular reward,
+which is NP-hard. Here one price of a metre, that of the last metre of an ideal allocation, decides
+everywhere alike: moves, ways to other parts and shortcuts are made when what they find is worth their length.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skysweep.errors import UserError
+from skysweep.planning.prior.allocation import ideal_coverage, least_worth
+from skysweep.planning.prior.checks import checked_poa, place, positive, uavs, way_to_map
+from skysweep.planning.prior.excursions import go_where_it_pays
+from skysweep.planning.prior.growth import Paths
+from skysweep.planning.prior.lattice import Lattice, lattice_over
+from skysweep.planning.prior.sharing import shared_out
+from skysweep.planning.prior.shortcuts import take_shortcuts
+
+F64 = NDArray[np.float64]
+
+ENOUGH_COVERAGE = 12.0  # of every cell: there is nothing left to find
+_PRICES = (1.0, 1.4)  # of a metre to begin with, in those of the ideal allocation's last one
+_MANY_VISITS = 8000  # with which one of them does
+_REVISIONS = 3
+_DEARER = 1.5  # the price in a revision
+_CHEAPER = 0.85  # the price from round to round, while there is budget left
+_ROUNDS = 40
+_TIES = 1e-7  # by which the seed tells equal cells apart
+_NOWHERE = np.zeros((0, 2), dtype=np.int64)
+
+
+def plan_search(
+    poa: ArrayLike,
+    cell_size_m: float,
+    origin_xy_m: ArrayLike,
+    start_xy_m: ArrayLike,
+    budget_m: float,
+    sweep_width_m: float,
+    n_uavs: int,
+    seed: int = 0,
+) -> list[F64]:
+    """Paths from a start that find most, by exponential detection, of a target on a map.
+
+    Args:
+        poa: (R, C) probability of area in each square cell, of any sum; row 0 is the southernmost.
+        cell_size_m: side of a cell.
+        origin_xy_m: (2,) south-western corner of cell 0, 0.
+        start_xy_m: (2,) where all paths begin, on the map or beside it.
+        budget_m: length of all paths together; each may be ``budget_m / n_uavs`` long.
+        sweep_width_m: of the sensor; a length L inside a cell covers it L * sweep width / cell area times.
+        n_uavs: how many paths.
+        seed: which of equally good paths.
+
+    Returns:
+        One path (K, 2) in metres for each vehicle, K at least 2.
+
+    Raises:
+        UserError: a field that no search can be planned with, or a budget that does not reach the map.
+    """
+    p = checked_poa(poa)
+    cell_m = positive(cell_size_m, "cell_size_m")
+    origin, start = place(origin_xy_m, "origin_xy_m"), place(start_xy_m, "start_xy_m")
+    width_m, n = positive(sweep_width_m, "sweep_width_m"), uavs(n_uavs)
+    each_m = positive(budget_m, "budget_m") / n
+    if seed < 0:
+        raise UserError(f"seed: is {seed}; write a whole number from 0 on")
+    way_m = way_to_map(p, cell_m, origin, start)
+    if each_m <= way_m:
+        raise UserError(
+            f"budget_m: {each_m:g} m for each vehicle do not reach the map, which begins {way_m:.0f} m from "
+            f"the start; write more than {n * way_m:.0f}, or start nearer"
+        )
+    p *= 1.0 + _TIES * np.random.default_rng(seed).random(p.shape)
+    enough_m = ENOUGH_COVERAGE * p.size * cell_m**2 / width_m + way_m
+    each_m = min(each_m, enough_m)
+    lattice = lattice_over(p, cell_m, np.zeros(2), width_m, n * each_m)
+    prices = _PRICES if n * each_m / lattice.pitch_m < _MANY_VISITS else _PRICES[:1]
+    plans = [_planned(lattice, start - origin, each_m, n, price) for price in prices]
+    best = max(plans, key=lambda paths: paths.pos)
+    flown = [_corners(best.xy_m(best.visits(k))) for k in range(n)]
+    return [origin + (path if len(path) > 1 else _straight(lattice, path[0], each_m)) for path in flown]
+
+
+def _planned(lattice: Lattice, start_xy_m: F64, each_m: float, n: int, price: float) -> Paths:
+    if n == 1:
+        length_m = each_m
+        paths = Paths.through(lattice, start_xy_m[None], each_m, [_NOWHERE])
+    else:
+        length_m = max(n * each_m - (n - 1) * _mean_way(lattice, start_xy_m, n * each_m), each_m)
+        paths = shared_out(_planned(lattice, start_xy_m, length_m, 1, price), n, each_m)
+    worth_per_m = least_worth(lattice.poa, lattice.step, length_m / lattice.pitch_m) / lattice.pitch_m
+    best, worth_per_m = paths, _grow(paths, price * worth_per_m)
+    for _ in range(_REVISIONS):
+        paths = take_shortcuts(paths, each_m, worth_per_m * _DEARER)
+        worth_per_m = _grow(paths, worth_per_m * _DEARER)
+        best = max(best, paths, key=lambda p: p.pos)
+    return best
+
+
+def _grow(paths: Paths, worth_per_m: float) -> float:
+    """Spend the budget where a metre is worth most; the last price."""
+    for _ in range(_ROUNDS):
+        go_where_it_pays(paths, worth_per_m)
+        paths.grow(worth_per_m)
+        if paths.left_m.max() < paths.lattice.pitch_m:
+            break
+        worth_per_m *= _CHEAPER
+    return worth_per_m
+
+
+def _mean_way(lattice: Lattice, start_xy_m: F64, length_m: float) -> float:
+    """From the start to where an ideal searcher searches."""
+    ideal = ideal_coverage(lattice.poa, length_m / lattice.pitch_m * lattice.step)
+    centres = lattice.xy_m(np.argwhere(ideal > 0.0))
+    return float(np.average(np.linalg.norm(centres - start_xy_m, axis=1), weights=ideal[ideal > 0.0]))
+
+
+def _straight(lattice: Lattice, start_xy_m: F64, length_m: float) -> F64:
+    """Straight towards the best cell, where the budget does for no more."""
+    cells = np.argwhere(lattice.poa > 0.0)
+    centres = lattice.xy_m(cells)
+    ways = np.linalg.norm(centres - start_xy_m, axis=1)
+    worth = np.where(ways <= length_m, lattice.poa[tuple(cells.T)], -ways)
+    k = int(np.argmax(worth))
+    share = min(1.0, length_m / ways[k]) if ways[k] > 0.0 else 1.0
+    return np.array([start_xy_m, start_xy_m + share * (centres[k] - start_xy_m)])
+
+
+def _corners(xy_m: F64) -> F64:
+    """A path (K, 2) without the places where it goes straight on."""
+    legs = np.diff(xy_m, axis=0)
+    legs = legs[np.linalg.norm(legs, axis=1) > 0.0]
+    turn = legs[:-1, 0] * legs[1:, 1] - legs[:-1, 1] * legs[1:, 0]
+    ahead = np.sum(legs[:-1] * legs[1:], axis=1) > 0.0
+    scale = np.linalg.norm(legs[:-1], axis=1) * np.linalg.norm(legs[1:], axis=1)
+    straight = ahead & (np.abs(turn) <= 1e-9 * scale)
+    moved = np.concatenate([[True], np.linalg.norm(np.diff(xy_m, axis=0), axis=1) > 0.0])
+    return np.asarray(xy_m[moved][np.concatenate([[True], ~straight, np.full(min(len(legs), 1), True)])])

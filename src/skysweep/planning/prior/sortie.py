@@ -1,0 +1,101 @@
+"""A sortie over a map: paths for each vehicle, what they may find, and the map if they find nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.geometry.areas import headings_of
+from skysweep.planning.coverage import CoveragePlan
+from skysweep.planning.prior.coverage import length_of
+from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.planning.prior.report import ExpectedPos, expected_pos
+from skysweep.planning.prior.search import plan_search
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sortie:
+    """What is flown over a map. ENU metres of the map's frame."""
+
+    before: ProbabilityMap
+    paths_xy_m: tuple[F64, ...]  # (K, 2) each
+    budget_m: float
+    sweep_width_m: float
+    seed: int
+    expected: ExpectedPos
+    after: ProbabilityMap  # when nothing was found
+
+    @property
+    def hull(self) -> shapely.Polygon:
+        """Where the paths are, half a sweep wider."""
+        around = shapely.MultiPoint(np.concatenate(self.paths_xy_m)).convex_hull
+        return around.buffer(self.sweep_width_m / 2.0, join_style="mitre")
+
+    def as_coverage(self, vehicle: int) -> CoveragePlan:
+        """One vehicle's path as a plan that can be exported; each leg is a transect."""
+        path = self.paths_xy_m[vehicle]
+        legs = np.stack([path[:-1], path[1:]], axis=1)
+        lengths = np.linalg.norm(legs[:, 1] - legs[:, 0], axis=1)
+        heading = float(headings_of(legs)[np.argmax(lengths)] % 180.0)
+        return CoveragePlan(
+            path, tuple(legs), self.sweep_width_m, self.sweep_width_m, heading, length_of(path)
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures of the sortie; probabilities are shares of the map."""
+        expected = self.expected
+        return {
+            "budget_m": self.budget_m,
+            "sweep_width_m": self.sweep_width_m,
+            "seed": self.seed,
+            "cell_size_m": self.before.cell_size_m,
+            "path_lengths_m": [length_of(path) for path in self.paths_xy_m],
+            "pos": float(expected.pos[-1]),
+            "bound": float(expected.bound[-1]),
+            "bound_from_start": float(expected.bound_from_start[-1]),
+            "definite_pos": expected.definite_pos,
+            "definite_bound": expected.definite_bound,
+            "curve": {
+                "length_m": expected.length_m.tolist(),
+                "pos": expected.pos.tolist(),
+                "bound": expected.bound.tolist(),
+                "bound_from_start": expected.bound_from_start.tolist(),
+            },
+        }
+
+
+def plan_sortie(
+    cells: ProbabilityMap,
+    start_xy_m: Sequence[float] | F64,
+    budget_m: float,
+    sweep_width_m: float,
+    n_uavs: int,
+    seed: int = 0,
+) -> Sortie:
+    """Plan a sortie, as ``plan_search`` does, over a map. Raises UserError as that does."""
+    paths = plan_search(
+        cells.poa,
+        cells.cell_size_m,
+        cells.origin_xy_m,
+        start_xy_m,
+        budget_m,
+        sweep_width_m,
+        n_uavs,
+        seed,
+    )
+    return Sortie(
+        cells,
+        tuple(paths),
+        budget_m,
+        sweep_width_m,
+        seed,
+        expected_pos(cells, paths, sweep_width_m),
+        cells.after_search(paths, sweep_width_m),
+    )

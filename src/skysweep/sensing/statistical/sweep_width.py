@@ -1,0 +1,93 @@
+"""The effective sweep width of a scenario's detector, from the calibrated sensor.
+
+Koopman, "Search and Screening" (1980): the integral of the lateral range curve, which is the chance that a
+straight pass at some distance reports the target at least once. Here over flat, open ground, at scan altitude
+and speed, with the camera straight down and across the track.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.scenarios.model import DEFAULT_POSE, Scenario
+from skysweep.sensing.statistical.factors import BLUR_MAX, VIEW_MAX
+from skysweep.sensing.statistical.model import KindModel, model_for, score_of
+
+F64 = NDArray[np.float64]
+
+_DISTANCES = 60  # from the track to the picture's edge
+_PASSES = 1000
+
+
+def sweep_width_m(scenario: Scenario) -> float:
+    """Effective sweep width, metres, for the target of the scenario that is hardest to see.
+
+    Raises UserError where the shipped sensor model is not for this camera and detector, or the detector finds
+    nothing from the scan altitude.
+    """
+    width_m = min(
+        _width_m(scenario, kind, low)
+        for name, (low, _) in scenario.target_sizes_m.items()
+        for kind in model_for(scenario).kinds
+        if kind.kind == kind.reported_as == name and kind.pose in _poses(scenario, name)
+    )
+    if width_m <= 0.0:
+        raise UserError(
+            f"search.scan_altitude_agl_m: from {scenario.search.scan_altitude_agl_m:g} m the detector finds "
+            "nothing; write a lower altitude, or the sweep width"
+        )
+    return width_m
+
+
+def _poses(scenario: Scenario, name: str) -> set[str]:
+    """Of the targets of one class."""
+    placed = [target.pose for target in scenario.targets if target.kind == name]
+    drawn = [pose for g in scenario.generators if g.kind == name for pose in g.poses or ()]
+    usual = DEFAULT_POSE.get(name, "face-up")
+    return {pose or usual for pose in [*placed, *drawn]} or {usual}
+
+
+def _width_m(scenario: Scenario, kind: KindModel, size_m: float) -> float:
+    height_m = scenario.search.scan_altitude_agl_m
+    across_m = scenario.camera.lens.footprint_m(height_m)[0]
+    aside_m = across_m / 2.0 * (np.arange(_DISTANCES) + 0.5) / _DISTANCES
+    return float(across_m * np.mean(lateral_range(scenario, kind, size_m, aside_m)))
+
+
+def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, aside_m: F64) -> F64:
+    """Chance (N,) that a straight pass at distances (N,) reports a target of this kind at least once.
+
+    By Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new.
+    """
+    search, camera, model = scenario.search, scenario.camera, model_for(scenario)
+    height_m, lens = search.scan_altitude_agl_m, camera.lens
+    step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, camera.rate_hz)
+    along_m = lens.footprint_m(height_m)[1]
+    looks = int(np.ceil(along_m / step_m))
+    rng = np.random.default_rng(0)
+    beside = aside_m**2
+    first_m = step_m * rng.random(_PASSES) - along_m / 2.0
+    own, fading = rng.normal(size=(2, _PASSES, len(aside_m)))
+    kept = math.exp(-step_m * lens.focal_px / height_m / model.fade_px)
+    threshold, grid = float(score_of(scenario.detector.confidence_min)), np.log(model.pixels)
+    rest = math.sqrt(max(1.0 - kind.object_share - kind.pass_share, 0.0))
+    reported = np.zeros(own.shape, dtype=np.bool_)
+    for look in range(looks):
+        along = (first_m + look * step_m)[:, None]
+        square = beside + along**2
+        pixels = lens.pixels_on_target(size_m, np.sqrt(height_m**2 + square))
+        blur_px = camera.exposure_s * search.scan_speed_mps * lens.focal_px / height_m
+        mean = np.interp(np.log(pixels), grid, kind.score)
+        mean += kind.view * np.minimum(square / (height_m**2 + square), VIEW_MAX)
+        mean += kind.blur * np.minimum(blur_px / pixels, BLUR_MAX)
+        luck = math.sqrt(kind.object_share) * own + math.sqrt(kind.pass_share) * fading
+        luck += rest * rng.normal(size=own.shape)
+        seen = mean + np.interp(np.log(pixels), grid, kind.spread) * luck >= threshold
+        lapsed = rng.random(own.shape) < np.interp(np.log(pixels), grid, kind.lapse)
+        reported |= seen & ~lapsed & (along <= along_m / 2.0)
+        fading = kept * fading + math.sqrt(1.0 - kept**2) * rng.normal(size=own.shape)
+    return np.asarray(reported.mean(axis=0))

@@ -1,0 +1,132 @@
+"""skysweep plan --prior, as a user meets it."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from skysweep.cli import app
+from skysweep.planning.prior.map_files import read_map
+from skysweep.planning.qgc import read_plan
+
+BOUNDS = (22.10, 60.20, 22.11, 60.205)
+START = "22.101,60.201"
+SCENARIO = """\
+name: shore
+area:
+  polygon_lat_lon_deg: [[60.2005, 22.101], [60.2005, 22.109], [60.2045, 22.109], [60.2045, 22.101]]
+home: {latitude_deg: 60.2006, longitude_deg: 22.1011}
+targets:
+  - {class: person, position_enu_m: [100, 100]}
+"""
+
+
+@pytest.fixture(autouse=True)
+def at_work(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    row, column = np.mgrid[0:50, 0:50]
+    poa = np.exp(-((row - 20) ** 2 + (column - 30) ** 2) / 60.0)
+    np.savez("map.npz", poa=poa, bounds_lon_lat_deg=BOUNDS)
+    (tmp_path / "shore.yaml").write_text(SCENARIO)
+
+
+def plan(*arguments):
+    return CliRunner().invoke(app, ["plan", *map(str, arguments)])
+
+
+def done(*arguments):
+    result = plan(*arguments)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def refused(word, *arguments):
+    result = plan(*arguments)
+    assert result.exit_code == 2, result.output
+    assert word in result.stderr.replace("\n", " "), result.stderr
+
+
+def search(*more, out="out"):
+    return ("--prior", "map.npz", "--budget-m", 6000, "--sweep-width-m", 15, "--start", START,
+            "--out", out, *more)  # fmt: skip
+
+
+def test_a_map_alone_makes_plans_a_picture_a_report_and_the_map_after(tmp_path):
+    said = done(*search("--uavs", 2))
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+        "map-1.plan",
+        "map-2.plan",
+        "map.png",
+        "sortie.json",
+        "after.npz",
+    }
+    assert "expected POS" in said
+    report = json.loads((tmp_path / "out/sortie.json").read_text())
+    assert len(report["path_lengths_m"]) == 2
+    assert max(report["path_lengths_m"]) <= 3000.0
+    assert 0.5 * report["bound"] < report["pos"] <= report["bound_from_start"] <= report["bound"]
+    pos = report["curve"]["pos"]
+    assert pos == sorted(pos)
+    assert pos[-1] == report["pos"]
+    for k in (1, 2):
+        first = read_plan(tmp_path / f"out/map-{k}.plan").waypoints[0]
+        assert (first.longitude_deg, first.latitude_deg) == pytest.approx((22.101, 60.201), abs=1e-6)
+    before, after = read_map("map.npz"), read_map("out/after.npz")
+    best = before.poa > 0.3 * before.poa.max()
+    assert after.poa[best].sum() < 0.8 * before.poa[best].sum()
+
+
+def test_the_next_sortie_goes_where_the_last_one_was_not(tmp_path):
+    done(*search())
+    done(*search("--searched", "out/map-1.plan", out="next"))
+    done("--prior", "out/after.npz", *search(out="same")[2:])
+    first, following, same = (
+        json.loads((tmp_path / name / "sortie.json").read_text())["pos"] for name in ("out", "next", "same")
+    )
+    assert following < first
+    assert following == pytest.approx(same, rel=0.05)
+
+
+def test_a_scenario_says_area_start_and_sweep_width(tmp_path):
+    said = done("shore.yaml", "--prior", "map.npz", "--budget-m", 5000, "--altitude", 25)
+    assert "sweep width" in said
+    report = json.loads((tmp_path / "plan/sortie.json").read_text())
+    assert 20.0 < report["sweep_width_m"] < 42.2
+    first = read_plan(tmp_path / "plan/shore-1.plan").waypoints[0]
+    assert (first.latitude_deg, first.longitude_deg) == pytest.approx((60.2006, 22.1011), abs=1e-6)
+
+
+def test_a_mission_that_was_flown_counts_as_searched(tmp_path):
+    where_it_is_most_probable = "[[60.2012, 22.104], [60.2012, 22.108], [60.2028, 22.108], [60.2028, 22.104]]"
+    (tmp_path / "near.yaml").write_text(
+        f"name: near\narea: {{polygon_lat_lon_deg: {where_it_is_most_probable}}}\n"
+        "home: {latitude_deg: 60.2006, longitude_deg: 22.1011}\n"
+    )
+    flown = CliRunner().invoke(app, ["run", "near.yaml", "--sensor", "statistical", "--out", "run"])
+    assert flown.exit_code == 0, flown.output
+    done(*search())
+    done(*search("--searched", "run", out="next"))
+    first, following = (
+        json.loads((tmp_path / name / "sortie.json").read_text())["pos"] for name in ("out", "next")
+    )
+    assert following < first - 0.01
+
+
+def test_mistakes_are_told_in_one_sentence(tmp_path):
+    refused("SOURCE: is missing")
+    refused("--budget-m: is missing", "--prior", "map.npz", "--start", START)
+    refused("--sweep-width-m: is missing", "--prior", "map.npz", "--budget-m", 500, "--start", START)
+    refused("--start: is missing", "--prior", "map.npz", "--budget-m", 500, "--sweep-width-m", 9)
+    refused("write LON,LAT", *search("--start", "north"))
+    refused("write LON,LAT", *search("--start", "nan,nan"))
+    refused("no such file", *search("--prior", "other.npz"))
+    refused("n_uavs: is 0", *search("--uavs", 0))
+    refused("do not reach the map", *search("--start", "23,60.2"))
+    refused("holds no journal.jsonl", *search("--searched", "."))
+    refused("no such file", *search("--searched", "other.plan"))
+    np.savez("far.npz", poa=np.ones((5, 5)), bounds_lon_lat_deg=(10.0, 50.0, 10.1, 50.1))
+    refused("does not overlap the area", "shore.yaml", *search("--prior", "far.npz"))
+    refused("leave them out", *search("--sidelap", 0.3))
+    refused("--prior", "shore.yaml", "--budget-m", 500)
+    assert not (tmp_path / "out").exists()

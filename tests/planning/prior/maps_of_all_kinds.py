@@ -1,0 +1,33 @@
+"""Maps on which searches are planned: peaked, with several modes, ring-shaped, rough."""
+
+import numpy as np
+from scipy import ndimage
+
+
+def gaussian(x, y, sx, sy=None, cells=120):
+    """A peak at x, y (cells) of a map."""
+    row, column = np.mgrid[0:cells, 0:cells] + 0.5
+    return np.exp(-0.5 * (((column - x) / sx) ** 2 + ((row - y) / (sy or sx)) ** 2))
+
+
+def ring(radius, width, cells=120):
+    """A ring about the middle of a map."""
+    row, column = np.mgrid[0:cells, 0:cells] + 0.5
+    distance = np.hypot(row - cells / 2, column - cells / 2)
+    return np.exp(-0.5 * ((distance - radius) / width) ** 2)
+
+
+def rough(seed, cells=120):
+    """Log-normal noise of about 4 cells' size."""
+    noise = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(cells, cells)), 4.0)
+    return np.exp(1.5 * noise / noise.std())
+
+
+MAPS = {
+    "peak": gaussian(60, 60, 12),
+    "wide": gaussian(60, 60, 25),
+    "long": gaussian(60, 60, 30, 8),
+    "three": gaussian(25, 30, 7) + 0.8 * gaussian(90, 35, 8) + 0.6 * gaussian(60, 95, 9),
+    "ring": ring(35, 5),
+    "rough": rough(1),
+}

@@ -1,0 +1,233 @@
+"""Maps: what they may be, how they mix, what is left after a search; and their files."""
+
+import numpy as np
+import pyproj
+import pytest
+import shapely
+from maps_of_all_kinds import gaussian
+
+from skysweep.errors import MissingExtraError, UserError
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.prior.coverage import coverage_of
+from skysweep.planning.prior.map_files import read_map, write_map
+from skysweep.planning.prior.maps import ProbabilityMap, grid_over, mixed
+
+FRAME = LocalFrame(60.2, 22.1)
+
+
+def cells_of(poa, cell_m=10.0, origin=(0.0, 0.0), frame=FRAME):
+    poa = np.asarray(poa, dtype=float)
+    return ProbabilityMap(poa / poa.sum(), cell_m, np.array(origin), frame)
+
+
+def mean_xy(cells):
+    return np.sum(cells.poa[..., None] * cells.centres_xy_m, axis=(0, 1))
+
+
+def test_what_is_searched_becomes_less_probable_and_the_rest_more():
+    cells = cells_of(np.ones((2, 4)))
+    after = cells.after_search([np.array([[0.0, 5.0], [40.0, 5.0]])], 10.0)
+    assert after.poa[0] == pytest.approx(np.full(4, np.exp(-1) / (4 * np.exp(-1) + 4)))
+    assert after.poa.sum() == pytest.approx(1.0)
+    again = cells.after_search([np.array([[0.0, 5.0], [40.0, 5.0], [0.0, 5.0]])], 10.0)
+    twice = after.after_search([np.array([[0.0, 5.0], [40.0, 5.0]])], 10.0)
+    assert twice.poa == pytest.approx(again.poa)
+
+
+@pytest.mark.parametrize("width_m", [3.0, 10.0, 25.0])
+def test_coverage_is_the_swept_area_over_that_of_the_cells(width_m):
+    path = np.array([[-30.0, 33.0], [71.0, 95.0], [71.0, 95.0], [20.0, 20.0], [20.0, 90.0]])
+    coverage = coverage_of([path], (40, 40), 10.0, np.array([-200.0, -200.0]), width_m)
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    assert coverage.sum() == pytest.approx(width_m * length / 100.0)
+
+
+def test_a_wide_sweep_covers_the_cells_beside_its_path():
+    coverage = coverage_of([np.array([[0.0, 25.0], [50.0, 25.0]])], (5, 5), 10.0, np.zeros(2), 30.0)
+    assert coverage == pytest.approx(np.repeat([0.0, 1.0, 1.0, 1.0, 0.0], 5).reshape(5, 5))
+
+
+def test_mixed_maps_weigh_their_scenarios():
+    one, other = cells_of([[1.0, 0.0]]), cells_of([[0.0, 1.0]])
+    assert mixed([one, other], [3.0, 1.0]).poa == pytest.approx(np.array([[0.75, 0.25]]))
+
+
+@pytest.mark.parametrize(
+    ("maps", "weights", "word"),
+    [
+        ([cells_of([[1.0, 0.0]])], [1.0, 2.0], "weights"),
+        ([cells_of([[1.0, 0.0]])], [-1.0], "weights"),
+        ([cells_of([[1.0, 0.0]]), cells_of([[1.0], [0.0]])], [1.0, 1.0], "different cells"),
+        ([], [], "weights"),
+    ],
+)
+def test_what_cannot_be_mixed_is_said(maps, weights, word):
+    with pytest.raises(UserError, match=word):
+        mixed(maps, weights)
+
+
+def test_a_map_is_cut_to_an_area():
+    cells = cells_of(np.ones((10, 10)))
+    west = shapely.box(0, 0, 50, 100)
+    assert cells.share_within(west) == pytest.approx(0.5)
+    assert cells.within(west).poa[:, 5:].sum() == 0.0
+    with pytest.raises(UserError, match="does not overlap the area"):
+        cells.within(shapely.box(500, 0, 600, 100))
+
+
+def test_a_grid_spans_its_area():
+    cells = grid_over(shapely.box(-20, 5, 101, 64), 10.0, FRAME)
+    west, south, east, north = cells.bounds_m
+    assert (west, south) == (-20.0, 5.0)
+    assert east >= 101
+    assert north >= 64
+
+
+def test_a_written_map_is_read_back_bit_for_bit(tmp_path):
+    cells = cells_of(gaussian(20, 40, 9), origin=(-3.5, 7.25))
+    write_map(tmp_path / "map.npz", cells)
+    read = read_map(tmp_path / "map.npz")
+    assert read.poa == pytest.approx(cells.poa, rel=1e-12)
+    assert read.bounds_m == cells.bounds_m
+    assert read.frame == cells.frame
+    elsewhere = read_map(tmp_path / "map.npz", LocalFrame(60.201, 22.103))
+    geodetic = [[*mean_xy(cells), 0.0]]
+    expected = elsewhere.frame.enu_from_geodetic(cells.frame.geodetic_from_enu(geodetic))[0, :2]
+    assert mean_xy(elsewhere) == pytest.approx(expected, abs=0.5)
+
+
+def lon_lat_file(tmp_path, kind, poa, bounds):
+    """A map of the same cells as a file of each kind."""
+    west, south, east, north = bounds
+    rows, columns = poa.shape
+    path = tmp_path / f"map.{kind}"
+    if kind == "npz":
+        np.savez(path, poa=poa, bounds_lon_lat_deg=bounds)
+    elif kind == "csv":
+        lines = ["poa, lat, lon"]
+        for row in range(rows):
+            for column in range(columns):
+                lon = west + (column + 0.5) * (east - west) / columns
+                lat = south + (row + 0.5) * (north - south) / rows
+                lines.append(f"{poa[row, column]}, {lat}, {lon}")
+        path.write_text("\n".join(lines))
+    else:
+        rasterio = pytest.importorskip("rasterio")
+        transform = rasterio.Affine((east - west) / columns, 0, west, 0, (south - north) / rows, north)
+        with rasterio.open(path, "w", driver="GTiff", width=columns, height=rows, count=1, dtype="float64",
+                           crs="EPSG:4326", transform=transform) as file:  # fmt: skip
+            file.write(poa[::-1], 1)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["npz", "csv", "tif"])
+def test_a_map_in_degrees_comes_to_lie_where_it_was(tmp_path, kind):
+    poa = gaussian(20, 40, 5, cells=60)
+    bounds = (22.10, 60.20, 22.12, 60.21)
+    cells = read_map(lon_lat_file(tmp_path, kind, poa, bounds))
+    share = np.sum(poa[..., None] * (np.stack(np.meshgrid(np.arange(60), np.arange(60)), -1) + 0.5), (0, 1))
+    share = share / poa.sum() / 60
+    there = [60.20 + 0.01 * share[1], 22.10 + 0.02 * share[0], 0.0]
+    off_m = mean_xy(cells) - cells.frame.enu_from_geodetic([there])[0, :2]
+    assert np.abs(off_m).max() < 0.15 * cells.cell_size_m
+    west, south, east, north = cells.bounds_m
+    assert (east - west, north - south) == pytest.approx((1111, 1114), abs=25)
+
+
+def test_a_geotiff_in_another_projection_comes_to_lie_where_it_was(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    poa = gaussian(20, 40, 5, cells=60).astype("float32")
+    east, north = 450_000.0, 6_670_000.0
+    transform = rasterio.Affine(10.0, 0.0, east, 0.0, -10.0, north + 600.0)
+    path = tmp_path / "utm.tif"
+    with rasterio.open(path, "w", driver="GTiff", width=60, height=60, count=1, dtype="float32",
+                       crs="EPSG:32635", transform=transform, nodata=-1.0) as file:  # fmt: skip
+        written = poa[::-1].copy()
+        written[0, 0] = -1.0
+        file.write(written, 1)
+    cells = read_map(path)
+    lon, lat = pyproj.Transformer.from_crs("EPSG:32635", "EPSG:4326", always_xy=True).transform(
+        east + 200.0, north + 400.0
+    )
+    assert mean_xy(cells) == pytest.approx(cells.frame.enu_from_geodetic([[lat, lon, 0.0]])[0, :2], abs=1.0)
+    assert cells.cell_size_m == pytest.approx(10.0, rel=0.01)
+
+
+def test_a_geotiff_without_crs_is_refused(tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    path = tmp_path / "bare.tif"
+    with (
+        pytest.warns(rasterio.errors.NotGeoreferencedWarning),
+        rasterio.open(path, "w", driver="GTiff", width=2, height=2, count=1, dtype="float32") as file,
+    ):
+        file.write(np.ones((2, 2), dtype="float32"), 1)
+    with pytest.warns(rasterio.errors.NotGeoreferencedWarning), pytest.raises(UserError, match="has no CRS"):
+        read_map(path)
+
+
+def test_a_geotiff_without_its_extra_names_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "rasterio", None)
+    (tmp_path / "map.tif").write_bytes(b"")
+    with pytest.raises(MissingExtraError, match=r"skysweep\[geo\]"):
+        read_map(tmp_path / "map.tif")
+
+
+BOUNDS = (22.1, 60.2, 22.12, 60.21)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "word"),
+    [
+        ({}, "poa: is missing"),
+        ({"poa": np.ones((3, 3))}, "bounds_lon_lat_deg: is missing"),
+        ({"poa": np.ones((3, 3)), "bounds_lon_lat_deg": (0, 0, 1)}, "write 4 finite numbers"),
+        ({"poa": np.ones((3, 3)), "bounds_lon_lat_deg": (450000, 6670000, 451000, 6671000)}, "another CRS"),
+        ({"poa": np.ones((3, 3)), "bounds_lon_lat_deg": (22.12, 60.2, 22.1, 60.21)}, "not in order"),
+        ({"poa": -np.ones((3, 3)), "bounds_lon_lat_deg": BOUNDS}, "holds -1"),
+        ({"poa": np.full((3, 3), np.nan), "bounds_lon_lat_deg": BOUNDS}, "9 cells are NaN"),
+        ({"poa": np.zeros((3, 3)), "bounds_lon_lat_deg": BOUNDS}, "0 everywhere"),
+        ({"poa": np.zeros((0, 3)), "bounds_lon_lat_deg": BOUNDS}, "0x3"),
+        ({"poa": np.array(["a"]), "bounds_lon_lat_deg": BOUNDS}, "no table of numbers"),
+        ({"poa": np.ones((3, 3)), "frame_lat_lon_deg": (60.2, 22.1)}, "cell_size_m: write 1 finite number"),
+    ],
+)
+def test_bad_numpy_maps_are_told_in_one_sentence(tmp_path, arrays, word):
+    np.savez(tmp_path / "map.npz", **arrays)
+    with pytest.raises(UserError, match=word) as told:
+        read_map(tmp_path / "map.npz")
+    assert str(told.value).startswith(f"{tmp_path / 'map.npz'}: ")
+    assert str(told.value).count(str(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("", "no header"),
+        ("x,y,p\n1,2,3", "no header"),
+        ("lon,lat,poa\n", "holds no cells"),
+        ("lon,lat,poa\n22.1,60.2,often", "line 2: write a number"),
+        ("lon,lat,poa\n22.1,60.2,1\n22.2,60.2,1", "lat: is the same everywhere"),
+        ("lon,lat,poa\n22.1,60.2,1\n22.1,60.2,1\n22.2,60.3,1", "tells a cell twice"),
+        ("lon,lat,poa\n22.1,60.2,1\n22.15,60.25,1\n22.287,60.3,1", "on no grid"),
+        ("lon,lat,poa\n450000,6670000,1\n450010,6670010,1", "another CRS"),
+        ("lon,lat,poa\n22.1,60.2,1\n22.2,60.3,-1", "holds -1"),
+        ("lon,lat,poa\n22.1,60.2,1\n22.2,60.3,nan", "NaN"),
+    ],
+)
+def test_bad_tables_are_told_in_one_sentence(tmp_path, text, word):
+    (tmp_path / "map.csv").write_text(text)
+    with pytest.raises(UserError, match=word):
+        read_map(tmp_path / "map.csv")
+
+
+@pytest.mark.parametrize("name", ["map.npz", "map.tif", "map.csv"])
+def test_a_file_of_something_else_is_refused(tmp_path, name):
+    if name.endswith("tif"):
+        pytest.importorskip("rasterio")
+    (tmp_path / name).write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
+    with pytest.raises(UserError, match=name):
+        read_map(tmp_path / name)
+    with pytest.raises(UserError, match="no such file"):
+        read_map(tmp_path / f"other-{name}")
+    with pytest.raises(UserError, match=r"give a \.npz, \.csv, \.tif, \.tiff file"):
+        read_map(tmp_path / "map.xlsx")

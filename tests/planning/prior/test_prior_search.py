@@ -1,0 +1,209 @@
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from maps_of_all_kinds import MAPS, gaussian
+
+from skysweep.errors import UserError
+from skysweep.planning.prior import plan_search
+from skysweep.planning.prior.allocation import ideal_pos
+from skysweep.planning.prior.checks import way_to_map
+from skysweep.planning.prior.coverage import coverage_of
+
+CELL_M = 10.0
+ORIGIN = np.zeros(2)
+INSIDE, OUTSIDE = (600.0, 600.0), (-50.0, -50.0)
+
+
+def length(path):
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def pos_of(poa, paths, width_m, origin=ORIGIN, cell_m=CELL_M):
+    coverage = coverage_of(paths, poa.shape, cell_m, origin, width_m)
+    return float(np.sum(poa / poa.sum() * -np.expm1(-coverage)))
+
+
+def bound_of(poa, budget_m, width_m, cell_m=CELL_M):
+    return ideal_pos(poa / poa.sum(), budget_m * width_m / cell_m**2)
+
+
+def check_paths(paths, start, budget_m, n):
+    assert len(paths) == n
+    for path in paths:
+        assert path.ndim == 2
+        assert path.shape[1] == 2
+        assert len(path) >= 2
+        assert np.isfinite(path).all()
+        assert path[0] == pytest.approx(start, abs=1e-6)
+        assert length(path) <= budget_m / n * (1 + 1e-9)
+
+
+@st.composite
+def searches(draw):
+    """A map of some peaks, and what searches it: of any size in any units."""
+    rows, columns = draw(st.integers(1, 40)), draw(st.integers(1, 40))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    row, column = np.mgrid[0:rows, 0:columns]
+    poa = np.zeros((rows, columns))
+    for _ in range(draw(st.integers(1, 4))):
+        spread = rng.uniform(0.3, 10.0)
+        place = rng.uniform(0, rows), rng.uniform(0, columns)
+        poa += rng.random() * np.exp(-((row - place[0]) ** 2 + (column - place[1]) ** 2) / spread**2)
+    poa[rng.random((rows, columns)) < draw(st.sampled_from([0.0, 0.3]))] = 0.0
+    assume(poa.max() > 0)
+    cell_m = draw(st.sampled_from([0.5, 10.0, 150.0]))
+    extent_m = cell_m * max(rows, columns)
+    start = np.array([draw(st.floats(-0.5, 1.5)), draw(st.floats(-0.5, 1.5))]) * extent_m
+    width_m = cell_m * draw(st.sampled_from([0.1, 0.5, 1.0, 1.7, 4.0, 100.0]))
+    budget_m = extent_m * draw(st.floats(0.01, 20.0))
+    return poa, cell_m, np.zeros(2), start, budget_m, width_m, draw(st.integers(1, 6))
+
+
+@settings(max_examples=60, deadline=None)
+@given(searches())
+def test_paths_begin_at_the_start_and_are_within_the_budget(search):
+    try:
+        paths = plan_search(*search)
+    except UserError:
+        poa, cell_m, origin, start, budget_m, _, n = search
+        assert budget_m / n <= way_to_map(poa, cell_m, origin, start)
+        return
+    check_paths(paths, search[3], search[4], search[6])
+
+
+@settings(max_examples=10, deadline=None)
+@given(searches(), st.integers(-100, 100), st.integers(-100, 100))
+def test_a_moved_map_gives_moved_paths(search, east, north):
+    poa, cell_m, origin, start, budget_m, width_m, n = search
+    start, moved = np.round(start), np.array([east, north]) * 64.0
+    try:
+        here = plan_search(poa, cell_m, origin, start, budget_m, width_m, n)
+    except UserError:
+        return
+    there = plan_search(poa, cell_m, origin + moved, start + moved, budget_m, width_m, n)
+    for a, b in zip(here, there, strict=True):
+        assert a + moved == pytest.approx(b, abs=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(searches(), st.integers(0, 10))
+def test_one_seed_gives_one_plan(search, seed):
+    try:
+        first, second = (plan_search(*search, seed=seed) for _ in range(2))
+    except UserError:
+        return
+    assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
+
+
+def test_the_seed_chooses_among_equals():
+    plans = [plan_search(np.ones((40, 40)), 10, ORIGIN, (200, 200), 3000, 10, 1, seed=s) for s in (0, 1)]
+    assert not np.array_equal(*plans)
+    flat = [pos_of(np.ones((40, 40)), plan, 10.0) for plan in plans]
+    assert flat[0] == pytest.approx(flat[1], rel=0.03)
+
+
+@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("start", [INSIDE, OUTSIDE])
+def test_a_longer_budget_finds_more(name, start):
+    """Within 1 %: paths are planned by rules of thumb, each budget anew."""
+    poa = MAPS[name]
+    found = [pos_of(poa, plan_search(poa, CELL_M, ORIGIN, start, b, 10.0, 1), 10.0)
+             for b in (2e3, 4e3, 8e3, 16e3, 32e3)]  # fmt: skip
+    assert all(more >= 0.99 * less for less, more in pairwise(found)), found
+
+
+@pytest.mark.parametrize(
+    ("name", "width_m", "budget_m", "share"),
+    [
+        ("peak", 10.0, 21_600, 0.95),
+        ("peak", 5.0, 27_000, 0.95),
+        ("wide", 10.0, 57_600, 0.95),
+        ("long", 10.0, 21_600, 0.95),
+        ("three", 5.0, 27_000, 0.95),
+        ("three", 10.0, 57_600, 0.97),
+        ("ring", 5.0, 27_000, 0.95),
+        ("ring", 10.0, 57_600, 0.97),
+        ("rough", 10.0, 57_600, 0.95),
+        ("peak", 20.0, 28_800, 0.95),
+    ],
+)
+@pytest.mark.parametrize("start", [INSIDE, OUTSIDE])
+def test_a_path_comes_near_the_ideal_allocation(name, width_m, budget_m, share, start):
+    poa = MAPS[name]
+    paths = plan_search(poa, CELL_M, ORIGIN, start, budget_m, width_m, 1)
+    check_paths(paths, start, budget_m, 1)
+    found, bound = pos_of(poa, paths, width_m), bound_of(poa, budget_m, width_m)
+    assert share * bound <= found <= bound
+
+
+@pytest.mark.parametrize("name", ["peak", "wide", "long", "three", "ring"])
+def test_five_find_nearly_as_much_as_one(name):
+    poa = MAPS[name]
+    one, five = (plan_search(poa, CELL_M, ORIGIN, INSIDE, 57_600, 10.0, n) for n in (1, 5))
+    check_paths(five, INSIDE, 57_600, 5)
+    assert pos_of(poa, five, 10.0) >= 0.97 * pos_of(poa, one, 10.0)
+
+
+def test_a_map_of_120_by_120_takes_less_than_a_second():
+    plan_search(MAPS["three"], CELL_M, ORIGIN, INSIDE, 20_000, 10.0, 1)
+    for budget_m in (5_000, 20_000, 50_000):
+        begin = time.process_time()
+        plan_search(MAPS["three"], CELL_M, ORIGIN, INSIDE, budget_m, 10.0, 1)
+        assert time.process_time() - begin < 1.0
+
+
+def test_a_budget_for_no_more_than_the_way_leads_towards_the_map():
+    (path,) = plan_search(gaussian(60, 60, 12), CELL_M, ORIGIN, (-100.0, 600.0), 105.0, 30.0, 1)
+    assert length(path) == pytest.approx(105.0)
+    assert path[-1] == pytest.approx([5.0, 600.0], abs=20.0)
+
+
+def test_an_endless_budget_is_flown_as_far_as_it_finds_anything():
+    poa = gaussian(6, 6, 2, cells=12)
+    (path,) = plan_search(poa, CELL_M, ORIGIN, (0, 0), 1e9, 10.0, 1)
+    assert length(path) < 50_000
+    assert pos_of(poa, [path], 10.0) > 0.99
+
+
+@pytest.mark.parametrize(
+    ("changed", "word"),
+    [
+        ({"poa": np.zeros((0, 5))}, "poa: is 0x5"),
+        ({"poa": np.ones(5)}, "rows and columns"),
+        ({"poa": "map"}, "no table of numbers"),
+        ({"poa": [[1.0, -0.1]]}, "holds -0.1"),
+        ({"poa": [[1.0, float("nan")]]}, "1 cells are NaN"),
+        ({"poa": np.zeros((3, 3))}, "0 everywhere"),
+        ({"poa": np.ones((3000, 3000))}, "at most 4,000,000"),
+        ({"cell_size_m": 0.0}, "cell_size_m"),
+        ({"origin_xy_m": (0.0, float("nan"))}, "origin_xy_m"),
+        ({"start_xy_m": (0.0,)}, "start_xy_m"),
+        ({"budget_m": -5.0}, "budget_m: is -5"),
+        ({"budget_m": float("inf")}, "budget_m: is inf"),
+        ({"start_xy_m": (-500.0, 0.0), "budget_m": 400.0}, "do not reach the map, which begins 500 m"),
+        ({"start_xy_m": (-500.0, 0.0), "budget_m": 800.0, "n_uavs": 2}, "write more than 1000"),
+        ({"sweep_width_m": 0.0}, "sweep_width_m"),
+        ({"n_uavs": 0}, "n_uavs"),
+        ({"n_uavs": 1.5}, "n_uavs"),
+        ({"n_uavs": float("nan")}, "n_uavs"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(changed, word):
+    good = {
+        "poa": np.ones((9, 9)),
+        "cell_size_m": 10.0,
+        "origin_xy_m": (0.0, 0.0),
+        "start_xy_m": (0.0, 0.0),
+        "budget_m": 500.0,
+        "sweep_width_m": 10.0,
+        "n_uavs": 1,
+    }
+    plan_search(**good)
+    with pytest.raises(UserError, match=word) as told:
+        plan_search(**{**good, **changed})
+    assert "\n" not in str(told.value)
