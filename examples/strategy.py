@@ -13,8 +13,8 @@ class Halfway:
     def cover_altitude_agl_m(search):
         return (search.scan_altitude_agl_m + search.check_altitude_agl_m) / 2
 
-    def __init__(self, search, waypoints_xy_enu_m, look_s):
-        self.search, self.to_scan, self.found = search, list(waypoints_xy_enu_m), []
+    def __init__(self, context):
+        self.search, self.to_scan, self.found = context.search, list(context.waypoints_xy_enu_m), []
 
     def step(self, seen):
         self.to_scan += [xy for leg in seen.unsearched for xy in leg]  # flown blind: again, at the end

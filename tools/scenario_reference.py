@@ -57,6 +57,8 @@ def _value(spec: dict[str, Any]) -> str:
         return f"[{', '.join(_value(item) for item in spec['prefixItems'])}]"
     if spec["type"] == "array":
         return f"list of {_value(spec['items'])}"
+    if spec["type"] == "object":
+        return f"{_value(spec['additionalProperties'])}, by name"
     if spec["type"] == "string":
         return "text"
     if spec["type"] == "boolean":

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from skysweep.scenarios.model import Tree as Tree
     from skysweep.scenarios.model import VehicleLimits as VehicleLimits
     from skysweep.scenarios.model import Wind as Wind
+    from skysweep.strategies.context import MissionContext as MissionContext
     from skysweep.types import Camera as Camera
     from skysweep.types import Candidate as Candidate
     from skysweep.types import Command as Command
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from skysweep.types import Event as Event
     from skysweep.types import EventKind as EventKind
     from skysweep.types import Frame as Frame
+    from skysweep.types import Look as Look
     from skysweep.types import Mode as Mode
     from skysweep.types import Observation as Observation
     from skysweep.types import Setpoint as Setpoint
@@ -93,9 +95,21 @@ _PUBLIC = {
         *("Home", "Light", "Safety", "Scenario", "Search", "Target", "Terrain", "Tree", "VehicleLimits"),
         "Wind",
     ),
+    "strategies.context": ("MissionContext",),
     "types": (
-        *("Camera", "Candidate", "Command", "Detections", "Detector", "Event", "EventKind", "Frame", "Mode"),
-        *("Observation", "Setpoint", "Sighting", "Strategy", "Truth", "Vehicle", "VehicleState", "Waypoint"),
+        *("Camera", "Candidate", "Command", "Detections", "Detector", "Event", "EventKind", "Frame"),
+        *(
+            "Look",
+            "Mode",
+            "Observation",
+            "Setpoint",
+            "Sighting",
+            "Strategy",
+            "Truth",
+            "Vehicle",
+            "VehicleState",
+            "Waypoint",
+        ),
     ),
     "vehicles.embedded.at_home": ("embedded_vehicle",),
 }

@@ -8,8 +8,7 @@ What is made at every step is a named tuple: those are made four times as fast a
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple, Protocol
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.errors import DetectorError
-from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
+from skysweep.geometry.camera import CameraMotion, CameraPose, Lens, project, rays_enu
 
 F64 = NDArray[np.float64]
 XY = tuple[float, float]
@@ -174,6 +173,35 @@ class Sighting(NamedTuple):
     position_enu_m: F64  # (3,) of this sighting alone
     confidence: float
     camera_altitude_agl_m: float  # believed height of the camera above the sighting at exposure
+    box_xyxy_px: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    is_cut: bool = False  # the box reaches an edge of the picture, so that the object may reach beyond it
+
+
+class Look(NamedTuple):
+    """One picture that was answered: from where it was taken, and what was found in it."""
+
+    time_s: float  # of exposure
+    camera: CameraPose  # believed, at exposure
+    lens: Lens
+    hits: tuple[Sighting, ...] = ()
+
+    def footprint_enu_m(self, ground_m: float) -> F64:
+        """Corners (4, 3) of the picture on level ground, in order around it; NaN where a corner sees none."""
+        u, v = self.lens.width_px, self.lens.height_px
+        rays = rays_enu(self.lens, self.camera, [(0, 0), (u, 0), (u, v), (0, v)])
+        drop = np.where(rays[:, 2] < -1e-6, rays[:, 2], np.nan)
+        eye = self.camera.position_enu_m
+        return np.asarray(eye + rays * ((ground_m - eye[2]) / drop)[:, None])
+
+    def misses(self, candidates: Mapping[int, Candidate]) -> tuple[int, ...]:
+        """Candidates whose place lies in the picture, and that were not found in it."""
+        found = {hit.candidate_id for hit in self.hits}
+        others = [c for k, c in candidates.items() if k not in found]
+        if not others:
+            return ()
+        uv, depth = project(self.lens, self.camera, [c.position_enu_m for c in others])
+        inside = (uv >= 0.0).all(axis=1) & (uv <= (self.lens.width_px, self.lens.height_px)).all(axis=1)
+        return tuple(c.id for c, seen in zip(others, inside & (depth > 0.0), strict=True) if seen)
 
 
 class Observation(NamedTuple):
@@ -181,9 +209,8 @@ class Observation(NamedTuple):
 
     vehicle: VehicleState
     altitude_agl_m: float  # believed
-    sightings: tuple[Sighting, ...]  # since the last step, oldest first
+    looks: tuple[Look, ...]  # answered since the last step, oldest first
     candidates: dict[int, Candidate]  # all that the tracker keeps, by id
-    looked_s: float | None = math.inf  # exposure of the look answered since the last step; None: none was
     unsearched: tuple[tuple[XY, XY], ...] = ()  # legs that turned out, since then, to be flown blind
     refused: str = ""  # why the waypoint of the last command is not flown to; do not ask for it again
     lookout: Waypoint | None = None  # where that waypoint is looked at from, where not from itself
@@ -193,6 +220,11 @@ class Observation(NamedTuple):
         """The vehicle's time."""
         return self.vehicle.time_s
 
+    @property
+    def sightings(self) -> tuple[Sighting, ...]:
+        """The hits of all looks."""
+        return tuple(hit for look in self.looks for hit in look.hits)
+
 
 @dataclass(frozen=True, slots=True)
 class Event:
@@ -201,6 +233,8 @@ class Event:
     kind: EventKind
     candidate_id: int | None = None
     position_enu_m: tuple[float, float, float] | None = None
+    probability: float | None = None  # that the candidate is a target, as the strategy believes
+    reason: str = ""  # in words
 
 
 class Waypoint(NamedTuple):
@@ -210,6 +244,8 @@ class Waypoint(NamedTuple):
     altitude_agl_m: float
     speed_mps: float  # horizontal
     to_look: bool = False  # flown to for what is seen there: the vehicle may be sent beside it or higher
+    then_xy_enu_m: XY | None = None  # flown through, towards this place; None: the vehicle stops there
+    yaw_rad: float | None = None  # ENU; None: that of the plan
 
 
 class Command(NamedTuple):

@@ -16,7 +16,7 @@ import skysweep as ss
 
 
 class Never:
-    def __init__(self, search, waypoints, look_s):
+    def __init__(self, context):
         pass
 
     def step(self, seen):

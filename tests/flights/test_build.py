@@ -27,7 +27,7 @@ from skysweep.strategies import StrategySpec
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.types import Detections
 
-halfway = StrategySpec(lambda s, f, _look: SingleAltitude(s, f, 17.0), lambda s: 17.0)
+halfway = StrategySpec(lambda context: SingleAltitude(context, 17.0), lambda _search: 17.0)
 
 
 class Middle:

@@ -139,5 +139,5 @@ def test_an_unknown_sensor_or_strategy_is_named():
     scenario = Scenario.model_validate(SMALL)
     with pytest.raises(UserError, match="imaging, statistical"):
         build_mission(scenario, 0, Rig("radar"))
-    with pytest.raises(UserError, match="scan-check, scan-only, low-only"):
+    with pytest.raises(UserError, match="scan-check, scan-only, low-only, belief"):
         build_mission(scenario.with_search(strategy="spiral"), 0, Rig("statistical"))

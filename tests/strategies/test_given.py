@@ -4,6 +4,7 @@ import sys
 from functools import partial
 
 import pytest
+from contexts import context_of
 
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Search
@@ -12,8 +13,8 @@ from skysweep.strategies.given import leads_back, name_of, spec_of
 
 GOOD = """
 class Own:
-    def __init__(self, search, waypoints, look_s):
-        self.made_of = search, waypoints, look_s
+    def __init__(self, context):
+        self.context = context
 
     def step(self, seen):
         return seen
@@ -35,7 +36,7 @@ class Inside:
     Own = Own
 
 
-made = Own(1, 2, 3)
+made = Own(1)
 number = 3
 """
 
@@ -56,7 +57,7 @@ def test_a_module_of_the_working_folder_is_found(write):
     for name in ("theirs_1:Own", "theirs_1:Inside.Own"):
         spec = strategy_spec(name)
         assert spec.cover_altitude_agl_m(Search(scan_altitude_agl_m=31.0)) == 31.0
-        made = spec.make(Search(), [(0.0, 0.0)], 0.5)
+        made = spec.make(context_of())
         with pytest.raises(UserError, match=r"step returned 'no command'; return a Command\(mode"):
             made.step("no command")
 
@@ -93,11 +94,11 @@ def test_every_mistake_is_one_sentence(write, name, sentence):
 
 def test_what_a_class_refuses_is_one_sentence(write):
     write("theirs_3", GOOD + "\n\nclass Other(Own):\n    def __init__(self): ...\n")
-    with pytest.raises(UserError, match=r"theirs_3:Other: cannot be made of \(search, .*TypeError"):
-        strategy_spec("theirs_3:Other").make(Search(), [], 0.5)
-    write("theirs_4", "def make(search, waypoints, look_s):\n    return 3\n")
+    with pytest.raises(UserError, match=r"theirs_3:Other: cannot be made of a MissionContext \(TypeError"):
+        strategy_spec("theirs_3:Other").make(context_of())
+    write("theirs_4", "def make(context):\n    return 3\n")
     with pytest.raises(UserError, match="the int that it makes has no step and no snapshot and no restore"):
-        strategy_spec("theirs_4:make").make(Search(), [], 0.5)
+        strategy_spec("theirs_4:make").make(context_of())
 
 
 def test_a_name_leads_back_to_what_is_at_the_top_of_a_module(write):
@@ -108,4 +109,4 @@ def test_a_name_leads_back_to_what_is_at_the_top_of_a_module(write):
     assert leads_back(own, lasting=True)
     assert not leads_back(lambda *_: own, lasting=False)
     assert not leads_back(partial(own), lasting=False)
-    assert spec_of(partial(own)).make(Search(), [(1.0, 2.0)], 0.5).snapshot() == {}
+    assert spec_of(partial(own)).make(context_of()).snapshot() == {}

@@ -4,12 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from contexts import context_of
+from pydantic import ValidationError
 
-from skysweep.geometry.camera import CameraPose
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import Search
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.scan_check import ScanCheck
-from skysweep.types import Candidate, Observation, Sighting, VehicleState, Waypoint
+from skysweep.types import Candidate, Look, Observation, Sighting, VehicleState, Waypoint
 
 H_S, H_C = 30.0, 4.0
 F = [(0.0, 0.0), (100.0, 0.0), (100.0, 30.0)]
@@ -20,9 +23,8 @@ class Player:
 
     def __init__(self, look_s=1.0, waypoints=F, **search):
         parameters = {"n_c": math.inf, "d_c_m": math.inf, "c_t": 0.6} | search
-        self.strategy = ScanCheck(
-            Search(scan_altitude_agl_m=H_S, check_altitude_agl_m=H_C, **parameters), waypoints, look_s
-        )
+        heights = {"scan_altitude_agl_m": H_S, "check_altitude_agl_m": H_C}
+        self.strategy = ScanCheck(context_of(waypoints, look_s, **(heights | parameters)))
         self.candidates = {}
         self.time_s = 0.0
 
@@ -31,17 +33,18 @@ class Player:
             candidate_id, "stop sign", np.array([x, y, 0.0]), np.eye(2), 0.0, 0.0, (0.5,) * sightings
         )
 
-    def at(self, x, y, z=H_S, sees=(), confidence=0.5, dt=0.1, **more):
+    def at(self, x, y, z=H_S, sees=(), confidence=0.5, dt=0.1, looked_s=math.inf, **more):
         """One step at a place, seeing the candidates ``sees`` from there."""
         self.time_s += dt
         position = np.array([x, y, z], dtype=float)
         state = VehicleState(
             self.time_s, position, np.zeros(3), np.eye(3), CameraPose(position, np.eye(3)), 1.0, 0.0, True
         )
-        sightings = tuple(
+        hits = tuple(
             Sighting(k, False, self.time_s, self.candidates[k].position_enu_m, confidence, z) for k in sees
         )
-        return self.strategy.step(Observation(state, z, sightings, dict(self.candidates), **more))
+        looks = () if looked_s is None else (Look(looked_s, state.camera, Lens(640, 360, 1.4), hits),)
+        return self.strategy.step(Observation(state, z, looks, dict(self.candidates), **more))
 
 
 def kinds(command):
@@ -410,8 +413,18 @@ def test_a_blind_leg_told_at_the_end_is_still_flown():
 @pytest.mark.parametrize("altitude", [H_S, H_C])
 def test_the_baselines_fly_blind_legs_again_too(altitude):
     p = Player()
-    p.strategy = SingleAltitude(Search(), F, altitude)
+    p.strategy = SingleAltitude(context_of(F), altitude)
     for xy in F[:2]:
         p.at(*xy, altitude)
     command = p.at(*F[2], altitude, unsearched=(((5.0, 5.0), (50.0, 5.0)),))
     assert command.waypoint.xy_enu_m == (5.0, 5.0)
+
+
+def test_a_close_look_that_is_demanded_is_one_from_low_enough():
+    with pytest.raises(
+        ValidationError, match=r"confirm_height_max_m: is 4, and checks are .* write 4.8 or more"
+    ):
+        Search(check_altitude_agl_m=4.0, confirm_height_max_m=4.0)
+    with pytest.raises(UserError, match=r"is 20, and scan-only looks from 30 m alone; write null"):
+        SingleAltitude(context_of(F, strategy="scan-only", confirm_height_max_m=20.0), 30.0)
+    assert SingleAltitude(context_of(F, confirm_height_max_m=20.0), 4.0)

@@ -42,7 +42,8 @@ if TYPE_CHECKING:
 def run(
     scenario: ScenarioArg,
     strategy: Annotated[
-        str | None, typer.Option(help="scan-check, scan-only, low-only, ..., or your own: MODULE:NAME.")
+        str | None,
+        typer.Option(help="scan-check, belief, scan-only, low-only, ... or your own: MODULE:NAME."),
     ] = None,
     n_c: Annotated[
         float | None,

@@ -15,7 +15,7 @@ import polars as pl
 import skysweep
 from skysweep.detection.model_files import sha256_of
 from skysweep.scenarios.model import Scenario
-from skysweep.strategies.given import source_of
+from skysweep.strategies import code_of
 
 RESULTS_VERSION = 2  # increased when missions of the same scenario and seed end differently than before
 
@@ -117,9 +117,10 @@ def _config_hash(digest: str, seed: int) -> str:
 def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
     """A digest of the resolved scenario, the sensor, the files that missions read, and the version."""
     fields = scenario.model_dump(by_alias=True)
-    own = source_of(scenario.search.strategy)
+    own, version = code_of(scenario.search.strategy)
     named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
     files = [_PACKAGE / _SHIPPED_FILE[sensor]]
     files += [Path(n) for n in named if isinstance(n, str) and os.path.isfile(n)]
-    text = json.dumps([fields, sensor, [sha256_of(f) for f in files], results_version], sort_keys=True)
+    code = [*map(sha256_of, files), *([version] if version else [])]
+    text = json.dumps([fields, sensor, code, results_version], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -21,6 +21,7 @@ from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.model import model_for
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.strategies import strategy_spec
+from skysweep.strategies.context import MissionContext
 from skysweep.tracking.tracker import GroundTracker
 from skysweep.types import F64, Camera, Detector, Sensor, Truth, Vehicle
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
@@ -77,8 +78,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
             PATIENCE_S if rig.vehicle is None or rig.vehicle_waits else 0.0,
             CameraWatch(obstacles),
         )
-    look_s = camera_model.latency_s + camera_model.pose_delay_s + 2.0 / detector_rate_hz
-    waypoints = plan.waypoints_xy_enu_m
+    waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
+    context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
     return Mission(
         scenario,
         seed,
@@ -86,10 +87,10 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         vehicle,
         sensor,
         GroundTracker(world.terrain.height_m, scenario.target_sizes_m),
-        spec.make(search, [(float(x), float(y)) for x, y in waypoints], look_s),
+        spec.make(context),
         waypoints,
         cover_altitude_agl_m,
-        yaw_from_heading(plan.heading_deg),
+        yaw_rad,
         world.terrain.height_at_m,
         exposures,
         obstacles,

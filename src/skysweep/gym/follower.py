@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 from skysweep.gym.spaces import CONFIRMED, OPEN, REJECTED, UNCHECKED
-from skysweep.scenarios.model import Search
+from skysweep.strategies.context import MissionContext
 from skysweep.strategies.scan_check import ScanCheck
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
 
@@ -29,8 +30,8 @@ class Follower(ScanCheck):
     ``types.Strategy``.
     """
 
-    def __init__(self, search: Search, look_s: float) -> None:
-        super().__init__(search, (), look_s)
+    def __init__(self, context: MissionContext) -> None:
+        super().__init__(replace(context, waypoints_xy_enu_m=()))
         self._order: AgentOrder | None = None
         self._asked: Waypoint | None = None  # newest
         self._waits: Waypoint | None = None  # here, because the order was refused

@@ -47,8 +47,8 @@ class Sortie:
         search = scenario.search.model_copy(update={"strategy": LEARNER})
         self._scenario, self._seed = scenario.model_copy(update={"search": search}), seed
         self._chart = chart
-        spec = StrategySpec(lambda s, _f, look_s: Follower(s, look_s), lambda s: s.scan_altitude_agl_m)
-        mission = build_mission(self._scenario, seed, Rig("statistical", strategy=spec, unit=unit))
+        rig = Rig("statistical", strategy=StrategySpec(Follower), unit=unit)
+        mission = build_mission(self._scenario, seed, rig)
         assert isinstance(mission.strategy, Follower)
         self._follower = mission.strategy
         self.plan = np.array([chart.on_square(x, y) for x, y in mission.waypoints_xy_enu_m.tolist()])

@@ -82,7 +82,7 @@ class Fence:
         """Places to fly to in turn, ``goal`` last. From outside it leads inside first. Empty: no way."""
         if self.is_straight:
             return [goal] if self.allows(goal) else []
-        if self._sees(start, goal):
+        if self.sees(start, goal):
             return [goal]
         if not self.allows(goal):
             return []
@@ -92,7 +92,8 @@ class Fence:
             return [entry, *self.way(entry, goal)]
         return self._way_round(start, goal)
 
-    def _sees(self, a: XY, b: XY) -> bool:
+    def sees(self, a: XY, b: XY) -> bool:
+        """Whether the straight line between two places stays inside."""
         return bool(shapely.covers(self._free, shapely.LineString([a, b])))
 
     def _visible(self, xy: XY) -> list[tuple[int, float]]:
@@ -151,6 +152,10 @@ class Router:
         self._fence = fence
         self._goal: XY | None = None
         self._way: list[XY] = []
+
+    def is_straight(self, here: XY, goal: XY) -> bool:
+        """Whether nothing is in the way."""
+        return self._fence.is_straight or self._fence.sees(here, goal)
 
     def next_xy(self, here: XY, goal: XY) -> XY:
         """The next corner, or the goal if there is none or no way."""

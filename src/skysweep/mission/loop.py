@@ -23,17 +23,18 @@ from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission, Operator, Watch
 from skysweep.mission.notes import Notes
 from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase
-from skysweep.planning.flight_plan import landing_time_s
+from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
 from skysweep.types import (
+    XY,
     Candidate,
     Command,
     Detections,
     Event,
     EventKind,
+    Look,
     Mode,
     Observation,
     Setpoint,
-    Sighting,
     VehicleState,
     Waypoint,
 )
@@ -106,7 +107,7 @@ class Flight:
         self._flown_to: Waypoint | None = None  # that waypoint, or its lookout
         self._refusal: Alarm | None = None
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and its inputs
-        self._waiting: tuple[Sighting, ...] = ()  # not yet passed to the strategy
+        self._waiting: tuple[Look, ...] = ()  # not yet passed to the strategy
         self._left_enu_m = state.position_enu_m  # at the search's last step
         self._interrupted = self._going_back = False
         self.end_reason: str | None = None
@@ -226,7 +227,7 @@ class Flight:
             if self._goes_back(state):
                 state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
-            observation = self._observation(state, detections)
+            observation = self._observation(state)
             command = m.strategy.step(self._of_the_area(observation))
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
@@ -341,17 +342,17 @@ class Flight:
             return None
         if detections is None or not self._looks.take(state.time_s, detections):
             return None
-        self._waiting += self._m.tracker.update(detections)
+        hits = self._m.tracker.update(detections)
+        self._waiting += (Look(detections.time_s, detections.camera, detections.lens, hits),)
         return detections
 
-    def _observation(self, state: VehicleState, detections: Detections | None) -> Observation:
-        sightings, self._waiting = self._waiting, ()
+    def _observation(self, state: VehicleState) -> Observation:
+        looks, self._waiting = self._waiting, ()
         return Observation(
             state,
             self._altitude_agl_m(state),
-            sightings,
+            looks,
             self._m.tracker.candidates(),
-            None if detections is None else detections.time_s,
             self._looks.blind_legs(),
             self._refusal.cause if self._refusal is not None else "",
             self._flown_to if self._flown_to is not self._asked else None,
@@ -359,10 +360,14 @@ class Flight:
 
     def _of_the_area(self, seen: Observation) -> Observation:
         """The observation without sightings outside the searched area."""
-        if not seen.sightings:
+        hits = seen.sightings
+        if not hits or all(self._is_searched(seen.candidates[hit.candidate_id]) for hit in hits):
             return seen
-        inside = tuple(s for s in seen.sightings if self._is_searched(seen.candidates[s.candidate_id]))
-        return seen if len(inside) == len(seen.sightings) else seen._replace(sightings=inside)
+        return seen._replace(looks=tuple(self._look_in_the_area(look, seen) for look in seen.looks))
+
+    def _look_in_the_area(self, look: Look, seen: Observation) -> Look:
+        hits = tuple(hit for hit in look.hits if self._is_searched(seen.candidates[hit.candidate_id]))
+        return look._replace(hits=hits)
 
     def _is_searched(self, candidate: Candidate) -> bool:
         x, y, _ = candidate.position_enu_m.tolist()
@@ -386,6 +391,8 @@ class Flight:
         if waypoint != self._asked:
             self._asked = waypoint
             self._flown_to = self._clearance.lookout(waypoint) if waypoint.to_look else waypoint
+            if self._flown_to is not None and self._flown_to.xy_enu_m != waypoint.xy_enu_m:
+                self._flown_to = self._flown_to._replace(then_xy_enu_m=None, yaw_rad=None)
             self._refusal = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, waypoint, self._flown_to)
             if self._refusal is not None:
                 self._notes.safety(seen.time_s, self._refusal)
@@ -407,16 +414,27 @@ class Flight:
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: the waypoint's height above the higher of the ground here and ahead."""
         x, y, _ = state.position_enu_m.tolist()
-        to_x, to_y = self._router.next_xy((x, y), waypoint.xy_enu_m)
+        to_x, to_y = self._aim((x, y), waypoint)
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
-        asked = (*place, waypoint.speed_mps)
+        yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
+        asked = (*place, waypoint.speed_mps, yaw_rad)
         if self._sent is None or self._sent[0] != asked:
-            self._sent = asked, Setpoint(np.array(asked[:3]), waypoint.speed_mps, self._m.yaw_rad)
+            self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad)
         return self._sent[1]
+
+    def _aim(self, here: XY, waypoint: Waypoint) -> XY:
+        """Where to fly straight to; round the corner where the waypoint is flown through."""
+        to, then = self._router.next_xy(here, waypoint.xy_enu_m), waypoint.then_xy_enu_m
+        ahead_m = waypoint.speed_mps / POSITION_GAIN - math.dist(here, to)
+        if then is None or to != waypoint.xy_enu_m or ahead_m <= 0.0:
+            return to
+        share = min(1.0, ahead_m / max(math.dist(to, then), 1e-6))
+        beyond = to[0] + share * (then[0] - to[0]), to[1] + share * (then[1] - to[1])
+        return beyond if self._router.is_straight(here, beyond) else to
 
     def _keep_out(self, state: VehicleState, phase: Phase) -> _Part[VehicleState]:
         """Command nothing while somebody else flies. Returns the state on hand-back or on the ground."""

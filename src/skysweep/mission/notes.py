@@ -99,8 +99,12 @@ class Notes:
                 fields["candidate"] = event.candidate_id
                 fields["p"] = event.position_enu_m
                 fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
+            if event.probability is not None:
+                fields["probability"] = round(event.probability, 4)
             if event.kind == EventKind.UNCHECKED:
-                fields["reason"] = seen.refused
+                fields["reason"] = event.reason or seen.refused
+            elif event.reason:
+                fields["reason"] = event.reason
             self._journal.write(seen.time_s, event.kind, **fields)
 
     def state(self, state: VehicleState, mode: Mode) -> None:

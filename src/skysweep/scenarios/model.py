@@ -24,6 +24,7 @@ MAX_FENCE_CORNERS = 1000
 MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
+ALTITUDE_TOLERANCE_M = 0.8  # within which a height is kept: PX4 NAV_MC_ALT_RAD
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
 TargetClass = Literal["stop sign", "person", "boat"]
@@ -318,7 +319,7 @@ class Search(Model):
 
     strategy: str = Field(
         "scan-check",
-        description="scan-check, scan-only, low-only, an installed one, or your own as MODULE:NAME",
+        description="scan-check, belief, scan-only, low-only, an installed one, or your own as MODULE:NAME",
     )
     n_c: PositiveOrInf = Field(5.0, description="Check after this many candidates")
     d_c_m: PositiveOrInf = Field(math.inf, description="Check when this far from where the last one was seen")
@@ -332,6 +333,12 @@ class Search(Model):
     )
     transect_heading_deg: float | None = Field(None, ge=0, lt=360, description="Default: the best angle")
     plan: str | None = Field(None, description="A QGroundControl .plan whose survey becomes F")
+    confirm_height_max_m: float | None = Field(
+        None, gt=0, description="Nothing is confirmed by a look from higher above it; null: from anywhere"
+    )
+    parameters: dict[str, float | bool | str] = Field(
+        default_factory=dict, description="The strategy's own, by name"
+    )
 
     @field_validator("n_c", "d_c_m", mode="before")
     @classmethod
@@ -361,7 +368,17 @@ class Search(Model):
                 f"check_altitude_agl_m: is {self.check_altitude_agl_m:g}; write less than "
                 f"scan_altitude_agl_m ({self.scan_altitude_agl_m:g})"
             )
+        least_m = self.check_altitude_agl_m + ALTITUDE_TOLERANCE_M
+        if not self.may_confirm_from(least_m):
+            raise ValueError(
+                f"confirm_height_max_m: is {self.confirm_height_max_m:g}, and checks are flown at "
+                f"check_altitude_agl_m ({self.check_altitude_agl_m:g}); write {least_m:g} or more"
+            )
         return self
+
+    def may_confirm_from(self, height_m: float) -> bool:
+        """Whether a look from this height above a candidate may confirm it."""
+        return self.confirm_height_max_m is None or height_m <= self.confirm_height_max_m
 
 
 class Safety(Model):
@@ -618,6 +635,17 @@ class Scenario(Model):
         """Pixels that the smallest target spans, seen straight down from ``altitude_agl_m``."""
         size = min(low for low, _ in self.target_sizes_m.values())
         return float(np.asarray(self.camera.lens.pixels_on_target(size, altitude_agl_m)))
+
+    @property
+    def target_poses(self) -> dict[str, tuple[str, ...]]:
+        """How what is searched for may lie or stand, by class."""
+        found: dict[str, tuple[str, ...]] = {}
+        for kind in self.target_classes:
+            usual = DEFAULT_POSE.get(kind, "face-up")
+            told: list[str] = [t.pose or usual for t in self.targets if t.kind == kind]
+            told += [p for g in self.generators if g.kind == kind for p in (*(g.poses or ()),) or (usual,)]
+            found[kind] = tuple(sorted(set(told or [usual])))
+        return found
 
     @property
     def target_sizes_m(self) -> dict[str, tuple[float, float]]:

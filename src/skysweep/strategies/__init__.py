@@ -6,22 +6,26 @@ class ``module:Name``.
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 
 from skysweep.errors import UserError
 from skysweep.strategies.baselines import SingleAltitude
-from skysweep.strategies.given import is_given, spec_named
+from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.strategies.belief.search import BeliefSearch
+from skysweep.strategies.given import is_given, source_of, spec_named, spec_of
 from skysweep.strategies.scan_check import ScanCheck
 from skysweep.strategies.spec import StrategySpec as StrategySpec
 
 _BUILT_IN: dict[str, StrategySpec] = {
-    "scan-check": StrategySpec(ScanCheck, lambda s: s.scan_altitude_agl_m),
-    "scan-only": StrategySpec(
-        lambda s, f, _look: SingleAltitude(s, f, s.scan_altitude_agl_m), lambda s: s.scan_altitude_agl_m
-    ),
+    "scan-check": StrategySpec(ScanCheck),
+    "scan-only": StrategySpec(lambda context: SingleAltitude(context, context.search.scan_altitude_agl_m)),
     "low-only": StrategySpec(
-        lambda s, f, _look: SingleAltitude(s, f, s.check_altitude_agl_m), lambda s: s.check_altitude_agl_m
+        lambda context: SingleAltitude(context, context.search.check_altitude_agl_m),
+        lambda search: search.check_altitude_agl_m,
     ),
+    "belief": StrategySpec(BeliefSearch, parameters=BeliefParameters),
 }
 
 
@@ -36,11 +40,37 @@ def strategy_spec(name: str) -> StrategySpec:
         return _BUILT_IN[name]
     if is_given(name):
         return spec_named(name)
-    for entry in entry_points(group="skysweep.strategies"):
-        if entry.name == name:
-            spec: StrategySpec = entry.load()
-            return spec
+    entry = _installed(name)
+    if entry is not None:
+        return _loaded(entry)
     raise UserError(
         f"search.strategy: there is no strategy '{name}'; write one of {', '.join(strategy_names())}, or "
         "MODULE:NAME of your own"
     )
+
+
+def code_of(name: str) -> tuple[Path | None, str]:
+    """The file that a strategy which is not built in comes from, and its package's version."""
+    entry = _installed(name)
+    if entry is None:
+        return source_of(name), ""
+    found = find_spec(entry.module)
+    file = None if found is None or found.origin is None else Path(found.origin)
+    return file, f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else ""
+
+
+def _installed(name: str) -> EntryPoint | None:
+    return next((e for e in entry_points(group="skysweep.strategies") if e.name == name), None)
+
+
+def _loaded(entry: EntryPoint) -> StrategySpec:
+    where = f"search.strategy: {entry.name}"
+    package = entry.dist.name if entry.dist is not None else entry.value
+    try:
+        found = entry.load()
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise UserError(
+            f"{where}: {package} cannot be loaded ({type(error).__name__}: {reason}); update or remove it"
+        ) from error
+    return spec_of(found, where)

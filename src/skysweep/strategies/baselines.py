@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-from skysweep.scenarios.model import Search
+from skysweep.errors import UserError
+from skysweep.strategies.context import MissionContext
 from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
 
@@ -18,11 +18,17 @@ class SingleAltitude:
     the scan speed. Legs that were flown blind are flown again at the end. Implements ``types.Strategy``.
     """
 
-    def __init__(self, search: Search, waypoints_xy_enu_m: Sequence[XY], altitude_agl_m: float) -> None:
+    def __init__(self, context: MissionContext, altitude_agl_m: float) -> None:
+        search = context.search
+        if not search.may_confirm_from(altitude_agl_m):
+            raise UserError(
+                f"search.confirm_height_max_m: is {search.confirm_height_max_m:g}, and {search.strategy} "
+                f"looks from {altitude_agl_m:g} m alone; write null, or take another strategy"
+            )
         self._c_t = search.c_t
         self._speed_mps = search.scan_speed_mps
         self._altitude_agl_m = altitude_agl_m
-        self._to_scan: list[XY] = [(float(x), float(y)) for x, y in waypoints_xy_enu_m]
+        self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
         self._seen: list[int] = []
         self._confirmed: list[int] = []
 

@@ -1,8 +1,9 @@
 """Strategies of a user's own code: named ``module:Name``, or handed in as objects.
 
-Either is a class, or a function, that makes a strategy of ``(search, waypoints_xy_enu_m, look_s)``. Its
-attribute ``cover_altitude_agl_m``, a function of the search, says from which altitude the area is covered;
-without one that is the scan altitude.
+Either is a class, or a function, that makes a strategy of a ``MissionContext``. Its attribute
+``cover_altitude_agl_m``, a function of the search, says from which altitude the area is covered; without one
+that is the scan altitude. Its attribute ``Parameters``, a pydantic model, says what ``search.parameters``
+may hold.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial, reduce
 from pathlib import Path
 from types import ModuleType
@@ -18,8 +19,9 @@ from typing import Any
 
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Search
-from skysweep.strategies.spec import MakeStrategy, StrategySpec
-from skysweep.types import XY, Command, Observation, Strategy
+from skysweep.strategies.context import MissionContext
+from skysweep.strategies.spec import MakeStrategy, NoParameters, StrategySpec, scan_altitude_agl_m
+from skysweep.types import Command, Observation, Strategy
 
 _METHODS = ("step", "snapshot", "restore")
 _MAIN = "__main__"  # the module of notebooks and scripts
@@ -65,15 +67,16 @@ def spec_of(given: Any, where: str = "strategy") -> StrategySpec:
     elif hasattr(given, "step"):
         raise UserError(
             f"{where}: is one {type(given).__name__}, and each mission needs a fresh one; give the class, or "
-            "a function of (search, waypoints_xy_enu_m, look_s) that makes one"
+            "a function of the MissionContext that makes one"
         )
     elif not callable(given):
         raise UserError(
             f"{where}: is {given!r:.60}; give a strategy's name, its class, or a function that makes one"
         )
     own = getattr(given, "cover_altitude_agl_m", None)
-    cover: Callable[[Search], float] = own if callable(own) else _scan_altitude_agl_m
-    return StrategySpec(partial(_make, given, where), cover)
+    cover: Callable[[Search], float] = own if callable(own) else scan_altitude_agl_m
+    parameters = getattr(given, "Parameters", NoParameters)
+    return StrategySpec(partial(_make, given, where), cover, parameters)
 
 
 def name_of(given: Any) -> str:
@@ -129,17 +132,14 @@ class _Checked:
         return command
 
 
-def _make(
-    given: MakeStrategy, where: str, search: Search, waypoints: Sequence[XY], look_s: float
-) -> Strategy:
+def _make(given: MakeStrategy, where: str, context: MissionContext) -> Strategy:
     try:
-        made = given(search, waypoints, look_s)
+        made = given(context)
     except UserError:
         raise
     except Exception as error:
         raise UserError(
-            f"{where}: cannot be made of (search, waypoints_xy_enu_m, look_s) "
-            f"({type(error).__name__}: {error}); mend it"
+            f"{where}: cannot be made of a MissionContext ({type(error).__name__}: {error}); mend it"
         ) from error
     _refuse_lacking(made, f"the {type(made).__name__} that it makes", where)
     return _Checked(made, where)
@@ -178,7 +178,3 @@ def _not_importable(where: str) -> UserError:
         f"{where}: was made in a notebook, a script or a function, and cannot be imported from elsewhere; "
         "put it at the top of a module of its own"
     )
-
-
-def _scan_altitude_agl_m(search: Search) -> float:
-    return search.scan_altitude_agl_m

@@ -31,10 +31,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from skysweep.scenarios.model import Search
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
+from skysweep.strategies.context import MissionContext
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Sighting, Waypoint
 
-ALTITUDE_TOLERANCE_M = 0.8  # PX4 NAV_MC_ALT_RAD
 SCAN_ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD
 CHECK_ACCEPTANCE_M = 0.7
 LOOKS_TO_REJECT = 2
@@ -43,11 +43,11 @@ LOOKS_TO_REJECT = 2
 class ScanCheck:
     """The paper's state machine. Implements ``types.Strategy``."""
 
-    def __init__(self, search: Search, waypoints_xy_enu_m: Sequence[XY], look_s: float) -> None:
-        self._search = search
-        self._look_s = look_s
+    def __init__(self, context: MissionContext) -> None:
+        self._search = context.search
+        self._look_s = context.look_s
         self._mode = Mode.SCAN
-        self._to_scan: list[XY] = [(float(x), float(y)) for x, y in waypoints_xy_enu_m]  # F
+        self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)  # F
         self._left_xy: XY | None = None  # where the scan was left and has to go on
         self._scanned: list[int] = []  # S
         self._to_check: list[int] = []  # C
@@ -116,7 +116,7 @@ class ScanCheck:
         if above and self._arrived_s is None:
             self._arrived_s, self._looks_there = seen.time_s, 0
         if self._arrived_s is not None:
-            self._looks_there += seen.looked_s is not None and seen.looked_s >= self._arrived_s
+            self._looks_there += bool(seen.looks) and seen.looks[-1].time_s >= self._arrived_s
             if (
                 above
                 and seen.time_s - self._arrived_s >= self._look_s
@@ -132,6 +132,7 @@ class ScanCheck:
         if sighting.camera_altitude_agl_m <= self._search.check_altitude_agl_m + ALTITUDE_TOLERANCE_M:
             return True
         from_lookout = seen.lookout is not None and sighting.candidate_id == asked
+        from_lookout &= self._search.may_confirm_from(sighting.camera_altitude_agl_m)
         return from_lookout and self._arrived_s is not None and sighting.time_s >= self._arrived_s
 
     def _is_there(self, seen: Observation, candidate_id: int, lookout: Waypoint | None) -> bool:

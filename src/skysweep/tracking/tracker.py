@@ -25,6 +25,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 _FAR = 1e6  # cost of what is no match
+_EDGE_PX = 1.0  # a box this near to an edge of the picture is cut by it
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +179,10 @@ class GroundTracker:
             candidate_id, class_name, position, posterior, first_seen_s, detections.time_s, confidences
         )
         altitude = float(detections.camera.position_enu_m[2] - point[2])
-        return Sighting(candidate_id, is_new, detections.time_s, point, confidence, altitude)
+        box = left, top, right, bottom = detections.boxes_xyxy_px[i].tolist()
+        lens = detections.lens
+        is_cut = min(left, top, lens.width_px - right, lens.height_px - bottom) < _EDGE_PX
+        return Sighting(candidate_id, is_new, detections.time_s, point, confidence, altitude, box, is_cut)
 
     def _class_number(self, name: str) -> int:
         return self._class_numbers.setdefault(name, len(self._class_numbers))

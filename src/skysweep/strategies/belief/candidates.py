@@ -1,0 +1,188 @@
+"""What every candidate is believed to be, updated by every look that found or missed it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import project
+from skysweep.sensing.statistical.model import score_of
+from skysweep.strategies.belief.hypotheses import Hypotheses
+from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.strategies.context import MissionContext
+from skysweep.types import Candidate, Look
+
+F64 = NDArray[np.float64]
+
+_EM_STEPS = 3
+_REMEMBERED = 40  # looks, for those that missed a candidate before it was found
+_UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a miss says nothing
+_SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
+_SAME_FAR_M = 20.0
+_PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
+_SAME_GATE = 9.2  # 99 % of a chi-squared variable with 2 degrees of freedom
+
+
+@dataclass(slots=True)
+class Suspect:
+    """One candidate and what is believed of it."""
+
+    id: int
+    class_name: str
+    belief: F64
+    uv: tuple[float, float] | None = None  # where it was in the last look; None: outside
+    evidence: float = 0.0  # log likelihood ratio of all looks: a target against anything else
+    n_looks: int = 0  # that told something of it
+    lowest_m: float = math.inf  # height above it of the lowest look that found it
+    in_view: bool = False  # of the newest look
+    distinct: set[int] = field(default_factory=set)  # others found in the same look
+
+
+class Suspects:
+    """All candidates of a mission."""
+
+    def __init__(self, context: MissionContext, parameters: BeliefParameters) -> None:
+        self._context, self._parameters = context, parameters
+        self._hypotheses: dict[str, Hypotheses] = {}
+        self._looks: deque[Look] = deque(maxlen=_REMEMBERED)
+        self.all: dict[int, Suspect] = {}
+        self._prior_odds = math.log(parameters.target_share / (1.0 - parameters.target_share))
+
+    def hypotheses(self, class_name: str) -> Hypotheses:
+        """What a candidate that is reported as this class may be."""
+        if class_name not in self._hypotheses:
+            self._hypotheses[class_name] = Hypotheses(self._context, class_name, self._parameters)
+        return self._hypotheses[class_name]
+
+    def probability(self, candidate_id: int) -> float:
+        """That a candidate is what is searched for."""
+        return float(_logistic(self.all[candidate_id].evidence + self._prior_odds))
+
+    def _learn_share(self) -> None:
+        """How many candidates of this place are targets: steps of expectation maximisation."""
+        evidence, p = np.array([s.evidence for s in self.all.values()]), self._parameters
+        for _ in range(_EM_STEPS):
+            found = _logistic(evidence + self._prior_odds).sum() + p.share_weight * p.target_share
+            self._prior_odds = math.log(found / (len(evidence) + p.share_weight - found))
+
+    def take(self, look: Look, candidates: Mapping[int, Candidate], settled: Container[int]) -> list[int]:
+        """Update what is believed of every candidate that is not settled; those that are new."""
+        hits = {hit.candidate_id: hit for hit in look.hits}
+        new = [k for k in hits if k not in self.all]
+        for k in hits:
+            if k in new:
+                class_name = candidates[k].class_name
+                self.all[k] = Suspect(k, class_name, self.hypotheses(class_name).fresh())
+                self._recall(self.all[k], candidates[k])
+            self.all[k].distinct |= hits.keys() - {k}
+        self._looks.append(look)
+        open_ = [s for k, s in self.all.items() if k not in settled]
+        if not open_:
+            return new
+        places = np.array([candidates[s.id].position_enu_m for s in open_])
+        uv, depth = project(look.lens, look.camera, places)
+        for suspect, place, (u, v), z in zip(open_, places, uv.tolist(), depth.tolist(), strict=True):
+            hit = hits.get(suspect.id)
+            suspect.in_view = z > 0.0 and 0 <= u <= look.lens.width_px and 0 <= v <= look.lens.height_px
+            if hit is not None:
+                suspect.lowest_m = min(suspect.lowest_m, hit.camera_altitude_agl_m)
+                if not hit.is_cut:
+                    self._update(suspect, look, place, (u, v), float(score_of(hit.confidence)))
+            elif suspect.in_view:
+                if self._is_whole(look, u, v, z, suspect.class_name) and not self._is_told(
+                    suspect, hits.keys(), candidates
+                ):
+                    self._update(suspect, look, place, (u, v), None)
+            else:
+                suspect.uv = None
+        self._learn_share()
+        return new
+
+    def may_be_same(self, a: int, b: int, candidates: Mapping[int, Candidate]) -> bool:
+        """Whether two candidates may be one thing: never found in one look, and near enough."""
+        if self.all[a].class_name != self.all[b].class_name or b in self.all[a].distinct:
+            return False
+        one, other = candidates[a], candidates[b]
+        x, y = (one.position_enu_m[:2] - other.position_enu_m[:2]).tolist()
+        if abs(x) + abs(y) > _SAME_FAR_M:
+            return False
+        (xx, xy), (_, yy) = (one.covariance_m2 + other.covariance_m2).tolist()
+        xx, yy = xx + _SAME_STD_M**2, yy + _SAME_STD_M**2
+        squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+        return bool(squared <= _SAME_GATE)
+
+    def _is_told(self, suspect: Suspect, found: Iterable[int], candidates: Mapping[int, Candidate]) -> bool:
+        """Whether another candidate that may be the same thing was found instead."""
+        return any(self.may_be_same(suspect.id, k, candidates) for k in found)
+
+    def _is_whole(self, look: Look, u: float, v: float, depth_m: float, class_name: str) -> bool:
+        """Whether all of a target there lies in the picture."""
+        largest_m = self._context.sizes_m[class_name][1]
+        margin = (0.5 * largest_m + _UNSURE_M) * look.lens.focal_px / max(depth_m, 0.3)
+        margin = min(margin, 0.3 * look.lens.height_px)
+        return margin <= u <= look.lens.width_px - margin and margin <= v <= look.lens.height_px - margin
+
+    def _recall(self, suspect: Suspect, candidate: Candidate) -> None:
+        """The looks before this one that missed it in the same passing."""
+        missed = []
+        for look in reversed(self._looks):
+            uv, depth = project(look.lens, look.camera, candidate.position_enu_m)
+            u, v = uv[0].tolist()
+            if depth[0] <= 0.0 or not self._is_whole(look, u, v, float(depth[0]), suspect.class_name):
+                break
+            missed.append((look, (u, v)))
+        for look, at in reversed(missed):
+            self._update(suspect, look, candidate.position_enu_m, at, None)
+
+    def _update(
+        self, suspect: Suspect, look: Look, place: F64, uv: tuple[float, float], score: float | None
+    ) -> None:
+        if score is None and self._context.obstacles.hide(place, look.camera.position_enu_m):
+            return
+        moved_px = math.inf
+        if suspect.uv is not None:
+            moved_px = abs(uv[0] - suspect.uv[0]) + abs(uv[1] - suspect.uv[1])
+        suspect.uv = uv
+        self.hypotheses(suspect.class_name).look(suspect.belief, look.camera, place, moved_px, score)
+        suspect.n_looks += 1
+        suspect.evidence = self.hypotheses(suspect.class_name).evidence(suspect.belief)
+
+    def snapshot(self) -> dict[str, Any]:
+        """As plain data, without the newest looks."""
+        return {
+            "prior_odds": self._prior_odds,
+            "suspects": [
+                {
+                    **{name: getattr(s, name) for name in _PLAIN},
+                    "belief": [[None if math.isnan(x) else x for x in row] for row in s.belief.tolist()],
+                    "uv": None if s.uv is None else list(s.uv),
+                    "lowest_m": s.lowest_m if math.isfinite(s.lowest_m) else None,
+                    "distinct": sorted(s.distinct),
+                }
+                for s in self.all.values()
+            ],
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on from a snapshot."""
+        self._prior_odds = snapshot["prior_odds"]
+        self.all = {
+            s["id"]: Suspect(
+                **{name: s[name] for name in _PLAIN},
+                belief=np.array(s["belief"], dtype=float),
+                uv=None if s["uv"] is None else (s["uv"][0], s["uv"][1]),
+                lowest_m=math.inf if s["lowest_m"] is None else s["lowest_m"],
+                distinct=set(s["distinct"]),
+            )
+            for s in snapshot["suspects"]
+        }
+
+
+def _logistic(log_odds: float | F64) -> F64:
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))

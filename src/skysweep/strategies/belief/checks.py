@@ -1,0 +1,115 @@
+"""Which candidates are worth a closer look, in which order, and from which height."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.planning.routing import visit_order
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
+from skysweep.strategies.belief.hypotheses import Hypotheses
+from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.strategies.context import MissionContext
+from skysweep.types import XY
+
+F64 = NDArray[np.float64]
+
+_LEAST_S = 1.0  # a doubt that costs less is no reason to fly
+_HEIGHTS = 16
+_IN_VIEW = 0.4  # of the picture's height: from so far before it a candidate is looked at
+_AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
+_AGAIN_S, _AGAIN_SHARE = 4.0, 2.0  # another look from below: its time, and how often for each error
+
+
+class Checks:
+    """Prices closer looks against what deciding without them would cost."""
+
+    def __init__(self, context: MissionContext, parameters: BeliefParameters) -> None:
+        self._lens, search = context.lens, context.search
+        self._speed_mps = parameters.check_speed_mps
+        self._sinks_mps = context.vehicle.descent_speed_mps
+        self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
+        self._lowest_m = search.check_altitude_agl_m
+        self._highest_m = search.scan_altitude_agl_m
+        if search.confirm_height_max_m is not None:
+            self._highest_m = min(self._highest_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
+
+    def route(self, here: XY, places: F64, losses_s: Sequence[float]) -> list[int]:
+        """Indices of the ``places`` (N, 2) that are worth a visit, in the order of a short way.
+
+        ``losses_s`` is what deciding each candidate without another look costs on average. The open tour is
+        exact for few places, else nearest neighbour with 2-opt: tens of places take well below a millisecond,
+        which a general routing solver does not reach, and its tour is planned anew after every look.
+        """
+        route = _tour(here, places, [k for k, loss_s in enumerate(losses_s) if loss_s > _LEAST_S])
+        planned = len(route)
+        while route:
+            spared_m = _spared_m(np.vstack([[here], places[route]]))
+            gains_s = [losses_s[k] - _AT_A_PLACE_S for k in route] - spared_m / self._speed_mps
+            worst = int(np.argmin(gains_s))
+            if gains_s[worst] >= 0.0:
+                break
+            route.pop(worst)
+        if len(route) < planned:
+            route = _tour(here, places, route)
+        return route[: self._worth(here, places, route, losses_s)]
+
+    def _worth(self, here: XY, places: F64, route: list[int], losses_s: Sequence[float]) -> int:
+        """How many places of a route, from its start, buy most: a far group may not pay as a whole."""
+        steps_m = np.linalg.norm(np.diff(np.vstack([[here], places[route]]), axis=0), axis=1)
+        gains_s = [losses_s[k] - _AT_A_PLACE_S for k in route] - steps_m / self._speed_mps
+        totals_s = np.concatenate([[0.0], np.cumsum(gains_s)])
+        return int(np.argmax(totals_s))
+
+    def height_m(
+        self,
+        hypotheses: Hypotheses,
+        belief: F64,
+        loss_s: float,
+        place_enu_m: F64,
+        away_m: float,
+        above_m: float,
+        highest_m: float,
+    ) -> float:
+        """From which height, ``highest_m`` or less, a look decides cheapest.
+
+        The vehicle is ``away_m`` from the place and ``above_m`` above it. The price is the time until the
+        look, and the doubt that it leaves or another look from further down, whichever is cheaper.
+        """
+        best_s, best_m = math.inf, self._lowest_m
+        top_m = max(min(self._highest_m, highest_m), self._lowest_m)
+        for height_m in np.geomspace(self._lowest_m, top_m, _HEIGHTS).tolist():
+            eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
+            reach_m = _IN_VIEW * self._lens.footprint_m(height_m)[1]
+            takes_s = max(
+                max(away_m - reach_m, 0.0) / self._speed_mps, max(above_m - height_m, 0.0) / self._sinks_mps
+            )
+            doubt = hypotheses.confusion(belief, eye, place_enu_m)
+            again_s = _AGAIN_SHARE * doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
+            price_s = takes_s + min(loss_s * doubt, again_s)
+            if price_s < best_s:
+                best_s, best_m = price_s, height_m
+        return best_m
+
+
+def _tour(here: XY, places: F64, chosen: list[int]) -> list[int]:
+    """The chosen places in the order of a short open way from here."""
+    n = len(chosen)
+    if n < 2:
+        return chosen
+    ways = places[chosen][:, None, :]
+    order = visit_order(ways, ways, np.zeros((n, 1)), np.zeros((n, 1), dtype=int), np.array(here))
+    return [chosen[place] for place, _ in order]
+
+
+def _spared_m(path: F64) -> F64:
+    """By how much leaving out each place (N,) but the first shortens a path (N + 1, 2)."""
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    spared = steps.copy()
+    spared[:-1] += steps[1:] - np.linalg.norm(path[2:] - path[:-2], axis=1)
+    return np.asarray(spared)

@@ -1,0 +1,333 @@
+"""What a candidate may be, and how likely each hypothesis makes the looks at it.
+
+A hypothesis is a kind of object in a pose and of a size, or nothing at all (a ghost). The calibrated sensor
+model (``sensing/statistical/model.py``) gives the score of its looks a mean and a spread over the pixels on
+target. One share of that variance is the object's own, in every look; another is common to the looks of one
+passing. Ten looks in passing are therefore not ten independent witnesses. Each hypothesis keeps a Gaussian
+belief of these two offsets, and its weight is multiplied by the likelihood of every look: of a hit, by its
+score; of a miss, by the chance that the score stayed below the detector's threshold (a Tobit model: Tobin,
+Econometrica 26, 1958). A miss updates the offsets by the moments of the truncated normal distribution.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose
+from skysweep.scenarios.model import DEFAULT_SIZE_M
+from skysweep.sensing.statistical.factors import (
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    VIEW_MAX,
+)
+from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
+from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.strategies.context import MissionContext
+from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
+
+F64 = NDArray[np.float64]
+
+_SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
+_WATER_KINDS = {"buoy", "boat"}
+_LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
+_SHAPES = {"standing": STANDING, "floating": FLOATING}
+_OUTLIER, _OUTLIER_DENSITY = 0.03, 0.2  # share of hits whose score nothing explains, and where they lie
+_N_STATES = 7
+_WEIGHT, _OWN, _PASS, _OWN_VAR, _COVARIANCE, _PASS_VAR, _PIXELS = range(_N_STATES)
+
+
+class Hypotheses:
+    """Those of one reported class in one mission."""
+
+    def __init__(self, context: MissionContext, class_name: str, parameters: BeliefParameters) -> None:
+        model = context.sensor_model
+        self._lens = context.lens
+        self._threshold = float(score_of(context.confidence_min))
+        self._fade_px = model.fade_px
+        self._log_pixels = np.log(model.pixels)
+        rows = _rows(model, context, class_name)
+        self._is_target = np.array([is_target for _, _, is_target, _ in rows] + [False])
+        weights = [weight * (1.0 if t else 1.0 - parameters.ghost_share) for _, _, t, weight in rows]
+        self._log_prior = np.log([*weights, parameters.ghost_share])
+        surface = context.surface
+        tables, numbers = [], []
+        for kind, size, is_target, _ in rows:
+            score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
+            mean, own = _contrast(model, kind, surface)
+            tables.append([*(score + kind.contrast * mean), *kind.spread, *kind.lapse])
+            shape = _SHAPES.get(kind.pose, FLAT)
+            height = 0.5 * size if kind.pose == "standing" else 0.0
+            unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
+            numbers.append(
+                [size, shape, height, kind.view, kind.front, kind.object_share, kind.pass_share, unsure]
+            )
+        self._tables = np.array(tables)
+        self._numbers = np.array(numbers)
+        self._ghost = _Ghost(model, class_name)
+        self._lapse_floor = parameters.lapse + (parameters.lapse_in_woods if context.is_wooded else 0.0)
+
+    def fresh(self) -> F64:
+        """The belief of a candidate that nobody has looked at: (H + 1, 7)."""
+        belief = np.zeros((len(self._log_prior), _N_STATES))
+        belief[:, _WEIGHT] = self._log_prior
+        belief[:, _OWN_VAR] = belief[:, _PASS_VAR] = 1.0
+        belief[:, _PIXELS] = np.nan
+        return belief
+
+    def evidence(self, belief: F64) -> float:
+        """Log likelihood ratio of all looks: a target against anything else."""
+        return float(_evidence(belief[:, _WEIGHT], self._is_target))
+
+    def look(
+        self,
+        belief: F64,
+        camera: CameraPose,
+        place_enu_m: F64,
+        moved_px: float,
+        score: float | None,
+    ) -> None:
+        """Update a belief by one look at the place, in place.
+
+        ``moved_px`` is how far the place has moved in the picture since its last look, inf where there was
+        none in this passing; ``score`` is that of a hit, None of a miss.
+        """
+        altitude = max(float(camera.position_enu_m[2] - place_enu_m[2]), 1.0)
+        _look(
+            belief,
+            self._tables,
+            self._numbers,
+            self._log_pixels,
+            camera.position_enu_m,
+            camera.R_camera_to_enu,
+            place_enu_m,
+            self._lens.focal_px,
+            moved_px,
+            self._fade_px,
+            math.nan if score is None else score,
+            self._threshold,
+            self._lapse_floor,
+            self._ghost.at(altitude),
+        )
+
+    def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64) -> float:
+        """Share of today's doubt, 0..1, that looks from there would leave.
+
+        The Chernoff bound of the error between each target and each other hypothesis, weighted by both.
+        """
+        return float(
+            _confusion(
+                belief,
+                self._tables,
+                self._numbers,
+                self._log_pixels,
+                self._is_target,
+                camera.position_enu_m,
+                camera.R_camera_to_enu,
+                place_enu_m,
+                self._lens.focal_px,
+                self._threshold,
+            )
+        )
+
+
+class _Ghost:
+    """Reports where nothing is: mean and spread of their scores by altitude, and the chance of another."""
+
+    def __init__(self, model: StatisticalModel, class_name: str) -> None:
+        self._floor = float(score_of(model.experiment.confidence_floor))
+        found = [b for b in model.background if b.reported_as == class_name]
+        self._model: BackgroundModel | None = found[0] if found else None
+
+    def at(self, altitude_agl_m: float) -> F64:
+        """(5,): mean and spread of the score, chance of no report, share that is its own, 0."""
+        if self._model is None:
+            return np.array([self._floor + 0.3, 0.5, 0.5, 0.3, 0.0])
+        m = self._model
+        scale = float(np.interp(math.log(altitude_agl_m), np.log(m.altitude_agl_m), m.score_scale))
+        return np.array([self._floor + scale, max(scale, 0.1), 1.0 - m.again, m.same_share, 0.0])
+
+
+def _rows(
+    model: StatisticalModel, context: MissionContext, class_name: str
+) -> list[tuple[KindModel, float, bool, float]]:
+    """Kind, size in m, whether it is searched for, and weight among those that are, or are not."""
+    reported = [kind for kind in model.kinds if kind.reported_as == class_name]
+    targets = [kind for kind in reported if kind.kind == class_name]
+    if not targets:
+        raise UserError(
+            f"search.strategy: belief needs a sensor model of '{class_name}'; write one with "
+            "'skysweep calibrate', or take another strategy"
+        )
+    targets = [kind for kind in targets if kind.pose in context.poses[class_name]] or targets
+    others = [kind for kind in reported if kind.kind != class_name and _is_plausible(kind, context)]
+    rows = []
+    for kinds in (targets, others):
+        for kind in kinds:
+            if kind.kind in context.sizes_m:
+                low, high = context.sizes_m[kind.kind]
+                sizes = sorted({low, (low + high) / 2, high})
+            else:
+                sizes = [DEFAULT_SIZE_M[kind.kind] * share for share in _SIZES]
+            weight = 1.0 / (len(kinds) * len(sizes))
+            rows += [(kind, size, kinds is targets, weight) for size in sizes]
+    return rows
+
+
+def _is_plausible(kind: KindModel, context: MissionContext) -> bool:
+    """Whether a kind that is not reported under its own name may be met on this ground."""
+    if kind.kind in context.sizes_m:
+        return kind.pose in context.poses[kind.kind]
+    if kind.kind == "person":
+        return (kind.pose == "floating") == (context.surface == "water")
+    return kind.kind not in (_LAND_KINDS if context.surface == "water" else _WATER_KINDS | {"stop sign"})
+
+
+def _contrast(model: StatisticalModel, kind: KindModel, surface: str) -> tuple[float, float]:
+    """Mean and spread of the contrast to the ground, in the unit of the factors."""
+    table = next((c for c in model.contrasts if (c.kind, c.pose) == (kind.kind, kind.pose)), None)
+    mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
+    return float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)), std / CONTRAST_UNIT
+
+
+@njit(cache=True)
+def _evidence(weights: F64, is_target: NDArray[np.bool_]) -> float:
+    target = other = 1e-300
+    for i in range(len(weights)):
+        if is_target[i]:
+            target += math.exp(weights[i])
+        else:
+            other += math.exp(weights[i])
+    return math.log(target / other)
+
+
+@njit(cache=True)
+def _expect(
+    out: F64, table: F64, numbers: F64, log_pixels: F64, eye: F64, R: F64, place: F64, focal: float
+) -> None:
+    """Write pixels, mean and spread of the score, and chance of a lapse."""
+    g = len(log_pixels)
+    dx, dy, dz = place[0] - eye[0], place[1] - eye[1], place[2] + numbers[2] - eye[2]
+    depth = max(R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz, 0.3)
+    pixels = pixels_on_target(focal, int(numbers[1]), numbers[0], dx, dy, dz, depth)
+    at = min(max(math.log(pixels), log_pixels[0]), log_pixels[g - 1])
+    k = 0
+    while k < g - 2 and at >= log_pixels[k + 1]:
+        k += 1
+    w = (at - log_pixels[k]) / (log_pixels[k + 1] - log_pixels[k])
+    across = dx * dx + dy * dy
+    view = min(across / max(across + dz * dz, 1e-9), VIEW_MAX)
+    out[0] = pixels
+    out[1] = (1.0 - w) * table[k] + w * table[k + 1] + numbers[3] * view
+    out[2] = (1.0 - w) * table[g + k] + w * table[g + k + 1]
+    out[3] = (1.0 - w) * table[2 * g + k] + w * table[2 * g + k + 1]
+
+
+@njit(cache=True)
+def _confusion(
+    belief: F64,
+    tables: F64,
+    numbers: F64,
+    log_pixels: F64,
+    is_target: NDArray[np.bool_],
+    eye: F64,
+    R: F64,
+    place: F64,
+    focal: float,
+    threshold: float,
+) -> float:
+    n = len(tables)
+    means, variances = np.empty(n + 1), np.empty(n + 1)
+    expected = np.empty(4)
+    for i in range(n):
+        _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
+        spread = expected[2]
+        own = math.sqrt(numbers[i, 5] * spread * spread + numbers[i, 7] ** 2)
+        means[i] = max(expected[1] + own * belief[i, _OWN], threshold - 0.5)
+        variances[i] = own * own * belief[i, _OWN_VAR] + numbers[i, 6] * spread * spread + 0.01
+    means[n], variances[n] = threshold - 0.5, 0.1
+    left, total = 0.0, 1e-300
+    for i in range(n):
+        if is_target[i]:
+            for j in range(n + 1):
+                if not is_target[j]:
+                    weight = math.exp(belief[i, _WEIGHT] + belief[j, _WEIGHT])
+                    gap = means[i] - means[j]
+                    total += weight
+                    left += weight * math.exp(-0.25 * gap * gap / (variances[i] + variances[j]))
+    return left / total
+
+
+@njit(cache=True)
+def _look(
+    belief: F64,
+    tables: F64,
+    numbers: F64,
+    log_pixels: F64,
+    eye: F64,
+    R: F64,
+    place: F64,
+    focal: float,
+    moved_px: float,
+    fade_px: float,
+    score: float,
+    threshold: float,
+    lapse_floor: float,
+    ghost: F64,
+) -> None:
+    n = len(tables)
+    expected = np.empty(4)
+    for i in range(n + 1):
+        b = belief[i]
+        if i < n:
+            _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
+            pixels, mean, spread = expected[0], expected[1], expected[2]
+            lapse = max(expected[3], lapse_floor)
+            object_share, pass_share, unsure = numbers[i, 5], numbers[i, 6], numbers[i, 7]
+        else:
+            pixels, mean, spread, lapse = b[_PIXELS], ghost[0], ghost[1], ghost[2]
+            object_share, pass_share, unsure = ghost[3], 0.0, 0.0
+        grown = abs(pixels - b[_PIXELS]) if b[_PIXELS] == b[_PIXELS] else 0.0
+        kept = math.exp(-(moved_px + grown) / fade_px)
+        b[_PIXELS] = pixels
+        b[_PASS] *= kept
+        b[_COVARIANCE] *= kept
+        b[_PASS_VAR] = kept * kept * b[_PASS_VAR] + 1.0 - kept * kept
+        own = math.sqrt(object_share * spread * spread + unsure * unsure)
+        common = math.sqrt(pass_share) * spread
+        rest = max(1.0 - object_share - pass_share, 0.02) * spread * spread
+        c_own = own * b[_OWN_VAR] + common * b[_COVARIANCE]
+        c_pass = own * b[_COVARIANCE] + common * b[_PASS_VAR]
+        variance = own * c_own + common * c_pass + rest
+        middle = mean + own * b[_OWN] + common * b[_PASS]
+        if score == score:
+            density = math.exp(-0.5 * (score - middle) ** 2 / variance) / math.sqrt(2.0 * math.pi * variance)
+            explained = (1.0 - _OUTLIER) * density
+            total = explained + _OUTLIER * _OUTLIER_DENSITY
+            b[_WEIGHT] += math.log(1.0 - lapse) + math.log(total)
+            share = explained / total
+            gain, narrowed = share * (score - middle), share
+        else:
+            sigma = math.sqrt(variance)
+            z = (threshold - middle) / sigma
+            below = max(0.5 * math.erfc(-z / math.sqrt(2.0)), 1e-12)
+            missed = lapse + (1.0 - lapse) * below
+            b[_WEIGHT] += math.log(missed)
+            share = (1.0 - lapse) * below / missed
+            hazard = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi) / below
+            gain = -share * sigma * hazard
+            narrowed = share * min(max(hazard * (z + hazard), 0.0), 1.0)
+        k_own, k_pass = c_own / variance, c_pass / variance
+        b[_OWN] += k_own * gain
+        b[_PASS] += k_pass * gain
+        b[_OWN_VAR] -= narrowed * k_own * c_own
+        b[_COVARIANCE] -= narrowed * k_own * c_pass
+        b[_PASS_VAR] -= narrowed * k_pass * c_pass
+    top = belief[:, _WEIGHT].max()
+    for i in range(n + 1):
+        belief[i, _WEIGHT] -= top

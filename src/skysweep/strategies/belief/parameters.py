@@ -1,0 +1,33 @@
+"""What the belief strategy assumes, and what things cost it: ``search.parameters`` in a scenario."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from skysweep.scenarios.model import Model
+
+
+class BeliefParameters(Model):
+    """Costs are in seconds of search: how much longer one would search to avoid it."""
+
+    missed_cost_s: float = Field(2000.0, gt=0, description="Cost of a victim that is rejected")
+    alarm_cost_s: float = Field(400.0, gt=0, description="Cost of confirming something else")
+    confirm_probability: float = Field(
+        0.98,
+        gt=0.5,
+        lt=1,
+        description="From here on a candidate is confirmed as soon as it leaves the picture",
+    )
+    target_share: float = Field(0.5, gt=0, lt=1, description="Prior share of candidates that are targets")
+    share_weight: float = Field(
+        4.0, gt=0, description="Weight of that prior, in candidates, against what the mission finds"
+    )
+    ghost_share: float = Field(
+        0.2, gt=0, lt=1, description="Share of the other candidates that are nothing at all"
+    )
+    model_std: float = Field(
+        0.1, ge=0, description="Standard deviation of the sensor model's own error, in scores"
+    )
+    lapse: float = Field(0.03, gt=0, lt=1, description="Least share of looks that miss whatever the score")
+    lapse_in_woods: float = Field(0.1, ge=0, lt=1, description="Added to it where trees stand")
+    check_speed_mps: float = Field(5.0, gt=0, le=20, description="Speed between candidates")

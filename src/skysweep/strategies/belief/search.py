@@ -1,0 +1,248 @@
+"""The belief strategy: scan, decide wherever the odds are decided, and come down only where that pays.
+
+It differs from Algorithm 1 in three ways. A candidate is confirmed by its probability, from any height
+(``search.confirm_height_max_m`` limits that), and not by one confidence from close by. Nothing interrupts the
+scan: what is still in doubt is looked at in one tour afterwards. And the tour leaves out what costs more time
+than a wrong verdict would cost on average (Bayes risk; Wald, Sequential Analysis, 1947).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from skysweep.strategies.belief.candidates import Suspects
+from skysweep.strategies.belief.checks import Checks
+from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.strategies.context import MissionContext
+from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
+
+_REACHED_M = 2.0  # PX4 NAV_ACC_RAD
+_PASSED_M, _PASSED_MPS = 6.0, 0.3  # nearer than this, and approached no faster: flown by
+_THERE_M = 1.5
+_LEVEL_M = 1.6
+_LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
+_LOOKS_AT_MOST = 10  # from above a candidate, whatever they tell
+_LOWER = 1.5  # a lower look is from so many times less
+_SMALL_DOUBT_S = 5.0  # is no reason for one
+_NEARER = 0.6  # of the way to the goal: for a place this near the goal is changed
+_PATIENCE = 0.5  # share of the doubt with which a candidate in view is confirmed; the next look is free
+
+
+class BeliefSearch:
+    """Implements ``types.Strategy``."""
+
+    def __init__(self, context: MissionContext) -> None:
+        assert isinstance(context.parameters, BeliefParameters)
+        self._search, self._p = context.search, context.parameters
+        self._suspects = Suspects(context, self._p)
+        self._checks = Checks(context, self._p)
+        self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
+        self._settled: dict[int, EventKind] = {}
+        self._route: list[int] = []  # candidates to look at, the goal first
+        self._goal: int | None = None
+        self._height_m = 0.0  # from which the goal is looked at
+        self._looks_above = 0  # it
+        self._looks_before: int | None = None  # that told something of it, when it was reached
+        self._stops = False  # at the goal, instead of flying through
+
+    def step(self, observation: Observation) -> Command:
+        """Take in the looks, decide what can be decided, and fly on."""
+        seen, events = observation, list[Event]()
+        for leg in seen.unsearched:
+            self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
+        for look in seen.looks:
+            for k in self._suspects.take(look, seen.candidates, self._settled):
+                events.append(self._event(EventKind.SCANNED, seen, k))
+        if seen.looks:
+            self._confirm_the_sure(seen, events)
+        x, y, _ = seen.vehicle.position_enu_m.tolist()
+        if self._to_scan and self._is_past(seen, (x, y), self._to_scan[0]):
+            self._to_scan.pop(0)
+            events.append(Event(EventKind.WAYPOINT_REACHED))
+        if self._to_scan:
+            s, then = self._search, next(iter(self._to_scan[1:]), None)
+            waypoint = Waypoint(self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps, then_xy_enu_m=then)
+            return Command(Mode.SCAN, waypoint, tuple(events))
+        return self._check(seen, (x, y), events)
+
+    def _is_past(self, seen: Observation, here: XY, to: XY) -> bool:
+        """Whether a place was reached, or flown by."""
+        away_m = math.dist(here, to)
+        if away_m <= _REACHED_M:
+            return True
+        vx, vy, _ = seen.vehicle.velocity_enu_mps.tolist()
+        approached_mps = (vx * (to[0] - here[0]) + vy * (to[1] - here[1])) / away_m
+        return away_m <= _PASSED_M and approached_mps < _PASSED_MPS
+
+    # ---- verdicts ----------------------------------------------------------------------------------------
+
+    def _open(self) -> list[int]:
+        return [k for k in self._suspects.all if k not in self._settled]
+
+    def _confirm_the_sure(self, seen: Observation, events: list[Event]) -> None:
+        for k in self._open():
+            doubt = 1.0 - self._p.confirm_probability
+            if self._suspects.all[k].in_view:
+                doubt *= _PATIENCE
+            if 1.0 - self._suspects.probability(k) <= doubt and self._may_confirm(k):
+                self._confirm(seen, k, events)
+
+    def _may_confirm(self, k: int) -> bool:
+        return self._search.may_confirm_from(self._suspects.all[k].lowest_m)
+
+    def _confirm(self, seen: Observation, k: int, events: list[Event]) -> None:
+        """Unless it is the same thing as one that was confirmed before."""
+        twin = self._twin(seen, k)
+        if twin is not None:
+            self._settle(seen, k, EventKind.REJECTED, events, f"the same thing as candidate {twin}")
+        else:
+            height_m = self._suspects.all[k].lowest_m
+            self._settle(seen, k, EventKind.CONFIRMED, events, f"found from {height_m:.0f} m and higher")
+
+    def _twin(self, seen: Observation, k: int) -> int | None:
+        for j, verdict in self._settled.items():
+            if verdict is EventKind.CONFIRMED and self._suspects.may_be_same(k, j, seen.candidates):
+                return j
+        return None
+
+    def _settle(self, seen: Observation, k: int, kind: EventKind, events: list[Event], reason: str) -> None:
+        events.append(self._event(kind, seen, k, self._suspects.probability(k), reason))
+        self._settled[k] = kind
+        if k == self._goal:
+            self._goal = None
+
+    def _loss_s(self, k: int) -> float:
+        """What a verdict without another look costs on average."""
+        p = self._suspects.probability(k)
+        rejected_s, confirmed_s = p * self._p.missed_cost_s, (1.0 - p) * self._p.alarm_cost_s
+        return min(rejected_s, confirmed_s) if self._may_confirm(k) else rejected_s
+
+    def _decide(self, seen: Observation, k: int, events: list[Event]) -> None:
+        """By the odds, and by what either mistake costs."""
+        p = self._suspects.probability(k)
+        if p * self._p.missed_cost_s < (1.0 - p) * self._p.alarm_cost_s:
+            reason = f"a mistake costs {p * self._p.missed_cost_s:.0f} s on average"
+            self._settle(seen, k, EventKind.REJECTED, events, reason)
+        elif self._may_confirm(k):
+            self._confirm(seen, k, events)
+        else:
+            reason = f"likely, but not found from {self._search.confirm_height_max_m:g} m or lower"
+            self._settle(seen, k, EventKind.UNCHECKED, events, reason)
+
+    # ---- checks ------------------------------------------------------------------------------------------
+
+    def _check(self, seen: Observation, here: XY, events: list[Event]) -> Command:
+        if seen.refused and self._goal is not None:
+            self._settle(seen, self._goal, EventKind.UNCHECKED, events, seen.refused)
+        if seen.looks:
+            for k in self._open():
+                if self._twin(seen, k) is not None:
+                    self._confirm(seen, k, events)
+            self._judge_goal(seen, here, events)
+        if seen.looks or self._goal is None:
+            self._choose_goal(seen, here, events)
+        if self._goal is None:
+            for k in self._open():
+                self._decide(seen, k, events)
+            return Command(Mode.CHECK, None, (*events, Event(EventKind.FINISHED)))
+        then = next((self._xy(seen, k) for k in self._route if k != self._goal), None)
+        waypoint = Waypoint(
+            self._xy(seen, self._goal),
+            self._height_m,
+            self._p.check_speed_mps,
+            to_look=True,
+            then_xy_enu_m=None if self._stops else then,
+        )
+        return Command(Mode.CHECK, waypoint, tuple(events))
+
+    def _choose_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
+        """The next candidate of the route; the goal is kept unless another candidate is much nearer."""
+        open_ = self._open()
+        places = np.array([seen.candidates[k].position_enu_m[:2] for k in open_]).reshape(-1, 2)
+        route = self._checks.route(here, places, [self._loss_s(k) for k in open_])
+        self._route = [open_[i] for i in route]
+        if self._goal is not None and self._goal not in self._route:
+            self._decide(seen, self._goal, events)  # for good, or two candidates could take turns for ever
+        if not self._route:
+            return
+        first = self._route[0]
+        if self._goal is not None and first != self._goal:
+            goal_m = math.dist(here, self._xy(seen, self._goal))
+            if math.dist(here, self._xy(seen, first)) >= _NEARER * goal_m:
+                return
+        if first != self._goal:
+            self._turn_to(seen, here, first, math.inf, events)
+
+    def _turn_to(self, seen: Observation, here: XY, k: int, highest_m: float, events: list[Event]) -> None:
+        suspect, place, loss_s = self._suspects.all[k], seen.candidates[k].position_enu_m, self._loss_s(k)
+        self._height_m = self._checks.height_m(
+            self._suspects.hypotheses(suspect.class_name),
+            suspect.belief,
+            loss_s,
+            place,
+            math.dist(here, self._xy(seen, k)),
+            seen.altitude_agl_m,
+            highest_m,
+        )
+        self._goal, self._looks_above, self._looks_before, self._stops = k, 0, None, False
+        reason = f"a verdict now costs {loss_s:.0f} s on average"
+        events.append(self._event(EventKind.CHECK_STARTED, seen, k, self._suspects.probability(k), reason))
+
+    def _judge_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
+        """Once it was looked at enough from its height: look from further down, or decide."""
+        if self._goal is None:
+            return
+        to, height_m = self._xy(seen, self._goal), self._height_m
+        if seen.lookout is not None:
+            to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
+        if seen.altitude_agl_m > height_m + _LEVEL_M:
+            return
+        told = self._suspects.all[self._goal].n_looks
+        if self._looks_before is None:
+            self._looks_before = told
+        self._stops |= self._is_past(seen, here, to)
+        if math.dist(here, to) <= _THERE_M:
+            self._looks_above += len(seen.looks)
+        if told - self._looks_before < _LOOKS_THERE and self._looks_above < _LOOKS_AT_MOST:
+            return
+        lowest_m = self._search.check_altitude_agl_m
+        if self._height_m > _LOWER * lowest_m and self._loss_s(self._goal) > _SMALL_DOUBT_S:
+            self._turn_to(seen, here, self._goal, self._height_m / _LOWER, events)
+        else:
+            self._decide(seen, self._goal, events)
+
+    def _xy(self, seen: Observation, k: int) -> XY:
+        x, y, _ = seen.candidates[k].position_enu_m.tolist()
+        return x, y
+
+    def _event(
+        self, kind: EventKind, seen: Observation, k: int, probability: float | None = None, reason: str = ""
+    ) -> Event:
+        x, y, z = seen.candidates[k].position_enu_m.tolist()
+        return Event(kind, k, (x, y, z), probability, reason)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The whole state as plain data, but for the newest looks."""
+        return {
+            "to_scan": [list(p) for p in self._to_scan],
+            "settled": [[k, str(kind)] for k, kind in self._settled.items()],
+            "suspects": self._suspects.snapshot(),
+            "route": list(self._route),
+            "goal": self._goal,
+            "height_m": self._height_m,
+            "looks_above": self._looks_above,
+            "looks_before": self._looks_before,
+            "stops": self._stops,
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        self._to_scan = [(x, y) for x, y in snapshot["to_scan"]]
+        self._settled = {k: EventKind(kind) for k, kind in snapshot["settled"]}
+        self._suspects.restore(snapshot["suspects"])
+        self._route, self._goal = list(snapshot["route"]), snapshot["goal"]
+        self._height_m, self._stops = snapshot["height_m"], snapshot["stops"]
+        self._looks_above, self._looks_before = snapshot["looks_above"], snapshot["looks_before"]

@@ -1,0 +1,97 @@
+"""What a strategy may know before take-off: everything but the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skysweep.geometry.camera import Lens
+from skysweep.planning.flight_plan import leg_time_s
+from skysweep.scenarios.model import Model, Scenario, Search, VehicleLimits
+from skysweep.sensing.statistical.model import StatisticalModel, model_for
+from skysweep.types import XY
+from skysweep.worlds.obstacles import Obstacles
+
+
+@dataclass(frozen=True)
+class MissionContext:
+    """The mission as it is known on the ground, for a strategy that is about to fly it.
+
+    Nothing in it says where targets are or how many there are.
+    """
+
+    search: Search
+    waypoints_xy_enu_m: tuple[XY, ...]  # F: from there everything is seen
+    look_s: float  # from arriving at a place until two looks from there are answered
+    looks_hz: float
+    lens: Lens
+    yaw_rad: float  # of nose and camera, ENU
+    gimbal_pitch_rad: float  # -pi / 2 looks straight down
+    area_enu_m: shapely.Polygon
+    home_xy_enu_m: XY
+    sizes_m: Mapping[str, tuple[float, float]]  # smallest and largest of each class that is searched for
+    poses: Mapping[str, tuple[str, ...]]  # how they may lie or stand
+    confidence_min: float  # of what the detector reports
+    exposure_s: float
+    vehicle: VehicleLimits
+    surface: str  # of the ground
+    is_wooded: bool
+    obstacles: Obstacles  # known trees and buildings, and the ground
+    load_sensor_model: Callable[[], StatisticalModel]
+    parameters: Model  # the strategy's own
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        waypoints_xy_enu_m: NDArray[np.float64],
+        yaw_rad: float,
+        obstacles: Obstacles,
+        parameters: Model,
+    ) -> MissionContext:
+        """The context of one mission of a scenario."""
+        camera = scenario.camera
+        looks_hz = min(scenario.detector.rate_hz, camera.rate_hz)
+        return cls(
+            scenario.search,
+            tuple((float(x), float(y)) for x, y in waypoints_xy_enu_m),
+            camera.latency_s + camera.pose_delay_s + 2.0 / looks_hz,
+            looks_hz,
+            camera.lens,
+            yaw_rad,
+            float(np.radians(camera.gimbal.pitch_deg)),
+            scenario.area_enu_m,
+            scenario.home.position_enu_m,
+            scenario.target_sizes_m,
+            scenario.target_poses,
+            scenario.detector.confidence_min,
+            camera.exposure_s,
+            scenario.vehicle,
+            scenario.terrain.surface,
+            bool(scenario.trees or scenario.forests),
+            obstacles,
+            lambda: model_for(scenario),
+            parameters,
+        )
+
+    @cached_property
+    def sensor_model(self) -> StatisticalModel:
+        """How well this detector sees what, as it was calibrated.
+
+        Raises UserError where it was not calibrated with this camera.
+        """
+        return self.load_sensor_model()
+
+    def ground_at_m(self, xy: XY) -> float:
+        """Height of the ground, ENU."""
+        return self.obstacles.terrain.height_at_m(*xy)
+
+    def leg_s(self, distance_m: float, climb_m: float, speed_mps: float) -> float:
+        """Seconds from standing to standing; ``climb_m`` is negative downwards."""
+        vertical_mps = self.vehicle.climb_speed_mps if climb_m > 0.0 else self.vehicle.descent_speed_mps
+        return max(float(leg_time_s(distance_m, speed_mps)), abs(climb_m) / vertical_mps)

@@ -1,0 +1,54 @@
+"""Which candidates are worth a closer look, and from which height."""
+
+import math
+
+import numpy as np
+import pytest
+from contexts import context_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skysweep.strategies.belief.checks import Checks
+from skysweep.strategies.belief.hypotheses import Hypotheses
+from skysweep.strategies.belief.parameters import BeliefParameters
+
+CONTEXT = context_of()
+CHECKS = Checks(CONTEXT, BeliefParameters())
+places = st.lists(
+    st.tuples(st.floats(-200, 200), st.floats(-200, 200), st.floats(0, 500)), min_size=0, max_size=12
+)
+
+
+def test_what_costs_more_than_it_buys_is_left_out():
+    near_and_far = np.array([[5.0, 0.0], [400.0, 0.0], [10.0, 0.0]])
+    assert CHECKS.route((0.0, 0.0), near_and_far, [30.0, 30.0, 30.0]) == [0, 2]
+    assert CHECKS.route((0.0, 0.0), near_and_far, [30.0, 300.0, 30.0]) == [0, 2, 1]
+    assert CHECKS.route((0.0, 0.0), near_and_far, [0.5, 0.5, 0.5]) == []
+    two_far = np.array([[5.0, 0.0], [400.0, 0.0], [404.0, 0.0]])
+    assert CHECKS.route((0.0, 0.0), two_far, [30.0, 30.0, 30.0]) == [0]
+
+
+@settings(deadline=None)
+@given(places)
+def test_a_route_visits_each_place_once_at_most_and_pays(drawn):
+    xy = np.array([[x, y] for x, y, _ in drawn]).reshape(-1, 2)
+    losses = [loss for *_, loss in drawn]
+    route = CHECKS.route((0.0, 0.0), xy, losses)
+    assert len(set(route)) == len(route)
+    assert all(losses[k] > 1.0 for k in route)
+    path = np.vstack([[0.0, 0.0], xy[route]])
+    length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    assert length_m / 5.0 <= sum(losses[k] for k in route) + 1e-6
+
+
+def test_what_is_surely_one_thing_is_not_come_down_for():
+    signs = Hypotheses(CONTEXT, "stop sign", BeliefParameters())
+
+    def height_m(loss_s, away_m, **changed):
+        checks = Checks(context_of(**changed), BeliefParameters())
+        return checks.height_m(signs, signs.fresh(), loss_s, np.zeros(3), away_m, 30.0, math.inf)
+
+    assert 4.0 <= height_m(500.0, 100.0) < 15.0
+    assert height_m(0.0, 100.0) > height_m(500.0, 100.0)
+    assert height_m(0.0, 0.0, confirm_height_max_m=8.0) <= 8.0 + 1e-9
+    assert height_m(500.0, 100.0, confirm_height_max_m=4.8) == pytest.approx(4.0)

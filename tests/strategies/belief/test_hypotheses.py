@@ -1,0 +1,102 @@
+"""How likely each hypothesis makes the looks at a candidate."""
+
+import math
+
+import numpy as np
+import pytest
+from contexts import context_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraPose
+from skysweep.sensing.statistical.model import StatisticalModel
+from skysweep.strategies.belief.hypotheses import Hypotheses
+from skysweep.strategies.belief.parameters import BeliefParameters
+
+DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # camera to ENU, straight down
+PLACE = np.zeros(3)
+CONTEXT = context_of()
+SIGNS = Hypotheses(CONTEXT, "stop sign", BeliefParameters())
+
+
+def above(height_m, east_m=0.0):
+    return CameraPose(np.array([east_m, 0.0, height_m]), DOWN)
+
+
+def after(looks, hypotheses=SIGNS):
+    """The belief after looks of (height, score or None, moved pixels)."""
+    belief = hypotheses.fresh()
+    for height_m, score, moved_px in looks:
+        hypotheses.look(belief, above(height_m), PLACE, moved_px, score)
+    return belief
+
+
+def evidence(looks):
+    return SIGNS.evidence(after(looks))
+
+
+def test_sure_looks_from_close_by_make_a_target_and_missing_ones_do_not():
+    assert evidence([(6.0, 2.7, math.inf)] * 3) > 2.0
+    assert evidence([(6.0, None, math.inf)] * 3) < -5.0
+
+
+def test_looks_of_one_passing_are_fewer_witnesses_than_looks_of_many():
+    one_passing = evidence([(30.0, 1.6, 0.0)] * 8)
+    many = evidence([(30.0, 1.6, 1e6)] * 8)
+    assert 0.0 < one_passing < 0.8 * many
+
+
+def test_the_offsets_are_those_of_the_normal_distribution_given_the_scores():
+    """What looks from one place say of the object's own offset and of the pass, by linear algebra."""
+    model = StatisticalModel.load()
+    sure = Hypotheses(context_of(), "stop sign", BeliefParameters(model_std=0.0, lapse=0.0001))
+    kind = next(k for k in model.kinds if (k.kind, k.pose) == ("stop sign", "face-up"))
+    height_m = CONTEXT.lens.focal_px * 0.9 / 14.0  # 0.9 m span 14 pixels, a node of the grid
+    node = model.pixels.index(14.0)
+    colours = next(c for c in model.contrasts if (c.kind, c.pose) == ("stop sign", "face-up"))
+    contrast, contrast_std = colours.surfaces["grass"]
+    mean = kind.score[node] + kind.grounds["grass"] + kind.contrast * (contrast - 30.0) / 20.0
+    own = math.hypot(math.sqrt(kind.object_share) * kind.spread[node], kind.contrast * contrast_std / 20.0)
+    common = math.sqrt(kind.pass_share) * kind.spread[node]
+    rest = (1.0 - kind.object_share - kind.pass_share) * kind.spread[node] ** 2
+    scores = mean + np.array([0.3, -0.1, 0.2, 0.4])
+    covariance = np.full((4, 4), own**2 + common**2) + rest * np.eye(4)
+    weights = np.linalg.solve(covariance, np.ones(4))
+    _, told_own, told_pass, own_var, _, pass_var, _ = after([(height_m, s, 0.0) for s in scores], sure)[0]
+    assert told_own == pytest.approx(own * weights @ (scores - mean), rel=0.05)
+    assert told_pass == pytest.approx(common * weights @ (scores - mean), rel=0.05)
+    assert own_var == pytest.approx(1.0 - own**2 * weights.sum(), rel=0.05)
+    assert pass_var == pytest.approx(1.0 - common**2 * weights.sum(), rel=0.05)
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(2.0, 60.0), st.none() | st.floats(-1.0, 5.0), st.floats(0.0, 900.0)), max_size=40
+    )
+)
+def test_any_looks_leave_a_belief_that_is_one(looks):
+    belief = after(looks)
+    assert np.isfinite(belief[:, :6]).all()
+    assert (belief[:, 3] > -1e-9).all(), "variance of the own offset"
+    assert (belief[:, 5] > -1e-9).all(), "variance of the pass"
+    assert belief[:, 0].max() <= 1e-9
+
+
+def test_going_down_tells_a_sign_from_what_looks_like_one():
+    belief = after([(30.0, 1.3, 0.0)] * 3)
+    high = SIGNS.confusion(belief, above(30.0), PLACE)
+    low = SIGNS.confusion(belief, above(6.0), PLACE)
+    assert 0.0 < low < 0.5 * high <= 0.5
+
+
+def test_a_class_that_the_sensor_model_does_not_know_is_refused():
+    model = StatisticalModel.load()
+    others = model.model_copy(update={"kinds": [k for k in model.kinds if k.kind != "stop sign"]})
+    context = context_of()
+    object.__setattr__(context, "load_sensor_model", lambda: others)
+    with pytest.raises(
+        UserError, match="needs a sensor model of 'stop sign'; write one with 'skysweep calibrate'"
+    ):
+        Hypotheses(context, "stop sign", BeliefParameters())

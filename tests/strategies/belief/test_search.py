@@ -1,0 +1,136 @@
+"""The belief strategy on whole missions without pictures."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.rig import Rig
+from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import Flight
+from skysweep.scenarios.files import change_scenario, load_scenario
+from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.types import EventKind
+
+SEEDS = range(31_000, 31_006)
+
+
+def scenario(name="clusters", strategy="belief", **search):
+    changes = {f"search.{key}": value for key, value in search.items()}
+    return change_scenario(load_scenario(name), {"scatter_m": 5.0, "search.strategy": strategy, **changes})
+
+
+def flown(name="clusters", seed=31_000, **search):
+    journal = MemoryJournal()
+    with Flight(build_mission(scenario(name, **search), seed, Rig("statistical")), journal) as flight:
+        for _ in flight:
+            pass
+    return journal.lines
+
+
+def of_kind(records, *kinds):
+    return [r for r in records if r["kind"] in kinds]
+
+
+def test_it_is_quicker_than_algorithm_1_and_finds_as_many():
+    ours = [fly_in_memory(scenario(), seed) for seed in SEEDS]
+    papers = [fly_in_memory(scenario(strategy="scan-check"), seed) for seed in SEEDS]
+    assert all(s["completed"] for s in ours)
+    assert sum(s["recall"] for s in ours) >= sum(s["recall"] for s in papers) - 1e-9
+    assert sum(s["mission_time_s"] for s in ours) < 0.7 * sum(s["mission_time_s"] for s in papers)
+
+
+def test_one_seed_is_one_mission():
+    assert flown() == flown()
+
+
+def test_every_verdict_says_its_probability_and_reason():
+    records = flown("maritime")
+    verdicts = of_kind(records, EventKind.CONFIRMED, EventKind.REJECTED)
+    assert len(verdicts) > 8
+    for verdict in verdicts:
+        assert 0.0 <= verdict["probability"] <= 1.0
+        assert verdict["reason"]
+    assert all(r["probability"] > 0.1 for r in of_kind(records, EventKind.CONFIRMED))
+
+
+@pytest.mark.parametrize("highest_m", [8.0, 20.0])
+def test_a_team_may_insist_on_a_close_look(highest_m):
+    records = flown(confirm_height_max_m=highest_m)
+    confirmed = [r["candidate"] for r in of_kind(records, EventKind.CONFIRMED)]
+    assert len(confirmed) >= 7
+    for candidate in confirmed:
+        heights = [r["altitude_agl_m"] for r in of_kind(records, "sighting") if r["candidate"] == candidate]
+        assert min(heights) <= highest_m
+
+
+def test_it_goes_on_from_a_snapshot_as_if_nothing_had_happened():
+    """Broken off at any step: but for the newest looks, everything that decides is in the snapshot."""
+    mission = build_mission(scenario("maritime"), 31_003, Rig("statistical"))
+    strategy, again = (
+        mission.strategy,
+        build_mission(scenario("maritime"), 31_003, Rig("statistical")).strategy,
+    )
+    step, told = strategy.step, []
+
+    def both(seen):
+        command = step(seen)
+        if len(told) % 200 == 199:
+            again.restore(json.loads(json.dumps(before[0])))
+            told.append((again.step(seen), command))
+        else:
+            told.append((command, command))
+        before[0] = strategy.snapshot()
+        return command
+
+    before = [strategy.snapshot()]
+    strategy.step = both
+    with Flight(mission, MemoryJournal()) as flight:
+        for _ in flight:
+            pass
+    assert len(told) > 2000
+    for one, other in told:
+        assert one.waypoint == other.waypoint
+        assert one.events == other.events
+
+
+def test_a_place_that_must_not_be_flown_to_is_left_and_reported():
+    """The clusters' second group lies where nobody may fly; it is reported, not lost."""
+    barred = change_scenario(
+        scenario(confirm_height_max_m=8.0),
+        {"safety.altitude_max_agl_m": 31.0, "safety.descent_floor_agl_m": 4.0},
+    )
+    barred = change_scenario(barred, {"safety.no_fly_enu_m": [[[70, 80], [105, 80], [105, 104], [70, 104]]]})
+    journal = MemoryJournal()
+    with Flight(build_mission(barred, 31_000, Rig("statistical")), journal) as flight:
+        for _ in flight:
+            pass
+    unchecked = of_kind(journal.lines, EventKind.UNCHECKED)
+    assert unchecked
+    assert all("geofence" in r["reason"] for r in unchecked if "reason" in r)
+    assert of_kind(journal.lines, "end")[-1]["reason"] == "completed"
+
+
+def test_the_page_lists_every_parameter_with_its_default():
+    page = (Path(__file__).parents[3] / "docs" / "belief.md").read_text("utf-8")
+    for name, field in BeliefParameters.model_fields.items():
+        assert f"| `{name}` | {field.default:g} | {field.description} |" in page
+
+
+def test_two_candidates_do_not_take_turns_for_ever():
+    """Here one was not worth the way as soon as the vehicle turned to the other, and again back there."""
+    layout = {
+        "targets": [],
+        "distractors": [],
+        "generators": [
+            {"class": "stop sign", "pattern": "sparse", "count": 6, "size_m": 0.9, "seed": None},
+            {"class": "red bucket", "pattern": "uniform", "count": 2, "seed": None},
+            {"class": "red round sign", "pattern": "uniform", "count": 2, "seed": None},
+        ],
+        "search.strategy": "belief",
+    }
+    summary = fly_in_memory(change_scenario(load_scenario("sparse"), layout), 50_131)
+    assert summary["completed"]
+    assert summary["n_checks"] <= 2 * summary["n_scanned"]

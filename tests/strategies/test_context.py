@@ -1,0 +1,65 @@
+"""What a strategy is told before take-off."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from contexts import context_of
+
+from skysweep.errors import UserError
+from skysweep.scenarios.files import change_scenario, load_scenario
+from skysweep.strategies import strategy_spec
+from skysweep.strategies.context import MissionContext
+from skysweep.strategies.spec import NoParameters
+from skysweep.worlds.obstacles import known_obstacles
+
+
+def told(scenario):
+    f = np.array([[0.0, 0.0], [10.0, 0.0]])
+    return MissionContext.of(scenario, f, 0.0, known_obstacles(scenario), NoParameters())
+
+
+def test_it_says_nothing_of_where_targets_are_or_how_many():
+    scenario = load_scenario("clusters")
+    fewer = [t.model_copy(update={"position_enu_m": (50.0, 50.0)}) for t in scenario.targets[:1]]
+    other = scenario.model_copy(update={"targets": fewer, "distractors": []})
+    one, two = told(scenario), told(other)
+    for field in fields(MissionContext):
+        if field.name not in ("obstacles", "load_sensor_model"):
+            assert getattr(one, field.name) == getattr(two, field.name), field.name
+
+
+def test_it_says_what_is_searched_for():
+    maritime = told(load_scenario("maritime"))
+    assert maritime.poses["person"] == ("floating",)
+    assert maritime.sizes_m["boat"] == (3.2, 6.5)
+    assert told(load_scenario("person-wilderness")).poses["person"] == ("lying", "standing")
+    assert told(load_scenario("person-wilderness")).is_wooded
+
+
+def test_the_price_of_a_leg_is_that_of_the_slower_axis():
+    context = context_of()
+    assert context.leg_s(0.0, 30.0, 5.0) == pytest.approx(10.0)  # climb at 3 m/s
+    assert context.leg_s(0.0, -30.0, 5.0) == pytest.approx(20.0)  # descent at 1.5 m/s
+    assert context.leg_s(200.0, 3.0, 5.0) > 40.0
+
+
+@pytest.mark.parametrize(
+    ("strategy", "parameters", "sentence"),
+    [
+        ("belief", {"missed_cost_s": -1.0}, "search.parameters of belief: missed_cost_s: "),
+        ("belief", {"mised_cost_s": 1.0}, "search.parameters of belief: .*mised_cost_s"),
+        ("scan-check", {"missed_cost_s": 1.0}, "search.parameters of scan-check: .*missed_cost_s"),
+    ],
+)
+def test_parameters_that_a_strategy_does_not_have_are_one_sentence(strategy, parameters, sentence):
+    scenario = change_scenario(
+        load_scenario("clusters"), {"search.strategy": strategy, "search.parameters": parameters}
+    )
+    with pytest.raises(UserError, match=sentence):
+        strategy_spec(strategy).parameters_of(scenario.search)
+
+
+def test_parameters_are_set_one_by_one():
+    scenario = change_scenario(load_scenario("clusters"), {"search.parameters.missed_cost_s": 500.0})
+    assert scenario.search.parameters == {"missed_cost_s": 500.0}
