@@ -2,8 +2,9 @@
 
 Distances from the initial planning point to where people were found: Koester, "Lost Person Behavior" (dbS
 Productions 2008), tables "Distance (horizontal) from the IPP", of the International Search and Rescue
-Incident Database. Only categories whose numbers were checked against a published copy are here; others are
-read from the book and given as ``Distances`` of one's own.
+Incident Database. The numbers here are from secondary copies of these tables, in miles, rounded to 100 m:
+check them against the book before a search relies on them. Other categories are given as ``Distances`` of
+one's own.
 """
 
 from __future__ import annotations
