@@ -55,11 +55,11 @@ class Brittle(SingleAltitude):
             raise ZeroDivisionError("the wing\\nfell off")
         return super().step(observation)
 
-def make(search, waypoints, look_s):
-    kind = Brittle if search.n_c == 2 else SingleAltitude
-    return kind(search, waypoints, search.scan_altitude_agl_m)
+def make(context):
+    kind = Brittle if context.search.n_c == 2 else SingleAltitude
+    return kind(context, context.search.scan_altitude_agl_m)
 
-brittle = StrategySpec(make, lambda search: search.scan_altitude_agl_m)
+brittle = StrategySpec(make)
 """
 
 
@@ -153,7 +153,7 @@ def test_stopped_and_continued_it_has_the_same_bytes(whole, tmp_path, workers, h
         _, said = process.communicate()
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert "give the same command again to go on" in said
+        assert "the same command continues" in said
         assert "Traceback" not in said
     assert not psutil.wait_procs(children, timeout=60)[1], "workers end with the command that was killed"
     assert not (out / "missions.parquet").exists()

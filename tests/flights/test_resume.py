@@ -283,7 +283,7 @@ def test_a_journal_that_lost_its_end_does_not_agree_with_the_summary(whole, tmp_
     (folder / "journal.jsonl").write_bytes(b"".join(lines[:n_left]))
     for read in (load_run, resume_folder):
         with pytest.raises(
-            UserError, match=r"\d+ sound lines, and summary\.json was made from others; .*--from"
+            UserError, match=r"\d+ sound lines, but summary\.json was made from others; .*--from"
         ):
             read(folder)
     assert load_run(folder, from_sound_lines=True).left_out == ("summary.json with the wall time",)

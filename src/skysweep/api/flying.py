@@ -44,7 +44,7 @@ def run(
     Args:
         scenario: a name, the path of a file, or a ``Scenario``.
         strategy: replaces the scenario's: a name, "module:Name", or a class or function that makes a
-            ``Strategy`` from (search, waypoints, look_s).
+            ``Strategy`` from a ``MissionContext``.
         sensor: "imaging", rendered pictures and a real detector, or "statistical", fast and without pictures.
         seed: seeds everything random.
         out: a new folder for journal, results and report; nothing is written without one.
