@@ -229,8 +229,10 @@ def test_a_failed_mission_is_a_row_and_can_be_flown_again(tmp_path, monkeypatch)
     assert table_bytes(tmp_path / "out") == before
     (theirs / "brittle.py").write_text(BRITTLE.replace("> 10", "> 1e9"))
     sys.modules.pop("brittle")
-    sweep(tmp_path / "out", wanted=wanted, retry_failed=True)
-    mended = pl.read_parquet(tmp_path / "out" / "missions.parquet")
+    with pytest.raises(UserError, match="the plan or the strategy differs"):
+        sweep(tmp_path / "out", wanted=wanted, retry_failed=True)
+    sweep(tmp_path / "mended", wanted=wanted)
+    mended = pl.read_parquet(tmp_path / "mended" / "missions.parquet")
     assert mended["error"].null_count() == mended["mission_time_s"].count() == len(mended) == 6
     sys.modules.pop("brittle", None)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from skysweep.flights.build import build_mission
-from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.fly import fly_in_memory, fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import Flight
@@ -134,3 +134,10 @@ def test_two_candidates_do_not_take_turns_for_ever():
     summary = fly_in_memory(change_scenario(load_scenario("sparse"), layout), 50_131)
     assert summary["completed"]
     assert summary["n_checks"] <= 2 * summary["n_scanned"]
+
+
+def test_two_targets_beside_each_other_are_two(tmp_path):
+    """Each was seen from another transect; the first looks at the second could be of either."""
+    summary = fly_to_folder(load_scenario("clusters").with_search(strategy="belief"), 3, tmp_path / "run")
+    assert summary["recall"] == 1.0
+    assert summary["duplicates"] == 0

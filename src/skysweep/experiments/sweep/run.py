@@ -141,7 +141,7 @@ class Sweep:
             return known
         ours = yaml.safe_load(dump_spec(self._spec))
         what = list(differences(yaml.safe_load(stored or ""), ours))[:_MAX_DIFFERENCES] or [
-            "the file of the detector, the sensor or the plan differs"
+            "the file of the detector, the sensor, the plan or the strategy differs"
         ]
         raise UserError(
             f"{self._folder}: holds the results of another sweep ({'; '.join(what)}); write another --out"

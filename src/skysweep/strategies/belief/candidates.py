@@ -26,7 +26,7 @@ _UNSURE_M = 0.7  # of a candidate's place: nearer to an edge of the picture a mi
 _SAME_STD_M = 0.8  # of a place seen in a hard manoeuvre, beside the tracker's covariance
 _SAME_FAR_M = 20.0
 _PLAIN = ("id", "class_name", "evidence", "n_looks", "in_view")  # of a suspect, kept as they are
-_SAME_GATE = 9.2  # 99 % of a chi-squared variable with 2 degrees of freedom
+_SAME_GATE = 6.0  # 95 % of a chi-squared variable with 2 degrees of freedom
 
 
 @dataclass(slots=True)

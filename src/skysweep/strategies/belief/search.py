@@ -87,7 +87,8 @@ class BeliefSearch:
             doubt = 1.0 - self._p.confirm_probability
             if self._suspects.all[k].in_view:
                 doubt *= _PATIENCE
-            if 1.0 - self._suspects.probability(k) <= doubt and self._may_confirm(k):
+            sure = 1.0 - self._suspects.probability(k) <= doubt
+            if sure and self._may_confirm(k) and not self._may_be_told_apart(seen, k):
                 self._confirm(seen, k, events)
 
     def _may_confirm(self, k: int) -> bool:
@@ -101,6 +102,10 @@ class BeliefSearch:
         else:
             height_m = self._suspects.all[k].lowest_m
             self._settle(seen, k, EventKind.CONFIRMED, events, f"found from {height_m:.0f} m and higher")
+
+    def _may_be_told_apart(self, seen: Observation, k: int) -> bool:
+        """Whether it may be one thing with a confirmed candidate, and the next look may show both."""
+        return self._suspects.all[k].in_view and self._twin(seen, k) is not None
 
     def _twin(self, seen: Observation, k: int) -> int | None:
         for j, verdict in self._settled.items():
@@ -139,7 +144,7 @@ class BeliefSearch:
             self._settle(seen, self._goal, EventKind.UNCHECKED, events, seen.refused)
         if seen.looks:
             for k in self._open():
-                if self._twin(seen, k) is not None:
+                if not self._suspects.all[k].in_view and self._twin(seen, k) is not None:
                     self._confirm(seen, k, events)
             self._judge_goal(seen, here, events)
         if seen.looks or self._goal is None:
