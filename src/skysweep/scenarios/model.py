@@ -130,7 +130,7 @@ class Terrain(Model):
 
 
 class Tree(Model):
-    """One tree: it occludes, and is flown round or over, never below."""
+    """One tree: it occludes; the vehicle flies round or over it, never below."""
 
     position_enu_m: PointXY = Field(description="Of the trunk")
     height_m: TreeHeight = 8.0
@@ -166,7 +166,7 @@ class Forest(Model):
 
 
 class Building(Model):
-    """A box with a gable roof: it occludes, and is flown round or over."""
+    """A box with a gable roof: it occludes; the vehicle flies round or over it."""
 
     position_enu_m: PointXY = Field(description="Of the centre")
     size_m: tuple[SideOfBuilding, SideOfBuilding] = Field((10.0, 8.0), description="Length and width")
@@ -187,7 +187,7 @@ class Target(Model):
 
 
 class Distractor(Model):
-    """Something that looks like a target from high up and does not from near."""
+    """Something that resembles a target from above but not up close."""
 
     kind: DistractorClass = Field(alias="class")
     position_enu_m: PointXY
@@ -221,7 +221,7 @@ class Generator(Model):
         2.0, ge=0, le=1000, description="Between two of these objects, where there is room for it"
     )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
-    poses: list[ObjectPose] | None = Field(None, description="Drawn from, one for each object")
+    poses: list[ObjectPose] | None = Field(None, description="Poses to draw from, one for each object")
     seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
 
     model_config = ConfigDict(populate_by_name=True)
@@ -231,7 +231,7 @@ class Wind(Model):
     """Mean wind and gusts (first-order Gauss-Markov, after the Dryden model's length scale)."""
 
     mean_speed_mps: float = Field(2.0, ge=0, le=25)
-    from_heading_deg: float = Field(240.0, ge=0, lt=360, description="Where the wind comes from")
+    from_heading_deg: float = Field(240.0, ge=0, lt=360, description="Direction that the wind comes from")
     gust_std_mps: float = Field(0.5, ge=0, le=8, description="Standard deviation of the gusts")
 
 
@@ -239,8 +239,8 @@ class Light(Model):
     """Sun and air."""
 
     sun_elevation_deg: float = Field(45.0, ge=3, le=90)
-    sun_heading_deg: float = Field(150.0, ge=0, lt=360, description="Where the sun stands")
-    visibility_m: float = Field(3000.0, ge=50, description="Haze hides what is farther")
+    sun_heading_deg: float = Field(150.0, ge=0, lt=360, description="Direction of the sun")
+    visibility_m: float = Field(3000.0, ge=50, description="Haze hides everything farther away")
 
 
 class VehicleLimits(Model):
@@ -250,7 +250,7 @@ class VehicleLimits(Model):
     climb_speed_mps: float = Field(3.0, ge=0.01, le=8)
     descent_speed_mps: float = Field(1.5, ge=0.01, le=4)
     battery_wh: float = Field(98.0, gt=1, le=5000)
-    hover_power_w: float = Field(190.0, gt=1, le=20000, description="Drawn from the battery in hover")
+    hover_power_w: float = Field(190.0, gt=1, le=20000, description="Power drawn from the battery in hover")
     position_noise_m: float = Field(0.3, ge=0, le=20, description="Standard deviation of the slow GNSS error")
     attitude_noise_deg: float = Field(
         0.3, ge=0, le=10, description="Standard deviation of the slow attitude error"
@@ -271,7 +271,7 @@ class Gimbal(Model):
     """3-axis gimbal. The mission believes that it points where it was told to."""
 
     pitch_deg: float = Field(-90.0, ge=-90, le=45, description="-90 looks straight down")
-    max_rate_dps: float = Field(180.0, gt=1, le=1000, description="Limit of the turning rate")
+    max_rate_dps: float = Field(180.0, gt=1, le=1000, description="Largest turning rate")
     lag_s: float = Field(0.028, ge=0, le=2, description="Time constant of the stabilisation loop")
 
 
@@ -287,7 +287,7 @@ class CameraModel(Model):
     jpeg_quality: int = Field(90, ge=10, le=100)
     latency_s: float = Field(0.2, ge=0, le=5, description="From exposure until the detection arrives")
     pose_delay_s: float = Field(
-        0.1, ge=0, le=2, description="How much older the believed pose is than the picture"
+        0.1, ge=0, le=2, description="Age of the believed pose when the picture is taken"
     )
     gimbal: Gimbal = Gimbal()
 
@@ -322,19 +322,21 @@ class Search(Model):
         description="scan-check, belief, scan-only, low-only, an installed one, or your own as MODULE:NAME",
     )
     n_c: PositiveOrInf = Field(5.0, description="Check after this many candidates")
-    d_c_m: PositiveOrInf = Field(math.inf, description="Check when this far from where the last one was seen")
+    d_c_m: PositiveOrInf = Field(
+        math.inf, description="Check when this far from the place where the last one was seen"
+    )
     c_t: float = Field(0.6, gt=0, lt=1, description="Confidence at h_C that confirms")
     scan_altitude_agl_m: float = Field(30.0, gt=0, le=500, description="h_S")
     check_altitude_agl_m: float = Field(4.0, gt=0, le=200, description="h_C")
     scan_speed_mps: Speed = Field(5.0, description="In SCAN")
     check_speed_mps: Speed = Field(1.0, description="In CHECK")
     sidelap: float = Field(
-        0.2, ge=0, lt=0.95, description="Share of a picture's width that the next transect sees again"
+        0.2, ge=0, lt=0.95, description="Share of a picture's width that neighbouring transects share"
     )
     transect_heading_deg: float | None = Field(None, ge=0, lt=360, description="Default: the best angle")
     plan: str | None = Field(None, description="A QGroundControl .plan whose survey becomes F")
     confirm_height_max_m: float | None = Field(
-        None, gt=0, description="Nothing is confirmed by a look from higher above it; null: from anywhere"
+        None, gt=0, description="Largest height above a candidate from which a look may confirm it; null: any"
     )
     parameters: dict[str, float | bool | str] = Field(
         default_factory=dict, description="The strategy's own, by name"
@@ -382,7 +384,7 @@ class Search(Model):
 
 
 class Safety(Model):
-    """When the mission holds, turns home or lands on its own account: docs/safety.md."""
+    """Limits at which the mission holds, turns home or lands by itself: docs/safety.md."""
 
     no_fly_enu_m: list[list[PointXY]] = Field(
         default_factory=list, description="Corners of each area that is not flown over"
@@ -397,16 +399,16 @@ class Safety(Model):
         30.0,
         ge=5,
         le=10_000,
-        description="Without geofence_enu_m: kept this near to area, path, home and take-off; null: anywhere",
+        description="Without geofence_enu_m: largest distance from area, path, home and take-off; null: any",
     )
     clearance_m: float = Field(
-        2.0, ge=0, le=100, description="Kept from trees, buildings and hillsides in every direction"
+        2.0, ge=0, le=100, description="Distance kept from trees, buildings and hillsides in every direction"
     )
     descent_floor_agl_m: float = Field(
         2.0,
         ge=0,
         le=100,
-        description="Nothing is come down to lower than this: it is kept from what nobody knows of",
+        description="Lowest height of a descent, to keep clear of unknown objects",
     )
     check_outside_area: bool = Field(
         False, description="Whether candidates outside the area, or in a hole of it, are checked"
@@ -416,20 +418,23 @@ class Safety(Model):
     battery_low: float = Field(0.15, ge=0, lt=1, description="Share of the battery left: home")
     battery_critical: float = Field(0.05, ge=0, lt=1, description="Share of the battery left: land at once")
     landing_reserve: float = Field(
-        0.1, ge=0, lt=1, description="Share of the battery that is still there after the way home and landing"
+        0.1, ge=0, lt=1, description="Share of the battery that is left after the way home and landing"
     )
     battery_unknown_s: float = Field(
-        30.0, ge=0, le=3600, description="The vehicle does not say how full its battery is for longer: home"
+        30.0, ge=0, le=3600, description="The vehicle does not report its battery for longer: home"
     )
     battery_estimated: bool = Field(
         False,
-        description="Fly a vehicle that never says how full its battery is, as if full at take-off",
+        description="Fly a vehicle that never reports its battery, as if it were full at take-off",
     )
     air_speed_max_mps: float = Field(
-        9.8, gt=0, le=50, description="What the vehicle can keep up in level flight"
+        9.8, gt=0, le=50, description="Speed that the vehicle can sustain in level flight"
     )
     stuck_return_s: float = Field(
-        60.0, gt=0, le=3600, description="No nearer to where it is sent, or turned away, for longer: home"
+        60.0,
+        gt=0,
+        le=3600,
+        description="No nearer to its waypoint, or with its nose turned away, for longer: home",
     )
     wind_max_mps: float = Field(9.0, gt=0, le=50, description="Estimated mean wind above: hold")
     wind_hold_s: float = Field(60.0, ge=0, le=3600, description="Wind above the limit for longer: home")
@@ -443,7 +448,10 @@ class Safety(Model):
     link_hold_s: float = Field(1.0, gt=0, le=60, description="Telemetry silent for longer: hold")
     link_return_s: float = Field(60.0, gt=0, le=3600, description="Telemetry silent for longer: home")
     detector_silent_s: float = Field(
-        2.0, gt=0, le=60, description="Answers missing for longer: what was flown is scanned again"
+        2.0,
+        gt=0,
+        le=60,
+        description="Answers missing for longer: the stretch flown meanwhile is scanned again",
     )
     detector_dead_s: float = Field(60.0, gt=0, le=3600, description="No answer for longer: home")
 
@@ -471,17 +479,19 @@ class Scenario(Model):
     geofence_enu_m: list[PointXY] | None = Field(
         None,
         max_length=MAX_FENCE_CORNERS,
-        description="Corners of where the vehicle may be; holds home and area",
+        description="Corners of the area that the vehicle may not leave; contains home and area",
     )
     terrain: Terrain = Terrain()
     trees: list[Tree] = Field(default_factory=list, description="Single trees")
     forests: list[Forest] = Field(default_factory=list, description="Trees at random")
     buildings: list[Building] = Field(
-        default_factory=list, max_length=MAX_BUILDINGS, description="They occlude and are kept clear of"
+        default_factory=list,
+        max_length=MAX_BUILDINGS,
+        description="Buildings occlude; the vehicle keeps clear of them",
     )
     targets: list[Target] = Field(default_factory=list, description="What to find, placed by hand")
     distractors: list[Distractor] = Field(
-        default_factory=list, description="What looks like a target from high up, placed by hand"
+        default_factory=list, description="Objects that resemble a target from above, placed by hand"
     )
     generators: list[Generator] = Field(
         default_factory=list, description="Targets and distractors placed at random"
@@ -490,7 +500,7 @@ class Scenario(Model):
         0.0,
         ge=0,
         le=1000,
-        description="Standard deviation by which every target and distractor is moved, anew for each seed",
+        description="Standard deviation by which each target and distractor is moved, anew for each seed",
     )
     wind: Wind = Wind()
     light: Light = Light()
@@ -638,7 +648,7 @@ class Scenario(Model):
 
     @property
     def target_poses(self) -> dict[str, tuple[str, ...]]:
-        """How what is searched for may lie or stand, by class."""
+        """Poses of the searched objects, by class."""
         found: dict[str, tuple[str, ...]] = {}
         for kind in self.target_classes:
             usual = DEFAULT_POSE.get(kind, "face-up")
@@ -649,7 +659,7 @@ class Scenario(Model):
 
     @property
     def target_sizes_m(self) -> dict[str, tuple[float, float]]:
-        """Smallest and largest size of what is searched for, by class."""
+        """Smallest and largest size of the searched objects, by class."""
         found: dict[str, tuple[float, float]] = {}
         for kind in self.target_classes:
             told = [t.size_m for t in self.targets if t.kind == kind]
