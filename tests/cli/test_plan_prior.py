@@ -92,7 +92,7 @@ def test_a_scenario_says_area_start_and_sweep_width(tmp_path):
     said = done("shore.yaml", "--prior", "map.npz", "--budget-m", 5000, "--altitude", 25)
     assert "sweep width" in said
     report = json.loads((tmp_path / "plan/sortie.json").read_text())
-    assert 20.0 < report["sweep_width_m"] < 42.2
+    assert 20.0 < report["sweep_width_m"] < 77.9  # of the picture
     first = read_plan(tmp_path / "plan/shore-1.plan").waypoints[0]
     assert (first.latitude_deg, first.longitude_deg) == pytest.approx((60.2006, 22.1011), abs=1e-6)
 

@@ -49,7 +49,7 @@ def test_passes_of_the_sensor_find_as_much_as_the_width_says(altitude_m, name):
         at = np.column_stack([seen["east_m"], seen["north_m"]])
         found.append((np.linalg.norm(places[:, None] - at, axis=2).min(axis=1) < 3.0).mean())
     flown_m = np.mean(found) * scenario.camera.lens.footprint_m(altitude_m)[0]
-    assert sweep_width_m(scenario) == pytest.approx(flown_m, rel=0.15)
+    assert sweep_width_m(scenario) == pytest.approx(flown_m, rel=0.08)
 
 
 def test_a_width_is_at_most_the_picture_s_and_falls_where_targets_get_small():

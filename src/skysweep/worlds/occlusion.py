@@ -16,6 +16,7 @@ from skysweep.arrays import F64, I64
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
 
 FLAT, STANDING, FLOATING = 0, 1, 2
+SHAPES = {"standing": STANDING, "floating": FLOATING}  # of poses; all others are flat
 
 _STANDING_WIDTH_SHARE = 0.3  # shoulders against body height
 _FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
@@ -26,7 +27,7 @@ _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # 
 
 def shape_of(thing: WorldObject) -> int:
     """FLAT, STANDING or FLOATING: how the object's apparent size depends on the viewing direction."""
-    return {"standing": STANDING, "floating": FLOATING}.get(thing.pose, FLAT)
+    return SHAPES.get(thing.pose, FLAT)
 
 
 @njit(cache=True)

@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
-from skysweep.scenarios.model import DEFAULT_POSE, Scenario
+from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.factors import BLUR_MAX, VIEW_MAX
 from skysweep.sensing.statistical.model import KindModel, model_for, score_of
-
-F64 = NDArray[np.float64]
+from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 
 _DISTANCES = 60  # from the track to the picture's edge
 _PASSES = 1000
@@ -33,7 +32,7 @@ def sweep_width_m(scenario: Scenario) -> float:
         _width_m(scenario, kind, low)
         for name, (low, _) in scenario.target_sizes_m.items()
         for kind in model_for(scenario).kinds
-        if kind.kind == kind.reported_as == name and kind.pose in _poses(scenario, name)
+        if kind.kind == kind.reported_as == name and kind.pose in scenario.target_poses[name]
     )
     if width_m <= 0.0:
         raise UserError(
@@ -41,14 +40,6 @@ def sweep_width_m(scenario: Scenario) -> float:
             "nothing; write a lower altitude, or the sweep width"
         )
     return width_m
-
-
-def _poses(scenario: Scenario, name: str) -> set[str]:
-    """Of the targets of one class."""
-    placed = [target.pose for target in scenario.targets if target.kind == name]
-    drawn = [pose for g in scenario.generators if g.kind == name for pose in g.poses or ()]
-    usual = DEFAULT_POSE.get(name, "face-up")
-    return {pose or usual for pose in [*placed, *drawn]} or {usual}
 
 
 def _width_m(scenario: Scenario, kind: KindModel, size_m: float) -> float:
@@ -75,11 +66,14 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, aside_m: F
     kept = math.exp(-step_m * lens.focal_px / height_m / model.fade_px)
     threshold, grid = float(score_of(scenario.detector.confidence_min)), np.log(model.pixels)
     rest = math.sqrt(max(1.0 - kind.object_share - kind.pass_share, 0.0))
+    away_m = np.linspace(0.0, math.hypot(*lens.footprint_m(height_m)), _DISTANCES)
+    shape = SHAPES.get(kind.pose, FLAT)
+    pixels_at = [pixels_on_target(lens.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
     reported = np.zeros(own.shape, dtype=np.bool_)
     for look in range(looks):
         along = (first_m + look * step_m)[:, None]
         square = beside + along**2
-        pixels = lens.pixels_on_target(size_m, np.sqrt(height_m**2 + square))
+        pixels = np.interp(np.sqrt(square), away_m, pixels_at)
         blur_px = camera.exposure_s * search.scan_speed_mps * lens.focal_px / height_m
         mean = np.interp(np.log(pixels), grid, kind.score)
         mean += kind.view * np.minimum(square / (height_m**2 + square), VIEW_MAX)

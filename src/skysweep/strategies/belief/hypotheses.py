@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import DEFAULT_SIZE_M
@@ -29,14 +30,11 @@ from skysweep.sensing.statistical.factors import (
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
-from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
-
-F64 = NDArray[np.float64]
+from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 
 _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
 _WATER_KINDS = {"buoy", "boat"}
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
-_SHAPES = {"standing": STANDING, "floating": FLOATING}
 _OUTLIER, _OUTLIER_DENSITY = 0.03, 0.2  # share of hits whose score nothing explains, and where they lie
 _N_STATES = 7
 _WEIGHT, _OWN, _PASS, _OWN_VAR, _COVARIANCE, _PASS_VAR, _PIXELS = range(_N_STATES)
@@ -61,7 +59,7 @@ class Hypotheses:
             score = np.array(kind.score) + kind.grounds.get(surface, 0.0)
             mean, own = _contrast(model, kind, surface)
             tables.append([*(score + kind.contrast * mean), *kind.spread, *kind.lapse])
-            shape = _SHAPES.get(kind.pose, FLAT)
+            shape = SHAPES.get(kind.pose, FLAT)
             height = 0.5 * size if kind.pose == "standing" else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
             numbers.append(
