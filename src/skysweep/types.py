@@ -14,14 +14,13 @@ from enum import Enum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64 as F64
+from skysweep.arrays import U8 as U8
 from skysweep.errors import DetectorError
 from skysweep.geometry.camera import CameraMotion, CameraPose, Lens, project, rays_enu
 
-F64 = NDArray[np.float64]
 XY = tuple[float, float]
-U8 = NDArray[np.uint8]
 
 
 class _Word(str, Enum):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
+from skysweep.arrays import F64
 from skysweep.cli.common import console, warn
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -26,8 +26,6 @@ from skysweep.results.run_folder import JOURNAL_FILE, load_flown
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.sensing.statistical.sweep_width import sweep_width_m
-
-F64 = NDArray[np.float64]
 
 _WORTH_SAYING = 0.05  # of the map, that lies outside the area
 MAP_AFTER, REPORT = "after.npz", "sortie.json"

@@ -12,13 +12,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.fence import Fence
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Waypoint
 from skysweep.worlds.obstacles import Obstacles
-
-F64 = NDArray[np.float64]
 
 _SIGMAS = 3.0  # of the position error, added to the clearance
 _ROOM_M = 0.5  # extra distance for control errors

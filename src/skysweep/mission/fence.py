@@ -8,15 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.advice import localisation_std_m
 from skysweep.planning.surroundings import surroundings
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
-
-F64 = NDArray[np.float64]
 
 _MARGIN_M = 2.0  # from fence and no-fly areas, on a way round
 _SLACK_M = 0.05

@@ -8,12 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Detections, Doubt, LookPeriod, VehicleState
-
-F64 = NDArray[np.float64]
 
 _STRAIGHT_M = 2.0  # tolerance of the legs that stand for a flown path
 _CLOCK_SLACK_S = 0.5  # a picture farther in the future has a wrong clock

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.mission.believable import Believable, has_place
@@ -39,7 +38,6 @@ from skysweep.types import (
     Waypoint,
 )
 
-F64 = NDArray[np.float64]
 _Result = TypeVar("_Result")
 _Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, and its result
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from skysweep.arrays import F64
 from skysweep.mission.witness import Witness
 from skysweep.scenarios.model import Scenario
 from skysweep.types import (
@@ -23,7 +21,6 @@ from skysweep.types import (
 )
 from skysweep.worlds.obstacles import Obstacles
 
-F64 = NDArray[np.float64]
 Watch = Callable[[VehicleState, Mode, Detections | None], None]
 Operator = Callable[[], str | None]
 

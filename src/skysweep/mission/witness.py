@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.types import Mode, Truth
 from skysweep.worlds.obstacles import Obstacles, came_near
-
-F64 = NDArray[np.float64]
 
 
 class Witness:

@@ -17,14 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.areas import edge_headings, heading_axes, intervals_in_bands, swept_rectangles
 from skysweep.geometry.camera import Lens
 from skysweep.planning.routing import visit_order
-
-F64 = NDArray[np.float64]
 
 TURN_COST_M = 10.0  # what a stop at a waypoint costs, as a distance: 2 s at 5 m/s (see flight_plan)
 END_MARGIN = 0.25  # of the picture's height that still lies beyond the area's edge where a transect ends

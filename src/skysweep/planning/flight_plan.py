@@ -15,14 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
 from skysweep.planning.qgc import coverage_from_qgc, read_plan
 from skysweep.scenarios.model import Scenario
-
-F64 = NDArray[np.float64]
 
 ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD: a waypoint counts as reached
 POSITION_GAIN = 0.95  # PX4 MPC_XY_P, 1/s

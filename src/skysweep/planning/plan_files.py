@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
@@ -15,8 +14,6 @@ from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.qgc import FencePolygon, GeoFence, QgcPlan, plan_for_qgc, read_plan, survey_polygons
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
-
-F64 = NDArray[np.float64]
 
 _SLACK_M = 1.0  # between the heights of a plan's waypoints
 _BESIDE_PATH_M = 5.0  # of a plan that draws no area: the surroundings of its path are it

@@ -28,6 +28,7 @@ from pydantic import (
     model_validator,
 )
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.files.json_files import parse_json
 from skysweep.files.models import dotted
@@ -39,8 +40,6 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.scenarios.model import Scenario
 from skysweep.worlds.world import TerrainSurface, build_terrain
-
-F64 = NDArray[np.float64]
 
 MAX_PLAN_BYTES = 20_000_000
 MAX_WAYPOINTS = 10_000

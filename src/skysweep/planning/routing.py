@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 EXACT_MAX = 7  # places
 MAX_TRIES = 50_000_000  # of an improvement

@@ -13,13 +13,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.sensing.ground_motion import GroundMotion, View, looks_down, motion, view_of
 from skysweep.types import U8, Doubt, Frame
 from skysweep.worlds.obstacles import Obstacles
-
-F64 = NDArray[np.float64]
 
 MEMORY_LOOKS = 30  # trusted ones: earlier looks do not affect the next judgement
 REPEATED = "shows the same picture again"

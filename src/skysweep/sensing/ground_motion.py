@@ -15,11 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F32, F64
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.types import U8, Frame
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CELLS = (9, 16)  # rows and columns of the small picture

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 
-F64 = NDArray[np.float64]
 GroundHeight = Callable[[F64], F64]
 
 _MAX_RANGE_M = 2000.0

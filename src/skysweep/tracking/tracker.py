@@ -15,14 +15,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from skysweep.arrays import F64, I64
 from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _FAR = 1e6  # cost of what is no match
 _EDGE_PX = 1.0  # a box this near to an edge of the picture is cut by it

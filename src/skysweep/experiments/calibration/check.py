@@ -13,13 +13,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import I64
 from skysweep.experiments.calibration.fit import MISSION_CONFIDENCE_MIN, Key, fit_curves
 from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, ScoredLooks
 from skysweep.sensing.statistical.factors import CONTRAST_UNIT, CONTRAST_USUAL, NAMES
 from skysweep.sensing.statistical.model import Fit, HeldOut
 from skysweep.types import F64
-
-I64 = NDArray[np.int64]
 
 FOLDS = 5
 THRESHOLDS = (MISSION_CONFIDENCE_MIN, 0.6)  # missions report from the first, and confirm from the second

@@ -22,10 +22,10 @@ from scipy.optimize import minimize, nnls
 from scipy.special import expit, gamma, log_ndtr, ndtr
 from scipy.stats import weibull_min
 
+from skysweep.arrays import I64
 from skysweep.experiments.calibration.looks import (
     CLASSES,
     CONFIDENCE_FLOOR,
-    I64,
     PASS_LOOKS,
     SUBJECTS,
     SURFACES,

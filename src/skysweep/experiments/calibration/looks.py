@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import I64
 from skysweep.detection.yolo import YoloDetector
 from skysweep.experiments.workers import run_jobs
 from skysweep.geometry.camera import CameraPose, Lens, project, rays_enu
@@ -29,8 +30,6 @@ from skysweep.types import F64, U8, Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
 from skysweep.worlds.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
-
-I64 = NDArray[np.int64]
 
 CONFIDENCE_FLOOR = 0.1  # weaker detections are ignored
 PASS_LOOKS = 2  # successive looks from nearly one place

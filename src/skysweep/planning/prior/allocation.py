@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 
 def ideal_coverage(poa: F64, effort: float) -> F64:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
-
-F64 = NDArray[np.float64]
 
 MAX_CELLS = 4_000_000
 MAX_UAVS = 100

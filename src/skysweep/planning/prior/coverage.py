@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from skysweep.arrays import F64
 
 
 def coverage_of(

@@ -13,14 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.prior.checks import checked_poa, place, positive
 from skysweep.planning.prior.maps import ProbabilityMap
-
-F64 = NDArray[np.float64]
 
 PARTICLES = 20_000
 MOST_PARTICLES = 1_000_000

@@ -7,11 +7,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
+from skysweep.arrays import F64, I64
 from skysweep.planning.prior.coverage import length_of
 from skysweep.planning.prior.growth import Paths
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _PARTS = 12  # looked at in one go, the best first
 _PLACES = 3000  # on the paths from where a way may begin

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.qgc import read_plan
-
-F64 = NDArray[np.float64]
 
 
 def path_of_plan(path: str | Path, frame: LocalFrame) -> F64:

@@ -15,13 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I64
 from skysweep.planning.prior.coverage import length_of
 from skysweep.planning.prior.lattice import Lattice
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 MOST_JUMPS = 2000  # visits that are added by anything but moves
 _UNPAID_NODES = 3.0  # that a move may cross in one go

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.planning.prior.coverage import add_lengths
-
-F64 = NDArray[np.float64]
 
 MAX_NODES = 40_000  # on all paths together
 WIDEST = 4.0  # cells, in sweeps: a wider one is cut, so that passes over it lie beside each other

@@ -12,13 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from skysweep.errors import UserError
 from skysweep.planning.prior.checks import checked_poa, place
 from skysweep.planning.prior.maps import ProbabilityMap
-
-F64 = NDArray[np.float64]
 
 SHARES = (0.25, 0.50, 0.75, 0.95)
 _FARTHEST = 2.0  # times the last distance: within it lie the last 5 %, of whom the tables say no more

@@ -18,14 +18,13 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.reading import read_limited, read_text_limited
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.planning.prior.rasters import Raster
-
-F64 = NDArray[np.float64]
 
 MAX_MAP_BYTES = 200_000_000
 _COLUMNS = ("lon", "lat", "poa")

@@ -9,12 +9,11 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import checked_poa
 from skysweep.planning.prior.coverage import coverage_of
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

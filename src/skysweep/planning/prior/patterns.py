@@ -10,13 +10,13 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.areas import heading_axes
 from skysweep.planning.prior.checks import place, positive
 
-F64 = NDArray[np.float64]
 Turn = Literal["right", "left"]
 
 _SECTORS = 3  # triangles of a sector search

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import pyproj
 import shapely
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
 from skysweep.planning.prior.maps import ProbabilityMap
-
-F64 = NDArray[np.float64]
 
 _SAMPLES = 3  # along a cell's side
 _FARTHEST_M = 200_000.0  # from where a local frame is flat enough

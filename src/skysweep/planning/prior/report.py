@@ -9,12 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.planning.prior.allocation import ideal_pos, ideal_pos_definite
 from skysweep.planning.prior.checks import way_to_map
 from skysweep.planning.prior.coverage import coverage_of, length_of
 from skysweep.planning.prior.maps import ProbabilityMap
-
-F64 = NDArray[np.float64]
 
 _POINTS = 20  # of the curve
 

@@ -8,8 +8,9 @@ everywhere alike: moves, ways to other parts and shortcuts are made when what th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.prior.allocation import ideal_coverage, least_worth
 from skysweep.planning.prior.checks import checked_poa, place, positive, uavs, way_to_map
@@ -18,8 +19,6 @@ from skysweep.planning.prior.growth import Paths
 from skysweep.planning.prior.lattice import Lattice, lattice_over
 from skysweep.planning.prior.sharing import shared_out
 from skysweep.planning.prior.shortcuts import take_shortcuts
-
-F64 = NDArray[np.float64]
 
 ENOUGH_COVERAGE = 12.0  # of every cell: there is nothing left to find
 _PRICES = (1.0, 1.4)  # of a metre to begin with, in those of the ideal allocation's last one

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skysweep.planning.prior.growth import Paths
-
-F64 = NDArray[np.float64]
 
 
 def shared_out(path: Paths, vehicles: int, budget_m: float) -> Paths:

@@ -8,9 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.planning.prior.growth import Paths
-
-F64 = NDArray[np.float64]
 
 _LONGEST = 300  # visits left out in one go
 

@@ -8,16 +8,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.areas import headings_of
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.prior.coverage import length_of
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.planning.prior.report import ExpectedPos, expected_pos
 from skysweep.planning.prior.search import plan_search
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

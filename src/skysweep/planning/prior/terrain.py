@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.prior.checks import positive
 from skysweep.planning.prior.maps import ProbabilityMap
-
-F64 = NDArray[np.float64]
 
 
 def slope_deg(heights_m: ArrayLike, cell_size_m: float) -> F64:

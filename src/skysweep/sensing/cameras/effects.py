@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from skysweep.arrays import F64, U8
 from skysweep.geometry.camera import CameraPose, Lens
-
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 EXPOSURE_STD = 0.05  # relative error of the automatic exposure
 EXPOSURE_PERIOD = 20  # frames over which that error changes

@@ -16,13 +16,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64, I64
 from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, factors_of_look
 from skysweep.worlds.occlusion import pixels_on_target, visible_share
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 Record = Any  # of SENSOR
 
 _N_FACTORS = len(FACTORS)

@@ -30,8 +30,6 @@ from skysweep.types import Detections, Truth, VehicleState
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, shape_of
 from skysweep.worlds.world import World, WorldObject
 
-F64 = NDArray[np.float64]
-
 _EPS_S = 1e-6
 _MAX_GHOSTS = 64  # in one picture
 _NOT_SEEN = (math.nan, math.nan, math.nan)

@@ -9,16 +9,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import project
 from skysweep.sensing.statistical.model import score_of
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
 from skysweep.types import Candidate, Look
-
-F64 = NDArray[np.float64]
 
 _EM_STEPS = 3
 _REMEMBERED = 40  # looks, for those that missed a candidate before it was found

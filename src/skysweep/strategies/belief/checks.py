@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.planning.routing import visit_order
@@ -16,8 +16,6 @@ from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
 from skysweep.types import XY
-
-F64 = NDArray[np.float64]
 
 _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
 _HEIGHTS = 16
