@@ -21,7 +21,9 @@ _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
 _HEIGHTS = 16
 _IN_VIEW = 0.4  # of the picture's height: from so far before it a candidate is looked at
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
-_AGAIN_S, _AGAIN_SHARE = 4.0, 2.0  # another look from below: its time, and how often for each error
+LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
+_STOP_S = 3.0  # that braking and speeding up take, where a candidate is not in view for so many looks
+_AGAIN_S = 4.0  # that another look from below takes, beside the way down
 
 
 class Checks:
@@ -30,6 +32,7 @@ class Checks:
     def __init__(self, context: MissionContext, parameters: BeliefParameters) -> None:
         self._lens, search = context.lens, context.search
         self._speed_mps = parameters.check_speed_mps
+        self._looks_hz = context.looks_hz
         self._sinks_mps = context.vehicle.descent_speed_mps
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
         self._lowest_m = search.check_altitude_agl_m
@@ -87,8 +90,11 @@ class Checks:
             takes_s = max(
                 max(away_m - reach_m, 0.0) / self._speed_mps, max(above_m - height_m, 0.0) / self._sinks_mps
             )
+            in_view_s = 2.0 * reach_m / self._speed_mps
+            looks_s = LOOKS_THERE / self._looks_hz
+            takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
             doubt = hypotheses.confusion(belief, eye, place_enu_m)
-            again_s = _AGAIN_SHARE * doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
+            again_s = doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
             price_s = takes_s + min(loss_s * doubt, again_s)
             if price_s < best_s:
                 best_s, best_m = price_s, height_m

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from skysweep.strategies.belief.candidates import Suspects
-from skysweep.strategies.belief.checks import Checks
+from skysweep.strategies.belief.checks import LOOKS_THERE, Checks
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
@@ -23,7 +23,8 @@ _REACHED_M = 2.0  # PX4 NAV_ACC_RAD
 _PASSED_M, _PASSED_MPS = 6.0, 0.3  # nearer than this, and approached no faster: flown by
 _THERE_M = 1.5
 _LEVEL_M = 1.6
-_LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
+_HOVERS_MPS = 0.4
+_LOOKS_AT_LEAST = 2  # that tell something, before a verdict
 _LOOKS_AT_MOST = 10  # from above a candidate, whatever they tell
 _LOWER = 1.5  # a lower look is from so many times less
 _SMALL_DOUBT_S = 5.0  # is no reason for one
@@ -203,15 +204,17 @@ class BeliefSearch:
         to, height_m = self._xy(seen, self._goal), self._height_m
         if seen.lookout is not None:
             to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
-        if seen.altitude_agl_m > height_m + _LEVEL_M:
+        if seen.altitude_agl_m > height_m + _LEVEL_M and not _hovers(seen):
             return
         told = self._suspects.all[self._goal].n_looks
         if self._looks_before is None:
             self._looks_before = told
         self._stops |= self._is_past(seen, here, to)
-        if math.dist(here, to) <= _THERE_M:
+        if math.dist(here, to) <= _THERE_M or _hovers(seen):
             self._looks_above += len(seen.looks)
-        if told - self._looks_before < _LOOKS_THERE and self._looks_above < _LOOKS_AT_MOST:
+        looks = told - self._looks_before
+        is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(self._goal) < _SMALL_DOUBT_S
+        if not is_clear and looks < LOOKS_THERE and self._looks_above < _LOOKS_AT_MOST:
             return
         lowest_m = self._search.check_altitude_agl_m
         if self._height_m > _LOWER * lowest_m and self._loss_s(self._goal) > _SMALL_DOUBT_S:
@@ -251,3 +254,8 @@ class BeliefSearch:
         self._route, self._goal = list(snapshot["route"]), snapshot["goal"]
         self._height_m, self._stops = snapshot["height_m"], snapshot["stops"]
         self._looks_above, self._looks_before = snapshot["looks_above"], snapshot["looks_before"]
+
+
+def _hovers(seen: Observation) -> bool:
+    """Whether it stands in the air: as near as obstacles let it come."""
+    return bool(np.linalg.norm(seen.vehicle.velocity_enu_mps) < _HOVERS_MPS)
