@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -64,7 +63,7 @@ class Checks:
         totals_s = np.concatenate([[0.0], np.cumsum(gains_s)])
         return int(np.argmax(totals_s))
 
-    def height_m(
+    def looks(
         self,
         hypotheses: Hypotheses,
         belief: F64,
@@ -73,13 +72,15 @@ class Checks:
         away_m: float,
         above_m: float,
         highest_m: float,
-    ) -> float:
-        """From which height, ``highest_m`` or less, a look decides cheapest.
+        ways: int = 1,
+    ) -> list[tuple[float, float]]:
+        """Height in m, from the lowest to ``highest_m``, and price in s of each look that may decide.
 
         The vehicle is ``away_m`` from the place and ``above_m`` above it. The price is the time until the
-        look, and the doubt that it leaves or another look from further down, whichever is cheaper.
+        look (twice that for two ``ways``, there and back), and the doubt that it leaves or another look from
+        further down, whichever is cheaper.
         """
-        best_s, best_m = math.inf, self._lowest_m
+        looks = []
         top_m = max(min(self._highest_m, highest_m), self._lowest_m)
         for height_m in np.geomspace(self._lowest_m, top_m, _HEIGHTS).tolist():
             eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
@@ -89,10 +90,8 @@ class Checks:
             )
             doubt = hypotheses.confusion(belief, eye, place_enu_m)
             again_s = _AGAIN_SHARE * doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
-            price_s = takes_s + min(loss_s * doubt, again_s)
-            if price_s < best_s:
-                best_s, best_m = price_s, height_m
-        return best_m
+            looks.append((height_m, ways * takes_s + min(loss_s * doubt, again_s)))
+        return looks
 
 
 def _tour(here: XY, places: F64, chosen: list[int]) -> list[int]:
