@@ -30,6 +30,8 @@ class Account:
 
     def has_moved(self, log_odds: float) -> bool:
         """Whether these are to be told."""
+        if abs(log_odds - self.log_odds) < MOVED:  # the usual case, in little time
+            return False
         return abs(within_clear(log_odds) - self.log_odds) >= MOVED
 
     def words(self) -> str:

@@ -17,7 +17,6 @@ from skysweep.strategies.context import MissionContext
 from skysweep.types import XY
 
 _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
-_HEIGHTS = 16
 _IN_VIEW = 0.4  # of the picture's height: from so far before it a candidate is looked at
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
 _AGAIN_S, _AGAIN_SHARE = 4.0, 2.0  # another look from below: its time, and how often for each error
@@ -72,6 +71,7 @@ class Checks:
         away_m: float,
         above_m: float,
         highest_m: float,
+        n_heights: int,
         ways: int = 1,
     ) -> list[tuple[float, float]]:
         """Height in m, from the lowest to ``highest_m``, and price in s of each look that may decide.
@@ -82,7 +82,7 @@ class Checks:
         """
         looks = []
         top_m = max(min(self._highest_m, highest_m), self._lowest_m)
-        for height_m in np.geomspace(self._lowest_m, top_m, _HEIGHTS).tolist():
+        for height_m in np.geomspace(self._lowest_m, top_m, n_heights).tolist():
             eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
             reach_m = _IN_VIEW * self._lens.footprint_m(height_m)[1]
             takes_s = max(

@@ -25,6 +25,7 @@ _THERE_M = 1.5
 _LEVEL_M = 1.6
 _LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
 _LOOKS_AT_MOST = 10  # from above a candidate, whatever they tell
+_HEIGHTS, _NAMED = 16, 3  # of looks that a check chooses from; of those named beside a verdict
 _LOWER = 1.5  # a lower look is from so many times less
 _SMALL_DOUBT_S = 5.0  # is no reason for one
 _NEARER = 0.6  # of the way to the goal: for a place this near the goal is changed
@@ -108,7 +109,7 @@ class BeliefSearch:
         else:
             found = f"found from {self._suspects.all[k].lowest_m:.0f} m and higher"
             reason = f"{found}; {self._mistake(k, 'confirm')}"
-            self._settle(seen, k, EventKind.CONFIRMED, events, reason, self._options(seen, k))
+            self._settle(seen, k, EventKind.CONFIRMED, events, reason, self._options(k, self._looks(seen, k)))
 
     def _may_be_told_apart(self, seen: Observation, k: int) -> bool:
         """Whether it may be one thing with a confirmed candidate, and the next look may show both."""
@@ -151,12 +152,12 @@ class BeliefSearch:
         p = self._suspects.probability(k)
         if p * self._p.missed_cost_s < (1.0 - p) * self._p.alarm_cost_s:
             reason = self._mistake(k, "reject")
-            self._settle(seen, k, EventKind.REJECTED, events, reason, self._options(seen, k))
+            self._settle(seen, k, EventKind.REJECTED, events, reason, self._options(k, self._looks(seen, k)))
         elif self._may_confirm(k):
             self._confirm(seen, k, events)
         else:
             reason = f"likely, but not found from {self._search.confirm_height_max_m:g} m or lower"
-            self._settle(seen, k, EventKind.UNCHECKED, events, reason, self._options(seen, k))
+            self._settle(seen, k, EventKind.UNCHECKED, events, reason, self._options(k, self._looks(seen, k)))
 
     def _mistake(self, k: int, verdict: str) -> str:
         """What being wrong costs, and after how many looks from the height of a check."""
@@ -211,13 +212,15 @@ class BeliefSearch:
             self._turn_to(seen, first, math.inf, events)
 
     def _turn_to(self, seen: Observation, k: int, highest_m: float, events: list[Event]) -> None:
-        self._height_m, _ = min(self._looks(seen, k, highest_m), key=_price_s)
+        looks = self._looks(seen, k, highest_m, _HEIGHTS)
+        self._height_m, _ = min(looks, key=_price_s)
         self._goal, self._looks_above, self._looks_before, self._stops = k, 0, None, False
         reason = f"a verdict now costs {self._loss_s(k):.0f} s on average"
-        options = self._options(seen, k, highest_m)
-        events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, options))
+        events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, self._options(k, looks)))
 
-    def _looks(self, seen: Observation, k: int, highest_m: float) -> list[tuple[float, float]]:
+    def _looks(
+        self, seen: Observation, k: int, highest_m: float = math.inf, n_heights: int = _NAMED
+    ) -> list[tuple[float, float]]:
         """Height in m and price in s of the looks that may decide, from the lowest up."""
         suspect = self._suspects.all[k]
         x, y, _ = seen.vehicle.position_enu_m.tolist()
@@ -229,12 +232,12 @@ class BeliefSearch:
             math.dist((x, y), self._xy(seen, k)),
             seen.altitude_agl_m,
             highest_m,
+            n_heights,
             ways=2 if self._to_scan else 1,
         )
 
-    def _options(self, seen: Observation, k: int, highest_m: float = math.inf) -> _Options:
+    def _options(self, k: int, looks: list[tuple[float, float]]) -> _Options:
         """What could be decided of a candidate now, and what that costs in s on average, cheapest first."""
-        looks = self._looks(seen, k, highest_m)
         back = " and back" if self._to_scan else ""
         costs_s = self._verdicts_s(k)
         for height_m, price_s in (looks[-1], looks[0], min(looks, key=_price_s)):
