@@ -48,6 +48,7 @@ class EventKind(_Word):
     """What a strategy decides, as the journal says it."""
 
     SCANNED = "scanned"
+    REASSESSED = "reassessed"  # its probability has moved
     CHECK_STARTED = "check_started"
     CONFIRMED = "confirmed"
     REJECTED = "rejected"
@@ -234,6 +235,7 @@ class Event:
     position_enu_m: tuple[float, float, float] | None = None
     probability: float | None = None  # that the candidate is a target, as the strategy believes
     reason: str = ""  # in words
+    alternatives: tuple[tuple[str, float], ...] = ()  # what could be decided, cheapest first; cost in seconds
 
 
 class Waypoint(NamedTuple):

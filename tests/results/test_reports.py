@@ -116,7 +116,7 @@ def test_candidates_left_unchecked_are_one_step_with_their_names_and_the_reason(
         "0:57 3 candidates left unchecked (unchecked stop sign 1, unchecked stop sign 2, unchecked stop sign "
         "3): 20 % are left." in text
     )
-    assert re.search(r"unchecked stop sign 2 60\.\d{7} 22\.\d{7} 0\.30 20 % are left\.", text)
+    assert re.search(r"unchecked stop sign 2 60\.\d{7} 22\.\d{7} 0\.30 10 20 % are left\.", text)
 
 
 def test_a_report_without_truth_judges_nothing(tmp_path):

@@ -27,7 +27,12 @@ from skysweep.types import (
 
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # do not end the mission
-OF_A_CANDIDATE = ("sighting", EventKind.SCANNED, *SETTLING)  # kinds of lines about one candidate
+OF_A_CANDIDATE = (
+    "sighting",
+    EventKind.SCANNED,
+    EventKind.REASSESSED,
+    *SETTLING,
+)  # kinds of lines about one candidate
 
 
 class Notes:
@@ -105,6 +110,8 @@ class Notes:
                 fields["reason"] = event.reason or seen.refused
             elif event.reason:
                 fields["reason"] = event.reason
+            if event.alternatives:
+                fields["alternatives"] = event.alternatives
             self._journal.write(seen.time_s, event.kind, **fields)
 
     def state(self, state: VehicleState, mode: Mode) -> None:

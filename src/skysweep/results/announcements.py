@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.mission.notes import OF_A_CANDIDATE
-from skysweep.results.exports import found_targets
+from skysweep.results.exports import found_targets, probability_words
 from skysweep.results.reporting.wording import clock, safety_words
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
@@ -47,6 +47,8 @@ class Announcer:
     def _found(self, record: Record) -> str:
         target = next(t for t in found_targets(self._run) if t.candidate == record["candidate"])
         words = f"found {target.name} at {self._place(record)}"
+        if target.probability is not None:
+            words += f", {probability_words(target)}"
         if target.confidence is not None:
             words += f", confidence {target.confidence:.2f}"
         words += f", {clock(float(record['t']))} after take-off"

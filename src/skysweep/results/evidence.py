@@ -37,8 +37,7 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
 
     Candidates that were seen once and never listed are left out. Pictures of an older skysweep are ``Other``.
     """
-    titles = {target.candidate: f"Confirmed {target.name}" for target in found_targets(run)}
-    titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
+    titles = titles_of(run)
     pictures: dict[int, Path] = {}
     other = []
     for path in sorted(run.pictures, key=lambda path: (told_by_name(path) or (0, 0.0))[1]):
@@ -50,8 +49,6 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
     groups: dict[str, list[tuple[Path, str]]] = {verdict: [] for verdict in VERDICTS}
     for story in run.candidates:
         title = titles.get(story.id)
-        if story.verdict == EventKind.REJECTED:
-            title = f"Rejected {story.class_name or 'candidate'} (candidate {story.id})"
         if title is not None and story.id in pictures:
             path = pictures[story.id]
             groups[title.partition(" ")[0]].append((path, f"{title}: {_view(run, story, path)}"))
@@ -59,6 +56,14 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
         verdict: [Picture(uri, caption) for path, caption in shown if (uri := _small(path))]
         for verdict, shown in (groups | {"Other": other}).items()
     }
+
+
+def titles_of(run: Run) -> dict[int, str]:
+    """Verdict and name of every candidate that was listed, beginning with one of ``VERDICTS``."""
+    titles = {target.candidate: f"Confirmed {target.name}" for target in found_targets(run)}
+    titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
+    rejected = (story for story in run.candidates if story.verdict == EventKind.REJECTED)
+    return titles | {s.id: f"Rejected {s.class_name or 'candidate'} (candidate {s.id})" for s in rejected}
 
 
 def _view(run: Run, story: CandidateStory, path: Path) -> str:

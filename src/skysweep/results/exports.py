@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from skysweep.results.reporting.wording import probability_of
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.types import EventKind
 
@@ -30,6 +31,8 @@ class FoundTarget:
     confirmed_s: float | None  # since take-off
     sightings: int
     status: str  # confirmed or unchecked
+    probability: float | None  # that it is a target, where the strategy says one
+    seen_from_m: float | None  # lowest height above it from which it was found, up to the verdict
 
 
 def found_targets(run: Run) -> list[FoundTarget]:
@@ -108,7 +111,7 @@ def gpx(found: list[FoundTarget], title: str) -> str:
 def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
     latitude, longitude, altitude = run.scenario.frame.geodetic_from_enu(story.position_enu_m)[0]
     class_name = story.class_name or "target"
-    radius, confidence = story.radius_95_m, story.confidence
+    radius, confidence, seen_from_m = story.radius_95_m, story.confidence, story.seen_from_m
     return FoundTarget(
         name=f"{class_name} {number}" if story.verdict else f"unchecked {class_name} {number}",
         candidate=story.id,
@@ -121,13 +124,24 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
         confirmed_s=None if story.verdict_s is None else round(story.verdict_s, 1),
         sightings=story.n_sightings,
         status=story.verdict or EventKind.UNCHECKED,
+        probability=story.probability,
+        seen_from_m=None if seen_from_m is None else round(seen_from_m, 1),
     )
+
+
+def probability_words(target: FoundTarget) -> str:
+    """The probability of a target that has one, and from how near it was seen."""
+    assert target.probability is not None
+    near = "" if target.seen_from_m is None else f", seen from {target.seen_from_m:.0f} m and higher"
+    return f"probability {probability_of(target.probability)}{near}"
 
 
 def _description(target: FoundTarget) -> str:
     parts = ["not checked: have a look"]
     if target.confirmed_s is not None:
         parts = [f"confirmed {target.confirmed_s:.0f} s after take-off"]
+    if target.probability is not None:
+        parts.append(probability_words(target))
     if target.confidence is not None:
         parts.append(f"confidence {target.confidence:.2f}")
     if target.radius_95_m is not None:

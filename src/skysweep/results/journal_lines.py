@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_va
 
 from skysweep.mission.notes import OF_A_CANDIDATE
 from skysweep.mission.safety import Action
+from skysweep.types import EventKind
 
 _Place = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -49,7 +50,14 @@ class _State(_Line):
     energy_wh: float | None = None
 
 
-class _OfCandidate(_Line):
+class _Decision(_Line):
+    candidate: int | None = None
+    probability: float | None = Field(None, ge=0.0, le=1.0)
+    reason: str | None = None
+    alternatives: list[tuple[str, _Finite]] = []
+
+
+class _OfCandidate(_Decision):
     candidate: int | None
     p: _Place | None = None
     confidence: float | None = None
@@ -105,6 +113,7 @@ _KNOWN: dict[str, type[_Line]] = {
     "safety": _Safety,
     "unsearched": _Unsearched,
     "end": _End,
+    EventKind.CHECK_STARTED: _Decision,
     **dict.fromkeys(OF_A_CANDIDATE, _OfCandidate),
 }
 _GONE_ON_WITH = _KNOWN | {"setup": _Setup, "look": _Look, "snapshot": _Snapshot}

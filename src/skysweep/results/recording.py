@@ -17,6 +17,7 @@ from mcap.writer import Writer
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_from_euler
+from skysweep.results.reporting.wording import probability_of
 from skysweep.results.run_folder import Record, Run
 from skysweep.ros import messages as m
 from skysweep.ros import topics
@@ -118,5 +119,7 @@ def _still_life(run: Run) -> list[m.Mark]:
 
 def _words(record: Record) -> str:
     who = "" if record.get("candidate") is None else f" candidate {record['candidate']}"
+    probability = record.get("probability")
+    who += "" if probability is None else f", probability {probability_of(probability)}"
     why = f": {record['reason']}" if "reason" in record else ""
     return f"{record['kind'].replace('_', ' ')}{who}{why}"

@@ -66,6 +66,8 @@ class CandidateStory:
     verdict: str | None
     verdict_s: float | None
     confidence: float | None  # best of the sightings up to the verdict
+    probability: float | None  # that it is a target, as the strategy last said; None: it says none
+    seen_from_m: float | None  # lowest height above it of the sightings up to the verdict
     covariance_m2: F64 | None  # (2, 2) horizontal
 
     @property
@@ -163,6 +165,11 @@ class Run:
         return tuple(stories)
 
     @cached_property
+    def tells_probabilities(self) -> bool:
+        """Whether the strategy said how probably a candidate is a target."""
+        return any(c.probability is not None for c in self.candidates)
+
+    @cached_property
     def unchecked(self) -> tuple[CandidateStory, ...]:
         """Candidates without a verdict that deserve a look, in the order in which they were first seen.
 
@@ -242,6 +249,10 @@ class Run:
             verdict=None if verdict is None else str(verdict["kind"]),
             verdict_s=None if verdict is None else self.since_start(verdict),
             confidence=max((float(r["confidence"]) for r in known if "confidence" in r), default=None),
+            probability=_newest(known, "probability"),
+            seen_from_m=min(
+                (h for s in sightings if (h := s.get("altitude_agl_m")) is not None), default=None
+            ),
             covariance_m2=_matrix(_newest(known, "covariance_m2")),
         )
 

@@ -9,14 +9,23 @@ from typing import Any
 import numpy as np
 
 from skysweep.mission.safety import OUTSIDE
+from skysweep.results.beliefs import KEY, beliefs
 from skysweep.results.evidence import evidence
 from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
 from skysweep.results.metrics import MATCH_DISTANCE_M, horizontal_distance_m, match
 from skysweep.results.reporting.html import Grid, Section, picture, write_page
-from skysweep.results.reporting.wording import clock, counted, definitions, parameters, safety_words
+from skysweep.results.reporting.wording import (
+    clock,
+    counted,
+    definitions,
+    parameters,
+    probability_of,
+    safety_words,
+)
 from skysweep.results.run_folder import Run
 from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import dump_scenario
+from skysweep.text import printable
 from skysweep.types import SETTLING, EventKind, Mode
 
 _EVIDENCE = {
@@ -41,6 +50,9 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
     ]
     pictures = evidence(run)
     sections += [Section(t, pictures=pictures[v]) for v, t in _EVIDENCE.items() if pictures[v]]
+    charts = beliefs(run)
+    if charts:
+        sections.append(Section("How sure it was of each candidate, and why", [KEY], pictures=charts))
     sections += [
         Section("All numbers", grids=[_numbers(summary)], folded=True),
         Section("What it was flown with", [_strategy(run)], grids=[parameters(run.scenario)]),
@@ -105,20 +117,20 @@ def _tiles(s: Summary) -> list[tuple[str, str]]:
 def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     """The events in plain words, with one step for each descent."""
     names = {target.candidate: target.name for target in named}
-    search = run.scenario.search
     steps = [(0.0, "Take-off.")]
     scanning = next((k for k, mode in enumerate(run.states.mode) if mode == Mode.SCAN), None)
     if scanning is not None:
         height_m = run.altitudes_agl_m[scanning]
         steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
-    check: list[Any] | None = None
+    check: list[Any] | None = None  # the check's start and its verdicts
     left: dict[float, list[Any]] = {}
     outside: list[Any] = []
-    started_s = 0.0
     for record in run.records:
         kind, time_s = record["kind"], run.since_start(record)
         if kind == EventKind.CHECK_STARTED:
-            check, started_s = [], time_s
+            if check is not None:
+                steps.append(_check_step(run, check, names))
+            check = [record]
         elif kind in ("safety", "unsearched"):
             steps.append((time_s, safety_words(record)))
         elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
@@ -126,24 +138,26 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         elif kind == EventKind.UNCHECKED and (_cause(run, record) or {}).get("action") != "REFUSE_CHECK":
             left.setdefault(time_s, []).append(record)
         elif kind in SETTLING:
-            if check is None:
+            if check is None or ("reason" in check[0] and check[0]["candidate"] != record["candidate"]):
                 steps.append((time_s, _verdicts([record], names)))
             else:
                 check.append(record)
         elif kind in (EventKind.SCAN_RESUMED, EventKind.FINISHED, "end") and check is not None:
             back = f" Back to the search at {clock(time_s)}." if kind == EventKind.SCAN_RESUMED else ""
-            steps.append((started_s, f"{_check_words(check, names, search.check_altitude_agl_m)}{back}"))
+            started_s, text = _check_step(run, check, names)
+            steps.append((started_s, f"{text}{back}"))
             check = None
         if kind == EventKind.FINISHED:
             reachable = "reachable " if run.events(EventKind.UNCHECKED) else ""
-            text = f"All transects flown, all {reachable}candidates checked: the way home begins."
+            done = "decided" if run.tells_probabilities else "checked"
+            text = f"All transects flown, all {reachable}candidates {done}: the way home begins."
             steps.append((time_s, text))
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
             steps.append((time_s, f"The mission ended early: {record['reason']}."))
     if check is not None:
-        steps.append((started_s, _check_words(check, names, search.check_altitude_agl_m)))
+        steps.append(_check_step(run, check, names))
     if outside:
         left.setdefault(run.since_start(outside[0]), []).extend(outside)
     steps += [(time_s, _left_words(run, records, names)) for time_s, records in left.items()]
@@ -152,11 +166,16 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
 
 
-def _check_words(records: Sequence[Any], names: dict[int, str], altitude_agl_m: float) -> str:
-    if records and all(r["kind"] == EventKind.UNCHECKED for r in records):
-        return f"A check begins. {_verdicts(records, names)}"
-    outcome = _verdicts(records, names) if records else "Broken off."
-    return f"Down to {altitude_agl_m:g} m to check. {outcome}"
+def _check_step(run: Run, check: Sequence[Any], names: dict[int, str]) -> tuple[float, str]:
+    """Time and words of a check, from its start and its verdicts."""
+    start, *records = check
+    begins, undecided = f"Down to {run.scenario.search.check_altitude_agl_m:g} m to check.", "Broken off."
+    if start.get("reason"):
+        begins = f"A closer look at {_name(start, names)}: {printable(start['reason'])}."
+        undecided = "Not decided there."
+    elif records and all(r["kind"] == EventKind.UNCHECKED for r in records):
+        begins = "A check begins."
+    return run.since_start(start), f"{begins} {_verdicts(records, names) if records else undecided}"
 
 
 def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
@@ -190,8 +209,10 @@ def _name(record: Any, names: dict[int, str]) -> str:
 def _cause(run: Run, record: Any) -> Any:
     """The safety record that made the mission leave a candidate unchecked, or None."""
     before = run.records[: run.records.index(record)]
-    asked = ("REFUSE_CHECK",) if record.get("reason") else ("REFUSE_CHECK", "RETURN", "LAND", "KEEP_OUT")
-    return next((r for r in reversed(before) if r["kind"] == "safety" and r["action"] in asked), None)
+    reason = record.get("reason")
+    asked = ("REFUSE_CHECK",) if reason else ("REFUSE_CHECK", "RETURN", "LAND", "KEEP_OUT")
+    causes = (r for r in reversed(before) if r["kind"] == "safety" and r["action"] in asked)
+    return next((r for r in causes if not reason or r.get("cause") == reason), None)
 
 
 def _why_unchecked(run: Run, candidate: int) -> str:
@@ -201,18 +222,21 @@ def _why_unchecked(run: Run, candidate: int) -> str:
     if record.get("reason") == OUTSIDE:
         return "It lies outside the area that is searched."
     cause = _cause(run, record)
-    return "The mission ended early." if cause is None else str(cause["sentence"])
+    if cause is not None:
+        return str(cause["sentence"])
+    reason = printable(str(record.get("reason") or "the mission ended early"))
+    return f"{reason[:1].upper()}{reason[1:]}."
 
 
 def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[FoundTarget]) -> Section:
-    header = ["Found", "Confirmed (min:s)", "Latitude (°)", "Longitude (°)", "95 % radius (m)", "Confidence"]
+    header = ["Found", "Confirmed (min:s)", "Latitude (°)", "Longitude (°)", "95 % radius (m)", *_seen(run)]
     rows = [
         [
             target.name,
             clock(target.confirmed_s or 0.0),
             *_place(target),
             _or_dash(target.radius_95_m, "{:.1f}"),
-            _or_dash(target.confidence, "{:.2f}"),
+            *_seen(run, target),
         ]
         for target in found
     ]
@@ -228,11 +252,8 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
         header = ["Missed", "East (m)", "North (m)", "Why"]
         grids.append(Grid(header, lost, "Targets that were not confirmed"))
     if unchecked:
-        header = ["Unchecked", "Latitude (°)", "Longitude (°)", "Confidence", "Why"]
-        rows = [
-            [t.name, *_place(t), _or_dash(t.confidence, "{:.2f}"), _why_unchecked(run, t.candidate)]
-            for t in unchecked
-        ]
+        header = ["Unchecked", "Latitude (°)", "Longitude (°)", *_seen(run), "Why"]
+        rows = [[t.name, *_place(t), *_seen(run, t), _why_unchecked(run, t.candidate)] for t in unchecked]
         grids.append(Grid(header, rows, "Candidates that were not checked: have a look"))
     text = "The same places are in targets.geojson, targets.kml, targets.gpx and targets.csv (WGS 84)."
     if not found:
@@ -254,11 +275,21 @@ def _place(target: FoundTarget) -> tuple[str, str]:
     return f"{target.latitude_deg:.7f}", f"{target.longitude_deg:.7f}"
 
 
+def _seen(run: Run, target: FoundTarget | None = None) -> list[str]:
+    """How well a target was seen; the headers of these cells without one."""
+    if target is None:
+        cells = ["Probability", "Confidence", "Seen from (m)"]
+    else:
+        cells = ["-" if target.probability is None else probability_of(target.probability)]
+        cells += [_or_dash(target.confidence, "{:.2f}"), _or_dash(target.seen_from_m, "{:.0f}")]
+    return cells if run.tells_probabilities else cells[1:]
+
+
 def _how_missed(run: Run, target: Any) -> str:
     near = [c for c in run.candidates if horizontal_distance_m(c, target) <= MATCH_DISTANCE_M]
     if not near:
         return "never seen"
-    return "seen, checked and rejected" if any(c.verdict for c in near) else "seen, never checked"
+    return "seen and rejected" if any(c.verdict for c in near) else "seen, never checked"
 
 
 def _strategy(run: Run) -> str:

@@ -27,11 +27,12 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An image as a data URI. A wide one gets a row of its own."""
+    """An image as a data URI, with steps below its caption. A wide one gets a row of its own."""
 
     data_uri: str
     caption: str
     wide: bool = False
+    steps: Sequence[tuple[str, str]] = ()
 
 
 @dataclass(frozen=True, slots=True)

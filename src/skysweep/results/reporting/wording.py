@@ -55,8 +55,11 @@ def definitions() -> Grid:
             "Mission time": "From the take-off command until all transects are flown and the last candidate "
             "is confirmed or rejected, without return and landing (see total_time_s).",
             "Scanned": "Seen from the scan altitude and put on the list of candidates.",
-            "Confirmed": "Detected at the check altitude with enough confidence.",
-            "Rejected": "Not confirmed although the vehicle was above it at the check altitude.",
+            "Confirmed": "Detected at the check altitude with enough confidence. By a strategy that gives "
+            "probabilities: probable enough, from whatever height it was seen.",
+            "Rejected": "Not confirmed although the vehicle was above it at the check altitude. By a "
+            "strategy that gives probabilities: too improbable to be worth another look.",
+            "Probability": "That the candidate is a target, as the strategy believed.",
             "Unchecked": "On the list of candidates but never checked: it may be a target, so have a look.",
             "Right": f"Confirmed, with a true target of its class within {MATCH_DISTANCE_M:g} m that no "
             "other candidate takes.",
@@ -79,6 +82,17 @@ def safety_words(record: Mapping[str, Any]) -> str:
         again = "they are scanned again" if record["again"] else "they were not scanned again"
         return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; {again}."
     return f"{_ACTIONS[record['action']]}: {record['sentence']}"
+
+
+def decision_words(record: Mapping[str, Any]) -> str:
+    """Why a strategy decided what a line of a journal says, and what could be decided at what cost."""
+    costs = ", ".join(f"{what}: {cost_s:.0f}\u00a0s" for what, cost_s in record.get("alternatives", ()))
+    return f"{record.get('reason', '')}{f' ({costs})' if costs else ''}"
+
+
+def probability_of(value: float) -> str:
+    """A probability with two digits; never 0 or 1."""
+    return "over 0.99" if value > 0.99 else "under 0.01" if value < 0.01 else f"{value:.2f}"
 
 
 def counted(n: int, word: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from skysweep.arrays import F64
 from skysweep.geometry.camera import project
 from skysweep.sensing.statistical.model import score_of
+from skysweep.strategies.belief.account import Account, within_clear
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -40,6 +41,7 @@ class Suspect:
     lowest_m: float = math.inf  # height above it of the lowest look that found it
     in_view: bool = False  # of the newest look
     distinct: set[int] = field(default_factory=set)  # others found in the same look
+    account: Account = field(default_factory=Account)
 
 
 class Suspects:
@@ -61,6 +63,18 @@ class Suspects:
     def probability(self, candidate_id: int) -> float:
         """That a candidate is what is searched for."""
         return float(_logistic(self.all[candidate_id].evidence + self._prior_odds))
+
+    def moved(self, settled: Container[int]) -> list[int]:
+        """Those that are not settled and whose probability is to be told again."""
+        odds = self._prior_odds
+        return [k for k, s in self.all.items() if k not in settled and s.account.has_moved(s.evidence + odds)]
+
+    def tell(self, candidate_id: int) -> str:
+        """The looks that moved a candidate's probability since it was last told, in words."""
+        suspect = self.all[candidate_id]
+        words = suspect.account.words()
+        suspect.account = Account(within_clear(suspect.evidence + self._prior_odds))
+        return words
 
     def _learn_share(self) -> None:
         """How many candidates of this place are targets: steps of expectation maximisation."""
@@ -91,7 +105,7 @@ class Suspects:
             if hit is not None:
                 suspect.lowest_m = min(suspect.lowest_m, hit.camera_altitude_agl_m)
                 if not hit.is_cut:
-                    self._update(suspect, look, place, (u, v), float(score_of(hit.confidence)))
+                    self._update(suspect, look, place, (u, v), hit.confidence)
             elif suspect.in_view:
                 if self._is_whole(look, u, v, z, suspect.class_name) and not self._is_told(
                     suspect, hits.keys(), candidates
@@ -139,15 +153,17 @@ class Suspects:
             self._update(suspect, look, candidate.position_enu_m, at, None)
 
     def _update(
-        self, suspect: Suspect, look: Look, place: F64, uv: tuple[float, float], score: float | None
+        self, suspect: Suspect, look: Look, place: F64, uv: tuple[float, float], confidence: float | None
     ) -> None:
-        if score is None and self._context.obstacles.hide(place, look.camera.position_enu_m):
+        if confidence is None and self._context.obstacles.hide(place, look.camera.position_enu_m):
             return
         moved_px = math.inf
         if suspect.uv is not None:
             moved_px = abs(uv[0] - suspect.uv[0]) + abs(uv[1] - suspect.uv[1])
         suspect.uv = uv
+        score = None if confidence is None else float(score_of(confidence))
         self.hypotheses(suspect.class_name).look(suspect.belief, look.camera, place, moved_px, score)
+        suspect.account.look(float(look.camera.position_enu_m[2] - place[2]), confidence)
         suspect.n_looks += 1
         suspect.evidence = self.hypotheses(suspect.class_name).evidence(suspect.belief)
 
@@ -162,6 +178,7 @@ class Suspects:
                     "uv": None if s.uv is None else list(s.uv),
                     "lowest_m": s.lowest_m if math.isfinite(s.lowest_m) else None,
                     "distinct": sorted(s.distinct),
+                    "account": list(astuple(s.account)),
                 }
                 for s in self.all.values()
             ],
@@ -177,6 +194,7 @@ class Suspects:
                 uv=None if s["uv"] is None else (s["uv"][0], s["uv"][1]),
                 lowest_m=math.inf if s["lowest_m"] is None else s["lowest_m"],
                 distinct=set(s["distinct"]),
+                account=Account(*s["account"]),
             )
             for s in snapshot["suspects"]
         }

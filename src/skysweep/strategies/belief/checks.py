@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,7 +17,6 @@ from skysweep.strategies.context import MissionContext
 from skysweep.types import XY
 
 _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
-_HEIGHTS = 16
 _IN_VIEW = 0.4  # of the picture's height: from so far before it a candidate is looked at
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
 LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
@@ -67,7 +65,7 @@ class Checks:
         totals_s = np.concatenate([[0.0], np.cumsum(gains_s)])
         return int(np.argmax(totals_s))
 
-    def height_m(
+    def looks(
         self,
         hypotheses: Hypotheses,
         belief: F64,
@@ -76,15 +74,18 @@ class Checks:
         away_m: float,
         above_m: float,
         highest_m: float,
-    ) -> float:
-        """From which height, ``highest_m`` or less, a look decides cheapest.
+        n_heights: int,
+        ways: int = 1,
+    ) -> list[tuple[float, float]]:
+        """Height in m, from the lowest to ``highest_m``, and price in s of each look that may decide.
 
         The vehicle is ``away_m`` from the place and ``above_m`` above it. The price is the time until the
-        look, and the doubt that it leaves or another look from further down, whichever is cheaper.
+        look (twice that for two ``ways``, there and back), and the doubt that it leaves or another look from
+        further down, whichever is cheaper.
         """
-        best_s, best_m = math.inf, self._lowest_m
+        looks = []
         top_m = max(min(self._highest_m, highest_m), self._lowest_m)
-        for height_m in np.geomspace(self._lowest_m, top_m, _HEIGHTS).tolist():
+        for height_m in np.geomspace(self._lowest_m, top_m, n_heights).tolist():
             eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
             reach_m = _IN_VIEW * self._lens.footprint_m(height_m)[1]
             takes_s = max(
@@ -95,10 +96,8 @@ class Checks:
             takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
             doubt = hypotheses.confusion(belief, eye, place_enu_m)
             again_s = doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
-            price_s = takes_s + min(loss_s * doubt, again_s)
-            if price_s < best_s:
-                best_s, best_m = price_s, height_m
-        return best_m
+            looks.append((height_m, ways * takes_s + min(loss_s * doubt, again_s)))
+        return looks
 
 
 def _tour(here: XY, places: F64, chosen: list[int]) -> list[int]:

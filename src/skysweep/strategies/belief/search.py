@@ -9,7 +9,7 @@ than a wrong verdict would cost on average (Bayes risk; Wald, Sequential Analysi
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,10 +26,13 @@ _LEVEL_M = 1.6
 _HOVERS_MPS = 0.4
 _LOOKS_AT_LEAST = 2  # that tell something, before a verdict
 _LOOKS_AT_MOST = 10  # from above a candidate, whatever they tell
+_HEIGHTS, _NAMED = 16, 3  # of looks that a check chooses from; of those named beside a verdict
 _LOWER = 1.5  # a lower look is from so many times less
 _SMALL_DOUBT_S = 5.0  # is no reason for one
 _NEARER = 0.6  # of the way to the goal: for a place this near the goal is changed
 _PATIENCE = 0.5  # share of the doubt with which a candidate in view is confirmed; the next look is free
+
+_Options: TypeAlias = tuple[tuple[str, float], ...]  # ``Event.alternatives``
 
 
 class BeliefSearch:
@@ -56,7 +59,11 @@ class BeliefSearch:
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         for look in seen.looks:
             for k in self._suspects.take(look, seen.candidates, self._settled):
-                events.append(self._event(EventKind.SCANNED, seen, k))
+                events.append(self._told(EventKind.SCANNED, seen, k, "found at the edge of a picture"))
+            for k in self._suspects.moved(self._settled):
+                events.append(
+                    self._told(EventKind.REASSESSED, seen, k, "more or fewer are targets elsewhere")
+                )
         if seen.looks:
             self._confirm_the_sure(seen, events)
         x, y, _ = seen.vehicle.position_enu_m.tolist()
@@ -101,8 +108,9 @@ class BeliefSearch:
         if twin is not None:
             self._settle(seen, k, EventKind.REJECTED, events, f"the same thing as candidate {twin}")
         else:
-            height_m = self._suspects.all[k].lowest_m
-            self._settle(seen, k, EventKind.CONFIRMED, events, f"found from {height_m:.0f} m and higher")
+            found = f"found from {self._suspects.all[k].lowest_m:.0f} m and higher"
+            reason = f"{found}; {self._mistake(k, 'confirm')}"
+            self._settle(seen, k, EventKind.CONFIRMED, events, reason, self._options(k, self._looks(seen, k)))
 
     def _may_be_told_apart(self, seen: Observation, k: int) -> bool:
         """Whether it may be one thing with a confirmed candidate, and the next look may show both."""
@@ -114,29 +122,51 @@ class BeliefSearch:
                 return j
         return None
 
-    def _settle(self, seen: Observation, k: int, kind: EventKind, events: list[Event], reason: str) -> None:
-        events.append(self._event(kind, seen, k, self._suspects.probability(k), reason))
+    def _settle(
+        self,
+        seen: Observation,
+        k: int,
+        kind: EventKind,
+        events: list[Event],
+        reason: str,
+        options: _Options = (),
+    ) -> None:
+        events.append(self._event(kind, seen, k, reason, options))
         self._settled[k] = kind
         if k == self._goal:
             self._goal = None
 
+    def _verdicts_s(self, k: int) -> dict[str, float]:
+        """What each verdict without another look costs on average."""
+        p = self._suspects.probability(k)
+        costs_s = {"reject": p * self._p.missed_cost_s}
+        if self._may_confirm(k):
+            costs_s["confirm"] = (1.0 - p) * self._p.alarm_cost_s
+        return costs_s
+
     def _loss_s(self, k: int) -> float:
         """What a verdict without another look costs on average."""
-        p = self._suspects.probability(k)
-        rejected_s, confirmed_s = p * self._p.missed_cost_s, (1.0 - p) * self._p.alarm_cost_s
-        return min(rejected_s, confirmed_s) if self._may_confirm(k) else rejected_s
+        return min(self._verdicts_s(k).values())
 
     def _decide(self, seen: Observation, k: int, events: list[Event]) -> None:
         """By the odds, and by what either mistake costs."""
         p = self._suspects.probability(k)
         if p * self._p.missed_cost_s < (1.0 - p) * self._p.alarm_cost_s:
-            reason = f"a mistake costs {p * self._p.missed_cost_s:.0f} s on average"
-            self._settle(seen, k, EventKind.REJECTED, events, reason)
+            reason = self._mistake(k, "reject")
+            self._settle(seen, k, EventKind.REJECTED, events, reason, self._options(k, self._looks(seen, k)))
         elif self._may_confirm(k):
             self._confirm(seen, k, events)
         else:
             reason = f"likely, but not found from {self._search.confirm_height_max_m:g} m or lower"
-            self._settle(seen, k, EventKind.UNCHECKED, events, reason)
+            self._settle(seen, k, EventKind.UNCHECKED, events, reason, self._options(k, self._looks(seen, k)))
+
+    def _mistake(self, k: int, verdict: str) -> str:
+        """What being wrong costs, and after how many looks from the height of a check."""
+        looked = ""
+        if k == self._goal and self._looks_before is not None:
+            n = self._suspects.all[k].n_looks - self._looks_before
+            looked = f"after {n} more look{'' if n == 1 else 's'} from {self._height_m:.0f} m "
+        return f"{looked}a mistake costs {self._verdicts_s(k)[verdict]:.0f} s on average"
 
     # ---- checks ------------------------------------------------------------------------------------------
 
@@ -180,22 +210,40 @@ class BeliefSearch:
             if math.dist(here, self._xy(seen, first)) >= _NEARER * goal_m:
                 return
         if first != self._goal:
-            self._turn_to(seen, here, first, math.inf, events)
+            self._turn_to(seen, first, math.inf, events)
 
-    def _turn_to(self, seen: Observation, here: XY, k: int, highest_m: float, events: list[Event]) -> None:
-        suspect, place, loss_s = self._suspects.all[k], seen.candidates[k].position_enu_m, self._loss_s(k)
-        self._height_m = self._checks.height_m(
+    def _turn_to(self, seen: Observation, k: int, highest_m: float, events: list[Event]) -> None:
+        looks = self._looks(seen, k, highest_m, _HEIGHTS)
+        self._height_m, _ = min(looks, key=_price_s)
+        self._goal, self._looks_above, self._looks_before, self._stops = k, 0, None, False
+        reason = f"a verdict now costs {self._loss_s(k):.0f} s on average"
+        events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, self._options(k, looks)))
+
+    def _looks(
+        self, seen: Observation, k: int, highest_m: float = math.inf, n_heights: int = _NAMED
+    ) -> list[tuple[float, float]]:
+        """Height in m and price in s of the looks that may decide, from the lowest up."""
+        suspect = self._suspects.all[k]
+        x, y, _ = seen.vehicle.position_enu_m.tolist()
+        return self._checks.looks(
             self._suspects.hypotheses(suspect.class_name),
             suspect.belief,
-            loss_s,
-            place,
-            math.dist(here, self._xy(seen, k)),
+            self._loss_s(k),
+            seen.candidates[k].position_enu_m,
+            math.dist((x, y), self._xy(seen, k)),
             seen.altitude_agl_m,
             highest_m,
+            n_heights,
+            ways=2 if self._to_scan else 1,
         )
-        self._goal, self._looks_above, self._looks_before, self._stops = k, 0, None, False
-        reason = f"a verdict now costs {loss_s:.0f} s on average"
-        events.append(self._event(EventKind.CHECK_STARTED, seen, k, self._suspects.probability(k), reason))
+
+    def _options(self, k: int, looks: list[tuple[float, float]]) -> _Options:
+        """What could be decided of a candidate now, and what that costs in s on average, cheapest first."""
+        back = " and back" if self._to_scan else ""
+        costs_s = self._verdicts_s(k)
+        for height_m, price_s in (looks[-1], looks[0], min(looks, key=_price_s)):
+            costs_s[f"look from {height_m:.0f} m{back}"] = price_s
+        return tuple(sorted(((what, round(cost_s, 1)) for what, cost_s in costs_s.items()), key=_price_s))
 
     def _judge_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """Once it was looked at enough from its height: look from further down, or decide."""
@@ -218,7 +266,7 @@ class BeliefSearch:
             return
         lowest_m = self._search.check_altitude_agl_m
         if self._height_m > _LOWER * lowest_m and self._loss_s(self._goal) > _SMALL_DOUBT_S:
-            self._turn_to(seen, here, self._goal, self._height_m / _LOWER, events)
+            self._turn_to(seen, self._goal, self._height_m / _LOWER, events)
         else:
             self._decide(seen, self._goal, events)
 
@@ -227,10 +275,14 @@ class BeliefSearch:
         return x, y
 
     def _event(
-        self, kind: EventKind, seen: Observation, k: int, probability: float | None = None, reason: str = ""
+        self, kind: EventKind, seen: Observation, k: int, reason: str, options: _Options = ()
     ) -> Event:
         x, y, z = seen.candidates[k].position_enu_m.tolist()
-        return Event(kind, k, (x, y, z), probability, reason)
+        return Event(kind, k, (x, y, z), self._suspects.probability(k), reason, options)
+
+    def _told(self, kind: EventKind, seen: Observation, k: int, otherwise: str) -> Event:
+        """Its probability, and the looks that moved it there, or what did without any."""
+        return self._event(kind, seen, k, self._suspects.tell(k) or otherwise)
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as plain data, but for the newest looks."""
@@ -259,3 +311,7 @@ class BeliefSearch:
 def _hovers(seen: Observation) -> bool:
     """Whether it stands in the air: as near as obstacles let it come."""
     return bool(np.linalg.norm(seen.vehicle.velocity_enu_mps) < _HOVERS_MPS)
+
+
+def _price_s(option: tuple[Any, float]) -> float:
+    return option[1]

@@ -1,0 +1,111 @@
+"""The journal of a belief mission says why everything was decided, and what it would have cost otherwise."""
+
+import json
+import math
+import shutil
+
+import pytest
+
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.resume import resume_folder
+from skysweep.flights.rig import Rig
+from skysweep.mission.journal import read_journal
+from skysweep.results.journal_lines import can_be_told
+from skysweep.scenarios.files import load_scenario
+from skysweep.strategies.belief.account import MOVED, within_clear
+from skysweep.types import SETTLING, EventKind
+
+ROUNDED = 0.02  # of log odds, by the journal's four digits of a probability
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explained") / "run"
+    scenario = load_scenario("maritime").with_search(strategy="belief")
+    fly_to_folder(scenario, 3, folder, Rig("statistical"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def records(folder):
+    return read_journal(folder / "journal.jsonl")
+
+
+def of_kind(records, *kinds):
+    return [r for r in records if r["kind"] in kinds]
+
+
+def log_odds(record):
+    p = record["probability"]
+    return within_clear(math.log(max(p, 1e-4) / max(1.0 - p, 1e-4)))
+
+
+def test_what_is_told_of_a_probability_is_a_step_and_says_what_moved_it(records):
+    told = of_kind(records, EventKind.SCANNED, EventKind.REASSESSED)
+    assert 10 < len(told) < 100, "tens of lines a mission"
+    last = {}
+    for record in told:
+        if record["kind"] == EventKind.REASSESSED:
+            assert abs(log_odds(record) - last[record["candidate"]]) >= MOVED - ROUNDED
+        assert record["reason"].startswith(("found", "missed", "more or fewer are targets"))
+        last[record["candidate"]] = log_odds(record)
+
+
+def test_between_two_lines_a_probability_moves_by_less_than_a_step(records):
+    """A verdict or a check is never a surprise: what moved the probability there has been told."""
+    last = {}
+    for record in of_kind(
+        records, EventKind.SCANNED, EventKind.REASSESSED, EventKind.CHECK_STARTED, *SETTLING
+    ):
+        if "probability" not in record:
+            continue
+        if record["kind"] in (EventKind.SCANNED, EventKind.REASSESSED):
+            last[record["candidate"]] = log_odds(record)
+        else:
+            assert abs(log_odds(record) - last[record["candidate"]]) < MOVED + ROUNDED
+
+
+def test_every_decision_says_what_else_could_have_been_decided(records):
+    decisions = of_kind(records, EventKind.CHECK_STARTED, EventKind.CONFIRMED, EventKind.REJECTED)
+    assert {r["kind"] for r in decisions} == {"check_started", "confirmed", "rejected"}
+    for record in decisions:
+        if record["reason"].startswith("the same thing as"):
+            continue
+        costs_s = dict(record["alternatives"])
+        assert list(costs_s.values()) == sorted(costs_s.values())
+        p = record["probability"]
+        assert costs_s["reject"] == pytest.approx(2000 * p, abs=0.2)
+        assert costs_s["confirm"] == pytest.approx(400 * (1 - p), abs=0.1)
+        assert any(what.startswith("look from") for what in costs_s)
+        if record["kind"] == EventKind.REJECTED:
+            assert costs_s["reject"] < costs_s["confirm"]
+
+
+def test_a_journal_without_alternatives_can_be_told(records):
+    assert all(map(can_be_told, records))
+    decisions = of_kind(records, EventKind.CHECK_STARTED, EventKind.CONFIRMED, EventKind.REJECTED)
+    for record in decisions:
+        assert can_be_told({k: v for k, v in record.items() if k not in ("alternatives", "reason")})
+
+
+@pytest.mark.parametrize("kind", ["scanned", "reassessed", "check_started", "rejected"])
+def test_broken_off_after_any_decision_it_repeats_every_line(folder, records, tmp_path, kind):
+    again = tmp_path / "again"
+    again.mkdir()
+    shutil.copy(folder / "config.yaml", again)
+    n = 1 + max(k for k, r in enumerate(records) if r["kind"] == kind)
+    lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    (again / "journal.jsonl").write_bytes(b"".join(lines[:n]))
+    resume_folder(again)
+    assert (again / "journal.jsonl").read_bytes() == b"".join(lines)
+
+
+def test_the_exports_say_how_sure_it_was_and_from_how_near(folder, records):
+    features = json.loads((folder / "targets.geojson").read_text())["features"]
+    verdicts = {r["candidate"]: r for r in of_kind(records, EventKind.CONFIRMED)}
+    confirmed = [f["properties"] for f in features if f["properties"]["status"] == "confirmed"]
+    assert len(confirmed) == len(verdicts)
+    for told in confirmed:
+        verdict = verdicts[told["candidate"]]
+        assert told["probability"] == verdict["probability"]
+        assert f"found from {told['seen_from_m']:.0f} m and higher" in verdict["reason"]
