@@ -35,7 +35,8 @@ MEASURES = (
     Measure("checks", "Checks", 1, of_bound=True),
     Measure("completed", "Completed", 2, of_bound=True),
 )
-TIME, ABOVE, RECALL, FALSE_POSITIVES = MEASURES[:4]
+OVERVIEW = (*MEASURES[:4], MEASURES[-1])
+ABOVE = MEASURES[1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,10 @@ class Standing:
     means: Mapping[str, Estimate]
     differences: Mapping[str, Estimate]
     of_oracle: Estimate | None  # its time above scan-only over the oracle's; None where neither has any
+
+    def mean(self, key: str) -> Estimate | None:
+        """Of a measure; None where it means nothing for the oracle."""
+        return self.means.get(key)
 
 
 def values_of(missions: Sequence[Summary], scan_only: Sequence[Summary]) -> dict[str, F64]:

@@ -86,7 +86,7 @@ class Oracle:
     def _shows(self, look: Look, k: int, seen: Observation) -> bool:
         """Whether a picture shows target ``k`` from near enough. Leaves and roofs hide nothing from it.
 
-        Where obstacles keep the vehicle away from the next target, the picture from its lookout is near enough.
+        Where obstacles keep the vehicle away from the next target, a picture from its lookout will do.
         """
         limit_m = self._look_m
         if seen.lookout is not None and k == self._to_see[0]:

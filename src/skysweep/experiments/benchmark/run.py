@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
 from skysweep.errors import UserError
 from skysweep.experiments.benchmark.oracle import oracle_spec
-from skysweep.experiments.benchmark.suite import ORACLE, Contender, Suite, close_look_m, matrix_of
+from skysweep.experiments.benchmark.suite import ORACLE, close_look_m
 from skysweep.experiments.flying import fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
 from skysweep.flights.fly import fly_in_memory
 from skysweep.results.summary import Summary
 
 Flown = dict[str, dict[str, list[Summary]]]  # family -> contender -> missions by seed
-
-
-def fly_suite(
-    suite: Suite,
-    chosen: Sequence[Contender],
-    seeds: Sequence[int],
-    out: Path,
-    workers: int | None = None,
-    on_done: Callable[[], None] = lambda: None,
-) -> Flown:
-    """The missions of all families; those that ``out`` holds are not flown again.
-
-    ``on_done`` is called for each mission. Raises UserError where a strategy fails, and as ``fly_missing``.
-    """
-    matrices = {c.name: matrix_of(suite, c, seeds) for c in chosen}
-    return fly_matrices(matrices, suite.target_px, out, workers, on_done)
 
 
 def fly_matrices(
@@ -40,7 +24,11 @@ def fly_matrices(
     workers: int | None = None,
     on_done: Callable[[], None] = lambda: None,
 ) -> Flown:
-    """The missions of matrices by label and by the matrix's name, each in the order of the seeds."""
+    """The missions of matrices by label and by the matrix's name, each in the order of the seeds.
+
+    Missions that ``out`` holds are not flown again; ``on_done`` is called for each. Raises UserError where a
+    strategy fails, and as ``fly_missing``.
+    """
     fly = partial(fly_benchmark_job, target_px=target_px)
     summaries = fly_missing(list(matrices.values()), fly, out, workers, lambda _job, _summary: on_done())
     flown: Flown = {}
@@ -62,6 +50,6 @@ def fly_benchmark_job(job: MissionJob, target_px: float) -> Summary:
         reason = " ".join(str(error).split())
         kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
         raise UserError(
-            f"{strategy}: fails in {job.label} with seed {job.seed} ({kind}{reason}); mend it, then give the same "
-            "command again"
+            f"{strategy}: fails in {job.label} with seed {job.seed} ({kind}{reason}); mend it, then give the "
+            "same command again"
         ) from error

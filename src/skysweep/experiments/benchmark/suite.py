@@ -131,7 +131,7 @@ def contenders(added: Sequence[str] = ()) -> tuple[Contender, ...]:
 
 
 def close_look_m(scenario: Scenario, target_px: float) -> float:
-    """The height from which the smallest target spans ``target_px``, or that of the scan where it is lower."""
+    """The height from which the smallest target spans ``target_px``, at most that of the scan."""
     height_m = scenario.pixels_on_target(1.0) / target_px
     return round(min(height_m, scenario.search.scan_altitude_agl_m), 2)
 
@@ -148,10 +148,14 @@ def scenario_for(suite: Suite, family: Family, contender: Contender) -> Scenario
     return change_scenario(base, {"search.strategy": contender.strategy, **changes[contender.changes]})
 
 
-def matrix_of(suite: Suite, contender: Contender, seeds: Sequence[int]) -> Matrix:
-    """The missions of a contender in all families."""
-    scenarios = ((f.label, scenario_for(suite, f, contender)) for f in suite.families)
-    return Matrix.of(scenarios, seeds, suite.sensor, _FIELDS)
+def suite_matrices(suite: Suite, chosen: Sequence[Contender], seeds: Sequence[int]) -> dict[str, Matrix]:
+    """The missions of all families by contender."""
+    return {
+        c.name: Matrix.of(
+            ((f.label, scenario_for(suite, f, c)) for f in suite.families), seeds, suite.sensor, _FIELDS
+        )
+        for c in chosen
+    }
 
 
 def look_alike_scenarios(suite: Suite) -> Iterator[tuple[int, Scenario]]:
