@@ -136,7 +136,7 @@ def price_from(prices_s: Sequence[float], gains_s: F64) -> Estimate:
     low, high = np.quantile(
         [_crossing(logs, g) for g in resampled_means(gains_s)], (0.025, 0.975), method="inverted_cdf"
     )
-    mean, low, high = np.exp([_crossing(logs, gains_s.mean(axis=0)), low, high]).tolist()
+    mean, low, high = np.exp([_crossing(logs, gains_s.mean(axis=0)), low, high]).round(6).tolist()
     return Estimate(len(gains_s), mean, low, high, math.nan, math.nan)
 
 

@@ -41,7 +41,8 @@ def write_break_even(folder: Path, suite: Suite, found: BreakEvens, seeds: range
     missed_s = suite.break_even.missed_cost_s
     lead = (
         f"Suite {suite.version}, {counted(len(seeds), 'seed')} from {seeds.start} a cell, "
-        f"{suite.sensor} sensor. Cost: mission time, the price of every false positive, and {missed_s:g} s for every target missed."
+        f"{suite.sensor} sensor. Cost: mission time, the price of every false positive, and "
+        f"{missed_s:g} s for every target missed."
     )
     with whole_files(folder) as unfinished:
         text = json.dumps(record, indent=1) + "\n"
@@ -144,7 +145,7 @@ def draw(found: BreakEvens, stem: Path) -> Path:
         )
         for k, cell in enumerate(found.cells):
             column, row = divmod(k, shape[1])
-            axis.text(column + 0.5, row + 0.5, _saved(cell), ha="center", va="center")
+            axis.text(column + 0.5, row + 0.82, _saved(cell), ha="center", va="center")
         places = np.arange(shape[1]) + 0.5
         for name, estimates in found.from_s.items():
             prices_s = np.array([e.mean for e in estimates])
