@@ -64,9 +64,9 @@ def benchmark(
 
     suite = suites.load_suite()
     chosen = suites.contenders(strategy or ())
-    names = [contender.name for contender in chosen]
-    if reference not in names:
-        raise UserError(f"--reference {reference}: is not flown; write one of {', '.join(names)}")
+    strategies = [contender.name for contender in chosen if not contender.is_bound]
+    if reference not in strategies:
+        raise UserError(f"--reference {reference}: is not compared; write one of {', '.join(strategies)}")
     folder = out or Path("benchmarks", suite.version + ("-break-even" if break_even else ""))
     if break_even:
         seeds = suite.break_even.seeds.chosen(quick)

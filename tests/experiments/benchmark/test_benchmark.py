@@ -109,7 +109,8 @@ def test_belief_is_told_the_price_of_a_false_alarm(in_folder):
     [
         (["--strategy", "scan-twice"], "--strategy there is no strategy 'scan-twice'"),
         (["--strategy", "belief"], "--strategy belief: is in the benchmark already"),
-        (["--reference", "best"], "--reference best: is not flown; write one of scan-only, low-only"),
+        (["--reference", "best"], "--reference best: is not compared; write one of scan-only, low-only"),
+        (["--reference", "oracle"], "--reference oracle: is not compared"),
         (["--out", "s3://bucket/x"], "--out s3:/bucket/x: is a URL"),
     ],
 )
