@@ -28,8 +28,9 @@ def benchmark(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fly few seeds: a first look in minutes.")] = False,
     reference: Annotated[
-        str, typer.Option(help="Strategy that the others are compared with, seed by seed.")
-    ] = "algorithm-1-tuned",
+        str | None,
+        typer.Option(help="Row that the others are compared with, seed by seed. Default: algorithm-1-tuned."),
+    ] = None,
     break_even: Annotated[
         bool,
         typer.Option(
@@ -64,6 +65,9 @@ def benchmark(
 
     suite = suites.load_suite()
     chosen = suites.contenders(strategy or ())
+    if break_even and reference is not None:
+        raise UserError("--reference: the break-even compares all with scan-only; leave it out")
+    reference = reference or suites.TUNED
     strategies = [contender.name for contender in chosen if not contender.is_bound]
     if reference not in strategies:
         raise UserError(f"--reference {reference}: is not compared; write one of {', '.join(strategies)}")

@@ -110,6 +110,10 @@ def test_belief_is_told_the_price_of_a_false_alarm(in_folder):
         (["--strategy", "scan-twice"], "--strategy there is no strategy 'scan-twice'"),
         (["--strategy", "belief"], "--strategy belief: is in the benchmark already"),
         (["--reference", "best"], "--reference best: is not compared; write one of scan-only, low-only"),
+        (
+            ["--reference", "belief", "--break-even"],
+            "--reference: the break-even compares all with scan-only",
+        ),
         (["--reference", "oracle"], "--reference oracle: is not compared"),
         (["--out", "s3://bucket/x"], "--out s3:/bucket/x: is a URL"),
     ],

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 
 from skysweep.experiments.benchmark.run import Flown
-from skysweep.experiments.benchmark.suite import SCAN_ONLY, BreakEven, Suite, look_alike_scenarios
+from skysweep.experiments.benchmark.suite import SCAN_ONLY, TUNED, BreakEven, Suite, look_alike_scenarios
 from skysweep.experiments.matrix import Matrix
 from skysweep.results.reporting.statistics import Estimate, estimate, resampled_means
 from skysweep.results.summary import Summary
 from skysweep.scenarios.files import change_scenario
 from skysweep.types import F64
 
-ALGORITHM_1, BELIEF = "algorithm-1-tuned", "belief"
+BELIEF = "belief"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ def break_even_matrices(suite: Suite, added: Sequence[str], seeds: range) -> dic
     told = {price: {"alarm_cost_s": price, "missed_cost_s": spec.missed_cost_s} for price in spec.prices_s}
     changes: dict[str, dict[str, Any]] = {
         SCAN_ONLY: {"search.strategy": "scan-only"},
-        ALGORITHM_1: {"search.strategy": "scan-check", **suite.tuned[spec.tuned]},
+        TUNED: {"search.strategy": "scan-check", **suite.tuned[spec.tuned]},
         **{name: {"search.strategy": name} for name in added},
         **{
             belief_at(price): {"search.strategy": "belief", "search.parameters": parameters}
@@ -92,7 +92,7 @@ def belief_at(price_s: float) -> str:
 def break_evens(suite: Suite, flown: Flown, added: Sequence[str]) -> BreakEvens:
     """The costs of all contenders in all cells, and where they break even with scan-only."""
     spec = suite.break_even
-    names = [SCAN_ONLY, ALGORITHM_1, *added, BELIEF]
+    names = [SCAN_ONLY, TUNED, *added, BELIEF]
     per_ha, cells = [], []
     gains: dict[str, list[F64]] = {name: [] for name in names[1:]}
     for count in spec.counts:

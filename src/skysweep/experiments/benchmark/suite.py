@@ -94,12 +94,12 @@ class Contender:
         return self.strategy == ORACLE
 
 
-SCAN_ONLY = "scan-only"
+SCAN_ONLY, TUNED = "scan-only", "algorithm-1-tuned"
 OURS = (
     Contender(SCAN_ONLY, "scan-only", "flies the transects once and never descends"),
     Contender("low-only", "low-only", "flies them once at the check altitude"),
     Contender("algorithm-1", "scan-check", "Algorithm 1 with the paper's n_c, d_c infinite", "paper"),
-    Contender("algorithm-1-tuned", "scan-check", "Algorithm 1 as tuned for the family", "tuned"),
+    Contender(TUNED, "scan-check", "Algorithm 1 as tuned for the family", "tuned"),
     Contender("belief", "belief", "the belief strategy with its defaults"),
     Contender("belief-close", "belief", "belief, where a close look is demanded", "close look"),
     Contender("oracle", ORACLE, "no strategy: the bound of those that look closely at every target"),
