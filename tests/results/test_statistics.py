@@ -22,6 +22,7 @@ from skysweep.results.reporting.statistics import (
     pairs_to_tell,
     pareto_front,
     pointwise_band,
+    ratio_of_means,
     resample_counts,
     signed_rank_test,
 )
@@ -55,6 +56,29 @@ def test_a_bound_of_zero_is_zero_whatever_the_rounding(values):
     assert low == 0.0 or low > 1e-6
     low, high = (float(bound[0]) for bound in bca_intervals(values[:, None] - values.max(), 500))
     assert high == 0.0 or high < -1e-6
+
+
+def test_a_ratio_of_means_is_not_the_mean_of_ratios():
+    above, below = np.array([1.0, 2.0, 9.0]), np.array([1.0, 1.0, 4.0])
+    found = ratio_of_means(above, below)
+    assert (found.n, found.mean) == (3, 2.0)
+    assert 1.0 <= found.low < 2.0 < found.high <= 2.25
+
+
+def test_the_interval_of_a_ratio_covers_the_truth():
+    """Of 200 samples of pairs with means 3 and 2, about 95 % have 1.5 in the interval."""
+    rng = np.random.default_rng(8)
+    common = rng.normal(0.0, 0.5, (200, 40))
+    above, below = (m + common + rng.normal(0.0, 0.5, (200, 40)) for m in (3.0, 2.0))
+    found = [ratio_of_means(a, b) for a, b in zip(above, below, strict=True)]
+    assert 0.88 <= np.mean([e.low <= 1.5 <= e.high for e in found]) <= 0.99
+
+
+def test_one_pair_has_a_ratio_without_interval():
+    found = ratio_of_means(np.array([3.0]), np.array([2.0]))
+    assert found.mean == 1.5
+    assert math.isnan(found.low)
+    assert math.isnan(found.high)
 
 
 def test_resamples_draw_n_of_n_alike_every_time():

@@ -6,6 +6,7 @@ import typer
 
 from skysweep.cli import (
     bench,
+    benchmark,
     calibrate,
     detection,
     fly,
@@ -46,6 +47,7 @@ app.add_typer(compare, name="compare")
 app.command()(sweep.sweep)
 app.command()(report.report)
 app.command()(tune.tune)
+app.command()(benchmark.benchmark)
 app.command()(serve_vehicle.serve_vehicle)
 app.add_typer(ros.app, name="ros")
 

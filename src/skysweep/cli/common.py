@@ -29,6 +29,7 @@ from skysweep.errors import UserError
 from skysweep.text import printable
 
 if TYPE_CHECKING:
+    from skysweep.results.reporting.html import Grid
     from skysweep.scenarios.model import Scenario
 
 P = ParamSpec("P")
@@ -174,6 +175,18 @@ def show(table: Table) -> None:
     else:
         wide = PlainConsole(width=_WIDEST)
         PlainConsole(width=wide.measure(table).maximum).print(table)
+
+
+def print_grid(grid: Grid) -> None:
+    """Print a report's table."""
+    from rich.box import SIMPLE_HEAD
+
+    table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    for k, column in enumerate(grid.header):
+        table.add_column(column, justify="left" if grid.words or k == 0 else "right")
+    for k, row in enumerate(grid.rows):
+        table.add_row(*row, style="bold" if k in grid.best else None)
+    show(table)
 
 
 def local_folder(address: str) -> Path | None:

@@ -15,8 +15,8 @@ from skysweep.cli.common import (
     bar,
     changes_of,
     friendly,
+    print_grid,
     say,
-    show,
     tell,
 )
 from skysweep.errors import UserError
@@ -25,7 +25,6 @@ from skysweep.files.writing import make_folder
 if TYPE_CHECKING:
     from skysweep.experiments.tune.run import Problem
     from skysweep.experiments.tune.study import Trial
-    from skysweep.results.reporting.html import Grid
 
 
 @friendly
@@ -202,16 +201,16 @@ def _validate(
             tables[scenario.name] = validate.matters_table(cells, cells_flown, scenario)
     tuned = report.Tuned(problem, found, validate.standings(candidates, flown, problem.rules), tables)
     recommended = report.write_tuning(tuned, folder)
-    _print_grid(report.recommendation(tuned))
+    print_grid(report.recommendation(tuned))
     for sentence in (
         report.recommendation_sentence(tuned),
         report.recommendation_rule(problem.rules),
         *report.how_sure(tuned),
     ):
         tell(sentence)
-    _print_grid(report.standings_table(tuned))
+    print_grid(report.standings_table(tuned))
     for name, table in tables.items():
-        _print_grid(report.matters_grid(name, table))
+        print_grid(report.matters_grid(name, table))
         for sentence in report.matters_sentences(table):
             tell(f"- {sentence}")
     tell(f"fly it: skysweep run {recommended[0]}")
@@ -258,15 +257,3 @@ def _search_sentence(trials: list[Trial]) -> str:
         f"{len(trials)} trials, {missions} missions; {dropped} were dropped before they had flown all seeds, "
         f"{repeated} repeated an earlier one"
     )
-
-
-def _print_grid(grid: Grid) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    for k, column in enumerate(grid.header):
-        table.add_column(column, justify="left" if grid.words or k == 0 else "right")
-    for k, row in enumerate(grid.rows):
-        table.add_row(*row, style="bold" if k in grid.best else None)
-    show(table)

@@ -39,6 +39,7 @@ from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import with_paths_beside, write_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
+from skysweep.strategies import StrategySpec
 from skysweep.strategies.given import digest_of_source
 
 if TYPE_CHECKING:
@@ -88,10 +89,12 @@ def _begun_with(mission: Mission, rig: Rig) -> dict[str, Any]:
     return setup_of(mission, rig.threads) | (GIVEN_DETECTOR if rig.detector is not None else {})
 
 
-def fly_in_memory(scenario: Scenario, seed: int, sensor_name: str = "statistical") -> Summary:
-    """Fly one mission and return its summary; nothing is written."""
+def fly_in_memory(
+    scenario: Scenario, seed: int, sensor_name: str = "statistical", strategy: StrategySpec | None = None
+) -> Summary:
+    """Fly one mission and return its summary; nothing is written. ``strategy`` is as in ``Rig``."""
     started = time.perf_counter()
-    mission = build_mission(scenario, seed, Rig(sensor_name, threads=1))
+    mission = build_mission(scenario, seed, Rig(sensor_name, threads=1, strategy=strategy))
     journal = MemoryJournal()
     with closing(mission.sensor):
         fly(mission, journal)

@@ -153,6 +153,17 @@ def estimate(values: F64) -> Estimate:
     return Estimate(len(x), float(x.mean()), float(low[0]), float(high[0]), float(np.median(x)), std)
 
 
+def ratio_of_means(above: F64, below: F64) -> Estimate:
+    """mean(above) / mean(below) of pairs (n,), with its 95 % percentile bootstrap interval over the pairs.
+
+    Median and standard deviation are NaN, for a pair has no ratio where its second value is 0.
+    """
+    means = resampled_means(np.column_stack([above, below]))
+    low, high = np.quantile(means[:, 0] / means[:, 1], ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+    low, high = (float(low), float(high)) if len(above) > 1 else (math.nan, math.nan)
+    return Estimate(len(above), float(np.mean(above) / np.mean(below)), low, high, math.nan, math.nan)
+
+
 def pointwise_band(curves: F64) -> tuple[F64, F64]:
     """Pointwise 95 % percentile bootstrap band of the mean of curves (n, T): (T,) and (T,); NaN for n < 2."""
     n, length = curves.shape

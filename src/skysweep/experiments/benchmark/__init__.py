@@ -1,0 +1,1 @@
+"""A versioned suite of missions on which search strategies are compared."""
