@@ -49,6 +49,7 @@ class EventKind(_Word):
 
     SCANNED = "scanned"
     REASSESSED = "reassessed"  # its probability has moved
+    MISFIT = "misfit"  # what is seen differs from what the strategy's model says
     CHECK_STARTED = "check_started"
     CONFIRMED = "confirmed"
     REJECTED = "rejected"

@@ -41,7 +41,7 @@ class Announcer:
             self._say(self._found(record))
         elif kind == EventKind.UNCHECKED:
             self._say(self._unchecked(record))
-        elif kind in ("safety", "unsearched"):
+        elif kind in ("safety", "unsearched", EventKind.MISFIT):
             self._say(safety_words(record))
 
     def _found(self, record: Record) -> str:

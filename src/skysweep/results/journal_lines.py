@@ -75,7 +75,7 @@ class _Unsearched(_Line):
     again: bool
 
 
-class _End(_Line):
+class _Reason(_Line):
     reason: str
 
 
@@ -112,8 +112,9 @@ _KNOWN: dict[str, type[_Line]] = {
     "state": _State,
     "safety": _Safety,
     "unsearched": _Unsearched,
-    "end": _End,
+    "end": _Reason,
     EventKind.CHECK_STARTED: _Decision,
+    EventKind.MISFIT: _Reason,
     **dict.fromkeys(OF_A_CANDIDATE, _OfCandidate),
 }
 _GONE_ON_WITH = _KNOWN | {"setup": _Setup, "look": _Look, "snapshot": _Snapshot}

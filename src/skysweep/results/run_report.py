@@ -131,7 +131,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             if check is not None:
                 steps.append(_check_step(run, check, names))
             check = [record]
-        elif kind in ("safety", "unsearched"):
+        elif kind in ("safety", "unsearched", EventKind.MISFIT):
             steps.append((time_s, safety_words(record)))
         elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
             (outside if check is None else check).append(record)

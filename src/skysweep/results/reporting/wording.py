@@ -8,6 +8,7 @@ from typing import Any
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.results.reporting.html import Grid
 from skysweep.scenarios.model import Scenario
+from skysweep.types import EventKind
 from skysweep.worlds.obstacles import BODY_RADIUS_M
 
 _ACTIONS = {
@@ -77,7 +78,9 @@ def definitions() -> Grid:
 
 
 def safety_words(record: Mapping[str, Any]) -> str:
-    """One sentence for a ``safety`` or ``unsearched`` line of a journal."""
+    """One sentence for a ``safety``, ``unsearched`` or ``misfit`` line of a journal."""
+    if record["kind"] == EventKind.MISFIT:
+        return f"The sensor model does not fit what is seen here: {record['reason']}."
     if record["kind"] == "unsearched":
         again = "they are scanned again" if record["again"] else "they were not scanned again"
         return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; {again}."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import astuple, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from skysweep.arrays import F64
 from skysweep.geometry.camera import project
 from skysweep.sensing.statistical.model import score_of
 from skysweep.strategies.belief.account import Account, within_clear
+from skysweep.strategies.belief.fit import Fit
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -37,6 +38,7 @@ class Suspect:
     belief: F64
     uv: tuple[float, float] | None = None  # where it was in the last look; None: outside
     evidence: float = 0.0  # log likelihood ratio of all looks: a target against anything else
+    shift: tuple[float, float] = (0.0, 0.0)  # what it says of the shift, if it is a target: sum and weight
     n_looks: int = 0  # that told something of it
     lowest_m: float = math.inf  # height above it of the lowest look that found it
     in_view: bool = False  # of the newest look
@@ -53,6 +55,7 @@ class Suspects:
         self._looks: deque[Look] = deque(maxlen=_REMEMBERED)
         self.all: dict[int, Suspect] = {}
         self._prior_odds = math.log(parameters.target_share / (1.0 - parameters.target_share))
+        self.fit = Fit()
 
     def hypotheses(self, class_name: str) -> Hypotheses:
         """What a candidate that is reported as this class may be."""
@@ -76,12 +79,22 @@ class Suspects:
         suspect.account = Account(within_clear(suspect.evidence + self._prior_odds))
         return words
 
-    def _learn_share(self) -> None:
-        """How many candidates of this place are targets: steps of expectation maximisation."""
-        evidence, p = np.array([s.evidence for s in self.all.values()]), self._parameters
+    def _learn(self) -> None:
+        """How many candidates of this place are targets, and how they look here: expectation maximisation."""
+        suspects, p = list(self.all.values()), self._parameters
+        evidence = np.array([s.evidence for s in suspects])
         for _ in range(_EM_STEPS):
-            found = _logistic(evidence + self._prior_odds).sum() + p.share_weight * p.target_share
+            likely = _logistic(evidence + self._prior_odds)
+            found = likely.sum() + p.share_weight * p.target_share
             self._prior_odds = math.log(found / (len(evidence) + p.share_weight - found))
+        if self.fit.learn_shift(likely, np.array([s.shift for s in suspects])):
+            for suspect in suspects:
+                self._weigh(suspect)
+
+    def _weigh(self, suspect: Suspect) -> None:
+        hypotheses = self.hypotheses(suspect.class_name)
+        suspect.evidence, *shift = hypotheses.evidence(suspect.belief, self.fit.shift)
+        suspect.shift = shift[0], shift[1]
 
     def take(self, look: Look, candidates: Mapping[int, Candidate], settled: Container[int]) -> list[int]:
         """Update what is believed of every candidate that is not settled; those that are new."""
@@ -113,7 +126,7 @@ class Suspects:
                     self._update(suspect, look, place, (u, v), None)
             else:
                 suspect.uv = None
-        self._learn_share()
+        self._learn()
         return new
 
     def may_be_same(self, a: int, b: int, candidates: Mapping[int, Candidate]) -> bool:
@@ -162,15 +175,20 @@ class Suspects:
             moved_px = abs(uv[0] - suspect.uv[0]) + abs(uv[1] - suspect.uv[1])
         suspect.uv = uv
         score = None if confidence is None else float(score_of(confidence))
-        self.hypotheses(suspect.class_name).look(suspect.belief, look.camera, place, moved_px, score)
+        surprise = self.hypotheses(suspect.class_name).look(
+            suspect.belief, look.camera, place, moved_px, score, self.fit.widened
+        )
+        if score is not None:
+            self.fit.learn_spread(self.probability(suspect.id), surprise)
         suspect.account.look(float(look.camera.position_enu_m[2] - place[2]), confidence)
         suspect.n_looks += 1
-        suspect.evidence = self.hypotheses(suspect.class_name).evidence(suspect.belief)
+        self._weigh(suspect)
 
     def snapshot(self) -> dict[str, Any]:
         """As plain data, without the newest looks."""
         return {
             "prior_odds": self._prior_odds,
+            "fit": asdict(self.fit),
             "suspects": [
                 {
                     **{name: getattr(s, name) for name in _PLAIN},
@@ -178,6 +196,7 @@ class Suspects:
                     "uv": None if s.uv is None else list(s.uv),
                     "lowest_m": s.lowest_m if math.isfinite(s.lowest_m) else None,
                     "distinct": sorted(s.distinct),
+                    "shift": list(s.shift),
                     "account": list(astuple(s.account)),
                 }
                 for s in self.all.values()
@@ -187,6 +206,7 @@ class Suspects:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
         self._prior_odds = snapshot["prior_odds"]
+        self.fit = Fit(**snapshot["fit"])
         self.all = {
             s["id"]: Suspect(
                 **{name: s[name] for name in _PLAIN},
@@ -194,6 +214,7 @@ class Suspects:
                 uv=None if s["uv"] is None else (s["uv"][0], s["uv"][1]),
                 lowest_m=math.inf if s["lowest_m"] is None else s["lowest_m"],
                 distinct=set(s["distinct"]),
+                shift=(s["shift"][0], s["shift"][1]),
                 account=Account(*s["account"]),
             )
             for s in snapshot["suspects"]

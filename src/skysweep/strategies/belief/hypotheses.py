@@ -36,6 +36,7 @@ _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
 _WATER_KINDS = {"buoy", "boat"}
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _OUTLIER, _OUTLIER_DENSITY = 0.03, 0.2  # share of hits whose score nothing explains, and where they lie
+_SURPRISE_MAX = 9.0
 _N_STATES = 7
 _WEIGHT, _OWN, _PASS, _OWN_VAR, _COVARIANCE, _PASS_VAR, _PIXELS = range(_N_STATES)
 
@@ -67,6 +68,9 @@ class Hypotheses:
             )
         self._tables = np.array(tables)
         self._numbers = np.array(numbers)
+        spreads = self._tables[:, len(model.pixels) : 2 * len(model.pixels)].mean(axis=1)
+        own_var = self._numbers[:, 5] * spreads**2 + self._numbers[:, 7] ** 2
+        self._own_std = np.append(np.sqrt(own_var), 1.0)
         self._ghost = _Ghost(model, class_name)
         self._lapse_floor = parameters.lapse + (parameters.lapse_in_woods if context.is_wooded else 0.0)
 
@@ -78,9 +82,13 @@ class Hypotheses:
         belief[:, _PIXELS] = np.nan
         return belief
 
-    def evidence(self, belief: F64) -> float:
-        """Log likelihood ratio of all looks: a target against anything else."""
-        return float(_evidence(belief[:, _WEIGHT], self._is_target))
+    def evidence(self, belief: F64, shift: float) -> tuple[float, float, float]:
+        """Log likelihood ratio of all looks: a target against anything else; and what they tell of the shift.
+
+        ``shift`` is by how much targets here score higher than the model says. Told of it are the sum and the
+        weight of a mean: its best value, if this is a target, is their quotient.
+        """
+        return _evidence(belief, self._is_target, self._own_std, shift)
 
     def look(
         self,
@@ -89,14 +97,17 @@ class Hypotheses:
         place_enu_m: F64,
         moved_px: float,
         score: float | None,
-    ) -> None:
-        """Update a belief by one look at the place, in place.
+        widened: float,
+    ) -> float:
+        """Update a belief by one look at the place, in place; how surprising it was if this is a target.
 
         ``moved_px`` is how far the place has moved in the picture since its last look, inf where there was
-        none in this passing; ``score`` is that of a hit, None of a miss.
+        none in this passing; ``score`` is that of a hit, None of a miss. Targets' scores are spread
+        ``widened`` times as far as the model says. Surprise is the squared distance of the score from what
+        was expected, in variances, 1 on average; 0 for a miss.
         """
         altitude = max(float(camera.position_enu_m[2] - place_enu_m[2]), 1.0)
-        _look(
+        return _look(
             belief,
             self._tables,
             self._numbers,
@@ -111,6 +122,8 @@ class Hypotheses:
             self._threshold,
             self._lapse_floor,
             self._ghost.at(altitude),
+            self._is_target,
+            widened,
         )
 
     def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64) -> float:
@@ -194,14 +207,22 @@ def _contrast(model: StatisticalModel, kind: KindModel, surface: str) -> tuple[f
 
 
 @njit(cache=True)
-def _evidence(weights: F64, is_target: NDArray[np.bool_]) -> float:
+def _evidence(
+    belief: F64, is_target: NDArray[np.bool_], own_std: F64, shift: float
+) -> tuple[float, float, float]:
+    """A belief N(m, v) of an offset weighs exp(d m + d² (v - 1) / 2) if its prior mean is d instead of 0."""
     target = other = 1e-300
-    for i in range(len(weights)):
+    total = weight = 0.0
+    for i in range(len(belief)):
         if is_target[i]:
-            target += math.exp(weights[i])
+            d, m, v = shift / own_std[i], belief[i, _OWN], belief[i, _OWN_VAR]
+            likely = math.exp(belief[i, _WEIGHT] + d * m + 0.5 * d * d * (v - 1.0))
+            target += likely
+            total += likely * m / own_std[i]
+            weight += likely * (1.0 - v) / own_std[i] ** 2
         else:
-            other += math.exp(weights[i])
-    return math.log(target / other)
+            other += math.exp(belief[i, _WEIGHT])
+    return math.log(target / other), total / target, weight / target
 
 
 @njit(cache=True)
@@ -277,9 +298,12 @@ def _look(
     threshold: float,
     lapse_floor: float,
     ghost: F64,
-) -> None:
+    is_target: NDArray[np.bool_],
+    widened: float,
+) -> float:
     n = len(tables)
     expected = np.empty(4)
+    surprise, likely = 0.0, 1e-300
     for i in range(n + 1):
         b = belief[i]
         if i < n:
@@ -287,6 +311,8 @@ def _look(
             pixels, mean, spread = expected[0], expected[1], expected[2]
             lapse = max(expected[3], lapse_floor)
             object_share, pass_share, unsure = numbers[i, 5], numbers[i, 6], numbers[i, 7]
+            if is_target[i]:
+                spread *= widened
         else:
             pixels, mean, spread, lapse = b[_PIXELS], ghost[0], ghost[1], ghost[2]
             object_share, pass_share, unsure = ghost[3], 0.0, 0.0
@@ -304,6 +330,10 @@ def _look(
         variance = own * c_own + common * c_pass + rest
         middle = mean + own * b[_OWN] + common * b[_PASS]
         if score == score:
+            if i < n and is_target[i]:
+                weight = math.exp(b[_WEIGHT])
+                likely += weight
+                surprise += weight * min((score - middle) ** 2 / variance, _SURPRISE_MAX)
             density = math.exp(-0.5 * (score - middle) ** 2 / variance) / math.sqrt(2.0 * math.pi * variance)
             explained = (1.0 - _OUTLIER) * density
             total = explained + _OUTLIER * _OUTLIER_DENSITY
@@ -329,3 +359,4 @@ def _look(
     top = belief[:, _WEIGHT].max()
     for i in range(n + 1):
         belief[i, _WEIGHT] -= top
+    return surprise / likely

@@ -10,7 +10,7 @@ from skysweep.scenarios.model import Model
 class BeliefParameters(Model):
     """Costs are in seconds of search: how much longer one would search to avoid it."""
 
-    missed_cost_s: float = Field(2000.0, gt=0, description="Cost of a victim that is rejected")
+    missed_cost_s: float = Field(1000.0, gt=0, description="Cost of a victim that is rejected")
     alarm_cost_s: float = Field(400.0, gt=0, description="Cost of confirming something else")
     confirm_probability: float = Field(
         0.98,

@@ -51,6 +51,7 @@ class BeliefSearch:
         self._looks_above = 0  # it
         self._looks_before: int | None = None  # that told something of it, when it was reached
         self._stops = False  # at the goal, instead of flying through
+        self._said = ""  # of what does not fit
 
     def step(self, observation: Observation) -> Command:
         """Take in the looks, decide what can be decided, and fly on."""
@@ -70,6 +71,8 @@ class BeliefSearch:
         if self._to_scan and self._is_past(seen, (x, y), self._to_scan[0]):
             self._to_scan.pop(0)
             events.append(Event(EventKind.WAYPOINT_REACHED))
+            if not self._to_scan:
+                self._say_misfit(events)
         if self._to_scan:
             s, then = self._search, next(iter(self._to_scan[1:]), None)
             waypoint = Waypoint(self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps, then_xy_enu_m=then)
@@ -84,6 +87,12 @@ class BeliefSearch:
         vx, vy, _ = seen.vehicle.velocity_enu_mps.tolist()
         approached_mps = (vx * (to[0] - here[0]) + vy * (to[1] - here[1])) / away_m
         return away_m <= _PASSED_M and approached_mps < _PASSED_MPS
+
+    def _say_misfit(self, events: list[Event]) -> None:
+        misfit = self._suspects.fit.misfit()
+        if misfit and misfit != self._said:
+            self._said = misfit
+            events.append(Event(EventKind.MISFIT, reason=misfit))
 
     # ---- verdicts ----------------------------------------------------------------------------------------
 
@@ -183,6 +192,7 @@ class BeliefSearch:
         if self._goal is None:
             for k in self._open():
                 self._decide(seen, k, events)
+            self._say_misfit(events)
             return Command(Mode.CHECK, None, (*events, Event(EventKind.FINISHED)))
         then = next((self._xy(seen, k) for k in self._route if k != self._goal), None)
         waypoint = Waypoint(
@@ -296,6 +306,7 @@ class BeliefSearch:
             "looks_above": self._looks_above,
             "looks_before": self._looks_before,
             "stops": self._stops,
+            "said": self._said,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -304,7 +315,7 @@ class BeliefSearch:
         self._settled = {k: EventKind(kind) for k, kind in snapshot["settled"]}
         self._suspects.restore(snapshot["suspects"])
         self._route, self._goal = list(snapshot["route"]), snapshot["goal"]
-        self._height_m, self._stops = snapshot["height_m"], snapshot["stops"]
+        self._height_m, self._stops, self._said = snapshot["height_m"], snapshot["stops"], snapshot["said"]
         self._looks_above, self._looks_before = snapshot["looks_above"], snapshot["looks_before"]
 
 
