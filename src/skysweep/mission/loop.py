@@ -390,7 +390,9 @@ class Flight:
             self._asked = waypoint
             self._flown_to = self._clearance.lookout(waypoint) if waypoint.to_look else waypoint
             if self._flown_to is not None and self._flown_to.xy_enu_m != waypoint.xy_enu_m:
-                self._flown_to = self._flown_to._replace(then_xy_enu_m=None, yaw_rad=None)
+                self._flown_to = self._flown_to._replace(
+                    then_xy_enu_m=None, yaw_rad=None, gimbal_pitch_rad=None
+                )
             self._refusal = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, waypoint, self._flown_to)
             if self._refusal is not None:
                 self._notes.safety(seen.time_s, self._refusal)
@@ -419,9 +421,12 @@ class Flight:
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
         yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
-        asked = (*place, waypoint.speed_mps, yaw_rad)
+        pitch_rad = waypoint.gimbal_pitch_rad
+        if pitch_rad is None:
+            pitch_rad = self._m.scenario.camera.gimbal.pitch_rad
+        asked = (*place, waypoint.speed_mps, yaw_rad, pitch_rad)
         if self._sent is None or self._sent[0] != asked:
-            self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad)
+            self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad, None, pitch_rad)
         return self._sent[1]
 
     def _aim(self, here: XY, waypoint: Waypoint) -> XY:

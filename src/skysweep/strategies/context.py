@@ -64,7 +64,7 @@ class MissionContext:
             looks_hz,
             camera.lens,
             yaw_rad,
-            float(np.radians(camera.gimbal.pitch_deg)),
+            camera.gimbal.pitch_rad,
             scenario.area_enu_m,
             scenario.home.position_enu_m,
             scenario.target_sizes_m,
