@@ -44,6 +44,9 @@ class Mode(_Word):
     LAND = "LAND"
 
 
+SEARCHING = (Mode.SCAN, Mode.CHECK)  # the modes of a strategy: names, on which nothing depends that is flown
+
+
 class EventKind(_Word):
     """What a strategy decides, as the journal says it."""
 
