@@ -39,9 +39,7 @@ class Course:
         if not self.left or seen.refused:
             return Command(Mode.SCAN, None)
         xy, pitch_rad = self.left[0]
-        return Command(
-            Mode.SCAN, Waypoint(xy, HEIGHT_M, 5.0, yaw_rad=EAST, gimbal_pitch_rad=pitch_rad)
-        )
+        return Command(Mode.SCAN, Waypoint(xy, HEIGHT_M, 5.0, yaw_rad=EAST, gimbal_pitch_rad=pitch_rad))
 
     def snapshot(self):
         return {}

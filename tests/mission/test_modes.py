@@ -54,7 +54,12 @@ class Borrowed:
 
     def __init__(self, inner):
         self.inner, self.truth = inner, inner.truth
-        self.takeoff, self.land, self.hold, self.command = inner.takeoff, inner.land, inner.hold, inner.command
+        self.takeoff, self.land, self.hold, self.command = (
+            inner.takeoff,
+            inner.land,
+            inner.hold,
+            inner.command,
+        )
 
     @property
     def is_theirs(self):
@@ -98,7 +103,11 @@ def test_a_mission_that_is_flown_blind_and_taken_is_the_same_by_any_name(altitud
     taken = [line["p"] for line in check if line["kind"] == "state" and line["mode"] == Mode.HOLD]
     assert max(p[1] for p in taken) > 60.0
     x, y, _ = next(line["p"] for line in check if line["kind"] == "state" and line["t"] >= 39.9)
-    back = next(line["p"] for line in check if line["kind"] == "state" and line["t"] > 52.0 and line["mode"] == "CHECK")
+    back = next(
+        line["p"]
+        for line in check
+        if line["kind"] == "state" and line["t"] > 52.0 and line["mode"] == "CHECK"
+    )
     assert back[:2] == pytest.approx([x, y], abs=4.0)
     areas = [seen_area(Run(SCENARIO, tuple(lines))).area for lines in (scan, check)]
     assert areas[0] == areas[1] > 0.9 * SCENARIO.area_enu_m.area
@@ -107,6 +116,9 @@ def test_a_mission_that_is_flown_blind_and_taken_is_the_same_by_any_name(altitud
 def test_ground_is_covered_no_faster_than_looks_allow_by_any_name():
     scan, check = (flown(mode, 3.0, slow=True) for mode in (Mode.SCAN, Mode.CHECK))
     assert called(scan, Mode.CHECK) == check
-    assert [line["cause"] for line in check if line["kind"] == "safety"][:2] == ["detector slow", "scan slowed"]
+    assert [line["cause"] for line in check if line["kind"] == "safety"][:2] == [
+        "detector slow",
+        "scan slowed",
+    ]
     searched = [line["v"] for line in check if line["kind"] == "state" and line["mode"] == Mode.CHECK]
     assert max(np.hypot(*v[:2]) for v in searched) < 2.0

@@ -90,7 +90,9 @@ class Places:
     def step(self, seen):
         x, y, _ = seen.vehicle.position_enu_m.tolist()
         place = self.left[0]
-        there = math.dist((x, y), place.xy_enu_m) < 1.0 and abs(seen.altitude_agl_m - place.altitude_agl_m) < 0.5
+        there = (
+            math.dist((x, y), place.xy_enu_m) < 1.0 and abs(seen.altitude_agl_m - place.altitude_agl_m) < 0.5
+        )
         if seen.refused:
             self.refused.append((place.xy_enu_m, seen.refused))
         if seen.refused or there:
@@ -112,7 +114,9 @@ def asked(mode, *places, **changes):
 
 @pytest.mark.parametrize("mode", [Mode.SCAN, Mode.CHECK])
 def test_a_place_that_was_allowed_is_refused_where_it_is_asked_for_too_low(mode):
-    refused, states = asked(mode, ((30.0, 20.0), 5.0, 3.0), ((30.0, 20.0), 0.4, 3.0), ((30.0, 20.0), 9.0, 3.0))
+    refused, states = asked(
+        mode, ((30.0, 20.0), 5.0, 3.0), ((30.0, 20.0), 0.4, 3.0), ((30.0, 20.0), 9.0, 3.0)
+    )
     assert refused == [((30.0, 20.0), "altitude")]
     heights = [state.position_enu_m[2] for state in states]
     assert min(heights) > 4.0 and heights[-1] > 8.0

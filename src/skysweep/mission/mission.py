@@ -46,6 +46,7 @@ class Mission:
     obstacles: Obstacles  # known ones
     pictures: PictureSensor | None = None  # the sensor, if it takes pictures
     witness: Witness | None = None  # of a simulated vehicle
+    caveat: str = ""  # of what the strategy may believe, for the journal
     replays: bool = True  # deterministic; otherwise snapshots are journaled
 
     @property

@@ -237,7 +237,10 @@ class Guard:
         pitch_rad = flown_to.gimbal_pitch_rad
         if pitch_rad is not None and not _LOWEST_RAD <= pitch_rad <= _HIGHEST_RAD:
             lowest, highest = GIMBAL_PITCH_DEG
-            return "gimbal", f"a pitch of {math.degrees(pitch_rad):.0f} is not {lowest:g} to {highest:g} degrees"
+            return (
+                "gimbal",
+                f"a pitch of {math.degrees(pitch_rad):.0f} is not {lowest:g} to {highest:g} degrees",
+            )
         if not self._fence.allows(flown_to.xy_enu_m):
             return "geofence", "it lies outside the geofence or in a no-fly area"
         if not self._fence.way(here, flown_to.xy_enu_m):

@@ -272,7 +272,10 @@ class Gimbal(Model):
     """3-axis gimbal. The mission believes the pitch that its joints report."""
 
     pitch_deg: float = Field(
-        GIMBAL_PITCH_DEG[0], ge=GIMBAL_PITCH_DEG[0], le=GIMBAL_PITCH_DEG[1], description="-90 looks straight down"
+        GIMBAL_PITCH_DEG[0],
+        ge=GIMBAL_PITCH_DEG[0],
+        le=GIMBAL_PITCH_DEG[1],
+        description="-90 looks straight down",
     )
     max_rate_dps: float = Field(180.0, gt=1, le=1000, description="Largest turning rate")
     lag_s: float = Field(0.028, ge=0, le=2, description="Time constant of the stabilisation loop")
