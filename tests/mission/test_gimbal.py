@@ -64,7 +64,8 @@ def test_the_gimbal_turns_at_its_rate_and_the_belief_follows_it():
     slow = SMALL["camera"] | {"gimbal": {"max_rate_dps": 60.0}}
     ticks, _ = flown(((10.0, 5.0), None), ((50.0, 5.0), FORWARD), changes={"camera": slow})
     pitches = np.array([tick.state.camera.pitch_rad for tick, _ in ticks])
-    assert pitches[0] == pytest.approx(DOWN) and pitches[-1] == pytest.approx(FORWARD)
+    assert pitches[0] == pytest.approx(DOWN)
+    assert pitches[-1] == pytest.approx(FORWARD)
     steps = np.diff(pitches)
     assert 0.0 < steps.max() <= math.radians(0.5 * 60.0) * 0.1 + 1e-9
     assert len(steps[steps > 1e-6]) >= 13  # 40 degrees at 30 degrees a second
@@ -125,7 +126,8 @@ def test_no_picture_is_taken_that_would_be_put_elsewhere():
 def test_a_pitch_that_no_gimbal_takes_is_refused(pitch_deg):
     _, lines = flown(((10.0, 5.0), math.radians(pitch_deg)))
     (refused,) = [line for line in lines if line["kind"] == "safety"]
-    assert refused["action"] == "REFUSE_CHECK" and "is not -90 to 45 degrees" in refused["sentence"]
+    assert refused["action"] == "REFUSE_CHECK"
+    assert "is not -90 to 45 degrees" in refused["sentence"]
 
 
 def test_a_vehicle_that_cannot_point_its_camera_is_said_once():
@@ -134,6 +136,7 @@ def test_a_vehicle_that_cannot_point_its_camera_is_said_once():
     places = [((x, y), pitch) for y in (5.0, 20.0, 35.0) for x, pitch in ((0.0, None), (60.0, FORWARD))]
     _, lines = flown(*places, vehicle=vehicle)
     (said,) = [line for line in lines if line["kind"] == "safety"]
-    assert said["cause"] == "gimbal" and said["action"] == "CONTINUE"
+    assert said["cause"] == "gimbal"
+    assert said["action"] == "CONTINUE"
     assert said["sentence"] == "The camera's pitch is -90 degrees, not -50: the vehicle does not point it."
     assert lines[-1] == {"t": lines[-1]["t"], "kind": "end", "reason": "completed"}

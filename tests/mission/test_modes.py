@@ -99,7 +99,8 @@ def test_a_mission_that_is_flown_blind_and_taken_is_the_same_by_any_name(altitud
     scan, check = (flown(mode, altitude_agl_m) for mode in (Mode.SCAN, Mode.CHECK))
     assert called(scan, Mode.CHECK) == check
     (blind,) = (line for line in check if line["kind"] == "unsearched")
-    assert blind["again"] and blind["length_m"] > 20.0
+    assert blind["again"]
+    assert blind["length_m"] > 20.0
     taken = [line["p"] for line in check if line["kind"] == "state" and line["mode"] == Mode.HOLD]
     assert max(p[1] for p in taken) > 60.0
     x, y, _ = next(line["p"] for line in check if line["kind"] == "state" and line["t"] >= 39.9)

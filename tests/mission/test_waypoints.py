@@ -119,7 +119,8 @@ def test_a_place_that_was_allowed_is_refused_where_it_is_asked_for_too_low(mode)
     )
     assert refused == [((30.0, 20.0), "altitude")]
     heights = [state.position_enu_m[2] for state in states]
-    assert min(heights) > 4.0 and heights[-1] > 8.0
+    assert min(heights) > 4.0
+    assert heights[-1] > 8.0
 
 
 @pytest.mark.parametrize("mode", [Mode.SCAN, Mode.CHECK])

@@ -25,8 +25,8 @@ class Looks:
     """Takes every answer of the sensor and the track flown meanwhile.
 
     A stretch that covered ground is blind if no look exposed on it was answered for longer than a look takes
-    plus ``safety.detector_silent_s``. While the sensor is slower than usual, looks take longer, and ground that
-    was in no picture is blind as well.
+    plus ``safety.detector_silent_s``. While the sensor is slower than usual, looks take longer, and ground
+    that was in no picture is blind as well.
     """
 
     def __init__(self, scenario: Scenario, period: LookPeriod, cover_altitude_agl_m: float) -> None:

@@ -424,7 +424,7 @@ class Guard:
             yield Alarm(self._home_after(turned_s), "turned away", sentence)
 
     def _pointing(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:
-        """Whether the camera takes a pitch other than the scenario's. A vehicle that does not is said once."""
+        """Whether the camera takes a pitch other than the scenario's; that it does not is said once."""
         pitch_rad = None if goal is None else goal.gimbal_pitch_rad
         if pitch_rad is None or self._is_usual(pitch_rad):
             self._since.pop("gimbal", None)

@@ -94,8 +94,8 @@ class MissionContext:
         pixels = float(self.lens.pixels_on_target(smallest_m, height_m))
         beyond = self.sensor_model.extrapolation(pixels, height_m)
         return beyond and (
-            f"The sensor model was calibrated {beyond}: what the strategy believes from the scan's height is a "
-            "guess; write another search.scan_altitude_agl_m or camera.hfov_rad."
+            f"The sensor model was calibrated {beyond}: what the strategy believes from the scan's height is "
+            "a guess; write another search.scan_altitude_agl_m or camera.hfov_rad."
         )
 
     def ground_at_m(self, xy: XY) -> float:

@@ -469,18 +469,18 @@ def fly(state: F64, rng: U64, parameters: F64, steps: int, out: F64) -> None:
                 x.thrust = 0.0
         _move_gimbal(x, R, goal, rate_max, gain)
         x.energy_wh += power * STEP_S / 3600.0
-    poses(state, parameters, out)
+    poses(state, out)
 
 
 @njit(cache=True, error_model="numpy")
-def poses(state: F64, parameters: F64, out: F64) -> None:
+def poses(state: F64, out: F64) -> None:
     """Estimated and true poses, as rows of 3 in ``out`` (19, 3).
 
     Estimated: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.
     True: 9-11 R_body_to_enu, 12 camera position, 13-15 R_camera_to_enu, 16 camera velocity in camera axes,
     17 camera rates in camera axes. Both: 18 time, energy, whether it is airborne.
     """
-    x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
+    x = state.view(STATE)[0]
     e = _turn(x.attitude_error[0], x.attitude_error[1], x.attitude_error[2])
     attitude = _entries(x.attitude)
     B = _rotation(_multiply(e, attitude))

@@ -212,7 +212,7 @@ class Multirotor:
     def _poses(self) -> F64:
         if self._known_poses is None:
             self._known_poses = np.empty((19, 3))
-            d.poses(self._state, self._parameters, self._known_poses)
+            d.poses(self._state, self._known_poses)
         return self._known_poses
 
     def _place(self, position_enu_m: ArrayLike, velocity_enu_mps: ArrayLike, yaw_rad: float) -> None:
