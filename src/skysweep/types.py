@@ -44,6 +44,9 @@ class Mode(_Word):
     LAND = "LAND"
 
 
+SEARCHING = (Mode.SCAN, Mode.CHECK)  # the modes of a strategy: names, on which nothing depends that is flown
+
+
 class EventKind(_Word):
     """What a strategy decides, as the journal says it."""
 
@@ -83,13 +86,15 @@ class VehicleState(NamedTuple):
 class Setpoint(NamedTuple):
     """Where to go: PX4 offboard semantics (position plus optional velocity feed-forward).
 
-    ``speed_mps`` limits the horizontal speed; vertical limits are the vehicle's own.
+    ``speed_mps`` limits the horizontal speed; vertical limits are the vehicle's own. A vehicle that cannot
+    point its camera ignores ``gimbal_pitch_rad`` and keeps reporting where the camera does look.
     """
 
     position_enu_m: F64  # (3,)
     speed_mps: float
     yaw_rad: float  # ENU: 0 = east, counter-clockwise
     velocity_enu_mps: F64 | None = None  # (3,) feed-forward, for moving setpoints
+    gimbal_pitch_rad: float | None = None  # of the camera above the horizon; None: as it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,6 +253,7 @@ class Waypoint(NamedTuple):
     to_look: bool = False  # flown to for what is seen there: the vehicle may be sent beside it or higher
     then_xy_enu_m: XY | None = None  # flown through, towards this place; None: the vehicle stops there
     yaw_rad: float | None = None  # ENU; None: that of the plan
+    gimbal_pitch_rad: float | None = None  # of the camera above the horizon; None: that of the scenario
 
 
 class Command(NamedTuple):

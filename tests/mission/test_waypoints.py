@@ -1,4 +1,4 @@
-"""Waypoints that are flown through, and those that turn the nose."""
+"""Waypoints that are flown through, those that turn the nose, and those that are refused in any mode."""
 
 import math
 
@@ -79,3 +79,56 @@ def test_the_nose_turns_where_a_waypoint_asks_for_it():
     last = flown(through=True, yaw_rad=math.pi / 2)[-1]
     nose = last.R_body_to_enu[:, 0]
     assert nose[1] == pytest.approx(1.0, abs=0.1)
+
+
+class Places:
+    """Asks for one place after the other, each once it is reached or refused, in one mode."""
+
+    def __init__(self, mode, *places):
+        self.mode, self.left, self.refused = mode, [Waypoint(*place) for place in places], []
+
+    def step(self, seen):
+        x, y, _ = seen.vehicle.position_enu_m.tolist()
+        place = self.left[0]
+        there = (
+            math.dist((x, y), place.xy_enu_m) < 1.0 and abs(seen.altitude_agl_m - place.altitude_agl_m) < 0.5
+        )
+        if seen.refused:
+            self.refused.append((place.xy_enu_m, seen.refused))
+        if seen.refused or there:
+            self.left.pop(0)
+        return Command(self.mode, self.left[0] if self.left else None)
+
+    snapshot, restore = Corners.snapshot, Corners.restore
+
+
+def asked(mode, *places, **changes):
+    """What was refused, and the states of the search."""
+    strategy = Places(mode, *places)
+    spec = StrategySpec(lambda _context: strategy, lambda _search: 20.0)
+    mission = build_mission(Scenario.model_validate(SMALL | changes), 0, Rig("statistical", strategy=spec))
+    with Flight(mission, MemoryJournal()) as flight:
+        states = [tick.state for tick in flight if tick.mode == mode]
+    return strategy.refused, states
+
+
+@pytest.mark.parametrize("mode", [Mode.SCAN, Mode.CHECK])
+def test_a_place_that_was_allowed_is_refused_where_it_is_asked_for_too_low(mode):
+    refused, states = asked(
+        mode, ((30.0, 20.0), 5.0, 3.0), ((30.0, 20.0), 0.4, 3.0), ((30.0, 20.0), 9.0, 3.0)
+    )
+    assert refused == [((30.0, 20.0), "altitude")]
+    heights = [state.position_enu_m[2] for state in states]
+    assert min(heights) > 4.0
+    assert heights[-1] > 8.0
+
+
+@pytest.mark.parametrize("mode", [Mode.SCAN, Mode.CHECK])
+def test_a_place_too_far_for_the_battery_is_refused(mode):
+    weak = {"vehicle": {"battery_wh": 12.0}, "safety": {"battery_low": 0.01, "battery_critical": 0.005}}
+    far = (400.0, 20.0)
+    far_fence = {"geofence_enu_m": [[-50, -50], [500, -50], [500, 90], [-50, 90]]}
+    refused, states = asked(mode, (far, 20.0, 5.0), ((30.0, 20.0), 20.0, 5.0), **weak, **far_fence)
+    assert refused == [(far, "return energy")]
+    assert max(state.position_enu_m[0] for state in states) < 35.0
+    assert states[-1].position_enu_m[0] == pytest.approx(30.0, abs=1.5)

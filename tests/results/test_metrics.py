@@ -192,3 +192,25 @@ def test_the_real_time_factor_of_a_continued_flight_is_that_of_its_last_part(tin
     begun_s = tiny_run.start["t"]
     continued = Run(tiny_run.scenario, (*tiny_run.records, {"t": begun_s + 60.0, "kind": "resumed"}))
     assert compute_summary(continued, wall_time_s=2.0)["real_time_factor"] == 10
+
+
+@pytest.mark.parametrize("mode", ["SCAN", "CHECK"])
+def test_what_was_seen_does_not_depend_on_the_modes_name(tmp_path, mode):
+    eyes = [state(k, eye, mode) for k, eye in enumerate(([5, 10, 10], [20, 10, 3]))]
+    run = load_run(write_run(tmp_path, [tiny_records()[0], *eyes]))
+    assert seen_area(run).area == pytest.approx(150 + 18)
+
+
+def test_from_too_high_nothing_counts_as_seen(tmp_path):
+    """A sign of 0.75 m spans 8 pixels from 30 m through this lens."""
+    assert covered_m2(tmp_path / "near", (20, 10, 29)) > 700
+    assert covered_m2(tmp_path / "far", (20, 10, 31)) == 0
+    assert covered_m2(tmp_path / "as planned", (20, 10, 31), search={"scan_altitude_agl_m": 31}) > 700
+
+
+def test_of_an_oblique_picture_only_the_near_part_counts(tmp_path):
+    """Looking 45 degrees down to the east, signs have 8 pixels where they are 30 m away along the axis."""
+    s = np.sqrt(0.5)
+    ahead = state(0, [0, 10, 15], R=[0, -s, s, -1, 0, 0, 0, -s, -s])
+    run = load_run(write_run(tmp_path, [tiny_records()[0], ahead]))
+    assert seen_area(run).bounds[2] == pytest.approx((30.0 - 15.0 * s) / s)

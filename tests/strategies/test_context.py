@@ -7,6 +7,10 @@ import pytest
 from contexts import context_of
 
 from skysweep.errors import UserError
+from skysweep.flights.build import build_mission
+from skysweep.flights.rig import Rig
+from skysweep.mission.journal import MemoryJournal
+from skysweep.mission.loop import Flight
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.strategies import strategy_spec
 from skysweep.strategies.context import MissionContext
@@ -63,3 +67,35 @@ def test_parameters_that_a_strategy_does_not_have_are_one_sentence(strategy, par
 def test_parameters_are_set_one_by_one():
     scenario = change_scenario(load_scenario("clusters"), {"search.parameters.missed_cost_s": 500.0})
     assert scenario.search.parameters == {"missed_cost_s": 500.0}
+
+
+@pytest.mark.parametrize(
+    ("altitude_agl_m", "words"),
+    [
+        (30.0, ""),
+        (95.0, "calibrated for 4 to 220 pixels on target, not 3.6: "),
+        (
+            110.0,
+            "calibrated for 4 to 220 pixels on target, not 3.11 and for 3 to 100 m above ground, not 110: ",
+        ),
+    ],
+)
+def test_a_scan_that_the_sensor_model_was_not_calibrated_for_is_said_at_the_start(altitude_agl_m, words):
+    changes = {"search.strategy": "belief", "search.scan_altitude_agl_m": altitude_agl_m}
+    mission = build_mission(change_scenario(load_scenario("clusters"), changes), 0, Rig("statistical"))
+    journal = MemoryJournal()
+    with Flight(mission, journal) as flight:
+        next(flight)
+    said = [line for line in journal.lines if line["kind"] == "safety"]
+    assert bool(said) == bool(words)
+    for line in said:
+        assert (line["t"], line["cause"], line["action"]) == (0.0, "sensor model", "CONTINUE")
+        assert words in line["sentence"]
+
+
+def test_a_strategy_that_needs_a_sensor_model_does_not_take_off_without_one():
+    changes = {"search.strategy": "belief", "camera.width_px": 320}
+    other_camera = change_scenario(load_scenario("clusters"), changes)
+    with pytest.raises(UserError, match=r"camera.width_px is 320, not 640.*another search.strategy"):
+        build_mission(other_camera, 0, Rig("imaging"))
+    assert build_mission(change_scenario(other_camera, {"search.strategy": "scan-check"}), 0)

@@ -61,6 +61,13 @@ def test_the_horizon_has_no_ground():
     assert np.isnan(pixels_to_ground(LENS, level, [[320, 10]], flat)).all()
 
 
+def test_a_sighting_has_its_box_and_whether_an_edge_of_the_picture_cuts_it():
+    points = pixels_to_ground(LENS, pose(), [[320, 180], [636, 180]], flat)
+    whole, cut = GroundTracker(flat).update(look(pose(), points))
+    np.testing.assert_allclose(whole.box_xyxy_px, (315.0, 175.0, 325.0, 185.0), atol=0.05)
+    assert (whole.is_cut, cut.is_cut) == (False, True)
+
+
 def test_repeated_sightings_are_one_candidate_and_get_better():
     rng = np.random.default_rng(0)
     tracker = GroundTracker(flat)

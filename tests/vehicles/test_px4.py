@@ -322,6 +322,26 @@ def test_the_gimbal_is_pointed_and_believed():
         assert true[2, 2] == pytest.approx(math.sin(-0.5), abs=0.03)
 
 
+def test_a_setpoint_points_the_gimbal():
+    with connected() as (vehicle, server):
+        hovering(vehicle)
+        there = setpoint(0.0, 0.0, 8.0)
+        vehicle.command(there._replace(gimbal_pitch_rad=-0.5))
+        fly_until(vehicle, lambda s: abs(s.camera.pitch_rad + 0.5) < 0.02)
+        true = server.face.pilot._vehicle.true_camera_pose()
+        assert true.pitch_rad == pytest.approx(-0.5, abs=0.03)
+        vehicle.command(there)  # leaves it as it is
+        vehicle.advance(2.0)
+        assert vehicle.state().camera.pitch_rad == pytest.approx(-0.5, abs=0.02)
+
+
+def test_a_camera_without_a_gimbal_is_believed_to_look_as_before():
+    vehicle = LookAlike(0).vehicle
+    vehicle.gimbal = False
+    vehicle.look(-0.5)
+    assert vehicle.telemetry.gimbal_pitch_rad == pytest.approx(-math.pi / 2)
+
+
 def test_preflight_says_whose_the_gimbal_is():
     with connected() as (vehicle, server):
         plan = plan_of_mission(vehicle.scenario, plan_scenario(vehicle.scenario)[0])

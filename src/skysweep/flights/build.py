@@ -80,6 +80,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         )
     waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
     context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
+    caveat = context.sensor_caveat if spec.needs_sensor_model else ""
     return Mission(
         scenario,
         seed,
@@ -96,6 +97,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         obstacles,
         pictures,
         witness,
+        caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
     )
 

@@ -21,7 +21,7 @@ from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
 from skysweep.results.run_folder import Record
-from skysweep.types import Answer, Detections, Doubt, Mode, Sensor, Vehicle, VehicleState
+from skysweep.types import SEARCHING, Answer, Detections, Doubt, Sensor, Vehicle, VehicleState
 
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
@@ -116,14 +116,14 @@ class LaterVehicle:
 def restored(mission: Mission, journal: FileJournal) -> Mission:
     """A newly built mission in the state of the interrupted one; an incomplete step is cut off the journal.
 
-    A SCAN continues where it was left.
+    The scan continues where it was left.
     """
     journal.cut(_n_whole(journal.records))
     records = journal.records
     last = next((r for r in reversed(records) if r["kind"] == SNAPSHOT), None)
     if last is not None:
         strategy = dict(last["strategy"])
-        left_xy = _left_at(records)
+        left_xy = _left_at(mission, records)
         if left_xy and strategy.get("to_scan") and not strategy.get("left_xy"):
             strategy["to_scan"] = [left_xy, *strategy["to_scan"]]
         try:
@@ -146,11 +146,16 @@ def _n_whole(records: Sequence[Record]) -> int:
     return n
 
 
-def _left_at(records: Sequence[Record]) -> list[float] | None:
-    """The place up to which a SCAN was surely looked at; None in a CHECK or before the first SCAN."""
-    states = [r for r in records if r["kind"] == "state" and r["mode"] in (Mode.SCAN, Mode.CHECK)]
-    if not states or states[-1]["mode"] != Mode.SCAN:
+def _left_at(mission: Mission, records: Sequence[Record]) -> list[float] | None:
+    """The place up to which ground was surely looked at; None where none was being covered."""
+
+    def covers(record: Record) -> bool:
+        x, y, z = record["p"]
+        return mission.covers_from(z - mission.ground_at_m(x, y))
+
+    states = [r for r in records if r["kind"] == "state" and r["mode"] in SEARCHING]
+    if not states or not covers(states[-1]):
         return None
-    sure = [r for r in states if r["mode"] == Mode.SCAN and r["t"] <= states[-1]["t"] - _UNSEEN_S]
+    sure = [r for r in states if r["t"] <= states[-1]["t"] - _UNSEEN_S and covers(r)]
     x, y, _ = (sure or states)[-1]["p"]
     return [x, y]

@@ -63,6 +63,11 @@ class CameraPose(NamedTuple):
     position_enu_m: F64
     R_camera_to_enu: F64
 
+    @property
+    def pitch_rad(self) -> float:
+        """Of the optical axis, above the horizon."""
+        return math.asin(max(-1.0, min(1.0, self.R_camera_to_enu.item(8))))
+
 
 class CameraMotion(NamedTuple):
     """A camera's motion in its own optical axes (x right, y down, z forward)."""

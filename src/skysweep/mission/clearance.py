@@ -38,8 +38,7 @@ class Clearance:
         self._climb_mps = scenario.vehicle.climb_speed_mps
         self._highest_agl_m = scenario.search.scan_altitude_agl_m
         self._clear_above_m = obstacles.top_m() + self._keep_m if obstacles.exist else -math.inf
-        pitch_rad = math.radians(scenario.camera.gimbal.pitch_deg)
-        self._R_camera_to_enu = rotation_camera_to_enu(yaw_rad, pitch_rad)
+        self._R_camera_to_enu = rotation_camera_to_enu(yaw_rad, scenario.camera.gimbal.pitch_rad)
         self._held_xy: XY | None = None  # where it waits for a climb
         self._looked: tuple[Waypoint, Waypoint | None] | None = None  # the last request, and its answer
 

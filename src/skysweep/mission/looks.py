@@ -24,9 +24,9 @@ _JUDGED, _HICCUPS = 10, 1  # looks, and how many of them may be doubted without 
 class Looks:
     """Takes every answer of the sensor and the track flown meanwhile.
 
-    A stretch of a SCAN is blind if no look exposed on it was answered for longer than a look takes plus
-    ``safety.detector_silent_s``. While the sensor is slower than usual, looks take longer, and ground that
-    was in no picture is blind as well.
+    A stretch that covered ground is blind if no look exposed on it was answered for longer than a look takes
+    plus ``safety.detector_silent_s``. While the sensor is slower than usual, looks take longer, and ground
+    that was in no picture is blind as well.
     """
 
     def __init__(self, scenario: Scenario, period: LookPeriod, cover_altitude_agl_m: float) -> None:
@@ -138,10 +138,10 @@ class Looks:
         if now_s - self.newest_s > self._longest_gap_s() + self.usual_age_s:
             self._note_blind(self.newest_s, now_s)
 
-    def keep_track(self, state: VehicleState, scanning: bool) -> None:
-        """Record where the vehicle is, and whether it scans."""
+    def keep_track(self, state: VehicleState, covers: bool) -> None:
+        """Record where the vehicle is, and whether it covers ground from there."""
         if not self._lost:
-            self._track.append((state.time_s, state.position_enu_m, scanning))
+            self._track.append((state.time_s, state.position_enu_m, covers))
 
     def trust(self, now_s: float, lost: bool, silent: bool) -> None:
         """Take note of a lost position or silent telemetry.
@@ -175,8 +175,8 @@ class Looks:
 
     def _note_blind(self, since_s: float, until_s: float) -> None:
         path: list[XY] = []
-        for t, position, scanning in [*self._track, (math.inf, np.zeros(3), False)]:
-            if scanning and since_s - 1.0 <= t <= until_s + 1.0:
+        for t, position, covers in [*self._track, (math.inf, np.zeros(3), False)]:
+            if covers and since_s - 1.0 <= t <= until_s + 1.0:
                 path.append((position.item(0), position.item(1)))
             elif path:
                 self._blind += _legs(path)

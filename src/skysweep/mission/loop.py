@@ -24,6 +24,7 @@ from skysweep.mission.notes import Notes
 from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
 from skysweep.types import (
+    SEARCHING,
     XY,
     Candidate,
     Command,
@@ -326,7 +327,8 @@ class Flight:
             alarms += (Alarm(Action.RETURN, "journal", f"The journal ends here: {self._notes.failed}."),)
         self._worst = max(alarms, key=lambda a: a.action, default=_ALL_WELL)
         self._notes.alarms(now_s, alarms, self._guard.not_judged(state, phase, goal))
-        self._looks.keep_track(state, self._mode == Mode.SCAN and not state.taken_over)
+        covers = self._mode in SEARCHING and self._m.covers_from(self._altitude_agl_m(state))
+        self._looks.keep_track(state, covers and not state.taken_over)
         return self._worst
 
     def _look(self, state: VehicleState) -> Detections | None:
@@ -390,7 +392,9 @@ class Flight:
             self._asked = waypoint
             self._flown_to = self._clearance.lookout(waypoint) if waypoint.to_look else waypoint
             if self._flown_to is not None and self._flown_to.xy_enu_m != waypoint.xy_enu_m:
-                self._flown_to = self._flown_to._replace(then_xy_enu_m=None, yaw_rad=None)
+                self._flown_to = self._flown_to._replace(
+                    then_xy_enu_m=None, yaw_rad=None, gimbal_pitch_rad=None
+                )
             self._refusal = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, waypoint, self._flown_to)
             if self._refusal is not None:
                 self._notes.safety(seen.time_s, self._refusal)
@@ -399,13 +403,12 @@ class Flight:
             self._notes.safety(seen.time_s, end)
             return end
         if self._refusal is None and self._flown_to is not None:
-            paced = self._paced(command.mode, self._flown_to)
-            self._m.vehicle.command(self._setpoint(seen.vehicle, paced))
+            self._m.vehicle.command(self._setpoint(seen.vehicle, self._paced(self._flown_to)))
         return _ALL_WELL
 
-    def _paced(self, mode: Mode, waypoint: Waypoint) -> Waypoint:
-        """The waypoint; a SCAN is no faster than the looks allow."""
-        if not self._looks.scan_is_slowed or mode != Mode.SCAN:
+    def _paced(self, waypoint: Waypoint) -> Waypoint:
+        """The waypoint; ground is covered no faster than the looks allow."""
+        if not self._looks.scan_is_slowed or not self._m.covers_from(waypoint.altitude_agl_m):
             return waypoint
         return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
@@ -419,9 +422,12 @@ class Flight:
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
         yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
-        asked = (*place, waypoint.speed_mps, yaw_rad)
+        pitch_rad = waypoint.gimbal_pitch_rad
+        if pitch_rad is None:
+            pitch_rad = self._m.scenario.camera.gimbal.pitch_rad
+        asked = (*place, waypoint.speed_mps, yaw_rad, pitch_rad)
         if self._sent is None or self._sent[0] != asked:
-            self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad)
+            self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad, None, pitch_rad)
         return self._sent[1]
 
     def _aim(self, here: XY, waypoint: Waypoint) -> XY:
@@ -444,14 +450,15 @@ class Flight:
         return state
 
     def _goes_back(self, state: VehicleState) -> bool:
-        """Whether it flies back to where a scan was interrupted, as the ground in between was not seen."""
+        """Whether it flies back to where covering was interrupted, as the ground in between was not seen."""
         if not self._interrupted:
             self._left_enu_m = state.position_enu_m
             return False
-        x, y, _ = self._left_enu_m.tolist()
+        x, y, z = self._left_enu_m.tolist()
         away_m = math.dist(state.position_enu_m[:2].tolist(), (x, y))
         limit_m = _BACK_M if self._going_back else _DISPLACED_M
-        self._going_back = self._interrupted = self._mode == Mode.SCAN and away_m > limit_m
+        covered = self._m.covers_from(z - self._m.ground_at_m(x, y))
+        self._going_back = self._interrupted = covered and away_m > limit_m
         if self._going_back:
             speed_mps = self._m.scenario.vehicle.cruise_speed_mps
             back = Waypoint((x, y), self._m.cover_altitude_agl_m, speed_mps)

@@ -24,6 +24,8 @@ from skysweep.worlds.obstacles import Obstacles
 Watch = Callable[[VehicleState, Mode, Detections | None], None]
 Operator = Callable[[], str | None]
 
+_COVERS = 0.8  # of the plan's height
+
 
 @dataclass(frozen=True, slots=True)
 class Mission:
@@ -44,9 +46,14 @@ class Mission:
     obstacles: Obstacles  # known ones
     pictures: PictureSensor | None = None  # the sensor, if it takes pictures
     witness: Witness | None = None  # of a simulated vehicle
+    caveat: str = ""  # of what the strategy may believe, for the journal
     replays: bool = True  # deterministic; otherwise snapshots are journaled
 
     @property
     def return_altitude_agl_m(self) -> float:
         """Height above ground on the way home."""
         return max(self.cover_altitude_agl_m, self.scenario.search.scan_altitude_agl_m)
+
+    def covers_from(self, altitude_agl_m: float) -> bool:
+        """Whether a search at this height covers ground as planned, whatever the strategy calls it."""
+        return altitude_agl_m >= _COVERS * self.cover_altitude_agl_m

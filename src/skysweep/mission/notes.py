@@ -51,7 +51,7 @@ class Notes:
         return self._journal.failed
 
     def start(self, mission: Mission) -> None:
-        """The mission's set-up, and F."""
+        """The mission's set-up, F, and what to keep in mind of both."""
         search = mission.scenario.search
         self._journal.write(
             0.0,
@@ -66,6 +66,8 @@ class Notes:
         xy = mission.waypoints_xy_enu_m
         z = [mission.ground_at_m(x, y) + mission.cover_altitude_agl_m for x, y in xy.tolist()]
         self._journal.write(0.0, "plan", waypoints_enu_m=np.column_stack([xy, z]))
+        if mission.caveat:
+            self.safety(0.0, Alarm(Action.CONTINUE, "sensor model", mission.caveat))
 
     def go_on(self, before: Sequence[Mapping[str, Any]]) -> None:
         """Continue an interrupted mission; ``before`` is its journal."""

@@ -15,7 +15,7 @@ from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.mission.progress import Progress
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import GIMBAL_PITCH_DEG, Scenario
 from skysweep.types import Setpoint, VehicleState, Waypoint
 from skysweep.worlds.obstacles import Obstacles
 
@@ -28,6 +28,8 @@ _STUCK_SAID_S = 20.0  # without progress towards the setpoint
 _ARRIVED_M = 3.0  # close enough to need no progress
 _SLOW_M = 3.0  # that a slow vehicle is given time for
 _TURNED_AWAY_RAD, _TURNED_SAID_S = 0.35, 10.0
+_POINTS_AWAY_RAD = 0.1
+_LOWEST_RAD, _HIGHEST_RAD = map(math.radians, GIMBAL_PITCH_DEG)
 _GROUND_SAID_S, _GROUND_RETURN_S = 3.0, 10.0
 _GROUND_SHARE, _GROUND_NEAR_SHARE = 0.25, 0.5  # of the expected distance
 _GROUND_M = 2.0
@@ -52,6 +54,7 @@ OVER = {
     "battery unknown": "The vehicle reports its battery again.",
     "setpoints ignored": "The vehicle follows its setpoints again.",
     "turned away": "The vehicle keeps the commanded heading again.",
+    "gimbal": "The camera points where it is told again.",
     "height": "The rangefinder agrees with the height again.",
     "operator": "The operator's hold is over.",
     "taken over": "The vehicle was handed back.",
@@ -104,7 +107,7 @@ class Guard:
     ) -> None:
         self._limits, self._battery_wh = scenario.safety, scenario.vehicle.battery_wh
         self._home, self._noise_m = scenario.home.position_enu_m, scenario.vehicle.position_noise_m
-        self._obstacles = obstacles
+        self._gimbal, self._obstacles = scenario.camera.gimbal, obstacles
         self._fence, self._energy, self._looks = fence, energy, looks
         self._since: dict[str, float] = {}
         self._word: str | None = None
@@ -114,6 +117,7 @@ class Guard:
         self._endurance_s = 3600.0 * scenario.vehicle.battery_wh / scenario.vehicle.hover_power_w
         self._homeward, self._progress = Progress(), Progress()
         self._disobeys = False
+        self._is_fixed = False  # the camera, as the vehicle did not point it
         self._led_away = begins_in_air  # perhaps beyond the fence, by somebody else
         self._may_estimate = scenario.safety.battery_estimated and not begins_in_air
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
@@ -157,7 +161,7 @@ class Guard:
             found.append(Alarm(Action.RETURN, "operator", "The operator calls the vehicle home."))
         disobeys = [*self._obedience(state, goal, now_s)]
         self._disobeys = bool(disobeys)
-        found += disobeys
+        found += [*disobeys, *self._pointing(state, goal, now_s)]
         if not lost and not silent:
             found += self._place(state, altitude_agl_m)
             found += self._height(state, now_s)
@@ -174,6 +178,8 @@ class Guard:
             causes.add("wind")
         if phase is not Phase.SEARCH or goal is None:
             causes |= {"setpoints ignored", "turned away"}
+        if phase is not Phase.SEARCH or goal is None or self._is_usual(goal.gimbal_pitch_rad):
+            causes.add("gimbal")
         unsure = state.silent_s > self._limits.link_hold_s or self._since.keys() & _PLACELESS
         if phase is not Phase.SEARCH or unsure:
             causes |= {"camera", "detector silent", "height"}
@@ -228,6 +234,13 @@ class Guard:
         lowest_m = max(limits.altitude_min_agl_m, limits.descent_floor_agl_m)
         if not lowest_m <= flown_to.altitude_agl_m <= limits.altitude_max_agl_m:
             return "altitude", f"{flown_to.altitude_agl_m:.1f} m above ground is not between the limits"
+        pitch_rad = flown_to.gimbal_pitch_rad
+        if pitch_rad is not None and not _LOWEST_RAD <= pitch_rad <= _HIGHEST_RAD:
+            lowest, highest = GIMBAL_PITCH_DEG
+            return (
+                "gimbal",
+                f"a pitch of {math.degrees(pitch_rad):.0f} is not {lowest:g} to {highest:g} degrees",
+            )
         if not self._fence.allows(flown_to.xy_enu_m):
             return "geofence", "it lies outside the geofence or in a no-fly area"
         if not self._fence.way(here, flown_to.xy_enu_m):
@@ -410,6 +423,24 @@ class Guard:
             sentence = f"The heading is {math.degrees(away_rad):.0f} degrees off the commanded one."
             yield Alarm(self._home_after(turned_s), "turned away", sentence)
 
+    def _pointing(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:
+        """Whether the camera takes a pitch other than the scenario's; that it does not is said once."""
+        pitch_rad = None if goal is None else goal.gimbal_pitch_rad
+        if pitch_rad is None or self._is_usual(pitch_rad):
+            self._since.pop("gimbal", None)
+            return
+        looks_rad = state.camera.pitch_rad
+        away_s = self._lasting_s("gimbal", abs(looks_rad - pitch_rad) > _POINTS_AWAY_RAD, now_s)
+        longest_s = _TURNED_SAID_S + 180.0 / self._gimbal.max_rate_dps
+        self._is_fixed = away_s is not None and (self._is_fixed or away_s > longest_s)
+        if self._is_fixed:
+            told, looks = (f"{math.degrees(rad):.0f}" for rad in (pitch_rad, looks_rad))
+            sentence = f"The camera's pitch is {looks} degrees, not {told}: the vehicle does not point it."
+            yield Alarm(Action.CONTINUE, "gimbal", sentence)
+
+    def _is_usual(self, pitch_rad: float | None) -> bool:
+        return pitch_rad is None or pitch_rad == self._gimbal.pitch_rad
+
     def _home_after(self, lasted_s: float) -> Action:
         return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE
 
@@ -478,6 +509,7 @@ class Guard:
         return (
             allowed is not None
             and allowed.altitude_agl_m == waypoint.altitude_agl_m
+            and allowed.gimbal_pitch_rad == waypoint.gimbal_pitch_rad
             and math.dist(allowed.xy_enu_m, waypoint.xy_enu_m) < _MOVED_M
         )
 

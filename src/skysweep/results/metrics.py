@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from skysweep.errors import UserError
+from skysweep.planning.advice import UNSEEN_BELOW_PX
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.summary import RunSummary, Summary, finite_or_inf
-from skysweep.types import F64, Doubt, EventKind, Mode
+from skysweep.scenarios.model import Scenario
+from skysweep.types import F64, SEARCHING, Doubt, EventKind
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
 from skysweep.worlds.world import WorldObject
@@ -29,6 +31,8 @@ _FORBIDDEN_M = 1e6
 _GROUND_POINTS = 2000  # about this many points sample the ground that crowns and buildings hide
 _GROUND_TRIES = 1_000_000  # at most, where the area is thin
 _ABOVE_GROUND_M = 0.1
+_ABOVE_PLAN = 1.1  # times the scan's height, which its author takes for low enough
+_NADIR = 1e-6  # as good as straight down, where a picture's rows are equally far
 _FLATTEST_VIEW = -0.1  # vertical part of a unit ray: flatter views reach the horizon and see nothing
 
 
@@ -179,28 +183,33 @@ def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
 
 
 def seen_area(run: Run) -> shapely.Geometry:
-    """The part of the search area that the camera pictured in mode SCAN while looks were answered.
+    """The part of the search area that the camera pictured while looks were answered.
 
-    Each believed camera pose gives one footprint at the level of the ground below it.
+    Each believed camera pose gives one footprint at the level of the ground below it. A picture counts in
+    every mode of a search, if it was taken from low enough to find the smallest target.
     """
     states, lens = run.states, run.scenario.camera.lens
-    scanning = _scanning(run)
-    eye = states.camera_position_enu_m[scanning]
+    looking = _looking(run)
+    eye = states.camera_position_enu_m[looking]
     if not len(eye):
         return shapely.Polygon()
     u, v = lens.width_px / (2 * lens.focal_px), lens.height_px / (2 * lens.focal_px)
-    corners = np.array([[-u, -v, 1.0], [u, -v, 1.0], [u, v, 1.0], [-u, v, 1.0]])
-    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
-    rays = np.einsum("nij,kj->nki", states.R_camera_to_enu[scanning], corners)
+    R = states.R_camera_to_enu[looking]
     height = eye[:, 2] - run.world.terrain.height_m(eye[:, :2])
-    good = (rays[..., 2] < _FLATTEST_VIEW).all(axis=1) & (height > 0)
+    top = np.maximum(-v, _farthest_row(R, height / _seen_from_m(run.scenario)))
+    corners = np.ones((len(eye), 4, 3))
+    corners[:, :, 0] = -u, u, u, -u
+    corners[:, :2, 1], corners[:, 2:, 1] = top[:, None], v
+    corners /= np.linalg.norm(corners, axis=2, keepdims=True)
+    rays = np.einsum("nij,nkj->nki", R, corners)
+    good = (rays[..., 2] < _FLATTEST_VIEW).all(axis=1) & (height > 0) & (top < v)
     reach = height[good, None] / -rays[good, :, 2]
     ground = eye[good, None, :2] + reach[..., None] * rays[good, :, :2]
     return shapely.union_all(shapely.polygons(ground)).intersection(run.scenario.area_enu_m)
 
 
 def seen_m2_of(run: Run) -> float:
-    """Square metres of the search area's ground that the camera saw in mode SCAN.
+    """Square metres of the search area's ground that the camera saw.
 
     Crowns and buildings hide ground. A grid of points in ``seen_area`` gives the share with a free view in at
     least one picture.
@@ -210,7 +219,7 @@ def seen_m2_of(run: Run) -> float:
     if area.is_empty or not len(solids):
         return float(area.area)
     states, lens = run.states, run.scenario.camera.lens
-    scanning = _scanning(run)
+    looking = _looking(run)
     west, south, east, north = area.bounds
     tries = (east - west) * (north - south) / _GROUND_TRIES
     step_m = math.sqrt(max(area.area / _GROUND_POINTS, tries))
@@ -218,21 +227,40 @@ def seen_m2_of(run: Run) -> float:
     xy = grid.reshape(-1, 2) + step_m / 2
     xy = xy[shapely.contains_xy(area, xy)]
     points = np.column_stack([xy, run.world.terrain.height_m(xy) + _ABOVE_GROUND_M])
-    poses = states.camera_position_enu_m[scanning], states.R_camera_to_enu[scanning]
+    poses = states.camera_position_enu_m[looking], states.R_camera_to_enu[looking]
     u, v = lens.width_px / (2 * lens.focal_px), lens.height_px / (2 * lens.focal_px)
     pictured, seen = count_seen(points, *poses, u, v, solids)
     return float(area.area) * seen / max(pictured, 1)
 
 
-def _scanning(run: Run) -> NDArray[np.bool_]:
-    """(N,) the states in mode SCAN that were not flown blind."""
-    states = run.states
-    scanning = np.array([mode == Mode.SCAN for mode in states.mode], dtype=bool)
+def _looking(run: Run) -> NDArray[np.bool_]:
+    """(N,) the states of the search that were not flown blind, and not too high to see the smallest target.
+
+    In a HOLD the place may be wrong.
+    """
+    states, scenario = run.states, run.scenario
+    looking = np.array([mode in SEARCHING for mode in states.mode], dtype=bool)
+    looking &= run.altitudes_agl_m <= _seen_from_m(scenario)
     for since_s, until_s in _blind_spans_s(run):
-        scanning &= (states.time_s < since_s) | (states.time_s >= until_s)
+        looking &= (states.time_s < since_s) | (states.time_s >= until_s)
     if run.keeps_looks:
-        scanning &= _looked(run, states.time_s)
-    return scanning
+        looking &= _looked(run, states.time_s)
+    return looking
+
+
+def _seen_from_m(scenario: Scenario) -> float:
+    """How far along the optical axis the smallest target is found."""
+    far_m = scenario.pixels_on_target(1.0) / UNSEEN_BELOW_PX
+    return max(far_m, _ABOVE_PLAN * scenario.search.scan_altitude_agl_m)
+
+
+def _farthest_row(R_camera_to_enu: F64, steepness: F64) -> F64:
+    """(N,) the picture's row, over the focal length, from which on level ground is near enough.
+
+    The ground at row v lies at the depth h / -(R21 v + R22); ``steepness`` is h over the largest depth.
+    """
+    down, along = -R_camera_to_enu[:, 2, 2], -R_camera_to_enu[:, 2, 1]
+    return np.where(along > _NADIR, (steepness - down) / np.maximum(along, _NADIR), -np.inf)
 
 
 def _looked(run: Run, time_s: F64) -> NDArray[np.bool_]:

@@ -26,7 +26,7 @@ from skysweep.results.run_folder import Run
 from skysweep.results.summary import RunSummary, Summary
 from skysweep.scenarios.files import dump_scenario
 from skysweep.text import printable
-from skysweep.types import SETTLING, EventKind, Mode
+from skysweep.types import SEARCHING, SETTLING, EventKind
 
 _EVIDENCE = {
     "Confirmed": "Pictures of confirmed targets",
@@ -118,7 +118,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     """The events in plain words, with one step for each descent."""
     names = {target.candidate: target.name for target in named}
     steps = [(0.0, "Take-off.")]
-    scanning = next((k for k, mode in enumerate(run.states.mode) if mode == Mode.SCAN), None)
+    scanning = next((k for k, mode in enumerate(run.states.mode) if mode in SEARCHING), None)
     if scanning is not None:
         height_m = run.altitudes_agl_m[scanning]
         steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))

@@ -24,6 +24,7 @@ MAX_FENCE_CORNERS = 1000
 MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
+GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
 ALTITUDE_TOLERANCE_M = 0.8  # within which a height is kept: PX4 NAV_MC_ALT_RAD
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
@@ -268,11 +269,21 @@ class VehicleLimits(Model):
 
 
 class Gimbal(Model):
-    """3-axis gimbal. The mission believes that it points where it was told to."""
+    """3-axis gimbal. The mission believes the pitch that its joints report."""
 
-    pitch_deg: float = Field(-90.0, ge=-90, le=45, description="-90 looks straight down")
+    pitch_deg: float = Field(
+        GIMBAL_PITCH_DEG[0],
+        ge=GIMBAL_PITCH_DEG[0],
+        le=GIMBAL_PITCH_DEG[1],
+        description="-90 looks straight down",
+    )
     max_rate_dps: float = Field(180.0, gt=1, le=1000, description="Largest turning rate")
     lag_s: float = Field(0.028, ge=0, le=2, description="Time constant of the stabilisation loop")
+
+    @property
+    def pitch_rad(self) -> float:
+        """The pitch above the horizon."""
+        return math.radians(self.pitch_deg)
 
 
 class CameraModel(Model):

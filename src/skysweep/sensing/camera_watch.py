@@ -31,6 +31,7 @@ _SPARSE = 4  # every fourth pixel is enough for that
 _SPECKS_PX = 5  # of these; a median, so that noise does not brighten black
 _NOISY = 0.05  # of the brightness
 _BLURRED, _SHARP_AGAIN = 0.22, 0.45  # of the sharpness of earlier looks
+_ANOTHER_VIEW_RAD = 0.05  # of the pitch between two pictures: their sharpness does not compare
 _STALL_S = 1.5  # of repeated pictures, after which new ones may be late
 _COMMON, _TEXTURED = 0.4, 0.3  # least shares for a comparison
 _ALIKE = 0.5  # least share of the texture in two pictures that fit
@@ -90,6 +91,7 @@ class CameraWatch:
         self._trusted: View | None = None  # the newest
         self._steps: deque[_Step | None] = deque(maxlen=_LONG)  # None: told nothing
         self._sharpness: deque[float] = deque(maxlen=_STEPS)  # of trusted pictures
+        self._pitch_rad = math.nan  # of the newest picture
         self._is_blurred = False
         self._strange: Doubt | None = None  # until motion proves the camera right
         self._follows = False  # since the newest doubt
@@ -110,6 +112,7 @@ class CameraWatch:
         view = view_of(frame, grey)
         if view.noise > _NOISY * view.brightness:
             return Doubt(NOISY, frame.time_s)
+        self._take_pitch(frame.camera.pitch_rad)
         if self._blurs(view.sharpness):
             return Doubt(BLURRED, frame.time_s)
         if looks_down(view.lens, view.camera):
@@ -121,6 +124,12 @@ class CameraWatch:
             self._trusted = view
             self._sharpness.append(view.sharpness)
         return doubt
+
+    def _take_pitch(self, pitch_rad: float) -> None:
+        """Forget how sharp pictures were when the gimbal has turned, unless they are blurred now."""
+        if abs(pitch_rad - self._pitch_rad) > _ANOTHER_VIEW_RAD and not self._is_blurred:
+            self._sharpness.clear()
+        self._pitch_rad = pitch_rad
 
     def _blurs(self, sharpness: float) -> bool:
         share = _SHARP_AGAIN if self._is_blurred else _BLURRED

@@ -10,6 +10,7 @@ from skysweep.sensing.believed import DelayedPose
 from skysweep.types import VehicleState
 
 _EPS_S = 1e-6
+_TURNED_RAD = 0.035  # within the pose delay: a picture is taken, though its pose is that much off
 _SLOWER_AFTER = 2  # looks in a row that do not fit into a period
 _FASTER_AFTER = 25  # looks in a row that fit: load comes and goes
 _FITS = 0.8  # of a period, to leave room for the next load
@@ -20,8 +21,9 @@ class Exposures:
     """Tells a sensor at which of the mission's states to expose.
 
     ``due(state)`` must see every state. It returns None, or the camera pose of ``pose_delay_s`` ago, as
-    telemetry lags behind the picture. ``period_s`` is the time between two exposures: ``usual_period_s``,
-    unless the sensor cannot keep that (see ``Pace``).
+    telemetry lags behind the picture. No picture is taken while the gimbal turns to another pitch, faster
+    than that pose could follow. ``period_s`` is the time between two exposures: ``usual_period_s``, unless
+    the sensor cannot keep that (see ``Pace``).
     """
 
     def __init__(self, rate_hz: float, pose_delay_s: float) -> None:
@@ -34,10 +36,13 @@ class Exposures:
         self._poses.push(state.time_s, state.camera)
         if state.time_s < self._next_s - _EPS_S:
             return None
+        believed = self._poses.at(state.time_s)
+        if abs(state.camera.pitch_rad - believed.pitch_rad) > _TURNED_RAD:
+            return None
         self._next_s += self.period_s
         if self._next_s <= state.time_s:
             self._next_s = state.time_s + self.period_s
-        return self._poses.at(state.time_s)
+        return believed
 
 
 class Pace:

@@ -25,7 +25,7 @@ _BUILT_IN: dict[str, StrategySpec] = {
         lambda context: SingleAltitude(context, context.search.check_altitude_agl_m),
         lambda search: search.check_altitude_agl_m,
     ),
-    "belief": StrategySpec(BeliefSearch, parameters=BeliefParameters),
+    "belief": StrategySpec(BeliefSearch, parameters=BeliefParameters, needs_sensor_model=True),
 }
 
 

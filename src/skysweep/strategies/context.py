@@ -64,7 +64,7 @@ class MissionContext:
             looks_hz,
             camera.lens,
             yaw_rad,
-            float(np.radians(camera.gimbal.pitch_deg)),
+            camera.gimbal.pitch_rad,
             scenario.area_enu_m,
             scenario.home.position_enu_m,
             scenario.target_sizes_m,
@@ -75,7 +75,7 @@ class MissionContext:
             scenario.terrain.surface,
             bool(scenario.trees or scenario.forests),
             obstacles,
-            lambda: model_for(scenario),
+            lambda: model_for(scenario, "write another search.strategy"),
             parameters,
         )
 
@@ -86,6 +86,17 @@ class MissionContext:
         Raises UserError where it was not calibrated with this camera.
         """
         return self.load_sensor_model()
+
+    @property
+    def sensor_caveat(self) -> str:
+        """A sentence if the sensor model was not calibrated for the scan's height; empty if it was."""
+        height_m, smallest_m = self.search.scan_altitude_agl_m, min(low for low, _ in self.sizes_m.values())
+        pixels = float(self.lens.pixels_on_target(smallest_m, height_m))
+        beyond = self.sensor_model.extrapolation(pixels, height_m)
+        return beyond and (
+            f"The sensor model was calibrated {beyond}: what the strategy believes from the scan's height is "
+            "a guess; write another search.scan_altitude_agl_m or camera.hfov_rad."
+        )
 
     def ground_at_m(self, xy: XY) -> float:
         """Height of the ground, ENU."""

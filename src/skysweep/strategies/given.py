@@ -76,7 +76,8 @@ def spec_of(given: Any, where: str = "strategy") -> StrategySpec:
     own = getattr(given, "cover_altitude_agl_m", None)
     cover: Callable[[Search], float] = own if callable(own) else scan_altitude_agl_m
     parameters = getattr(given, "Parameters", NoParameters)
-    return StrategySpec(partial(_make, given, where), cover, parameters)
+    needs_model = bool(getattr(given, "needs_sensor_model", False))
+    return StrategySpec(partial(_make, given, where), cover, parameters, needs_model)
 
 
 def name_of(given: Any) -> str:

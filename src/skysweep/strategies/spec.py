@@ -26,12 +26,14 @@ def scan_altitude_agl_m(search: Search) -> float:
 class StrategySpec:
     """How to make a strategy and which altitude its coverage is planned for.
 
-    ``parameters`` says what ``search.parameters`` may hold: a model of fields with defaults.
+    ``parameters`` says what ``search.parameters`` may hold: a model of fields with defaults. A strategy that
+    ``needs_sensor_model`` is not flown without one.
     """
 
     make: MakeStrategy
     cover_altitude_agl_m: Callable[[Search], float] = scan_altitude_agl_m
     parameters: type[Model] = NoParameters
+    needs_sensor_model: bool = False
 
     def parameters_of(self, search: Search) -> Model:
         """What ``search.parameters`` says, with the defaults. Raises UserError on what is none of them."""

@@ -231,11 +231,25 @@ class StatisticalModel(_Part):
                 found.append(f"camera.{field} is {here:.4g}, not {there:.4g}")
         return found
 
+    def extrapolation(self, pixels: float, altitude_agl_m: float) -> str:
+        """In words, what the model was calibrated for instead of this; empty if for this.
 
-def model_for(scenario: Scenario) -> StatisticalModel:
+        ``pixels`` are those on target from that altitude. Beyond its tables the model repeats their ends.
+        """
+        heights_m = [h for b in self.background for h in (b.altitude_agl_m[0], b.altitude_agl_m[-1])]
+        asked = [("pixels on target", pixels, self.pixels)]
+        asked += [("m above ground", altitude_agl_m, heights_m)] if heights_m else []
+        return " and ".join(
+            f"for {min(known):g} to {max(known):g} {unit}, not {value:.3g}"
+            for unit, value, known in asked
+            if not min(known) <= value <= max(known)
+        )
+
+
+def model_for(scenario: Scenario, instead: str = "fly with --sensor imaging") -> StatisticalModel:
     """The model that a scenario names, or the shipped one.
 
-    Raises UserError if it was made for another detector or camera.
+    Raises UserError if it was made for another detector or camera; ``instead`` is how to do without it.
     """
     path = scenario.detector.statistical_model
     model = StatisticalModel.load(Path(path) if path else None)
@@ -244,7 +258,7 @@ def model_for(scenario: Scenario) -> StatisticalModel:
         raise UserError(
             f"{path or 'the shipped sensor model'}: was made for another detector or camera "
             f"({'; '.join(differences)}); make one with 'skysweep calibrate' and write its path as "
-            "detector.statistical_model, or fly with --sensor imaging"
+            f"detector.statistical_model, or {instead}"
         )
     return model
 

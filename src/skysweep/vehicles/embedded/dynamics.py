@@ -50,6 +50,7 @@ STATE = np.dtype(
         ("attitude_error", float, 3),  # rotation vector in ENU, estimated minus true
         ("camera", float, 4),  # camera optical -> ENU, true
         ("camera_rates", float, 3),  # ENU, rad/s
+        ("gimbal_pitch", float),  # rad above the horizon, that the gimbal holds or passes
         ("believed_yaw", float),
         ("energy_wh", float),
         ("target_position", float, 3),
@@ -72,7 +73,7 @@ PARAMETERS = np.dtype(
         ("gust_std", float),  # horizontal, per axis
         ("position_std", float),
         ("attitude_std", float),  # rad
-        ("gimbal_pitch", float),  # rad above the horizon
+        ("gimbal_goal", float),  # commanded pitch, rad above the horizon
         ("gimbal_rate", float),  # rad/s
         ("gimbal_lag", float),  # s
         ("hover_power", float),  # W
@@ -111,6 +112,7 @@ SLOPE_BLEND = 1.0 - math.exp(-STEP_S / MPC_VELD_LP_S)
 DRAG_PER_MASS = 1.0  # SIH_KDV / SIH_MASS, 1/s
 LEG_HEIGHT_M = 0.25  # of the body origin above ground when landed
 CAMERA_BELOW_M = 0.1
+POINTING_SHARE = 0.5  # of the gimbal's rate
 AVIONICS_W = 10.0
 LANDED_AFTER_S = 1.0
 POSITION_ERROR_TIME_S = 30.0
@@ -222,7 +224,8 @@ def start(state: F64, rng: U64, parameters: F64) -> None:
         x.position_error[i] = std * share * _normal(rng)
         x.velocity_error[i] = std * share * 2.0 / POSITION_ERROR_TIME_S * _normal(rng)
     _believe_yaw(x)
-    _set_unit(x.camera, camera_quaternion(x.believed_yaw, q.gimbal_pitch))
+    x.gimbal_pitch = q.gimbal_goal
+    _set_unit(x.camera, camera_quaternion(x.believed_yaw, x.gimbal_pitch))
 
 
 @njit(cache=True, error_model="numpy")
@@ -417,11 +420,16 @@ def _believe_yaw(x: Record) -> None:
 
 
 @_inlined
-def _move_gimbal(x: Record, R: Entries, pitch: float, rate_max: float, gain: float) -> None:
-    """The body carries the camera; the joints turn it back with a first-order lag and a rate limit."""
+def _move_gimbal(x: Record, R: Entries, goal: float, rate_max: float, gain: float) -> None:
+    """The body carries the camera; the joints turn it back with a first-order lag and a rate limit.
+
+    A new pitch is approached at a share of that rate, because stabilising needs the rest.
+    """
     _believe_yaw(x)
+    step_max = POINTING_SHARE * rate_max * STEP_S
+    x.gimbal_pitch += _clip(goal - x.gimbal_pitch, -step_max, step_max)
     e = _turn(-x.attitude_error[0], -x.attitude_error[1], -x.attitude_error[2])
-    wanted = _multiply(e, camera_quaternion(x.believed_yaw, pitch))
+    wanted = _multiply(e, camera_quaternion(x.believed_yaw, x.gimbal_pitch))
     camera = _entries(x.camera)
     error = _multiply(wanted, (camera[0], -camera[1], -camera[2], -camera[3]))
     sine = math.sqrt(error[1] ** 2 + error[2] ** 2 + error[3] ** 2)
@@ -439,7 +447,7 @@ def _move_gimbal(x: Record, R: Entries, pitch: float, rate_max: float, gain: flo
 def fly(state: F64, rng: U64, parameters: F64, steps: int, out: F64) -> None:
     """Advances the simulation by ``steps`` of STEP_S and writes the ``poses`` then."""
     x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
-    pitch, rate_max = q.gimbal_pitch, q.gimbal_rate
+    goal, rate_max = q.gimbal_goal, q.gimbal_rate
     gain = (1.0 - math.exp(-STEP_S / max(q.gimbal_lag, 1e-6))) / STEP_S
     for _ in range(steps):
         if int(x.steps) % NOISE_STEPS == 0:
@@ -459,24 +467,24 @@ def fly(state: F64, rng: U64, parameters: F64, steps: int, out: F64) -> None:
                 x.mode = ON_GROUND
                 x.airborne = 0.0
                 x.thrust = 0.0
-        _move_gimbal(x, R, pitch, rate_max, gain)
+        _move_gimbal(x, R, goal, rate_max, gain)
         x.energy_wh += power * STEP_S / 3600.0
-    poses(state, parameters, out)
+    poses(state, out)
 
 
 @njit(cache=True, error_model="numpy")
-def poses(state: F64, parameters: F64, out: F64) -> None:
+def poses(state: F64, out: F64) -> None:
     """Estimated and true poses, as rows of 3 in ``out`` (19, 3).
 
     Estimated: 0 position, 1 velocity, 2-4 R_body_to_enu, 5 camera position, 6-8 R_camera_to_enu.
     True: 9-11 R_body_to_enu, 12 camera position, 13-15 R_camera_to_enu, 16 camera velocity in camera axes,
     17 camera rates in camera axes. Both: 18 time, energy, whether it is airborne.
     """
-    x, q = state.view(STATE)[0], parameters.view(PARAMETERS)[0]
+    x = state.view(STATE)[0]
     e = _turn(x.attitude_error[0], x.attitude_error[1], x.attitude_error[2])
     attitude = _entries(x.attitude)
     B = _rotation(_multiply(e, attitude))
-    C = _rotation(camera_quaternion(x.believed_yaw, q.gimbal_pitch))
+    C = _rotation(camera_quaternion(x.believed_yaw, x.gimbal_pitch))
     R = _rotation(attitude)
     K = _rotation(_entries(x.camera))
     wx, wy = x.rates[0], x.rates[1]

@@ -50,7 +50,7 @@ class Multirotor:
         q["gust_std"] = wind.gust_std_mps
         q["position_std"] = limits.position_noise_m
         q["attitude_std"] = np.radians(limits.attitude_noise_deg)
-        q["gimbal_pitch"] = np.radians(camera.gimbal.pitch_deg)
+        q["gimbal_goal"] = camera.gimbal.pitch_rad
         q["gimbal_rate"] = np.radians(camera.gimbal.max_rate_dps)
         q["gimbal_lag"] = camera.gimbal.lag_s
         q["hover_power"] = limits.hover_power_w
@@ -107,6 +107,8 @@ class Multirotor:
         x["target_velocity"] = 0.0 if feed_forward is None else feed_forward
         x["target_speed"] = setpoint.speed_mps
         x["target_yaw"] = setpoint.yaw_rad
+        if setpoint.gimbal_pitch_rad is not None:
+            self.look(setpoint.gimbal_pitch_rad)
         self._followed = setpoint
 
     def advance(self, duration_s: float) -> None:
@@ -143,8 +145,7 @@ class Multirotor:
 
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal above (+) or below the horizon at its own rate; its yaw follows the body."""
-        self._q["gimbal_pitch"] = pitch_rad
-        self._known_poses = None
+        self._q["gimbal_goal"] = pitch_rad
 
     def snapshot(self) -> dict[str, Any]:
         return {
@@ -152,7 +153,7 @@ class Multirotor:
             "random": int(self._rng[0]),
             "time_s": self._time_s,
             "ground_at_step": self._ground_at_step,
-            "gimbal_pitch_rad": float(self._q["gimbal_pitch"]),
+            "gimbal_goal_rad": float(self._q["gimbal_goal"]),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -161,7 +162,7 @@ class Multirotor:
         self._rng[0] = snapshot["random"]
         self._time_s = snapshot["time_s"]
         self._ground_at_step = snapshot["ground_at_step"]
-        self._q["gimbal_pitch"] = snapshot["gimbal_pitch_rad"]
+        self._q["gimbal_goal"] = snapshot["gimbal_goal_rad"]
         self._known_poses = self._followed = None
 
     # ---- simulation only -----------------------------------------------------------------------------
@@ -211,7 +212,7 @@ class Multirotor:
     def _poses(self) -> F64:
         if self._known_poses is None:
             self._known_poses = np.empty((19, 3))
-            d.poses(self._state, self._parameters, self._known_poses)
+            d.poses(self._state, self._known_poses)
         return self._known_poses
 
     def _place(self, position_enu_m: ArrayLike, velocity_enu_mps: ArrayLike, yaw_rad: float) -> None:

@@ -90,7 +90,7 @@ class Px4Vehicle:
         try:
             self._identify()
             self.telemetry = Telemetry(
-                self.link, math.radians(scenario.camera.gimbal.pitch_deg), scenario.vehicle.battery_wh
+                self.link, scenario.camera.gimbal.pitch_rad, scenario.vehicle.battery_wh
             )
             self._ask_for_telemetry(timeout_s)
             self.home_enu_m, self.site = self._located()
@@ -124,6 +124,9 @@ class Px4Vehicle:
             return
         self._must_land = False
         self._offboard.aim(setpoint, self.site)
+        pitch_rad = setpoint.gimbal_pitch_rad
+        if pitch_rad is not None and pitch_rad != self.telemetry.gimbal_pitch_rad:
+            self.look(pitch_rad)
         if self.authority.wanted is not PX4Mode.OFFBOARD:
             self._go_into_offboard()
 
@@ -201,10 +204,11 @@ class Px4Vehicle:
     def look(self, pitch_rad: float) -> None:
         """Points the gimbal, if there is one, above (+) or below the horizon; its yaw follows the vehicle.
 
-        The command is repeated every second while the gimbal reports another pitch.
+        The command is repeated every second while the gimbal reports another pitch. Without a gimbal the
+        camera is believed to look as before.
         """
-        self.telemetry.gimbal_pitch_rad = pitch_rad
         if self.gimbal:
+            self.telemetry.gimbal_pitch_rad = pitch_rad
             self._pointed_s = self.telemetry.boot_s
             pitch_deg = math.degrees(pitch_rad)
             self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, pitch_deg, 0.0, None, None, _LEVEL)

@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-
-from skysweep.scenarios.model import CameraModel
+from skysweep.scenarios.model import GIMBAL_PITCH_DEG, CameraModel
 from skysweep.types import VehicleState
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 from skysweep.vehicles.mavlink.modes import AUTOPILOT, SYSTEM_ID, quaternion
@@ -21,7 +19,6 @@ _DEVICE = 1  # a gimbal that is part of the autopilot's component
 _SENSOR_WIDTH_MM = 6.3
 _FLAGS = m.GIMBAL_DEVICE_FLAGS_ROLL_LOCK | m.GIMBAL_DEVICE_FLAGS_PITCH_LOCK
 _IN_VEHICLE_FRAME = m.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
-_PITCH_LIMITS_DEG = -90.0, 45.0
 _FIXED = 0.0, 0.0  # limits of roll and yaw
 _ITSELF, _LEAVE, _RELEASE = -2.0, -1.0, -3.0  # ids in DO_GIMBAL_MANAGER_CONFIGURE
 
@@ -35,7 +32,7 @@ class Payload:
     def __init__(self, camera: CameraModel, look: Callable[[float], None] | None = None) -> None:
         self._camera, self._look = camera, look
         pitch = camera.gimbal.pitch_deg
-        self._limits_rad = tuple(map(math.radians, (pitch, pitch) if look is None else _PITCH_LIMITS_DEG))
+        self._limits_rad = tuple(map(math.radians, (pitch, pitch) if look is None else GIMBAL_PITCH_DEG))
         self.control = (0, 0)  # system and component in control
 
     def configure(self, params: tuple[float, ...], sender: tuple[int, int]) -> bool:
@@ -84,10 +81,9 @@ class Payload:
     def gimbal_attitude(self, state: VehicleState, boot_ms: int) -> Message:
         """The estimated attitude of the camera: pitch about the horizon, yaw from the vehicle's nose."""
         R, body = state.camera.R_camera_to_enu, state.R_body_to_enu
-        pitch = math.asin(float(np.clip(R[2, 2], -1.0, 1.0)))
         yaw_enu = math.atan2(R[0, 0], -R[1, 0])
         turn = math.remainder(math.atan2(body[1, 0], body[0, 0]) - yaw_enu, 2.0 * math.pi)
-        q = quaternion(0.0, pitch, turn)
+        q = quaternion(0.0, state.camera.pitch_rad, turn)
         return m.MAVLink_gimbal_device_attitude_status_message(
             0, 0, boot_ms, _FLAGS | _IN_VEHICLE_FRAME, q, 0.0, 0.0, 0.0, 0, 0.0, 0.0, _DEVICE
         )
