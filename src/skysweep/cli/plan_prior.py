@@ -20,7 +20,7 @@ from skysweep.planning.prior.flown import ground_path, path_of_plan
 from skysweep.planning.prior.map_files import read_map, write_map
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.planning.prior.picture import draw_sortie
-from skysweep.planning.prior.sortie import Sortie, plan_sortie
+from skysweep.planning.prior.planned_sortie import PlannedSortie, plan_sortie
 from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.results.run_folder import JOURNAL_FILE, load_flown
 from skysweep.scenarios.files import change_scenario
@@ -112,7 +112,7 @@ def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame)
     return np.asarray(ground_path([(latitude, longitude)], frame)[0])
 
 
-def _scenario_of(prior: Path, sortie: Sortie) -> Scenario:
+def _scenario_of(prior: Path, sortie: PlannedSortie) -> Scenario:
     """Around the paths, as a map's file says nothing of an area."""
     frame, start = sortie.before.frame, sortie.paths_xy_m[0][0]
     home = Home(
@@ -124,7 +124,7 @@ def _scenario_of(prior: Path, sortie: Sortie) -> Scenario:
     return scenario_over(prior, home, corners)
 
 
-def _told(sortie: Sortie, speed_mps: float) -> Table:
+def _told(sortie: PlannedSortie, speed_mps: float) -> Table:
     expected = sortie.expected
     longest_s = max(
         float(leg_time_s(np.linalg.norm(np.diff(path, axis=0), axis=1), speed_mps).sum())
