@@ -12,6 +12,7 @@ from skysweep.planning.prior import plan_search
 from skysweep.planning.prior.allocation import ideal_pos
 from skysweep.planning.prior.checks import way_to_map
 from skysweep.planning.prior.coverage import coverage_of
+from skysweep.planning.prior.lattice import diagonal, lattice_over
 
 CELL_M = 10.0
 ORIGIN = np.zeros(2)
@@ -207,3 +208,16 @@ def test_bad_input_is_told_in_one_sentence(changed, word):
     with pytest.raises(UserError, match=word) as told:
         plan_search(**{**good, **changed})
     assert "\n" not in str(told.value)
+
+
+@given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 1000))
+def test_a_diagonal_path_covers_both_cells_of_each_pair_alike(rows, columns, seed):
+    rng = np.random.default_rng(seed)
+    poa = rng.random((rows, columns))
+    pairs = diagonal(lattice_over(poa, CELL_M, ORIGIN, CELL_M, 100.0))
+    assert pairs.poa.sum() == pytest.approx(poa.sum())
+    nodes = np.argwhere(pairs.poa > 0.0)
+    for node, place in zip(nodes, pairs.xy_m(nodes), strict=True):
+        leg = place + 0.5 * pairs.pitch_m * np.outer([-1.0, 1.0], pairs.axes[rng.integers(2)])
+        covered = coverage_of([leg], poa.shape, CELL_M, ORIGIN, CELL_M)
+        assert np.sum(poa * covered) == pytest.approx(pairs.step * pairs.poa[tuple(node)])
