@@ -184,7 +184,7 @@ def seen_area(run: Run) -> shapely.Geometry:
     Each believed camera pose gives one footprint at the level of the ground below it.
     """
     states, lens = run.states, run.scenario.camera.lens
-    scanning = _scanning(run)
+    scanning = scanning_states(run)
     eye = states.camera_position_enu_m[scanning]
     if not len(eye):
         return shapely.Polygon()
@@ -210,7 +210,7 @@ def seen_m2_of(run: Run) -> float:
     if area.is_empty or not len(solids):
         return float(area.area)
     states, lens = run.states, run.scenario.camera.lens
-    scanning = _scanning(run)
+    scanning = scanning_states(run)
     west, south, east, north = area.bounds
     tries = (east - west) * (north - south) / _GROUND_TRIES
     step_m = math.sqrt(max(area.area / _GROUND_POINTS, tries))
@@ -224,7 +224,7 @@ def seen_m2_of(run: Run) -> float:
     return float(area.area) * seen / max(pictured, 1)
 
 
-def _scanning(run: Run) -> NDArray[np.bool_]:
+def scanning_states(run: Run) -> NDArray[np.bool_]:
     """(N,) the states in mode SCAN that were not flown blind."""
     states = run.states
     scanning = np.array([mode == Mode.SCAN for mode in states.mode], dtype=bool)

@@ -88,7 +88,9 @@ def plan_search(
         for nodes in lattices
         for price in prices
     ]
-    found = [np.sum(p * -np.expm1(-coverage_of(plan, p.shape, cell_m, np.zeros(2), width_m))) for plan in plans]
+    found = [
+        np.sum(p * -np.expm1(-coverage_of(plan, p.shape, cell_m, np.zeros(2), width_m))) for plan in plans
+    ]
     return [origin + path for path in plans[int(np.argmax(found))]]
 
 

@@ -56,9 +56,7 @@ def _width_m(scenario: Scenario, kind: KindModel, size_m: float, height_m: float
     return float(across_m * np.mean(lateral_range(scenario, kind, size_m, height_m, aside_m)))
 
 
-def lateral_range(
-    scenario: Scenario, kind: KindModel, size_m: float, height_m: float, aside_m: F64
-) -> F64:
+def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: float, aside_m: F64) -> F64:
     """Chance (N,) that a straight pass at distances (N,) reports a target of this kind at least once.
 
     By Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new.
