@@ -26,6 +26,10 @@ _SEA_MARGIN = 0.1  # of the particles' extent, that a map of drift is larger on 
 LkpOption = Annotated[
     str, typer.Option("--lkp", metavar="LON,LAT", help="Last known position, degrees (WGS 84).")
 ]
+MarkOption = Annotated[
+    str | None,
+    typer.Option("--lkp", metavar="LON,LAT", help="Last known position, to be drawn into the picture."),
+]
 OverOption = Annotated[
     str | None,
     typer.Option(metavar="SOURCE", help="Scenario or area to make the map of. Default: around --lkp."),
@@ -53,7 +57,11 @@ def lost_person(
             metavar="M,M,M,M", help="Own distances instead: within which 25, 50, 75 and 95 % were found."
         ),
     ] = None,
-    over: OverOption = None,
+    over: MarkOption = Annotated[
+    str | None,
+    typer.Option("--lkp", metavar="LON,LAT", help="Last known position, to be drawn into the picture."),
+]
+OverOption = None,
     cell_m: CellOption = None,
     out: OutOption = Path("lost-person.npz"),
 ) -> None:
@@ -100,7 +108,11 @@ def drift(
     lkp_std_m: Annotated[float, typer.Option(help="Of the last known position on each axis.")] = 100.0,
     wind_std: Annotated[float, typer.Option(help="Of the wind's components, m/s.")] = 2.0,
     current_std: Annotated[float, typer.Option(help="Of the current's components, m/s.")] = 0.1,
-    over: OverOption = None,
+    over: MarkOption = Annotated[
+    str | None,
+    typer.Option("--lkp", metavar="LON,LAT", help="Last known position, to be drawn into the picture."),
+]
+OverOption = None,
     cell_m: CellOption = None,
     seed: SeedOption = 0,
     out: OutOption = Path("drift.npz"),
@@ -118,6 +130,7 @@ def drift(
     import numpy as np
     import shapely
 
+    from skysweep.planning.prior.checks import positive
     from skysweep.planning.prior.drift import LEEWAY, Weather, drifted, map_of_particles
 
     if leeway not in LEEWAY:
@@ -131,7 +144,7 @@ def drift(
         )
     shape = (n, 2)
     weather = Weather(
-        3600.0 * hours / n,
+        3600.0 * positive(hours, "--hours", "hours") / n,
         np.broadcast_to(winds, shape),
         np.broadcast_to(currents, shape),
         wind_std,
@@ -172,6 +185,7 @@ def terrain(
         str | None,
         typer.Option(help="Ground for --slope: a GeoTIFF of heights, or a scenario with terrain."),
     ] = None,
+    lkp: MarkOption = None,
     out: OutOption = Path("terrain.npz"),
 ) -> None:
     """Multiply a map with likelihood factors: how much more often people are found on such ground.
@@ -202,13 +216,14 @@ def terrain(
         classes = [_numbers(part.replace(":", ","), "--slope", 2) for part in slope.split(",")]
         slopes = slope_deg(_heights(heights, cells), cells.cell_size_m)
         changed = changed.times(slope_factors(slopes, *zip(*classes, strict=True)))
-    _write(out, f"{prior.stem}, changed by terrain", changed)
+    _write(out, f"{prior.stem}, changed by terrain", changed, _mark(lkp, cells))
 
 
 @app.command("mix")
 @friendly
 def mix(
     maps: Annotated[list[str], typer.Argument(metavar="MAP:WEIGHT...", help="Maps and how likely each is.")],
+    lkp: MarkOption = None,
     out: OutOption = Path("mixed.npz"),
 ) -> None:
     """Mix maps of scenarios that exclude each other: their weighted sum, on one grid over all of them.
@@ -239,6 +254,7 @@ def after(
         float | None,
         typer.Option(help="Effective sweep width, m. Default: of each run's calibrated sensor, by altitude."),
     ] = None,
+    lkp: MarkOption = None,
     out: OutOption = Path("after.npz"),
 ) -> None:
     """Update a map by searches that did not find the target (Bayes): the map after each sortie.
@@ -254,7 +270,7 @@ def after(
     coverage, tracks = coverage_of_searches(cells, searched, sweep_width_m, sweep_width_m)
     several = "es" if len(searched) > 1 else ""
     title = f"{prior.stem} after {len(searched)} unsuccessful search{several}"
-    _write(out, title, cells.after_coverage(coverage), tracks=tracks)
+    _write(out, title, cells.after_coverage(coverage), _mark(lkp, cells), tracks)
     tell(f"POS of what was flown: {cells.pos_of(coverage):.1%} of the map before")
 
 
@@ -310,6 +326,15 @@ def _cells(
         area_m, cell_m if cell_m is not None else max(east - west, north - south) / _ACROSS, frame
     )
     return cells, ground_path([here], frame)[0]
+
+
+def _mark(lkp: str | None, cells: ProbabilityMap) -> F64 | None:
+    from skysweep.planning.prior.flown import ground_path
+
+    if lkp is None:
+        return None
+    longitude, latitude = lon_lat_of(lkp, "--lkp")
+    return ground_path([(latitude, longitude)], cells.frame)[0]
 
 
 def _steps(texts: list[str], option: str, towards: float) -> F64:

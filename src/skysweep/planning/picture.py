@@ -109,7 +109,15 @@ def draw_scale(axes: Axes) -> None:
     length = max(k * power for k in (1, 2, 5) if k * power <= target)
     share = length / (east - west)
     left, bottom = 0.97 - share, 0.035
-    axes.plot([left, 0.97], [bottom, bottom], transform=axes.transAxes, color=_INK, linewidth=2.5, zorder=5)
+    axes.plot(
+        [left, 0.97],
+        [bottom, bottom],
+        transform=axes.transAxes,
+        color=_INK,
+        linewidth=2.5,
+        solid_capstyle="butt",
+        zorder=5,
+    )
     axes.text(
         left + share / 2, bottom + 0.012, f"{length:g} m", transform=axes.transAxes, ha="center", fontsize=8
     )

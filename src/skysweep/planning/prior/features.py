@@ -42,13 +42,4 @@ def read_features(path: Path, frame: LocalFrame) -> shapely.Geometry:
         heights = np.full(len(lon_lat_deg), frame.altitude_m)
         return frame.enu_from_geodetic(np.column_stack([lon_lat_deg[:, ::-1], heights]))[:, :2]
 
-    # Areas that overlap become one: a cell in two of them is no more likely for that.
-    return shapely.union_all(shapely.make_valid(_parts(shapely.transform(shapes, enu_m))))
-
-
-def _parts(shapes: shapely.Geometry) -> list[shapely.Geometry]:
-    """The single shapes of nested collections."""
-    parts = list(shapely.get_parts(shapes))
-    if len(parts) == 1 and parts[0] is shapes or not hasattr(shapes, "geoms"):
-        return parts
-    return [part for shape in parts for part in _parts(shape)]
+    return shapely.union_all(shapely.make_valid(shapely.transform(shapes, enu_m)))

@@ -152,7 +152,7 @@ def _grid_of(middles: F64, column: str) -> tuple[float, float, int]:
 
 
 def write_geotiff(path: Path, cells: ProbabilityMap) -> None:
-    """Write a map for other programs, each cell its probability. Raises MissingExtraError without rasterio."""
+    """Write a map for other programs, a probability a cell. Raises MissingExtraError without rasterio."""
     rasterio = _rasterio(path)
     raster, (west, _, _, north) = Raster.of(cells), cells.bounds_m
     rows, columns = cells.poa.shape

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 
 from skysweep.arrays import F64
@@ -33,11 +34,15 @@ def draw_map(
     west, south, east, north = cells.bounds_m
     extent = (west, east, south, north)
     image = axes.imshow(
-        1e6 * cells.poa / cells.cell_size_m**2, origin="lower", extent=extent, cmap="YlOrRd", vmin=0.0
+        1e6 * cells.poa / cells.cell_size_m**2,
+        origin="lower",
+        extent=extent,
+        cmap="YlOrRd",
+        norm=PowerNorm(0.5, vmin=0.0),
     )
     figure.colorbar(image, ax=axes, label="Probability per km²", shrink=0.8)
     for share, style in _CONTOURS.items():
-        axes.plot([], [], color=_INK, linewidth=0.9, linestyle=style, label=f"{share:.0%} within")
+        axes.plot([], [], color=_INK, linewidth=0.9, linestyle=style, label=f"{share:.0%} inside")
         if min(cells.poa.shape) > 1:
             axes.contour(
                 cells.poa,

@@ -36,7 +36,7 @@ class Raster:
 
     @classmethod
     def of(cls, cells: ProbabilityMap) -> Raster:
-        """A map whose metres are taken for azimuthal equidistant ones: within 1 cm at 10 km from the origin."""
+        """A map, its metres taken for azimuthal equidistant ones: within 1 cm at 10 km from the origin."""
         frame, (west, south, _, _) = cells.frame, cells.bounds_m
         here = f"+proj=aeqd +ellps=WGS84 +lat_0={frame.latitude_deg!r} +lon_0={frame.longitude_deg!r}"
         return cls(cells.poa, west, south, cells.cell_size_m, cells.cell_size_m, pyproj.CRS.from_proj4(here))
