@@ -57,11 +57,7 @@ def lost_person(
             metavar="M,M,M,M", help="Own distances instead: within which 25, 50, 75 and 95 % were found."
         ),
     ] = None,
-    over: MarkOption = Annotated[
-    str | None,
-    typer.Option("--lkp", metavar="LON,LAT", help="Last known position, to be drawn into the picture."),
-]
-OverOption = None,
+    over: OverOption = None,
     cell_m: CellOption = None,
     out: OutOption = Path("lost-person.npz"),
 ) -> None:
@@ -108,11 +104,7 @@ def drift(
     lkp_std_m: Annotated[float, typer.Option(help="Of the last known position on each axis.")] = 100.0,
     wind_std: Annotated[float, typer.Option(help="Of the wind's components, m/s.")] = 2.0,
     current_std: Annotated[float, typer.Option(help="Of the current's components, m/s.")] = 0.1,
-    over: MarkOption = Annotated[
-    str | None,
-    typer.Option("--lkp", metavar="LON,LAT", help="Last known position, to be drawn into the picture."),
-]
-OverOption = None,
+    over: OverOption = None,
     cell_m: CellOption = None,
     seed: SeedOption = 0,
     out: OutOption = Path("drift.npz"),
@@ -238,9 +230,9 @@ def mix(
 
     given = [_with_numbers(text, "MAP:WEIGHT", "MAP:WEIGHT") for text in maps]
     grids = on_one_grid([read_map(path) for path, _ in given])
-    _write(
-        out, " + ".join(f"{w:g} {path.stem}" for path, (w,) in given), mixed(grids, [w for _, (w,) in given])
-    )
+    title = " + ".join(f"{weight:g} {path.stem}" for path, (weight,) in given)
+    both = mixed(grids, [weight for _, (weight,) in given])
+    _write(out, title, both, _mark(lkp, both))
 
 
 @app.command("after")
