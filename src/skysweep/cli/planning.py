@@ -82,6 +82,8 @@ def plan(
             )
         if budget_m is None:
             raise UserError("--budget-m: is missing; write the length of all paths in metres")
+        for warning in warnings_for_plan(chosen) if chosen is not None else []:
+            warn(warning)
         width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
         options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], sweep_width_m, seed)
         plan_with_prior(options, chosen, changes, out)

@@ -326,7 +326,8 @@ def _mark(lkp: str | None, cells: ProbabilityMap) -> F64 | None:
     if lkp is None:
         return None
     longitude, latitude = lon_lat_of(lkp, "--lkp")
-    return ground_path([(latitude, longitude)], cells.frame)[0]
+    place: F64 = ground_path([(latitude, longitude)], cells.frame)[0]
+    return place
 
 
 def _steps(texts: list[str], option: str, towards: float) -> F64:
