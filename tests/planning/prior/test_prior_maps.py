@@ -273,7 +273,7 @@ def test_maps_in_other_frames_come_onto_one_grid():
 
 
 def test_a_grid_of_too_many_cells_is_refused():
-    with pytest.raises(UserError, match="cell_size_m: 0.01 m make 100,000,000 cells"):
+    with pytest.raises(UserError, match=r"cell_size_m: 0\.01 m make 100,000,000 cells"):
         grid_over(shapely.box(0, 0, 100, 100), 0.01, FRAME)
 
 

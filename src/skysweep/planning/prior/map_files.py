@@ -73,7 +73,9 @@ def _read_npz(path: Path) -> Raster | ProbabilityMap:
                 raise UserError(f"unpacks to more than {MAX_MAP_BYTES / 1e6:g} MB; give a smaller map")
         with np.load(BytesIO(data), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
+    except UserError:
+        raise
+    except Exception:  # zipfile and NumPy let through whatever a damaged file makes them raise
         raise UserError("is no NumPy file; write one with numpy.savez(file, poa=..., ...)") from None
     if "poa" not in arrays:
         raise UserError("poa: is missing; write the probabilities (rows, columns) as poa")
