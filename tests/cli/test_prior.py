@@ -85,7 +85,7 @@ def test_terrain_and_mixtures_change_maps(tmp_path):
     trail = {"type": "LineString", "coordinates": [[22.0, 60.202], [22.2, 60.202]]}
     lake = {
         "type": "Polygon",
-        "coordinates": [[[22.1, 60.2], [22.1, 60.204], [22.104, 60.204], [22.104, 60.2], [22.1, 60.2]]],
+        "coordinates": [[[22.0, 60.1], [22.0, 60.3], [22.104, 60.3], [22.104, 60.1], [22.0, 60.1]]],
     }
     (tmp_path / "trail.geojson").write_text(json.dumps(trail))
     (tmp_path / "lake.geojson").write_text(json.dumps(lake))

@@ -7,6 +7,8 @@ everywhere alike: moves, ways to other parts and shortcuts are made when what th
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -81,7 +83,7 @@ def plan_search(
     visits = n * each_m / lattice.pitch_m
     prices = _PRICES if visits < _MANY_VISITS else _PRICES[:1]
     lattices = [lattice]
-    if visits < _FEW_VISITS and width_m <= cell_m:
+    if visits < _FEW_VISITS and cell_m / math.sqrt(2.0) <= width_m <= cell_m:  # it still sees the middles
         lattices.append(diagonal(lattice))
     plans = [
         _flown(_planned(nodes, start - origin, each_m, n, price), each_m)
