@@ -26,7 +26,7 @@ from skysweep.planning.prior.shortcuts import take_shortcuts
 ENOUGH_COVERAGE = 12.0  # of every cell: there is nothing left to find
 _PRICES = (1.0, 1.4)  # of a metre to begin with, in those of the ideal allocation's last one
 _MANY_VISITS = 8000  # with which one of them does
-_FEW_VISITS = 3000  # with which going over cells half as well is tried too
+_FEW_VISITS = 2500  # with which going over cells half as well is tried too
 _REVISIONS = 3
 _DEARER = 1.25  # the price in a revision
 _CHEAPER = 0.85  # the price from round to round, while there is budget left
