@@ -105,8 +105,9 @@ def test_a_mission_that_was_flown_counts_as_searched(tmp_path):
     )
     flown = CliRunner().invoke(app, ["run", "near.yaml", "--sensor", "statistical", "--out", "run"])
     assert flown.exit_code == 0, flown.output
-    done(*search())
-    done(*search("--searched", "run", out="next"))
+    known = ("--prior", "map.npz", "--budget-m", 6000)
+    done("shore.yaml", *known, "--out", "out")
+    done("shore.yaml", *known, "--searched", "run", "--out", "next")
     first, following = (
         json.loads((tmp_path / name / "sortie.json").read_text())["pos"] for name in ("out", "next")
     )

@@ -5,7 +5,7 @@ import pytest
 
 import skysweep as ss
 from skysweep.errors import UserError
-from skysweep.sensing.statistical.sweep_width import sweep_width_m
+from skysweep.sensing.statistical.sweep_width import sweep_width_from, sweep_width_m
 
 
 def strip(altitude_m, name="person", targets=0, **fields):
@@ -62,3 +62,13 @@ def test_a_width_is_at_most_the_picture_s_and_falls_where_targets_get_small():
 def test_another_camera_needs_its_own_model():
     with pytest.raises(UserError, match="another detector or camera"):
         sweep_width_m(strip(30.0, camera={"width_px": 1920, "height_px": 1080}))
+
+
+def test_a_target_smaller_than_any_that_was_measured_is_never_found():
+    """4 pixels were measured; 0.8 of that is where the sensor reports nothing any more."""
+    scenario = strip(30.0)
+    pixels = scenario.pixels_on_target(30.0)
+    assert sweep_width_from(scenario, 30.0) == sweep_width_m(scenario)
+    assert sweep_width_from(scenario, 30.0 * pixels / 3.0) == 0.0
+    with pytest.raises(UserError, match="finds nothing; write a lower altitude"):
+        sweep_width_m(strip(30.0 * pixels / 3.0))

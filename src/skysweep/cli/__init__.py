@@ -13,6 +13,7 @@ from skysweep.cli import (
     gym,
     missions,
     planning,
+    prior,
     report,
     ros,
     scenarios,
@@ -39,6 +40,7 @@ app.command()(missions.run)
 app.command()(missions.resume)
 app.command()(fly.fly)
 app.command()(planning.plan)
+app.add_typer(prior.app, name="prior")
 app.add_typer(scenarios.app, name="scenarios")
 
 compare = typer.Typer(no_args_is_help=True, help="Compare strategies.")

@@ -166,6 +166,25 @@ def chosen_scenario(name_or_path: str, assignments: list[str] | None) -> Scenari
     return change_scenario(load_scenario(name_or_path), changes_of(assignments))
 
 
+def scenario_or_area(source: str) -> Scenario:
+    """A scenario by name or file, or one over the area in a file."""
+    from skysweep.planning.area_files import SUFFIXES, scenario_from_area
+    from skysweep.scenarios.files import load_scenario
+
+    return (scenario_from_area if Path(source).suffix.lower() in SUFFIXES else load_scenario)(source)
+
+
+def lon_lat_of(text: str, option: str) -> tuple[float, float]:
+    """Longitude and latitude in degrees of an option's LON,LAT."""
+    try:
+        longitude, latitude = (float(part) for part in text.split(","))
+    except ValueError:
+        longitude = latitude = math.nan
+    if not (abs(longitude) <= 180.0 and abs(latitude) <= 90.0):
+        raise UserError(f"{option} {text}: is no place; write LON,LAT in degrees")
+    return longitude, latitude
+
+
 def show(table: Table) -> None:
     """Print a table without losing a character: a terminal folds wide cells, a file gets the full width."""
     for column in table.columns:

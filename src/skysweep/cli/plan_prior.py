@@ -10,19 +10,19 @@ import numpy as np
 from rich.table import Table
 
 from skysweep.arrays import F64
-from skysweep.cli.common import console, warn
+from skysweep.cli.common import console, lon_lat_of, warn
+from skysweep.cli.searched import coverage_of_searches
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.area_files import scenario_over
 from skysweep.planning.flight_plan import leg_time_s
-from skysweep.planning.prior.flown import ground_path, path_of_plan
+from skysweep.planning.prior.flown import ground_path
 from skysweep.planning.prior.map_files import read_map, write_map
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.planning.prior.picture import draw_sortie
-from skysweep.planning.prior.sortie import Sortie, plan_sortie
+from skysweep.planning.prior.planned_sortie import PlannedSortie, plan_sortie
 from skysweep.planning.qgc import plan_for_qgc, write_plan
-from skysweep.results.run_folder import JOURNAL_FILE, load_flown
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.sensing.statistical.sweep_width import sweep_width_m
@@ -41,6 +41,7 @@ class SearchOptions:
     uavs: int
     start_lon_lat: str | None
     searched: list[Path]
+    sweep_width_of_runs_m: float | None  # of those searched; None is that of each run's own sensor
     seed: int
 
 
@@ -84,18 +85,10 @@ def _map(options: SearchOptions, scenario: Scenario | None) -> ProbabilityMap:
         cells = cells.within(scenario.area_enu_m)
         if outside > _WORTH_SAYING:
             warn(f"--prior {options.prior}: {outside:.0%} of the map lies outside the area and is left out")
-    flown = [_flown(path, cells.frame) for path in options.searched]
-    return cells.after_search(flown, options.sweep_width_m) if flown else cells
-
-
-def _flown(path: Path, frame: LocalFrame) -> F64:
-    """Where the vehicle was in a run folder, or is led by a plan."""
-    if not path.is_dir():
-        return path_of_plan(path, frame)
-    if not (path / JOURNAL_FILE).exists():
-        raise UserError(f"--searched {path}: holds no {JOURNAL_FILE}; give a run's folder or a .plan file")
-    run = load_flown(path)
-    return ground_path(run.scenario.frame.geodetic_from_enu(run.states.position_enu_m)[:, :2], frame)
+    coverage, _ = coverage_of_searches(
+        cells, options.searched, options.sweep_width_of_runs_m, options.sweep_width_m
+    )
+    return cells.after_coverage(coverage)
 
 
 def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame) -> F64:
@@ -103,16 +96,11 @@ def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame)
         if scenario is None:
             raise UserError("--start: is missing; write where the vehicles start as LON,LAT in degrees")
         return np.array(scenario.home.position_enu_m, dtype=float)
-    try:
-        longitude, latitude = (float(part) for part in options.start_lon_lat.split(","))
-    except ValueError:
-        longitude = latitude = np.nan
-    if not (abs(longitude) <= 180.0 and abs(latitude) <= 90.0):
-        raise UserError(f"--start {options.start_lon_lat}: is no place; write LON,LAT in degrees")
+    longitude, latitude = lon_lat_of(options.start_lon_lat, "--start")
     return np.asarray(ground_path([(latitude, longitude)], frame)[0])
 
 
-def _scenario_of(prior: Path, sortie: Sortie) -> Scenario:
+def _scenario_of(prior: Path, sortie: PlannedSortie) -> Scenario:
     """Around the paths, as a map's file says nothing of an area."""
     frame, start = sortie.before.frame, sortie.paths_xy_m[0][0]
     home = Home(
@@ -124,7 +112,7 @@ def _scenario_of(prior: Path, sortie: Sortie) -> Scenario:
     return scenario_over(prior, home, corners)
 
 
-def _told(sortie: Sortie, speed_mps: float) -> Table:
+def _told(sortie: PlannedSortie, speed_mps: float) -> Table:
     expected = sortie.expected
     longest_s = max(
         float(leg_time_s(np.linalg.norm(np.diff(path, axis=0), axis=1), speed_mps).sum())

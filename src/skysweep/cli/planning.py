@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from skysweep.cli.common import console, friendly, warn
+from skysweep.cli.common import console, friendly, scenario_or_area, warn
 from skysweep.files.writing import whole_files
 
 
@@ -59,12 +59,11 @@ def plan(
     from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
-    from skysweep.planning.area_files import SUFFIXES, scenario_from_area
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
     from skysweep.planning.surroundings import fence_words
-    from skysweep.scenarios.files import change_scenario, load_scenario
+    from skysweep.scenarios.files import change_scenario
 
     changes = {
         "search.scan_altitude_agl_m": altitude,
@@ -75,8 +74,7 @@ def plan(
     }
     chosen = None
     if source is not None:
-        is_area = Path(source).suffix.lower() in SUFFIXES
-        chosen = change_scenario(scenario_from_area(source) if is_area else load_scenario(source), changes)
+        chosen = change_scenario(scenario_or_area(source), changes)
     if prior is not None:
         if sidelap is not None or heading is not None:
             raise UserError(
@@ -84,8 +82,10 @@ def plan(
             )
         if budget_m is None:
             raise UserError("--budget-m: is missing; write the length of all paths in metres")
+        for warning in warnings_for_plan(chosen) if chosen is not None else []:
+            warn(warning)
         width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
-        options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], seed)
+        options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], sweep_width_m, seed)
         plan_with_prior(options, chosen, changes, out)
         return
     if budget_m is not None or sweep_width_m is not None or start is not None or searched or uavs != 1:

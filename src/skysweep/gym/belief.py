@@ -28,7 +28,13 @@ from skysweep.geometry.camera import CameraPose
 from skysweep.gym.spaces import Chart
 from skysweep.mission.mission import Mission
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL, VIEW_MAX
+from skysweep.sensing.statistical.factors import (
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    TOO_SMALL,
+    VIEW_MAX,
+)
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
 from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
 
@@ -37,7 +43,6 @@ _DEPTHS_M = np.geomspace(1.0, 512.0, 73)
 _VIEWS = np.linspace(0.0, 1.0, 21)  # squares of the sine of the angle off the vertical
 _LOOKS_TO_COVER = 2
 _LEAST = 1e-12  # smaller numbers become slow
-_TOO_SMALL = 0.8  # of the smallest measured size in pixels
 _SHAPES = {"standing": STANDING, "floating": FLOATING}
 
 
@@ -110,7 +115,7 @@ def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks
         spread[..., None] * math.sqrt(max(1.0 - luck, 1e-6))
     )
     chances = (1.0 - np.interp(at, grid, kind.lapse))[..., None] * ndtr(z)
-    return np.asarray(np.where((pixels < _TOO_SMALL * model.pixels[0])[..., None], 0.0, chances))
+    return np.asarray(np.where((pixels < TOO_SMALL * model.pixels[0])[..., None], 0.0, chances))
 
 
 _FIRST_DEPTH, _DEPTH_STEP = math.log(_DEPTHS_M[0]), math.log(_DEPTHS_M[1] / _DEPTHS_M[0])

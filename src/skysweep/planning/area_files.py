@@ -107,7 +107,7 @@ def _only_polygon(path: Path) -> shapely.Polygon:
 def _polygons(path: Path) -> Iterable[shapely.Polygon]:
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        return _geojson_polygons(_geojson(path), path)
+        return _geojson_polygons(read_geojson(path), path)
     if suffix == ".kml":
         return _kml_polygons(read_limited(path, MAX_AREA_FILE_BYTES), path)
     if suffix == ".kmz":
@@ -152,7 +152,8 @@ def _on_ground(
     return area, frame
 
 
-def _geojson(path: Path) -> Any:
+def read_geojson(path: Path) -> Any:
+    """The content of a GeoJSON file. Raises UserError where it is no JSON, or in another CRS than WGS 84."""
     data = parse_json(read_limited(path, MAX_AREA_FILE_BYTES), path, "export the area again as GeoJSON")
     crs = data.get("crs") if isinstance(data, dict) else None
     properties = crs.get("properties") if isinstance(crs, dict) else None

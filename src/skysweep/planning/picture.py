@@ -47,7 +47,7 @@ def plan_png(scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -
     axes.tick_params(labelsize=8)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    _draw_scale(axes)
+    draw_scale(axes)
     axes.set_title(f"{scenario.name}\n", loc="left", fontsize=12, fontweight="bold", color=_INK, pad=18)
     axes.set_title(_figures(plan, estimate, altitude), loc="right", fontsize=8, color=_INK)
     figure.legend(loc="outside lower center", ncols=5, fontsize=8, frameon=False)
@@ -101,7 +101,7 @@ def _draw_path(axes: Axes, scenario: Scenario, plan: CoveragePlan, altitude_agl_
     axes.plot(*home, "*", color="#f2a900", markeredgecolor=_INK, markersize=13, label="Home")
 
 
-def _draw_scale(axes: Axes) -> None:
+def draw_scale(axes: Axes) -> None:
     """A scale bar of a round length, and an arrow to the north, in the lower right corner."""
     west, east = axes.get_xlim()
     target = (east - west) / 6
@@ -109,7 +109,15 @@ def _draw_scale(axes: Axes) -> None:
     length = max(k * power for k in (1, 2, 5) if k * power <= target)
     share = length / (east - west)
     left, bottom = 0.97 - share, 0.035
-    axes.plot([left, 0.97], [bottom, bottom], transform=axes.transAxes, color=_INK, linewidth=2.5, zorder=5)
+    axes.plot(
+        [left, 0.97],
+        [bottom, bottom],
+        transform=axes.transAxes,
+        color=_INK,
+        linewidth=2.5,
+        solid_capstyle="butt",
+        zorder=5,
+    )
     axes.text(
         left + share / 2, bottom + 0.012, f"{length:g} m", transform=axes.transAxes, ha="center", fontsize=8
     )

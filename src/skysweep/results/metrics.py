@@ -189,7 +189,7 @@ def seen_area(run: Run) -> shapely.Geometry:
     every mode of a search, if it was taken from low enough to find the smallest target.
     """
     states, lens = run.states, run.scenario.camera.lens
-    looking = _looking(run)
+    looking = looking_states(run)
     eye = states.camera_position_enu_m[looking]
     if not len(eye):
         return shapely.Polygon()
@@ -219,7 +219,7 @@ def seen_m2_of(run: Run) -> float:
     if area.is_empty or not len(solids):
         return float(area.area)
     states, lens = run.states, run.scenario.camera.lens
-    looking = _looking(run)
+    looking = looking_states(run)
     west, south, east, north = area.bounds
     tries = (east - west) * (north - south) / _GROUND_TRIES
     step_m = math.sqrt(max(area.area / _GROUND_POINTS, tries))
@@ -233,7 +233,7 @@ def seen_m2_of(run: Run) -> float:
     return float(area.area) * seen / max(pictured, 1)
 
 
-def _looking(run: Run) -> NDArray[np.bool_]:
+def looking_states(run: Run) -> NDArray[np.bool_]:
     """(N,) the states of the search that were not flown blind, and not too high to see the smallest target.
 
     In a HOLD the place may be wrong.

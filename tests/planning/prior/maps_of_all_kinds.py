@@ -23,6 +23,16 @@ def rough(seed, cells=120):
     return np.exp(1.5 * noise / noise.std())
 
 
+def mixture(seed, cells=120):
+    """Two to five peaks of any place, size and weight."""
+    rng = np.random.default_rng(seed)
+    peaks = [
+        rng.uniform(0.3, 1.0) * gaussian(*rng.uniform(15, 105, 2), *rng.uniform(5, 20, 2), cells=cells)
+        for _ in range(rng.integers(2, 6))
+    ]
+    return np.sum(peaks, axis=0)
+
+
 MAPS = {
     "peak": gaussian(60, 60, 12),
     "wide": gaussian(60, 60, 25),

@@ -4,13 +4,16 @@ import numpy as np
 import pyproj
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from maps_of_all_kinds import gaussian
 
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.coverage import coverage_of
-from skysweep.planning.prior.map_files import read_map, write_map
+from skysweep.planning.prior.map_files import read_heights, read_map, write_geotiff, write_map
 from skysweep.planning.prior.maps import ProbabilityMap, grid_over, mixed
+from skysweep.planning.prior.rasters import on_one_grid
 
 FRAME = LocalFrame(60.2, 22.1)
 
@@ -231,3 +234,72 @@ def test_a_file_of_something_else_is_refused(tmp_path, name):
         read_map(tmp_path / f"other-{name}")
     with pytest.raises(UserError, match=r"give a \.npz, \.csv, \.tif, \.tiff file"):
         read_map(tmp_path / "map.xlsx")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(["npz", "csv"]), st.data())
+def test_a_damaged_map_is_read_or_refused(tmp_path_factory, kind, data):
+    path = lon_lat_file(tmp_path_factory.mktemp("maps"), kind, np.ones((3, 4)), BOUNDS)
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(content[: data.draw(st.sampled_from([len(content), len(content) // 2]))])
+    try:
+        cells = read_map(path)
+    except UserError as error:
+        sentence = str(error)
+    else:
+        assert cells.poa.sum() == pytest.approx(1.0)
+        assert cells.poa.min() >= 0.0
+        return
+    assert sentence.startswith(f"{path}: ")
+    assert "\n" not in sentence
+
+
+def test_maps_in_other_frames_come_onto_one_grid():
+    near, far = (
+        cells_of(gaussian(20, 40, 9)),
+        cells_of(gaussian(60, 60, 9), 20.0, frame=LocalFrame(60.21, 22.12)),
+    )
+    one, other = on_one_grid([near, far])
+    assert one.bounds_m == other.bounds_m
+    assert one.frame == other.frame == FRAME
+    assert one.cell_size_m == 10.0
+    assert mean_xy(one) == pytest.approx(mean_xy(near), abs=0.5)
+    there = far.frame.geodetic_from_enu([[*mean_xy(far), 0.0]])
+    expected = FRAME.enu_from_geodetic(there)[0, :2]
+    assert mean_xy(other) == pytest.approx(expected, abs=0.1 * far.cell_size_m)
+    assert mixed([one, other], [0.4, 0.6]).poa.sum() == pytest.approx(1.0)
+
+
+def test_a_grid_of_too_many_cells_is_refused():
+    with pytest.raises(UserError, match=r"cell_size_m: 0\.01 m make 100,000,000 cells"):
+        grid_over(shapely.box(0, 0, 100, 100), 0.01, FRAME)
+
+
+def test_a_map_that_is_searched_for_ever_leaves_nothing():
+    cells = cells_of(np.ones((2, 2)))
+    with pytest.raises(UserError, match="nothing is left"):
+        cells.after_coverage(np.full((2, 2), 1e4))
+    assert cells.pos_of(np.full((2, 2), 1.0)) == pytest.approx(1.0 - np.exp(-1.0))
+
+
+def test_a_geotiff_of_a_map_is_read_back_in_its_place(tmp_path):
+    pytest.importorskip("rasterio")
+    cells = cells_of(gaussian(20, 40, 9), origin=(-35.0, 72.5))
+    write_geotiff(tmp_path / "map.tif", cells)
+    read = read_map(tmp_path / "map.tif", FRAME)
+    assert read.cell_size_m == pytest.approx(cells.cell_size_m, rel=1e-3)
+    assert mean_xy(read) == pytest.approx(mean_xy(cells), abs=0.2)
+
+
+def test_heights_come_from_a_geotiff_that_covers_the_map(tmp_path):
+    pytest.importorskip("rasterio")
+    x, y = np.moveaxis(cells_of(np.ones((50, 50))).centres_xy_m, -1, 0)
+    write_geotiff(tmp_path / "dem.tif", ProbabilityMap(0.3 * x - 0.1 * y, 10.0, np.zeros(2), FRAME))
+    inside = cells_of(np.ones((20, 20)), 13.0, (100.0, 120.0))
+    heights = read_heights(tmp_path / "dem.tif", inside)
+    east, north = np.moveaxis(inside.centres_xy_m, -1, 0)
+    assert heights == pytest.approx(0.3 * east - 0.1 * north, abs=0.01)
+    with pytest.raises(UserError, match=r"dem\.tif: has no height for \d+% of the map"):
+        read_heights(tmp_path / "dem.tif", cells_of(np.ones((9, 9)), 10.0, (450.0, 100.0)))

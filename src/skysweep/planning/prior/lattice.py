@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,15 +23,16 @@ class Lattice:
     pitch_m: float  # side of a cell
     origin_xy_m: F64  # (2,) corner of cell 0, 0
     step: float  # coverage that one visit adds to a cell
+    axes: F64 = field(default_factory=lambda: np.eye(2))  # directions of columns and of rows, (2, 2)
 
     def xy_m(self, nodes: NDArray[np.int64]) -> F64:
         """Places (N, 2) of nodes (N, 2) given as row and column."""
-        return np.asarray(self.origin_xy_m + (nodes[:, ::-1] + 0.5) * self.pitch_m)
+        return np.asarray(self.origin_xy_m + (nodes[:, ::-1] + 0.5) * self.pitch_m @ self.axes)
 
     def add_coverage(self, coverage: F64, path_xy_m: F64, times: float = 1.0) -> None:
         """Add what a path (K, 2) covers of the cells to their coverage (R, C), so many times."""
         lengths = np.zeros(coverage.shape)
-        add_lengths(lengths, (path_xy_m - self.origin_xy_m) / self.pitch_m, 0.0)
+        add_lengths(lengths, (path_xy_m - self.origin_xy_m) @ self.axes.T / self.pitch_m, 0.0)
         coverage += times * self.step * lengths
 
 
@@ -47,6 +48,25 @@ def lattice_over(
     rows, south = _shares(poa.shape[0], cell_size_m, pitch_m)
     columns, west = _shares(poa.shape[1], cell_size_m, pitch_m)
     return Lattice(rows @ poa @ columns.T, pitch_m, origin_xy_m + np.array([west, south]), step)
+
+
+def diagonal(lattice: Lattice) -> Lattice:
+    """The lattice whose paths cross another's cells diagonally: 0.71 of the coverage, on 1.41 times as many.
+
+    Each of its cells is a pair, one above the other, with the node in the middle of their common side; a
+    diagonal leg through it is as long in one as in the other. The pairs tile as bricks do.
+    """
+    rows, columns = lattice.poa.shape
+    row, column = np.mgrid[0:rows, 0:columns]
+    side = row + (row + column) % 2  # row above the pair's common side
+    i, j = (side - column) // 2 + columns // 2, (side + column) // 2
+    poa = np.zeros((i.max() + 1, j.max() + 1))
+    np.add.at(poa, (i, j), lattice.poa)
+    axes = np.array([[1.0, 1.0], [-1.0, 1.0]]) / math.sqrt(2.0)
+    pitch_m = math.sqrt(2.0) * lattice.pitch_m
+    node = np.array([0.5, 0.0]) + columns // 2 * np.array([1.0, -1.0])  # row 0, column 0
+    origin = lattice.origin_xy_m + lattice.pitch_m * node - 0.5 * pitch_m * axes.sum(axis=0)
+    return Lattice(poa, pitch_m, origin, lattice.step / math.sqrt(2.0), axes)
 
 
 def _shares(count: int, size_m: float, other_m: float) -> tuple[F64, float]:

@@ -75,4 +75,8 @@ def around_last_known_position(
         aside = cells.cell_size_m * ((np.array([k % _SAMPLES, k // _SAMPLES]) + 0.5) / _SAMPLES - 0.5)
         away_m = np.linalg.norm(cells.centres_xy_m + aside - centre, axis=-1)
         poa += density[np.searchsorted(edges, away_m)]
-    return cells.with_poa(checked_poa(poa, "position_xy_m: the map around it"))
+    if not poa.any():
+        raise UserError(
+            "position_xy_m: lies farther from the map than anybody is found; check it, or make the map there"
+        )
+    return cells.with_poa(checked_poa(poa))

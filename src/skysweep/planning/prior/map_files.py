@@ -1,4 +1,4 @@
-"""Maps of probabilities from files: GeoTIFF, NumPy and CSV; and into a NumPy file.
+"""Maps of probabilities from files: GeoTIFF, NumPy and CSV; and into the first two.
 
 A NumPy file (``.npz``) holds ``poa`` (R, C), row 0 in the south, and ``bounds_lon_lat_deg`` (west, south,
 east, north); or, as written here, ``cell_size_m``, ``origin_xy_m`` and ``frame_lat_lon_deg``, which lose
@@ -47,7 +47,7 @@ def read_map(path: str | Path, frame: LocalFrame | None = None) -> ProbabilityMa
         if isinstance(read, Raster):
             checked_poa(read.poa)
             return read.onto_ground(frame)
-        return read if frame in (None, read.frame) else _raster_of(read).onto_ground(frame)
+        return read if frame in (None, read.frame) else Raster.of(read).onto_ground(frame)
     except MissingExtraError:
         raise
     except UserError as error:
@@ -65,13 +65,6 @@ def write_map(path: Path, cells: ProbabilityMap) -> None:
     )
 
 
-def _raster_of(cells: ProbabilityMap) -> Raster:
-    """A map whose metres are taken for azimuthal equidistant ones: within 1 cm at 10 km from the origin."""
-    frame, (west, south, _, _) = cells.frame, cells.bounds_m
-    here = f"+proj=aeqd +ellps=WGS84 +lat_0={frame.latitude_deg!r} +lon_0={frame.longitude_deg!r}"
-    return Raster(cells.poa, west, south, cells.cell_size_m, cells.cell_size_m, pyproj.CRS.from_proj4(here))
-
-
 def _read_npz(path: Path) -> Raster | ProbabilityMap:
     data = read_limited(path, MAX_MAP_BYTES)
     try:
@@ -80,7 +73,9 @@ def _read_npz(path: Path) -> Raster | ProbabilityMap:
                 raise UserError(f"unpacks to more than {MAX_MAP_BYTES / 1e6:g} MB; give a smaller map")
         with np.load(BytesIO(data), allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name]) for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, KeyError):
+    except UserError:
+        raise
+    except Exception:  # zipfile and NumPy let through whatever a damaged file makes them raise
         raise UserError("is no NumPy file; write one with numpy.savez(file, poa=..., ...)") from None
     if "poa" not in arrays:
         raise UserError("poa: is missing; write the probabilities (rows, columns) as poa")
@@ -158,11 +153,57 @@ def _grid_of(middles: F64, column: str) -> tuple[float, float, int]:
     return float(places[0]) - wide / 2.0, wide, count
 
 
-def _read_tiff(path: Path) -> Raster:
+def write_geotiff(path: Path, cells: ProbabilityMap) -> None:
+    """Write a map for other programs, a probability a cell. Raises MissingExtraError without rasterio."""
+    rasterio = _rasterio(path)
+    raster, (west, _, _, north) = Raster.of(cells), cells.bounds_m
+    rows, columns = cells.poa.shape
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=columns,
+        height=rows,
+        count=1,
+        dtype="float64",
+        compress="deflate",
+        crs=rasterio.CRS.from_wkt(raster.crs.to_wkt()),
+        transform=rasterio.Affine(cells.cell_size_m, 0.0, west, 0.0, -cells.cell_size_m, north),
+    ) as file:
+        file.write(cells.poa[::-1], 1)
+
+
+def read_heights(path: Path, cells: ProbabilityMap) -> F64:
+    """Heights (R, C) of the ground in the middles of a map's cells from a GeoTIFF, metres.
+
+    Raises UserError where the file is no such GeoTIFF or does not reach over the whole map.
+    """
+    try:
+        heights = _band_of(path, np.nan).interpolated(cells)
+    except MissingExtraError:
+        raise
+    except UserError as error:
+        raise UserError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+    missing = float(np.isnan(heights).mean())
+    if missing > 0.0:
+        raise UserError(f"{path}: has no height for {missing:.0%} of the map; give one that covers all of it")
+    return heights
+
+
+def _rasterio(path: Path) -> Any:
     try:
         import rasterio
     except ImportError:
         raise MissingExtraError(f"{path}: a GeoTIFF", "geo") from None
+    return rasterio
+
+
+def _read_tiff(path: Path) -> Raster:
+    return _band_of(path, 0.0)
+
+
+def _band_of(path: Path, nodata: float) -> Raster:
+    rasterio = _rasterio(path)
     data = read_limited(path, MAX_MAP_BYTES)
     try:
         with rasterio.MemoryFile(data) as memory, memory.open() as file:
@@ -176,8 +217,9 @@ def _read_tiff(path: Path) -> Raster:
         raise UserError("is no GeoTIFF with a known CRS; save it again with one") from None
     if transform.b or transform.d:
         raise UserError("is turned; save it again with north up")
-    poa = np.ma.filled(band.astype(float), 0.0)
-    return Raster(poa, transform.c, transform.f, transform.a, transform.e, crs)
+    return Raster(
+        np.ma.filled(band.astype(float), nodata), transform.c, transform.f, transform.a, transform.e, crs
+    )
 
 
 def _check_degrees(longitude: F64, latitude: F64, field: str) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.prior.checks import checked_poa
+from skysweep.planning.prior.checks import MAX_CELLS, checked_poa, positive
 from skysweep.planning.prior.coverage import coverage_of
 
 
@@ -52,8 +52,22 @@ class ProbabilityMap:
 
     def after_search(self, paths_xy_m: Sequence[F64], sweep_width_m: float) -> ProbabilityMap:
         """What is known when a search along paths (K, 2) has found nothing (Bayes)."""
-        coverage = coverage_of(paths_xy_m, self.poa.shape, self.cell_size_m, self.origin_xy_m, sweep_width_m)
-        return self.with_poa(checked_poa(self.poa * np.exp(-coverage)))
+        return self.after_coverage(self.coverage_by(paths_xy_m, sweep_width_m))
+
+    def after_coverage(self, coverage: F64) -> ProbabilityMap:
+        """The same where cells (R, C) were covered so well. Raises UserError where that leaves nothing."""
+        left = self.poa * np.exp(-coverage)
+        if not left.any():
+            raise UserError("searched: the whole map is searched so well that nothing is left of it")
+        return self.with_poa(checked_poa(left))
+
+    def coverage_by(self, paths_xy_m: Sequence[F64], sweep_width_m: float) -> F64:
+        """How thoroughly paths (K, 2) search the cells (R, C), as ``coverage_of`` counts it."""
+        return coverage_of(paths_xy_m, self.poa.shape, self.cell_size_m, self.origin_xy_m, sweep_width_m)
+
+    def pos_of(self, coverage: F64) -> float:
+        """Probability that a search finds the target that covers the cells (R, C) so well."""
+        return float(np.sum(self.poa * -np.expm1(-coverage)))
 
     def share_within(self, area: shapely.Polygon) -> float:
         """Probability that the target is in an area, by the middles of the cells."""
@@ -74,9 +88,15 @@ class ProbabilityMap:
 
 
 def grid_over(area: shapely.Polygon, cell_size_m: float, frame: LocalFrame) -> ProbabilityMap:
-    """Every place of an area (ENU metres) equally probable, in cells that span its bounds."""
+    """Every place of an area (ENU metres) equally probable, in cells that span its bounds.
+
+    Raises UserError where there are too many cells.
+    """
     west, south, east, north = area.bounds
-    rows, columns = (max(1, round((b - a) / cell_size_m + 0.499)) for a, b in ((south, north), (west, east)))
+    cell_m = positive(cell_size_m, "cell_size_m")
+    rows, columns = (max(1, round((b - a) / cell_m + 0.499)) for a, b in ((south, north), (west, east)))
+    if rows * columns > MAX_CELLS:
+        raise UserError(f"cell_size_m: {cell_m:g} m make {rows * columns:,} cells; write a larger one")
     cells = ProbabilityMap(
         np.full((rows, columns), 1.0 / (rows * columns)), cell_size_m, np.array([west, south]), frame
     )

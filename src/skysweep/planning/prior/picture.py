@@ -7,13 +7,13 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from skysweep.planning.prior.sortie import Sortie
+from skysweep.planning.prior.planned_sortie import PlannedSortie
 
 _COLOURS = ("#0b5fa5", "#c0392b", "#1e8449", "#7d3c98", "#b9770e")
 _INK = "#1f2933"
 
 
-def draw_sortie(path_png: Path, name: str, sortie: Sortie) -> None:
+def draw_sortie(path_png: Path, name: str, sortie: PlannedSortie) -> None:
     """Write a PNG (150 dpi), north up, lengths in metres."""
     figure = Figure(figsize=(8.0, 10.5), dpi=150, layout="constrained")
     over, below = figure.subplots(2, 1, height_ratios=(3, 1))

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pyproj
 import shapely
+from scipy import ndimage
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
-from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.planning.prior.maps import ProbabilityMap, grid_over
 
 _SAMPLES = 3  # along a cell's side
 _FARTHEST_M = 200_000.0  # from where a local frame is flat enough
@@ -31,6 +33,13 @@ class Raster:
     dx: float
     dy: float
     crs: pyproj.CRS
+
+    @classmethod
+    def of(cls, cells: ProbabilityMap) -> Raster:
+        """A map, its metres taken for azimuthal equidistant ones: within 1 cm at 10 km from the origin."""
+        frame, (west, south, _, _) = cells.frame, cells.bounds_m
+        here = f"+proj=aeqd +ellps=WGS84 +lat_0={frame.latitude_deg!r} +lon_0={frame.longitude_deg!r}"
+        return cls(cells.poa, west, south, cells.cell_size_m, cells.cell_size_m, pyproj.CRS.from_proj4(here))
 
     def onto_ground(self, frame: LocalFrame | None = None) -> ProbabilityMap:
         """Square cells of about the same size, east and north of the frame's origin, or of the middle.
@@ -65,7 +74,22 @@ class Raster:
         if n_rows * n_columns > 2 * MAX_CELLS:
             raise UserError("its cells are much longer than wide; write cells that are about square")
         empty = ProbabilityMap(np.zeros((n_rows, n_columns)), cell_m, np.array([west, south]), frame)
-        return empty.with_poa(checked_poa(self._sampled(empty, from_crs)))
+        return self.onto(empty)
+
+    def onto(self, cells: ProbabilityMap) -> ProbabilityMap:
+        """The same map on other cells. Raises UserError where none of it lies on them."""
+        from_crs = pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        return cells.with_poa(checked_poa(self._sampled(cells, from_crs)))
+
+    def interpolated(self, cells: ProbabilityMap) -> F64:
+        """Values (R, C) in the middles of a map's cells, linear between those of a raster; NaN beyond it."""
+        from_crs = pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        xy = cells.centres_xy_m.reshape(-1, 2)
+        geodetic = cells.frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
+        x, y = from_crs.transform(geodetic[:, 1], geodetic[:, 0], direction="INVERSE")
+        i, j = (np.asarray(y) - self.y0) / self.dy - 0.5, (np.asarray(x) - self.x0) / self.dx - 0.5
+        values = ndimage.map_coordinates(self.poa, [i, j], order=1, cval=np.nan)
+        return np.asarray(values.reshape(cells.poa.shape))
 
     def _sampled(self, cells: ProbabilityMap, from_crs: pyproj.Transformer) -> F64:
         """The density at places in each cell, (R, C)."""
@@ -81,3 +105,19 @@ class Raster:
             found = self.poa[i[inside].astype(int), j[inside].astype(int)]
             sums[inside.reshape(sums.shape)] += found
         return sums
+
+
+def on_one_grid(maps: Sequence[ProbabilityMap]) -> list[ProbabilityMap]:
+    """The maps on the finest one's cells, over the bounds of all, in the first one's frame.
+
+    Raises UserError where they are too far from each other, or too large together for such cells.
+    """
+    frame = maps[0].frame
+    brought = [m if m.frame == frame else Raster.of(m).onto_ground(frame) for m in maps]
+    bounds = np.array([m.bounds_m for m in brought])
+    cells = grid_over(
+        shapely.box(*bounds[:, :2].min(axis=0), *bounds[:, 2:].max(axis=0)),
+        min(m.cell_size_m for m in maps),
+        frame,
+    )
+    return [Raster.of(m).onto(cells) for m in maps]

@@ -7,6 +7,8 @@ everywhere alike: moves, ways to other parts and shortcuts are made when what th
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,17 +16,19 @@ from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.prior.allocation import ideal_coverage, least_worth
 from skysweep.planning.prior.checks import checked_poa, place, positive, uavs, way_to_map
+from skysweep.planning.prior.coverage import coverage_of
 from skysweep.planning.prior.excursions import go_where_it_pays
 from skysweep.planning.prior.growth import Paths
-from skysweep.planning.prior.lattice import Lattice, lattice_over
+from skysweep.planning.prior.lattice import Lattice, diagonal, lattice_over
 from skysweep.planning.prior.sharing import shared_out
 from skysweep.planning.prior.shortcuts import take_shortcuts
 
 ENOUGH_COVERAGE = 12.0  # of every cell: there is nothing left to find
 _PRICES = (1.0, 1.4)  # of a metre to begin with, in those of the ideal allocation's last one
 _MANY_VISITS = 8000  # with which one of them does
+_FEW_VISITS = 2500  # with which going over cells half as well is tried too
 _REVISIONS = 3
-_DEARER = 1.5  # the price in a revision
+_DEARER = 1.25  # the price in a revision
 _CHEAPER = 0.85  # the price from round to round, while there is budget left
 _ROUNDS = 40
 _TIES = 1e-7  # by which the seed tells equal cells apart
@@ -76,11 +80,26 @@ def plan_search(
     enough_m = ENOUGH_COVERAGE * p.size * cell_m**2 / width_m + way_m
     each_m = min(each_m, enough_m)
     lattice = lattice_over(p, cell_m, np.zeros(2), width_m, n * each_m)
-    prices = _PRICES if n * each_m / lattice.pitch_m < _MANY_VISITS else _PRICES[:1]
-    plans = [_planned(lattice, start - origin, each_m, n, price) for price in prices]
-    best = max(plans, key=lambda paths: paths.pos)
-    flown = [_corners(best.xy_m(best.visits(k))) for k in range(n)]
-    return [origin + (path if len(path) > 1 else _straight(lattice, path[0], each_m)) for path in flown]
+    visits = n * each_m / lattice.pitch_m
+    prices = _PRICES if visits < _MANY_VISITS else _PRICES[:1]
+    lattices = [lattice]
+    if visits < _FEW_VISITS and cell_m / math.sqrt(2.0) <= width_m <= cell_m:  # it still sees the middles
+        lattices.append(diagonal(lattice))
+    plans = [
+        _flown(_planned(nodes, start - origin, each_m, n, price), each_m)
+        for nodes in lattices
+        for price in prices
+    ]
+    found = [
+        np.sum(p * -np.expm1(-coverage_of(plan, p.shape, cell_m, np.zeros(2), width_m))) for plan in plans
+    ]
+    return [origin + path for path in plans[int(np.argmax(found))]]
+
+
+def _flown(paths: Paths, each_m: float) -> list[F64]:
+    """Where each path leads (K, 2); one that has no budget for any node leads towards the best."""
+    places = [_corners(paths.xy_m(paths.visits(k))) for k in range(len(paths.starts_xy_m))]
+    return [xy_m if len(xy_m) > 1 else _straight(paths.lattice, xy_m[0], each_m) for xy_m in places]
 
 
 def _planned(lattice: Lattice, start_xy_m: F64, each_m: float, n: int, price: float) -> Paths:

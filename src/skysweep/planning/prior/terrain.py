@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.prior.checks import positive
+from skysweep.planning.prior.flown import ground_path
 from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.scenarios.model import Scenario
+from skysweep.worlds.world import build_terrain
 
 
 def slope_deg(heights_m: ArrayLike, cell_size_m: float) -> F64:
@@ -24,6 +27,17 @@ def slope_deg(heights_m: ArrayLike, cell_size_m: float) -> F64:
         raise UserError("heights_m: write finite heights for at least two rows and two columns of cells")
     rise = np.hypot(*np.gradient(heights, positive(cell_size_m, "cell_size_m")))
     return np.asarray(np.degrees(np.arctan(rise)))
+
+
+def heights_of_scenario(scenario: Scenario, cells: ProbabilityMap) -> F64:
+    """Heights (R, C) of a scenario's terrain in the middles of a map's cells, metres."""
+    xy = cells.centres_xy_m.reshape(-1, 2)
+    geodetic = cells.frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
+    return (
+        build_terrain(scenario)
+        .height_m(ground_path(geodetic[:, :2], scenario.frame))
+        .reshape(cells.poa.shape)
+    )
 
 
 def slope_factors(slopes_deg: F64, upto_deg: ArrayLike, factors: ArrayLike) -> F64:

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from skysweep.arrays import F64, I64
-from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, factors_of_look
+from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, TOO_SMALL, factors_of_look
 from skysweep.worlds.occlusion import pixels_on_target, visible_share
 
 Record = Any  # of SENSOR
@@ -71,7 +71,6 @@ GHOST_CLASS = np.dtype(
     ]
 )
 
-_TOO_SMALL = 0.8  # of the smallest size that was measured
 _LAPSE, _PASS, _REST, _CENTRE_U, _CENTRE_V = range(5)  # what is drawn of a row
 _SHOWS, _SCORE = range(2)  # and of a ghost
 _KINDS_OF_DRAW = 8
@@ -158,7 +157,7 @@ def draw_look(
         blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
         blur *= focal * s.exposure_s
         at = math.log(pixels)
-        unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(_TOO_SMALL)
+        unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(TOO_SMALL)
         spread_px = math.sqrt(
             s.centre_px**2 + (s.centre_of_object * pixels) ** 2 + (s.centre_of_blur * blur) ** 2
         )

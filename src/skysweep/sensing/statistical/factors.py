@@ -10,6 +10,7 @@ from numba import njit
 VIEW_MAX = math.sin(math.radians(50.0)) ** 2
 HIDDEN_MAX = 0.75  # by anything, including the picture's edge
 BLUR_MAX = 1.0
+TOO_SMALL = 0.8  # of the smallest measured size in pixels: below it nothing is reported
 CUT_MIN = 0.01  # least share beyond an edge that cuts an object
 EDGE_PX = 8.0  # objects this small look the same there
 NEAR_PX = (8.0, 64.0)  # between which more and more of an object's side shows

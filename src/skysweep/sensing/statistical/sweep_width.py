@@ -1,8 +1,8 @@
 """The effective sweep width of a scenario's detector, from the calibrated sensor.
 
 Koopman, "Search and Screening" (1980): the integral of the lateral range curve, which is the chance that a
-straight pass at some distance reports the target at least once. Here over flat, open ground, at scan altitude
-and speed, with the camera straight down and across the track.
+straight pass at some distance reports the target at least once. Here over flat, open ground, at scan
+speed, with the camera straight down and across the track.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.statistical.factors import BLUR_MAX, VIEW_MAX
+from skysweep.sensing.statistical.factors import BLUR_MAX, TOO_SMALL, VIEW_MAX
 from skysweep.sensing.statistical.model import KindModel, model_for, score_of
 from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 
@@ -28,12 +28,7 @@ def sweep_width_m(scenario: Scenario) -> float:
     Raises UserError where the shipped sensor model is not for this camera and detector, or the detector finds
     nothing from the scan altitude.
     """
-    width_m = min(
-        _width_m(scenario, kind, low)
-        for name, (low, _) in scenario.target_sizes_m.items()
-        for kind in model_for(scenario).kinds
-        if kind.kind == kind.reported_as == name and kind.pose in scenario.target_poses[name]
-    )
+    width_m = sweep_width_from(scenario, scenario.search.scan_altitude_agl_m)
     if width_m <= 0.0:
         raise UserError(
             f"search.scan_altitude_agl_m: from {scenario.search.scan_altitude_agl_m:g} m the detector finds "
@@ -42,20 +37,32 @@ def sweep_width_m(scenario: Scenario) -> float:
     return width_m
 
 
-def _width_m(scenario: Scenario, kind: KindModel, size_m: float) -> float:
-    height_m = scenario.search.scan_altitude_agl_m
+def sweep_width_from(scenario: Scenario, height_m: float) -> float:
+    """The same from another height above ground; 0 where the target is smaller than any that was measured.
+
+    Raises UserError where the sensor model is not for this camera and detector.
+    """
+    return min(
+        _width_m(scenario, kind, low, height_m)
+        for name, (low, _) in scenario.target_sizes_m.items()
+        for kind in model_for(scenario).kinds
+        if kind.kind == kind.reported_as == name and kind.pose in scenario.target_poses[name]
+    )
+
+
+def _width_m(scenario: Scenario, kind: KindModel, size_m: float, height_m: float) -> float:
     across_m = scenario.camera.lens.footprint_m(height_m)[0]
     aside_m = across_m / 2.0 * (np.arange(_DISTANCES) + 0.5) / _DISTANCES
-    return float(across_m * np.mean(lateral_range(scenario, kind, size_m, aside_m)))
+    return float(across_m * np.mean(lateral_range(scenario, kind, size_m, height_m, aside_m)))
 
 
-def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, aside_m: F64) -> F64:
+def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: float, aside_m: F64) -> F64:
     """Chance (N,) that a straight pass at distances (N,) reports a target of this kind at least once.
 
     By Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new.
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
-    height_m, lens = search.scan_altitude_agl_m, camera.lens
+    lens = camera.lens
     step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, camera.rate_hz)
     along_m = lens.footprint_m(height_m)[1]
     looks = int(np.ceil(along_m / step_m))
@@ -82,6 +89,7 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, aside_m: F
         luck += rest * rng.normal(size=own.shape)
         seen = mean + np.interp(np.log(pixels), grid, kind.spread) * luck >= threshold
         lapsed = rng.random(own.shape) < np.interp(np.log(pixels), grid, kind.lapse)
-        reported |= seen & ~lapsed & (along <= along_m / 2.0)
+        large = pixels >= TOO_SMALL * model.pixels[0]
+        reported |= large & seen & ~lapsed & (along <= along_m / 2.0)
         fading = kept * fading + math.sqrt(1.0 - kept**2) * rng.normal(size=own.shape)
     return np.asarray(reported.mean(axis=0))

@@ -19,7 +19,7 @@ from skysweep.planning.prior.search import plan_search
 
 
 @dataclass(frozen=True)
-class Sortie:
+class PlannedSortie:
     """What is flown over a map. ENU metres of the map's frame."""
 
     before: ProbabilityMap
@@ -76,7 +76,7 @@ def plan_sortie(
     sweep_width_m: float,
     n_uavs: int,
     seed: int = 0,
-) -> Sortie:
+) -> PlannedSortie:
     """Plan a sortie, as ``plan_search`` does, over a map. Raises UserError as that does."""
     paths = plan_search(
         cells.poa,
@@ -88,7 +88,7 @@ def plan_sortie(
         n_uavs,
         seed,
     )
-    return Sortie(
+    return PlannedSortie(
         cells,
         tuple(paths),
         budget_m,

@@ -1,0 +1,52 @@
+"""What was searched before: run folders and plans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from skysweep.arrays import F64
+from skysweep.cli.common import warn
+from skysweep.errors import UserError
+from skysweep.planning.prior.flown import path_of_plan
+from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.results.run_folder import JOURNAL_FILE, load_flown
+from skysweep.results.searched import coverage_of_run, scanned_paths
+
+
+def coverage_of_searches(
+    cells: ProbabilityMap,
+    searched: Sequence[Path],
+    sweep_width_of_runs_m: float | None,
+    sweep_width_of_plans_m: float | None,
+) -> tuple[F64, list[F64]]:
+    """Coverage (R, C) of a map's cells by run folders and plans, and their paths (K, 2).
+
+    Without a sweep width, that of a run is of its calibrated sensor, by altitude; a plan needs one.
+    """
+    coverage, paths = np.zeros(cells.poa.shape), []
+    for path in searched:
+        if path.is_dir():
+            if not (path / JOURNAL_FILE).exists():
+                raise UserError(
+                    f"--searched {path}: holds no {JOURNAL_FILE}; give a run's folder or a .plan file"
+                )
+            run = load_flown(path)
+            confirmed = sum(candidate.verdict == "confirmed" for candidate in run.candidates)
+            if confirmed:
+                warn(f"--searched {path}: confirmed {confirmed}; the map is of what is still missing")
+            if run.unchecked:
+                warn(
+                    f"--searched {path}: left {len(run.unchecked)} candidates unchecked; check them first, "
+                    "as the map counts them as nothing"
+                )
+            coverage += coverage_of_run(run, cells, sweep_width_of_runs_m)
+            paths += scanned_paths(run, cells.frame)
+        elif sweep_width_of_plans_m is None:
+            raise UserError(f"--sweep-width-m: is missing; write that of the sensor that flew {path}")
+        else:
+            paths.append(path_of_plan(path, cells.frame))
+            coverage += cells.coverage_by(paths[-1:], sweep_width_of_plans_m)
+    return coverage, paths

@@ -1,0 +1,152 @@
+"""skysweep prior, as a user meets it."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from skysweep.cli import app
+from skysweep.planning.prior.map_files import read_map
+from skysweep.results.run_folder import load_flown
+from skysweep.results.searched import coverage_of_run
+from skysweep.sensing.statistical.sweep_width import sweep_width_from, sweep_width_m
+
+LKP = "22.105,60.202"
+OWN = ("--lkp", LKP, "--within-m", "100,200,400,600", "--cell-m", 10)
+SHORE = """\
+name: shore
+area:
+  polygon_lat_lon_deg: [[60.2012, 22.104], [60.2012, 22.106], [60.2020, 22.106], [60.2020, 22.104]]
+home: {latitude_deg: 60.2006, longitude_deg: 22.1031}
+"""
+
+
+@pytest.fixture(autouse=True)
+def at_work(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def called(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def done(*arguments):
+    result = called("prior", *arguments)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def refused(word, *arguments):
+    result = called("prior", *arguments)
+    assert result.exit_code == 2, result.output
+    assert word in result.stderr.replace("\n", " "), result.stderr
+
+
+def mean_xy(cells):
+    return np.sum(cells.poa[..., None] * cells.centres_xy_m, axis=(0, 1))
+
+
+def test_a_lost_person_is_around_the_last_known_position(tmp_path):
+    done("lost-person", *OWN, "--out", "maps/lost.npz")
+    assert (tmp_path / "maps/lost.png").stat().st_size > 20_000
+    lost = read_map("maps/lost.npz")
+    assert (lost.frame.latitude_deg, lost.frame.longitude_deg) == (60.202, 22.105)
+    assert mean_xy(lost) == pytest.approx([0, 0], abs=1.0)
+    near = np.linalg.norm(lost.centres_xy_m, axis=-1) <= 200.0
+    far = np.linalg.norm(lost.centres_xy_m, axis=-1) <= 400.0
+    assert lost.poa[near].sum() / lost.poa[far].sum() == pytest.approx(0.5 / 0.75, abs=0.02)
+
+
+def test_a_map_is_made_over_an_area(tmp_path):
+    (tmp_path / "shore.yaml").write_text(SHORE)
+    done("lost-person", *OWN, "--over", "shore.yaml", "--out", "lost.npz")
+    cells = read_map("lost.npz")
+    east, north = cells.bounds_m[2] - cells.bounds_m[0], cells.bounds_m[3] - cells.bounds_m[1]
+    assert (east, north) == pytest.approx((115, 95), abs=10)
+
+
+def test_drift_goes_with_current_and_wind():
+    """0.5 m/s to the east for two hours; the wind blows from the south and takes it to the north."""
+    done(
+        "drift", "--lkp", LKP, "--hours", 2, "--wind", "10,180", "--current", "0.5,90", "--leeway", "SKIFF-1"
+    )
+    east, north = mean_xy(read_map("drift.npz"))
+    assert east == pytest.approx(3600.0, rel=0.03)
+    assert north == pytest.approx(0.0315 * 10 * 7200.0, rel=0.05)
+    first = read_map("drift.npz").poa
+    done("drift", "--lkp", LKP, "--hours", 2, "--wind", "10,180", "--wind", "10,180", "--current", "0.5,90",
+         "--leeway", "SKIFF-1")  # fmt: skip
+    assert read_map("drift.npz").poa == pytest.approx(first, abs=1e-6)
+
+
+def test_terrain_and_mixtures_change_maps(tmp_path):
+    done("lost-person", *OWN, "--out", "lost.npz")
+    trail = {"type": "LineString", "coordinates": [[22.0, 60.202], [22.2, 60.202]]}
+    lake = {
+        "type": "Polygon",
+        "coordinates": [[[22.0, 60.1], [22.0, 60.3], [22.104, 60.3], [22.104, 60.1], [22.0, 60.1]]],
+    }
+    (tmp_path / "trail.geojson").write_text(json.dumps(trail))
+    (tmp_path / "lake.geojson").write_text(json.dumps(lake))
+    done("terrain", "lost.npz", "--near", "trail.geojson:20:4", "--inside", "lake.geojson:0", "--slope",
+         "5:1,90:9", "--heights", "clusters", "--lkp", LKP)  # fmt: skip
+    lost, changed = read_map("lost.npz"), read_map("terrain.npz")
+    x, y = np.moveaxis(lost.centres_xy_m, -1, 0)
+    assert changed.poa[x < -60.0].sum() == 0.0
+    ratio = changed.poa[x > -40.0] / lost.poa[x > -40.0]
+    assert ratio[abs(y[x > -40.0]) < 18.0] == pytest.approx(4.0 * ratio[abs(y[x > -40.0]) > 30.0].max())
+    done("mix", "lost.npz:1", "terrain.npz:3", "--out", "mixed.npz")
+    assert read_map("mixed.npz").poa == pytest.approx(0.25 * lost.poa + 0.75 * changed.poa, abs=1e-9)
+    assert "changes no cell" in done("terrain", "lost.npz", "--inside", "lake.geojson:1").stderr
+
+
+def test_the_map_after_a_mission_counts_each_altitude_with_its_own_sweep_width(tmp_path):
+    (tmp_path / "shore.yaml").write_text(SHORE)
+    flown = called("run", "shore.yaml", "--sensor", "statistical", "--out", "run")
+    assert flown.exit_code == 0, flown.output
+    done("lost-person", *OWN, "--out", "lost.npz")
+    said = done("after", "lost.npz", "--searched", "run", "--lkp", LKP).output
+    before, after = read_map("lost.npz"), read_map("after.npz")
+    run = load_flown("run")
+    coverage = coverage_of_run(run, before)
+    assert after.poa == pytest.approx(before.after_coverage(coverage).poa)
+    assert f"{before.pos_of(coverage):.1%}" in said
+    inside = [
+        read_map(name, run.scenario.frame).share_within(run.scenario.area_enu_m)
+        for name in ("lost.npz", "after.npz")
+    ]
+    assert inside[1] < 0.8 * inside[0]
+    one_width = coverage_of_run(run, before, sweep_width_m(run.scenario)).sum()
+    assert sweep_width_from(run.scenario, 10.0) < sweep_width_m(run.scenario)
+    assert 0.7 * one_width < coverage.sum() < one_width  # it climbs and descends in the search, too
+
+
+def test_mistakes_are_told_in_one_sentence(tmp_path):
+    done("lost-person", *OWN, "--out", "lost.npz")
+    refused("--lkp north: is no place", "lost-person", "--lkp", "north")
+    refused("is not in the table", "lost-person", "--lkp", LKP, "--category", "astronaut")
+    refused(
+        "--within-m: '1,2' is not understood; write 4 numbers",
+        "lost-person",
+        "--lkp",
+        LKP,
+        "--within-m",
+        "1,2",
+    )
+    refused("farther from the map", "lost-person", "--lkp", LKP, "--over", "clusters")
+    refused("make 14,400,000,000 cells", "lost-person", *OWN[:-1], 0.01)
+    refused("is no .npz", "lost-person", *OWN, "--out", "map.tif")
+    weather = ("--lkp", LKP, "--wind", "8,225", "--current", "0.3,90")
+    refused("--hours: is -1", "drift", *weather, "--hours", -1)
+    refused("--leeway BOAT", "drift", *weather, "--hours", 1, "--leeway", "BOAT")
+    refused("write 2 numbers", "drift", *weather, "--hours", 1, "--wind", "8")
+    refused("as many as of the other", "drift", *weather, *weather[2:], "--wind", "9,9", "--hours", 1)
+    refused("write at least one", "terrain", "lost.npz")
+    refused("write FILE:M:FACTOR", "terrain", "lost.npz", "--near", "trail.geojson:50")
+    refused("--heights: is missing", "terrain", "lost.npz", "--slope", "15:1")
+    refused("write MAP:WEIGHT", "mix", "lost.npz")
+    refused("weights: write numbers", "mix", "lost.npz:-1")
+    refused("holds no journal.jsonl", "after", "lost.npz", "--searched", ".")
+    refused("--sweep-width-m: is missing", "after", "lost.npz", "--searched", "flown.plan")
+    assert not (tmp_path / "after.npz").exists()
