@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field
 from typing import Any
 
@@ -65,7 +65,8 @@ class Suspects:
 
     def probability(self, candidate_id: int) -> float:
         """That a candidate is what is searched for."""
-        return float(_logistic(self.all[candidate_id].evidence + self._prior_odds))
+        log_odds = self.all[candidate_id].evidence + self._prior_odds
+        return 1.0 / (1.0 + math.exp(-min(max(log_odds, -500.0), 500.0)))
 
     def moved(self, settled: Container[int]) -> list[int]:
         """Those that are not settled and whose probability is to be told again."""
@@ -121,7 +122,7 @@ class Suspects:
                     self._update(suspect, look, place, (u, v), hit.confidence)
             elif suspect.in_view:
                 if self._is_whole(look, u, v, z, suspect.class_name) and not self._is_told(
-                    suspect, hits.keys(), candidates
+                    suspect, list(hits), candidates
                 ):
                     self._update(suspect, look, place, (u, v), None)
             else:
@@ -129,22 +130,35 @@ class Suspects:
         self._learn()
         return new
 
+    def twins(
+        self, of: Sequence[int], among: Sequence[int], candidates: Mapping[int, Candidate]
+    ) -> dict[int, int]:
+        """For each candidate that may be one thing with one ``among`` others: the first such."""
+        found: dict[int, int] = {}
+        if not of or not among:
+            return found
+        a = np.array([candidates[k].position_enu_m[:2] for k in of])
+        b = np.array([candidates[k].position_enu_m[:2] for k in among])
+        near = np.abs(a[:, None] - b).sum(axis=2) <= _SAME_FAR_M
+        for i, j in zip(*np.nonzero(near), strict=True):
+            if of[i] not in found and self.may_be_same(of[i], among[j], candidates):
+                found[of[i]] = among[j]
+        return found
+
     def may_be_same(self, a: int, b: int, candidates: Mapping[int, Candidate]) -> bool:
         """Whether two candidates may be one thing: never found in one look, and near enough."""
         if self.all[a].class_name != self.all[b].class_name or b in self.all[a].distinct:
             return False
         one, other = candidates[a], candidates[b]
         x, y = (one.position_enu_m[:2] - other.position_enu_m[:2]).tolist()
-        if abs(x) + abs(y) > _SAME_FAR_M:
-            return False
         (xx, xy), (_, yy) = (one.covariance_m2 + other.covariance_m2).tolist()
         xx, yy = xx + _SAME_STD_M**2, yy + _SAME_STD_M**2
         squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
         return bool(squared <= _SAME_GATE)
 
-    def _is_told(self, suspect: Suspect, found: Iterable[int], candidates: Mapping[int, Candidate]) -> bool:
+    def _is_told(self, suspect: Suspect, found: Sequence[int], candidates: Mapping[int, Candidate]) -> bool:
         """Whether another candidate that may be the same thing was found instead."""
-        return any(self.may_be_same(suspect.id, k, candidates) for k in found)
+        return bool(self.twins([suspect.id], found, candidates))
 
     def _is_whole(self, look: Look, u: float, v: float, depth_m: float, class_name: str) -> bool:
         """Whether all of a target there lies in the picture."""
@@ -221,5 +235,5 @@ class Suspects:
         }
 
 
-def _logistic(log_odds: float | F64) -> F64:
+def _logistic(log_odds: F64) -> F64:
     return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))

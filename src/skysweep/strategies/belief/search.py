@@ -113,7 +113,7 @@ class BeliefSearch:
 
     def _confirm(self, seen: Observation, k: int, events: list[Event]) -> None:
         """Unless it is the same thing as one that was confirmed before."""
-        twin = self._twin(seen, k)
+        twin = self._twins(seen, [k]).get(k)
         if twin is not None:
             self._settle(seen, k, EventKind.REJECTED, events, f"the same thing as candidate {twin}")
         else:
@@ -123,13 +123,12 @@ class BeliefSearch:
 
     def _may_be_told_apart(self, seen: Observation, k: int) -> bool:
         """Whether it may be one thing with a confirmed candidate, and the next look may show both."""
-        return self._suspects.all[k].in_view and self._twin(seen, k) is not None
+        return self._suspects.all[k].in_view and k in self._twins(seen, [k])
 
-    def _twin(self, seen: Observation, k: int) -> int | None:
-        for j, verdict in self._settled.items():
-            if verdict is EventKind.CONFIRMED and self._suspects.may_be_same(k, j, seen.candidates):
-                return j
-        return None
+    def _twins(self, seen: Observation, of: list[int]) -> dict[int, int]:
+        """Those that may be one thing with a confirmed candidate, and with which."""
+        confirmed = [j for j, verdict in self._settled.items() if verdict is EventKind.CONFIRMED]
+        return self._suspects.twins(of, confirmed, seen.candidates)
 
     def _settle(
         self,
@@ -183,9 +182,8 @@ class BeliefSearch:
         if seen.refused and self._goal is not None:
             self._settle(seen, self._goal, EventKind.UNCHECKED, events, seen.refused)
         if seen.looks:
-            for k in self._open():
-                if not self._suspects.all[k].in_view and self._twin(seen, k) is not None:
-                    self._confirm(seen, k, events)
+            for k in self._twins(seen, [k for k in self._open() if not self._suspects.all[k].in_view]):
+                self._confirm(seen, k, events)
             self._judge_goal(seen, here, events)
         if seen.looks or self._goal is None:
             self._choose_goal(seen, here, events)
