@@ -74,7 +74,7 @@ def test_every_decision_says_what_else_could_have_been_decided(records):
         costs_s = dict(record["alternatives"])
         assert list(costs_s.values()) == sorted(costs_s.values())
         p = record["probability"]
-        assert costs_s["reject"] == pytest.approx(2000 * p, abs=0.2)
+        assert costs_s["reject"] == pytest.approx(1000 * p, abs=0.1)
         assert costs_s["confirm"] == pytest.approx(400 * (1 - p), abs=0.1)
         assert any(what.startswith("look from") for what in costs_s)
         if record["kind"] == EventKind.REJECTED:

@@ -28,12 +28,12 @@ def after(looks, hypotheses=SIGNS):
     """The belief after looks of (height, score or None, moved pixels)."""
     belief = hypotheses.fresh()
     for height_m, score, moved_px in looks:
-        hypotheses.look(belief, above(height_m), PLACE, moved_px, score)
+        hypotheses.look(belief, above(height_m), PLACE, moved_px, score, widened=1.0)
     return belief
 
 
 def evidence(looks):
-    return SIGNS.evidence(after(looks))
+    return SIGNS.evidence(after(looks), shift=0.0)[0]
 
 
 def test_sure_looks_from_close_by_make_a_target_and_missing_ones_do_not():

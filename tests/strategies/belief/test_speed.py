@@ -3,13 +3,13 @@
 import time
 
 import numpy as np
+from tests.strategies.contexts import context_of
 
 from skysweep.geometry.camera import CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.belief.search import BeliefSearch
 from skysweep.types import Candidate, Look, Mode, Observation, Sighting, VehicleState
-from tests.strategies.contexts import context_of
 
 N, SIDE_M = 100, 4472.0  # candidates on 20 km2
 STEP_S, SPEED_MPS = 0.4, 15.0
@@ -21,14 +21,18 @@ def steps_s(n_steps):
     rng = np.random.default_rng(5)
     places = np.column_stack([rng.uniform(0.0, SIDE_M, (N, 2)), np.zeros(N)])
     end = (SIDE_M, SIDE_M)
-    context = context_of([end], parameters=BeliefParameters(missed_cost_s=1e5, alarm_cost_s=1e5, confirm_probability=1 - 1e-9))
+    context = context_of(
+        [end], parameters=BeliefParameters(missed_cost_s=1e5, alarm_cost_s=1e5, confirm_probability=1 - 1e-9)
+    )
     strategy = BeliefSearch(context)
     candidates, took = {}, []
 
     def step(time_s, at):
         camera = CameraPose(np.array(at, dtype=float), DOWN)
         uv, _ = project(context.lens, camera, places)
-        seen = np.nonzero(((uv >= 0.0) & (uv <= (context.lens.width_px, context.lens.height_px))).all(axis=1))[0]
+        seen = np.nonzero(
+            ((uv >= 0.0) & (uv <= (context.lens.width_px, context.lens.height_px))).all(axis=1)
+        )[0]
         hits = []
         for k in seen.tolist():
             confidence = float(rng.uniform(0.4, 0.7))
