@@ -14,9 +14,9 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from skysweep.experiments.calibration.tiers import N_C, SCENARIOS
+from skysweep.experiments.calibration.tiers import validated_rows
 from skysweep.experiments.matrix import Matrix
-from skysweep.experiments.paper.run import SWEPT, row_scenario
+from skysweep.experiments.paper.run import SWEPT
 from skysweep.experiments.store import TIMINGS, MissionStore, row_of, summary_of
 from skysweep.files.folder import Folder
 from skysweep.flights.fly import fly_in_memory
@@ -28,10 +28,11 @@ SEEDS = 30
 
 def rekeyed(summaries: list[Summary], out: Path, again: int) -> None:
     """Write missions of the paper's scenarios into ``out``. Raises ValueError where one flies otherwise."""
-    rows = [row_scenario(scenario, n_c, {}) for scenario in SCENARIOS for n_c in N_C]
+    rows = [(label, scenario) for label, _, scenario in validated_rows()]
     matrix = Matrix.of(rows, range(SEEDS), "imaging", [SWEPT])
-    kept = {(s["scenario"], float(s["n_c"]), s["seed"]): s for s in summaries}
-    found = [(job, kept[job.label, job.scenario.search.n_c, job.seed]) for job in matrix.jobs()]
+    kept = {(s["scenario"], s["strategy"], float(s["n_c"]), s["seed"]): s for s in summaries}
+    searches = [(job, job.scenario.search) for job in matrix.jobs()]
+    found = [(job, kept[job.label, s.strategy, s.n_c, job.seed]) for job, s in searches]
     for job, summary in found[:: -(-len(found) // again)] if again else ():
         flown = fly_in_memory(job.scenario, job.seed, job.sensor)
         other = [k for k, v in summary.items() if v is not None and v != flown.get(k) and k not in TIMINGS]

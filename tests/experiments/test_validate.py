@@ -1,7 +1,6 @@
 """Missions without pictures against missions with them: the table, its ledger, and that the tiers agree."""
 
 import json
-import math
 import shutil
 from pathlib import Path
 
@@ -9,17 +8,15 @@ import polars as pl
 import pytest
 
 from skysweep.experiments.calibration.tiers import (
-    N_C,
-    SCENARIOS,
     STATISTICAL_TIMES,
     TIER_METRICS,
     TierMeans,
     compare_tiers,
+    validated_rows,
     validation_text,
 )
 from skysweep.experiments.flying import fly_missing
 from skysweep.experiments.matrix import Matrix
-from skysweep.experiments.paper.run import row_scenario
 from skysweep.flights.fly import fly_in_memory
 from skysweep.scenarios.files import load_scenario
 
@@ -44,7 +41,7 @@ def tiny(tmp_path):
 
 
 def cell(rendered=100.0, ci=(90.0, 110.0), statistical=100.0):
-    return TierMeans("tiny", math.inf, "mission_time_s", 5, rendered, ci, statistical)
+    return TierMeans("tiny", "n_c inf", "mission_time_s", 5, rendered, ci, statistical)
 
 
 def test_agreement_is_inside_the_interval_or_within_five_percent():
@@ -76,26 +73,27 @@ def test_the_tiers_agree_on_a_small_mission(tiny):
 def test_a_validation_is_written_and_goes_on_where_it_was(tiny, tmp_path):
     flown = []
     out = tmp_path / "out"
-    first = compare_tiers(2, out, [tiny], [2.0], 2, lambda job, _: flown.append(job.sensor))
-    assert sorted(flown) == ["imaging"] * 2 + ["statistical"] * 2 * STATISTICAL_TIMES
-    assert [c.metric for c in first] == list(TIER_METRICS)
-    rows = json.loads((out / "validate.json").read_text())
-    assert [row["statistical_mean"] for row in rows] == [c.statistical_mean for c in first]
+    rows = validated_rows([tiny], [2.0], ["belief"])
+    first = compare_tiers(2, out, rows, 2, lambda job, _: flown.append(job.sensor))
+    assert sorted(flown) == ["imaging"] * 4 + ["statistical"] * 4 * STATISTICAL_TIMES
+    assert [c.metric for c in first] == 2 * list(TIER_METRICS)
+    assert [c.strategy for c in first] == ["n_c 2"] * 3 + ["belief"] * 3
+    written = json.loads((out / "validate.json").read_text())
+    assert [cell["statistical_mean"] for cell in written] == [c.statistical_mean for c in first]
     assert (out / "validate.md").read_text() == validation_text(first)
     again = []
-    assert compare_tiers(2, out, [tiny], [2.0], 2, lambda job, _: again.append(job.sensor)) == first
+    assert compare_tiers(2, out, rows, 2, lambda job, _: again.append(job.sensor)) == first
     assert sorted(again) == sorted(flown)
     table = pl.read_parquet(out / "missions.parquet")
-    assert dict(table.group_by("sensor").len().iter_rows()) == {"imaging": 2, "statistical": 8}
+    assert dict(table.group_by("sensor").len().iter_rows()) == {"imaging": 4, "statistical": 16}
 
 
 def test_the_kept_missions_with_pictures_are_taken_and_make_the_documented_means(tmp_path):
     """Where a key is not found: a new field of scenarios changes keys, tools/rekey_pictures.py."""
     shutil.copytree(DOCS / "data" / "missions-with-pictures", tmp_path / "validation")
     matrices = {
-        (scenario, n_c): Matrix.of([row_scenario(scenario, n_c, {})], range(30), "imaging", ["search.n_c"])
-        for scenario in SCENARIOS
-        for n_c in N_C
+        (label, strategy): Matrix.of([(label, scenario)], range(30), "imaging", ["search.n_c"])
+        for label, strategy, scenario in validated_rows()
     }
     taken = []
     flown = fly_missing(
@@ -105,10 +103,10 @@ def test_the_kept_missions_with_pictures_are_taken_and_make_the_documented_means
         1,
         lambda job, _: taken.append(job),
     )
-    assert len(taken) == 270
+    assert len(taken) == 360
     page = (DOCS / "statistical-sensor.md").read_text()
-    for (scenario, n_c), matrix in matrices.items():
+    for (scenario, strategy), matrix in matrices.items():
         for metric in TIER_METRICS:
             values = [flown[job.config_hash][metric] for job in matrix.jobs()]
             digits = 1 if metric == "mission_time_s" else 3
-            assert f"| {scenario} | {n_c:g} | {metric} | {sum(values) / 30:.{digits}f} |" in page
+            assert f"| {scenario} | {strategy} | {metric} | {sum(values) / 30:.{digits}f} |" in page

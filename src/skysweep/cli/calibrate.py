@@ -117,7 +117,7 @@ def _print_fit(held_out: list[HeldOut]) -> None:
 @friendly
 def validate(
     seeds: Annotated[
-        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures per scenario and n_c.")
+        int, typer.Option(min=2, max=MOST_SEEDS, help="Missions with pictures per scenario and strategy.")
     ] = 30,
     scenario: Annotated[
         list[str] | None,
@@ -125,7 +125,13 @@ def validate(
     ] = None,
     n_c: Annotated[
         list[float] | None,
-        typer.Option("--n-c", parser=number_or_inf, help="May be repeated. Default: 1, 5, inf."),
+        typer.Option(
+            "--n-c", parser=number_or_inf, help="Of Algorithm 1; may be repeated. Default: 1, 5, inf."
+        ),
+    ] = None,
+    strategy: Annotated[
+        list[str] | None,
+        typer.Option(help="A strategy beside Algorithm 1; may be repeated. Default: belief."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for missions, validate.json and validate.md.")] = Path(
         "validation"
@@ -144,8 +150,10 @@ def validate(
     """
     from skysweep.experiments.calibration import tiers
 
-    scenarios, values = scenario or list(tiers.SCENARIOS), n_c or list(tiers.N_C)
-    missions = len(scenarios) * len(values) * seeds
+    rows = tiers.validated_rows(
+        scenario or tiers.SCENARIOS, n_c or tiers.N_C, tiers.STRATEGIES if strategy is None else strategy
+    )
+    missions = len(rows) * seeds
     with bar() as progress:
         tasks = {
             "statistical": progress.add_task("without pictures", total=missions * tiers.STATISTICAL_TIMES),
@@ -155,7 +163,7 @@ def validate(
         def on_done(job: MissionJob, _summary: Summary) -> None:
             progress.advance(tasks[job.sensor])
 
-        cells = tiers.compare_tiers(seeds, out, scenarios, values, workers, on_done)
+        cells = tiers.compare_tiers(seeds, out, rows, workers, on_done)
     table = Table(*tiers.TIER_HEADER)
     for cell in cells:
         table.add_row(*cell.row)

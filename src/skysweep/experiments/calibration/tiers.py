@@ -23,21 +23,33 @@ from skysweep.results.reporting.html import Grid
 from skysweep.results.reporting.statistics import mean_ci95
 from skysweep.results.reporting.tables import markdown
 from skysweep.results.summary import plain, value_of
+from skysweep.scenarios.files import change_scenario, load_scenario
+from skysweep.scenarios.model import Scenario
 
 SCENARIOS = ("clusters", "abundance", "sparse")
 N_C = (1.0, 5.0, math.inf)
+STRATEGIES = ("belief",)  # beside Algorithm 1 with each n_c
 TIER_METRICS = ("mission_time_s", "recall", "false_scans")
 STATISTICAL_TIMES = 4  # as many seeds without pictures as with
 TOLERANCE_PERCENT = 5.0
-TIER_HEADER = ("scenario", "n_c", "mean of", "pictures", "95 % CI", "statistical", "difference", "agrees")
+TIER_HEADER = (
+    "scenario",
+    "strategy",
+    "mean of",
+    "pictures",
+    "95 % CI",
+    "statistical",
+    "difference",
+    "agrees",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class TierMeans:
-    """One metric of one scenario and n_c in both tiers."""
+    """One metric of one scenario and strategy in both tiers."""
 
     scenario: str
-    n_c: float
+    strategy: str  # in words: with n_c, if that is Algorithm 1
     metric: str
     seeds: int
     rendered_mean: float
@@ -65,7 +77,7 @@ class TierMeans:
         digits = 1 if self.metric == "mission_time_s" else 3
         return (
             self.scenario,
-            f"{self.n_c:g}",
+            self.strategy,
             self.metric,
             f"{self.rendered_mean:.{digits}f}",
             f"{low:.{digits}f} to {high:.{digits}f}",
@@ -75,32 +87,47 @@ class TierMeans:
         )
 
 
+def validated_rows(
+    scenarios: Sequence[str] = SCENARIOS,
+    n_c: Sequence[float] = N_C,
+    strategies: Sequence[str] = STRATEGIES,
+) -> list[tuple[str, str, Scenario]]:
+    """Label, strategy in words and scenario of each row: Algorithm 1 with each n_c, then other strategies."""
+    rows = []
+    for name in scenarios:
+        rows += [(f"n_c {value:g}", row_scenario(name, value, {})) for value in n_c]
+        for strategy in strategies:
+            scenario = change_scenario(load_scenario(name), {"search.strategy": strategy})
+            rows.append((strategy, (scenario.name, scenario)))
+    return [(label, strategy, scenario) for strategy, (label, scenario) in rows]
+
+
 def compare_tiers(
     seeds: int,
     out: Path,
-    scenarios: Sequence[str] = SCENARIOS,
-    n_c: Sequence[float] = N_C,
+    rows: Sequence[tuple[str, str, Scenario]],
     workers: int | None = None,
     on_done: OnDone = lambda _job, _summary: None,
 ) -> list[TierMeans]:
-    """Fly what ``out`` lacks, write ``validate.json`` and ``validate.md`` and return the cells.
+    """Fly what ``out`` lacks of :func:`validated_rows`, write ``validate.json`` and ``.md``; the cells.
 
     Missions of another detector or sensor model are flown again. Raises UserError when the sensor model does
     not fit a scenario.
     """
-    rows = [(scenario, value, row_scenario(scenario, value, {})) for scenario in scenarios for value in n_c]
     more = range(seeds * STATISTICAL_TIMES)
-    rendered = [Matrix.of([row], range(seeds), "imaging", [SWEPT]) for *_, row in rows]
-    statistical = [Matrix.of([row], more, "statistical", [SWEPT]) for *_, row in rows]
+    rendered, statistical = (
+        [Matrix.of([(label, scenario)], numbers, sensor, [SWEPT]) for label, _, scenario in rows]
+        for numbers, sensor in ((range(seeds), "imaging"), (more, "statistical"))
+    )
     flown = fly_missing([*statistical, *rendered], fly_job, out, workers, on_done)
     cells = []
-    for (scenario, value, _), *tiers in zip(rows, rendered, statistical, strict=True):
+    for (label, strategy, _), *tiers in zip(rows, rendered, statistical, strict=True):
         for metric in TIER_METRICS:
             with_pictures, without = (
                 [value_of(flown[job.config_hash], metric) for job in matrix.jobs()] for matrix in tiers
             )
             mean, ci95 = mean_ci95(with_pictures)
-            cells.append(TierMeans(scenario, value, metric, seeds, mean, ci95, float(np.mean(without))))
+            cells.append(TierMeans(label, strategy, metric, seeds, mean, ci95, float(np.mean(without))))
     records = [asdict(c) | {"difference_percent": c.difference_percent, "agrees": c.agrees} for c in cells]
     with whole_files(out) as unfinished:
         text = json.dumps(plain(records), indent=1) + "\n"
