@@ -24,7 +24,7 @@ from skysweep.files.models import validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
-from skysweep.sensing.statistical.factors import NAMES
+from skysweep.sensing.statistical.factors import CONTRAST_USUAL, NAMES
 
 VERSION = 8  # 7 measured standing objects by the angle to their foot
 
@@ -210,6 +210,11 @@ class StatisticalModel(_Part):
         except UserError as error:
             reason = str(error).removeprefix(f"{source}: ")
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
+
+    def contrast(self, kind: str, pose: str, surface: str) -> tuple[float, float]:
+        """Mean and standard deviation of the difference in colour to the ground; usual if not measured."""
+        table = next((c for c in self.contrasts if (c.kind, c.pose) == (kind, pose)), None)
+        return table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
 
     def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
         """What differs in this camera or detector from the calibrated one; one phrase each.

@@ -152,8 +152,7 @@ class StatisticalSensor:
 
     def _contrast(self, thing: WorldObject, surface: str, draw: float) -> float:
         """Of one object against this ground; the usual one if not measured."""
-        table = next((c for c in self._model.contrasts if (c.kind, c.pose) == (thing.kind, thing.pose)), None)
-        mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
+        mean, std = self._model.contrast(thing.kind, thing.pose, surface)
         return float(np.clip((mean + std * draw - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
 
     def _tabulate_ghosts(

@@ -201,8 +201,7 @@ def _is_plausible(kind: KindModel, context: MissionContext) -> bool:
 
 def _contrast(model: StatisticalModel, kind: KindModel, surface: str) -> tuple[float, float]:
     """Mean and spread of the contrast to the ground, in the unit of the factors."""
-    table = next((c for c in model.contrasts if (c.kind, c.pose) == (kind.kind, kind.pose)), None)
-    mean, std = table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
+    mean, std = model.contrast(kind.kind, kind.pose, surface)
     return float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)), std / CONTRAST_UNIT
 
 
