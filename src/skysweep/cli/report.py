@@ -74,9 +74,7 @@ def report(
         raise UserError(f"--from-sound-lines: {folder} is not the folder of one mission; leave it out")
     for page in (BENCHMARK_PAGE, BREAK_EVEN_PAGE):
         if here is not None and (here / page).is_file():
-            raise UserError(
-                f"{folder}: is of a benchmark, whose command writes its report; open {here / page}"
-            )
+            raise UserError(f"{folder}: is of a benchmark, which writes its own report; open {here / page}")
     if target is None:
         if here is None:
             raise UserError(f"{folder}: is not on this computer; write the report's folder as --out")

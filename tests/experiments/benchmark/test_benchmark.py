@@ -104,7 +104,7 @@ def test_belief_is_told_the_price_of_a_false_alarm(in_folder):
     assert table.group_by("scenario", "strategy").len().sort("len")["len"].to_list() == [2, 2, 2, 2, 4, 4]
     again = CliRunner().invoke(app, ["report", "pays"])
     assert again.exit_code == 2
-    assert "pays: is of a benchmark, whose command writes its report; open" in again.stderr
+    assert "pays: is of a benchmark, which writes its own report; open" in again.stderr
 
 
 @pytest.mark.parametrize(
