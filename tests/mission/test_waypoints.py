@@ -132,3 +132,55 @@ def test_a_place_too_far_for_the_battery_is_refused(mode):
     assert refused == [(far, "return energy")]
     assert max(state.position_enu_m[0] for state in states) < 35.0
     assert states[-1].position_enu_m[0] == pytest.approx(30.0, abs=1.5)
+
+
+class Lost:
+    """Asks for one and the same place that is not finite, calculated anew at every step."""
+
+    def __init__(self, **wrong):
+        self.wrong = wrong
+
+    def step(self, seen):
+        wrong = {field: value(float("nan")) for field, value in self.wrong.items()}
+        return Command(Mode.SCAN, Waypoint((30.0, 20.0), 20.0, 5.0, to_look=True)._replace(**wrong))
+
+    snapshot, restore = Corners.snapshot, Corners.restore
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"xy_enu_m": lambda nan: (nan, 20.0)},
+        {"altitude_agl_m": lambda nan: nan},
+        {"speed_mps": lambda nan: nan},
+        {"then_xy_enu_m": lambda nan: (20.0, nan)},
+        {"yaw_rad": lambda nan: nan},
+        {"yaw_rad": lambda _nan: math.inf},
+        {"gimbal_pitch_rad": lambda nan: nan},
+    ],
+)
+def test_a_waypoint_that_is_not_finite_is_refused_by_the_name_of_its_field(wrong):
+    """Once; insisted on, it ends the search. Trees, so that the place to look from would be searched for."""
+    trees = [{"position_enu_m": [40, 30], "height_m": 8}]
+    spec = StrategySpec(lambda _context: Lost(**wrong), lambda _search: 20.0)
+    scenario = Scenario.model_validate(SMALL | {"trees": trees})
+    journal = MemoryJournal()
+    with Flight(build_mission(scenario, 0, Rig("statistical", strategy=spec)), journal) as flight:
+        assert all(np.isfinite(tick.state.position_enu_m).all() for tick in flight)
+    said = [line for line in journal.lines if line["kind"] == "safety"]
+    (field,) = wrong
+    assert [line["action"] for line in said] == ["REFUSE_CHECK", "RETURN"]
+    assert {line["sentence"] for line in said} == {f"A waypoint is not flown to: its {field} is not finite."}
+    assert any(line["kind"] == "landed" for line in journal.lines)
+
+
+def test_a_heading_that_is_not_finite_is_refused_at_a_place_that_was_allowed():
+    place = (30.0, 20.0)
+    refused, states = asked(
+        Mode.SCAN,
+        (place, 20.0, 5.0),
+        (place, 20.0, 5.0, False, None, math.nan),
+        ((10.0, 20.0), 20.0, 5.0),
+    )
+    assert refused == [(place, "waypoint")]
+    assert np.isfinite(states[-1].position_enu_m).all()

@@ -115,3 +115,29 @@ def test_an_unchecked_candidate_gives_the_strategys_own_reason(tmp_path):
 )
 def test_no_probability_is_told_as_certain(p, words):
     assert probability_of(p) == words
+
+
+def test_a_check_that_names_no_candidate_is_told_without_one(tmp_path):
+    start = {"t": 13, "kind": "check_started", "probability": 0.5, "reason": "many at once"}
+    run = load_run(write_run(tmp_path / "run", [*tiny_records()[:4], start, *tiny_records()[-3:]]))
+    assert beliefs(run) == []
+    (tmp_path / "map.png").write_bytes(b"")
+    assert "to check." in write_run_report(run, compute_summary(run), tmp_path).read_text("utf-8")
+
+
+def test_words_from_outside_stay_words(tmp_path):
+    hostile = "<script>alert(1)</script>\x1b[31m"
+    records = [
+        *tiny_records()[:4],
+        sighting(11, 1, [5.5, 10, 0], 0.4, new=True),
+        believed(11, "scanned", 1, 0.55, hostile, alternatives=[[hostile, 5.0]]),
+        believed(13, "check_started", 1, 0.9, hostile),
+        {"t": 14, "kind": "misfit", "reason": hostile},
+        *tiny_records()[-3:],
+    ]
+    run = load_run(write_run(tmp_path / "run", records))
+    (tmp_path / "map.png").write_bytes(b"")
+    text = write_run_report(run, compute_summary(run), tmp_path).read_text("utf-8")
+    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;\\x1b[31m") >= 4
+    assert "<script>" not in text
+    assert "\x1b" not in text

@@ -371,5 +371,5 @@ def _numbers(text: str, option: str, count: int) -> list[float]:
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
-        raise UserError(f"{option}: '{text}' is not understood; write {count} numbers")
+        raise UserError(f"{option}: '{text}' is not understood; write {count} number{'s' * (count > 1)}")
     return numbers

@@ -21,7 +21,7 @@ from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission, Operator, Watch
 from skysweep.mission.notes import Notes
-from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase
+from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase, not_finite
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
 from skysweep.types import (
     SEARCHING,
@@ -388,9 +388,10 @@ class Flight:
         waypoint = command.waypoint
         if waypoint is None:
             return _ALL_WELL
-        if waypoint != self._asked:
+        if waypoint != self._asked and not (self._refusal and repr(waypoint) == repr(self._asked)):  # NaN
             self._asked = waypoint
-            self._flown_to = self._clearance.lookout(waypoint) if waypoint.to_look else waypoint
+            looks = waypoint.to_look and not not_finite(waypoint)
+            self._flown_to = self._clearance.lookout(waypoint) if looks else waypoint
             if self._flown_to is not None and self._flown_to.xy_enu_m != waypoint.xy_enu_m:
                 self._flown_to = self._flown_to._replace(
                     then_xy_enu_m=None, yaw_rad=None, gimbal_pitch_rad=None

@@ -106,14 +106,15 @@ class Notes:
                 fields["candidate"] = event.candidate_id
                 fields["p"] = event.position_enu_m
                 fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
-            if event.probability is not None:
+            if event.probability is not None and 0.0 <= event.probability <= 1.0:
                 fields["probability"] = round(event.probability, 4)
             if event.kind == EventKind.UNCHECKED:
                 fields["reason"] = event.reason or seen.refused
             elif event.reason:
                 fields["reason"] = event.reason
-            if event.alternatives:
-                fields["alternatives"] = event.alternatives
+            alternatives = [(what, cost_s) for what, cost_s in event.alternatives if math.isfinite(cost_s)]
+            if alternatives:
+                fields["alternatives"] = alternatives
             self._journal.write(seen.time_s, event.kind, **fields)
 
     def state(self, state: VehicleState, mode: Mode) -> None:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
 
+import numpy as np
+
 from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
@@ -88,6 +90,12 @@ class Alarm:
     action: Action
     cause: str
     sentence: str
+
+
+def not_finite(waypoint: Waypoint) -> str:
+    """The first field of a waypoint that is NaN or infinite; empty if none is."""
+    values = waypoint._asdict().items()
+    return next((field for field, value in values if value is not None and not np.isfinite(value).all()), "")
 
 
 class Guard:
@@ -212,6 +220,11 @@ class Guard:
 
         ``flown_to`` is its lookout, or the waypoint itself; None if there is no lookout.
         """
+        field = not_finite(waypoint)
+        if field:
+            return Alarm(
+                Action.REFUSE_CHECK, "waypoint", f"A waypoint is not flown to: its {field} is not finite."
+            )
         if flown_to is not None and self._was_allowed(flown_to):
             return None
         cause, why = self._objection(state, altitude_agl_m, waypoint, flown_to)

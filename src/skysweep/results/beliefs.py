@@ -48,7 +48,7 @@ def beliefs(run: Run) -> list[Picture]:
     """A chart with its story for each candidate whose probability was told, in the order of the verdicts."""
     titles, told = titles_of(run), dict[int, list[Record]]()
     for record in run.events(*_KINDS):
-        if record.get("probability") is not None:
+        if record.get("probability") is not None and record.get("candidate") is not None:
             told.setdefault(record["candidate"], []).append(record)
     found_s: dict[int, list[float]] = {}
     for sighting in run.events("sighting"):

@@ -138,7 +138,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         elif kind == EventKind.UNCHECKED and (_cause(run, record) or {}).get("action") != "REFUSE_CHECK":
             left.setdefault(time_s, []).append(record)
         elif kind in SETTLING:
-            if check is None or ("reason" in check[0] and check[0]["candidate"] != record["candidate"]):
+            if check is None or _aim(check[0]) not in (None, record["candidate"]):
                 steps.append((time_s, _verdicts([record], names)))
             else:
                 check.append(record)
@@ -166,11 +166,16 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
 
 
+def _aim(start: Any) -> int | None:
+    """The one candidate that a check was begun for; None: for all that are to be checked."""
+    return start.get("candidate") if start.get("reason") else None
+
+
 def _check_step(run: Run, check: Sequence[Any], names: dict[int, str]) -> tuple[float, str]:
     """Time and words of a check, from its start and its verdicts."""
     start, *records = check
     begins, undecided = f"Down to {run.scenario.search.check_altitude_agl_m:g} m to check.", "Broken off."
-    if start.get("reason"):
+    if _aim(start) is not None:
         begins = f"A closer look at {_name(start, names)}: {printable(start['reason'])}."
         undecided = "Not decided there."
     elif records and all(r["kind"] == EventKind.UNCHECKED for r in records):

@@ -102,12 +102,15 @@ def test_belief_is_told_the_price_of_a_false_alarm(in_folder):
     assert "data:image/svg+xml" in (in_folder / "pays/break-even.html").read_text()
     table = pl.read_parquet(in_folder / "pays/missions.parquet")
     assert table.group_by("scenario", "strategy").len().sort("len")["len"].to_list() == [2, 2, 2, 2, 4, 4]
+    again = CliRunner().invoke(app, ["report", "pays"])
+    assert again.exit_code == 2
+    assert "pays: is of a benchmark, which writes its own report; open" in again.stderr
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--strategy", "scan-twice"], "--strategy there is no strategy 'scan-twice'"),
+        (["--strategy", "scan-twice"], "--strategy: there is no strategy 'scan-twice'"),
         (["--strategy", "belief"], "--strategy belief: is in the benchmark already"),
         (["--reference", "best"], "--reference best: is not compared; write one of scan-only, low-only"),
         (

@@ -78,8 +78,8 @@ def test_added_strategies_come_before_the_oracle():
     [
         ("belief", "--strategy belief: is in the benchmark already; leave it out"),
         ("oracle", "--strategy oracle: is in the benchmark already; leave it out"),
-        ("scan-twice", "--strategy there is no strategy 'scan-twice'"),
-        ("oracle-bound", "--strategy there is no strategy 'oracle-bound'"),
+        ("scan-twice", "--strategy: there is no strategy 'scan-twice'"),
+        ("oracle-bound", "--strategy: there is no strategy 'oracle-bound'"),
     ],
 )
 def test_what_cannot_be_added_is_refused(name, sentence):

@@ -125,7 +125,7 @@ def contenders(added: Sequence[str] = ()) -> tuple[Contender, ...]:
         try:
             strategy_spec(name)
         except UserError as error:
-            raise UserError(f"--strategy {str(error).removeprefix('search.strategy: ')}") from None
+            raise UserError(f"--strategy: {str(error).removeprefix('search.strategy: ')}") from None
         ours.append(Contender(name, name, "added"))
     return (*ours, oracle)
 

@@ -15,6 +15,8 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa, positive
 from skysweep.planning.prior.coverage import coverage_of
 
+FARTHEST_M = 200_000.0  # from the origin of a local frame, where it is flat enough
+
 
 @dataclass(frozen=True)
 class ProbabilityMap:
@@ -90,9 +92,14 @@ class ProbabilityMap:
 def grid_over(area: shapely.Polygon, cell_size_m: float, frame: LocalFrame) -> ProbabilityMap:
     """Every place of an area (ENU metres) equally probable, in cells that span its bounds.
 
-    Raises UserError where there are too many cells.
+    Raises UserError where there are too many cells, or the area reaches too far from the frame's origin.
     """
     west, south, east, north = area.bounds
+    if max(map(abs, area.bounds)) > FARTHEST_M:
+        raise UserError(
+            f"area: reaches {max(map(abs, area.bounds)) / 1e3:.0f} km from the map's origin; make a map that "
+            f"reaches at most {FARTHEST_M / 1e3:.0f} km"
+        )
     cell_m = positive(cell_size_m, "cell_size_m")
     rows, columns = (max(1, round((b - a) / cell_m + 0.499)) for a, b in ((south, north), (west, east)))
     if rows * columns > MAX_CELLS:

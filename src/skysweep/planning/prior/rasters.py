@@ -15,10 +15,9 @@ from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
-from skysweep.planning.prior.maps import ProbabilityMap, grid_over
+from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap, grid_over
 
 _SAMPLES = 3  # along a cell's side
-_FARTHEST_M = 200_000.0  # from where a local frame is flat enough
 _WGS84 = pyproj.Geod(ellps="WGS84")
 _BORDER = 50  # points along an edge
 
@@ -60,7 +59,7 @@ class Raster:
             frame = LocalFrame(float(latitude[-1]), float(longitude[-1]))
         else:
             _, _, away_m = _WGS84.inv(frame.longitude_deg, frame.latitude_deg, longitude[-1], latitude[-1])
-            if away_m > _FARTHEST_M:
+            if away_m > FARTHEST_M:
                 raise UserError(
                     f"does not overlap the area, which is {away_m / 1e3:.0f} km away; give the map of this "
                     "area, or check its coordinates"

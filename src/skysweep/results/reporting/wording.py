@@ -8,6 +8,7 @@ from typing import Any
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.results.reporting.html import Grid
 from skysweep.scenarios.model import Scenario
+from skysweep.text import printable
 from skysweep.types import EventKind
 from skysweep.worlds.obstacles import BODY_RADIUS_M
 
@@ -80,7 +81,7 @@ def definitions() -> Grid:
 def safety_words(record: Mapping[str, Any]) -> str:
     """One sentence for a ``safety``, ``unsearched`` or ``misfit`` line of a journal."""
     if record["kind"] == EventKind.MISFIT:
-        return f"The sensor model does not fit what is seen here: {record['reason']}."
+        return f"The sensor model does not fit what is seen here: {printable(record['reason'])}."
     if record["kind"] == "unsearched":
         again = "they are scanned again" if record["again"] else "they were not scanned again"
         return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; {again}."
@@ -89,8 +90,10 @@ def safety_words(record: Mapping[str, Any]) -> str:
 
 def decision_words(record: Mapping[str, Any]) -> str:
     """Why a strategy decided what a line of a journal says, and what could be decided at what cost."""
-    costs = ", ".join(f"{what}: {cost_s:.0f}\u00a0s" for what, cost_s in record.get("alternatives", ()))
-    return f"{record.get('reason', '')}{f' ({costs})' if costs else ''}"
+    costs = ", ".join(
+        f"{printable(what)}: {cost_s:.0f}\u00a0s" for what, cost_s in record.get("alternatives", ())
+    )
+    return f"{printable(record.get('reason') or '')}{f' ({costs})' if costs else ''}"
 
 
 def probability_of(value: float) -> str:
