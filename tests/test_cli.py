@@ -172,7 +172,7 @@ def test_shown_scenarios_can_be_read_again(tmp_path):
 
 
 def test_help_has_examples(tmp_path):
-    for command in (["run"], ["plan"], ["compare", "paper"], ["dataset"], ["detect", "evaluate"]):
+    for command in (["run"], ["plan"], ["compare", "paper"], ["dataset"], ["detect", "evaluate"], ["detect", "inspect"]):
         text = skysweep(*command, "--help", cwd=tmp_path).stdout
         assert "skysweep " + " ".join(command) in text
 
