@@ -39,6 +39,7 @@ STRIDE = 32
 PROBE_SIZE = (640, 640)
 PICTURE_S = 60.0  # of wall time, for one picture
 _MAX_NAMES_BYTES = 1_000_000
+_MISSHAPEN = (ArithmeticError, LookupError, ValueError)  # of outputs that are not those of a layout
 _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
 
@@ -132,11 +133,12 @@ class Network:
 
     def _decode(self, outputs: Outputs, input_hw: Size) -> Boxes:
         try:
-            found = self.layout.decode(outputs, input_hw)
+            with np.errstate(all="ignore"):  # what is not finite is refused later
+                found = self.layout.decode(outputs, input_hw)
             refuse_logits(found.scores)
         except Unclear as error:
             raise UserError(f"{self._path}: the model {error}") from None
-        except (ValueError, IndexError, KeyError) as error:  # the shapes are not those of the blank picture
+        except _MISSHAPEN as error:  # the shapes are not those of the blank picture
             shapes = _shapes(outputs)
             raise UserError(
                 f"{self._path}: outputs {shapes} are not those of {self.layout.name}; export it again"
@@ -175,9 +177,12 @@ class Network:
             anchors_px=read_anchors(self._path),
         )
         try:
-            layout = recognise(probe)
+            with np.errstate(all="ignore"):
+                layout = recognise(probe)
         except Unclear as error:
             raise UserError(f"{self._path}: the model {error}") from None
+        except _MISSHAPEN:
+            layout = None
         if layout is None:
             raise UserError(
                 f"{self._path}: outputs {_shapes(outputs)} are none of the layouts known (YOLOv3 to v12, "
