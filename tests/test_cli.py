@@ -172,7 +172,8 @@ def test_shown_scenarios_can_be_read_again(tmp_path):
 
 
 def test_help_has_examples(tmp_path):
-    for command in (["run"], ["plan"], ["compare", "paper"], ["dataset"], ["detect", "evaluate"]):
+    detect = ["detect", "evaluate"], ["detect", "inspect"]
+    for command in (["run"], ["plan"], ["compare", "paper"], ["dataset"], *detect):
         text = skysweep(*command, "--help", cwd=tmp_path).stdout
         assert "skysweep " + " ".join(command) in text
 

@@ -248,7 +248,7 @@ def test_unnamed_classes_are_an_error_with_the_remedy(tmp_path):
     rows = np.zeros((1, 3 * 2100, 5 + 7), np.float32)
     path = model_of(tmp_path / "m.onnx", [node], {"rows": rows}, input_shape=[1, 3, 320, 320], output="out")
     with pytest.raises(
-        UserError, match=r"7 classes but names none; write their names one a line into m\.names"
+        UserError, match=r"7 classes but names none; if so, write their names one a line into m\.names"
     ):
         YoloDetector(path)
 

@@ -6,15 +6,15 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from skysweep.detection.coco import COCO_80, COCO_91
-from skysweep.detection.model_trial import vouch_for
-from skysweep.detection.yolo import YoloDetector
-from skysweep.detection.yolo_outputs import (
+from skysweep.detection.grid_layouts import (
     _YOLO3,
     _YOLO3_TINY,
     _YOLO4,
     _YOLO4_SCALE_XY,
-    cell_centres,
 )
+from skysweep.detection.layouts import cell_centres
+from skysweep.detection.model_trial import vouch_for
+from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.types import Frame
@@ -33,7 +33,14 @@ def frame(side=SIDE):
 
 
 def constant_model(
-    path, outputs, *, metadata=None, input_shape=(1, 3, SIDE, SIDE), name="model", extra_inputs=()
+    path,
+    outputs,
+    *,
+    metadata=None,
+    input_shape=(1, 3, SIDE, SIDE),
+    name="model",
+    extra_inputs=(),
+    input_type=TensorProto.FLOAT,
 ):
     """An ONNX file that answers ``outputs`` to any picture."""
     constants = [numpy_helper.from_array(np.asarray(a), f"{k}_value") for k, a in outputs.items()]
@@ -42,7 +49,7 @@ def constant_model(
         helper.make_tensor_value_info(k, helper.np_dtype_to_tensor_dtype(np.asarray(a).dtype), np.shape(a))
         for k, a in outputs.items()
     ]
-    inputs = [helper.make_tensor_value_info("images", TensorProto.FLOAT, input_shape), *extra_inputs]
+    inputs = [helper.make_tensor_value_info("images", input_type, input_shape), *extra_inputs]
     model = helper.make_model(
         helper.make_graph(nodes, name, inputs, infos, constants),
         opset_imports=[helper.make_opsetid("", 17)],
@@ -228,7 +235,7 @@ LAYOUTS = {
     "v6": (v6(), "YOLOv6", "model"),
     "v7 with nms": (v7_nms(), "YOLOv7 with NMS", "model"),
     "v7 end to end": (v7_end_to_end(), "YOLOv7 end-to-end", "model"),
-    "v7 raw": (raw_grids(_YOLO4, "ahwk", squared=True), "YOLOv7 grids", "model"),
+    "v7 raw": (raw_grids(_YOLO4, "ahwk", squared=True), "YOLOv7 grids", "yolov7"),
     "v5 raw": (raw_grids(_YOLO3, "ahwk", squared=True), "YOLOv5 grids", "yolov5s"),
     "v8": (v8(), "YOLOv8", "model"),
     "v8 transposed": (v8_transposed(), "YOLOv8", "model"),
@@ -236,16 +243,15 @@ LAYOUTS = {
     "v10": (v10(), "YOLOv10", "model"),
     "yolox raw": (yolox_raw(), "YOLOX raw", "model"),
     "yolox decoded": (yolox(), "YOLOX", "model"),
-    "v3": (raw_grids(_YOLO3, "chw"), "YOLOv3 grids", "model"),
-    "v3 channels last": (raw_grids(_YOLO3, "hwc"), "YOLOv3 grids", "model"),
-    "v3 tiny": (raw_grids(_YOLO3_TINY, "chw", strides=(16, 32)), "YOLOv3 grids", "model"),
+    "v3": (raw_grids(_YOLO3, "chw"), "YOLOv3 grids", "yolov3"),
+    "v3 channels last": (raw_grids(_YOLO3, "hwc"), "YOLOv3 grids", "yolov3"),
+    "v3 tiny": (raw_grids(_YOLO3_TINY, "chw", strides=(16, 32)), "YOLOv3 grids", "yolov3"),
     "v4": (raw_grids(_YOLO4, "chw", scale=_YOLO4_SCALE_XY), "YOLOv4 grids", "yolov4"),
     "v4 of the ONNX zoo": (raw_grids(_YOLO4, "hwak", scale=_YOLO4_SCALE_XY), "YOLOv4 grids", "model"),
     "v4 decoded": (v4_decoded(), "YOLOv4 decoded", "model"),
     "yolo-nas": (yolo_nas(), "YOLO-NAS", "model"),
     "detr": (detr(92, COCO_91.index("stop sign"), softmax=True), "DETR", "model"),
     "detr sigmoid": (detr(80, CLASS, softmax=False), "DETR", "model"),
-    "rt-detr": (rt_detr(), "RT-DETR", "model"),
     "rt-detr rows": (rt_detr_rows(), "RT-DETR rows", "model"),
 }
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.detection.layouts import BoxUnit, PixelRange
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
@@ -21,6 +22,8 @@ def load_detector(
     confidence_min: float = 0.25,
     tiles: int = 1,
     threads: int = 1,
+    boxes: BoxUnit | None = None,
+    pixels: PixelRange | None = None,
 ) -> ImageDetector:
     """The shipped detector, or an ONNX file of the YOLO family.
 
@@ -31,14 +34,24 @@ def load_detector(
         tiles: split each picture into ``tiles`` x ``tiles`` enlarged parts, which finds smaller things at
             ``tiles**2`` times the cost.
         threads: CPU threads.
+        boxes: what the model's boxes are measured in, where its file leaves that open.
+        pixels: what pixel values the model takes, if not those of its family's exports.
 
     Raises:
-        UserError: the file is missing or broken, or has no such class.
+        UserError: the file is missing or broken, has no such class, or leaves one of the last two open.
     """
     if isinstance(classes, str):
         raise UserError(f"classes: is '{classes}'; write a list, such as ['{classes}']")
     return ImageDetector(
-        YoloDetector(model, classes, confidence_min=confidence_min, tiles=tiles, threads=threads)
+        YoloDetector(
+            model,
+            classes,
+            confidence_min=confidence_min,
+            tiles=tiles,
+            threads=threads,
+            boxes=boxes,
+            pixels=pixels,
+        )
     )
 
 

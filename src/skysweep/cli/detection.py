@@ -83,6 +83,52 @@ def train(
     tell(f"model: {out}; use it with detector.model in a scenario")
 
 
+BoxesOption = Annotated[
+    Literal["pixels", "normalised"] | None,
+    typer.Option(help="What the model's boxes are measured in, where its file leaves that open."),
+]
+PixelsOption = Annotated[
+    Literal["0..255", "0..1", "imagenet"] | None,
+    typer.Option(help="What pixel values the model takes, where its file leaves that open."),
+]
+
+
+@friendly
+def detect_inspect(
+    model: Annotated[str, typer.Argument(help="'skysweep' or the path of an ONNX file.")],
+    picture: Annotated[Path | None, typer.Argument(help="A picture to look for objects in.")] = None,
+    out: Annotated[Path, typer.Option(help="The picture with boxes, a .png.")] = Path("boxes.png"),
+    confidence: Annotated[
+        float, typer.Option(min=0.01, max=0.99, help="Detections below are dropped.")
+    ] = 0.25,
+    boxes: BoxesOption = None,
+    pixels: PixelsOption = None,
+) -> None:
+    """What is understood of a model: its input, pixels, outputs and classes; draws what it finds.
+
+    Examples:
+
+        skysweep detect inspect yolo11n.onnx
+
+        skysweep detect inspect yolo11n.onnx beach.jpg --out found.png
+    """
+    from skysweep.api.detection import ImageDetector
+    from skysweep.detection.inspection import describe, save_drawn
+    from skysweep.detection.training.evaluate import read_picture
+    from skysweep.detection.yolo import YoloDetector
+
+    detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
+    for name, words in describe(detector.network).items():
+        tell(f"{name}: {words}")
+    if picture is not None:
+        image = read_picture(picture)
+        found = ImageDetector(detector).detect(image)
+        save_drawn(out, image, found)
+        for name, box, sure in zip(found.class_names, found.boxes_xyxy_px, found.confidences, strict=True):
+            tell(f"found: {name} {sure:.2f} at {', '.join(f'{side:.0f}' for side in box)}")
+        tell(f"{len(found)} boxes drawn: {out}")
+
+
 @friendly
 def detect_evaluate(
     dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
@@ -94,6 +140,8 @@ def detect_evaluate(
         float, typer.Option(min=0.01, max=0.99, help="Detections below are dropped.")
     ] = 0.25,
     tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
+    boxes: BoxesOption = None,
+    pixels: PixelsOption = None,
 ) -> None:
     """Recall, precision and false positives by pixels on target and altitude.
 
@@ -116,7 +164,10 @@ def detect_evaluate(
     evaluations = {}
     with bar() as progress:
         for name, path in models.items():
-            detector = YoloDetector(path, confidence_min=confidence, tiles=tiles, threads=2)
+            told = (boxes, pixels) if path == model else (None, None)
+            detector = YoloDetector(
+                path, confidence_min=confidence, tiles=tiles, threads=2, boxes=told[0], pixels=told[1]
+            )
             task = progress.add_task(name, total=len(data.images))
 
             def show(done: int, _total: int, task: TaskID = task) -> None:

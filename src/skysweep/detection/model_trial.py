@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from threading import Timer
 
 from skysweep.caching import cache_folder
+from skysweep.detection.layouts import BoxUnit, PixelRange
 from skysweep.detection.model_files import own_model_path, sha256_of
 from skysweep.errors import UserError
 
@@ -34,14 +35,15 @@ _SAID_AFTER_S = 3.0
 _REFUSED = 2
 
 
-def try_out(path: Path) -> None:
+def try_out(path: Path, boxes: BoxUnit | None = None, pixels: PixelRange | None = None) -> None:
     """Raises UserError if a model does not load, or takes too much time or memory for one picture.
 
-    The shipped model needs no trial, and a model that passed is not tried again.
+    ``boxes`` and ``pixels`` are those of the detector that will use it. The shipped model needs no trial, and
+    a model that passed is not tried again.
     """
     digest = sha256_of(path)
     if digest != sha256_of(own_model_path()):
-        _try_once(path, digest)
+        _try_once(path, digest, boxes, pixels)
 
 
 def vouch_for(path: Path) -> None:
@@ -58,14 +60,14 @@ def _passed(digest: str) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _try_once(path: Path, digest: str) -> None:
+def _try_once(path: Path, digest: str, boxes: BoxUnit | None, pixels: PixelRange | None) -> None:
     if _passed(digest).exists():
         return
     try:
         # in an empty folder: Python looks for modules where it starts
         with TemporaryDirectory() as empty, _said_when_slow(path):
             done = subprocess.run(
-                [sys.executable, "-m", __name__, str(path.absolute())],
+                [sys.executable, "-m", __name__, str(path.absolute()), boxes or "", pixels or ""],
                 cwd=empty,
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
@@ -115,12 +117,12 @@ def _limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
 
 
-def _main(path: Path) -> int:
+def _main(path: Path, boxes: BoxUnit | None, pixels: PixelRange | None) -> int:
     from skysweep.detection.network import load_network
 
     _limit()
     try:
-        load_network(path, threads=1)
+        load_network(path, 1, boxes, pixels)
     except UserError as error:
         print(error)
         return _REFUSED
@@ -131,4 +133,5 @@ def _main(path: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(_main(Path(sys.argv[1])))
+    _path, _boxes, _pixels = sys.argv[1:]
+    sys.exit(_main(Path(_path), _boxes or None, _pixels or None))  # type: ignore[arg-type]

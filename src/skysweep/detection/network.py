@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import math
+from dataclasses import replace
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import cv2
@@ -13,51 +16,91 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F32, U8
 from skysweep.detection.coco import default_names
-from skysweep.detection.yolo_outputs import Boxes, OutputLayout, PixelFormat, Probe, recognise
+from skysweep.detection.layouts import (
+    Boxes,
+    BoxUnit,
+    OutputLayout,
+    Outputs,
+    PixelFormat,
+    PixelRange,
+    Probe,
+    Size,
+    Unclear,
+    refuse_logits,
+    size_px,
+    unit_of,
+)
+from skysweep.detection.yolo_outputs import recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
 
 PAD_GREY = 114
 STRIDE = 32
 PROBE_SIZE = (640, 640)
+PICTURE_S = 60.0  # of wall time, for one picture
 _MAX_NAMES_BYTES = 1_000_000
+_MISSHAPEN = (ArithmeticError, LookupError, ValueError)  # of outputs that are not those of a layout
 _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 
 
 class Network:
-    """An open model: pixels in, decoded boxes out."""
+    """An open model: pixels in, decoded boxes out. Raises UserError if it cannot be understood."""
 
-    def __init__(self, session: ort.InferenceSession, path: Path) -> None:
+    def __init__(
+        self,
+        session: ort.InferenceSession,
+        path: Path,
+        boxes: BoxUnit | None = None,
+        pixels: PixelRange | None = None,
+    ) -> None:
         self._session, self._path = session, path
-        first, *others = session.get_inputs() or [None]
-        if first is None or len(first.shape) != 4 or first.type not in _NUMPY_TYPE:
+        self.picture_input, *others = session.get_inputs() or [None]
+        first = self.picture_input
+        if first is None or len(first.shape) not in (3, 4) or first.type not in _NUMPY_TYPE:
             found = "missing" if first is None else f"{first.type} {first.shape}"
             raise UserError(
                 f"{path}: the first input is {found}, not one picture; "
                 "export the model with an input of shape (1, 3, height, width)"
             )
-        self._input, self._dtype = first, _NUMPY_TYPE[first.type]
-        self._channels_last = first.shape[3] == 3
-        self._size_input = next((i for i in others if "size" in i.name), None)
-        if (isinstance(first.shape[0], int) and first.shape[0] > 1) or len(others) > bool(self._size_input):
+        self._dtype = _NUMPY_TYPE[first.type]
+        *batch, rows, columns, last = first.shape if len(first.shape) == 4 else [1, *first.shape]
+        self._unbatched = len(first.shape) == 3
+        self.channels_last = last == 3
+        self._side_inputs = {i: kind for i in others if (kind := _side_input(i.name))}
+        if (isinstance(batch[0], int) and batch[0] > 1) or len(others) > len(self._side_inputs):
             raise UserError(
                 f"{path}: export the model for one picture at a time (batch 1) and without other inputs"
             )
-        sides = first.shape[1:3] if self._channels_last else first.shape[2:4]
-        self._fixed_hw = tuple(sides) if all(isinstance(side, int) and side > 0 for side in sides) else None
-        self.layout = self._recognise()
-        self.class_names = self._names(self.layout.n_classes)
+        sides = (rows, columns) if self.channels_last else (columns, last)
+        self.fixed_hw = tuple(side if isinstance(side, int) and side > 0 else None for side in sides)
+        input_hw = self.input_hw_for(PROBE_SIZE)
+        outputs = self._run(np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8), PixelFormat())
+        self.layout = self._recognise(outputs, input_hw)
+        self.class_names = self._names(self.layout)
+        self.pixels = self._pixel_format(pixels)
+        self.boxes = boxes or self._unit(self._decode(outputs, input_hw))
+        if boxes and self.layout.boxes is None:
+            raise UserError(
+                f"{path}: the boxes of {self.layout.name} are computed in pixels; delete detector.boxes"
+            )
 
     def input_hw_for(self, picture_hw: tuple[int, int]) -> tuple[int, int]:
-        """The input's (height, width): the model's own, else the picture's rounded up to whole strides."""
-        if self._fixed_hw is not None:
-            return self._fixed_hw
-        height, width = (-(-side // STRIDE) * STRIDE for side in picture_hw)
-        return height, width
+        """The input's (height, width): the model's own, else the picture's rounded up to whole strides.
+
+        Where the model fixes one side alone, the other keeps the picture's shape.
+        """
+        (fixed_h, fixed_w), (picture_h, picture_w) = self.fixed_hw, picture_hw
+        height = picture_h if fixed_w is None else picture_h * fixed_w / picture_w
+        width = picture_w if fixed_h is None else picture_w * fixed_h / picture_h
+        return fixed_h or _whole_strides(height), fixed_w or _whole_strides(width)
 
     def __call__(self, canvas: U8) -> Boxes:
-        """Boxes in the canvas' pixels."""
-        return self.layout.decode(self._run(canvas, self.layout.pixels), canvas.shape[:2])
+        """Boxes in the canvas' pixels. Raises UserError if the model fails on this picture."""
+        input_hw = canvas.shape[:2]
+        found = self._decode(self._run(canvas, self.pixels), input_hw)
+        if (self.boxes or self._unit(found)) == "normalised":
+            found = replace(found, xyxy_px=found.xyxy_px * size_px(input_hw))
+        return found
 
     def interrupt(self) -> None:
         """Break off a run in another thread, where it then raises."""
@@ -65,33 +108,85 @@ class Network:
 
     def _run(self, canvas: U8, pixels: PixelFormat) -> dict[str, F32]:
         picture = _pixels(canvas, pixels, self._dtype)
-        if self._channels_last:
+        if self.channels_last:
             picture = np.ascontiguousarray(picture.transpose(1, 2, 0))
-        feed = {self._input.name: picture[None]}
-        if self._size_input is not None:
-            kind = np.int64 if self._size_input.type == "tensor(int64)" else np.float32
-            feed[self._size_input.name] = np.array([canvas.shape[1::-1]], dtype=kind)
-        self._options = ort.RunOptions()
-        answers = self._session.run(None, feed, self._options)
+        feed = {self.picture_input.name: picture if self._unbatched else picture[None]}
+        height, width = canvas.shape[:2]
+        values = {"size": [width, height], "im_shape": [height, width], "scale_factor": [1, 1]}
+        for side_input, kind in self._side_inputs.items():
+            number = np.int64 if side_input.type == "tensor(int64)" else np.float32
+            feed[side_input.name] = np.array([values[kind]], dtype=number)
+        self._options = options = ort.RunOptions()
+        timer = Timer(PICTURE_S, setattr, [options, "terminate", True])
+        timer.daemon = True
+        timer.start()
+        try:
+            answers = self._session.run(None, feed, options)
+        except Exception as error:  # ONNX Runtime raises its own types, all direct children of Exception
+            if options.terminate:
+                raise UserError(f"{self._path}: the model was stopped before it answered") from error
+            raise UserError(f"{self._path}: the model does not run ({_first_line(error)})") from error
+        finally:
+            timer.cancel()
         names = [output.name for output in self._session.get_outputs()]
         return {name: np.asarray(a, np.float32) for name, a in zip(names, answers, strict=True)}
 
-    def _recognise(self) -> OutputLayout:
-        input_hw = self._fixed_hw or PROBE_SIZE
-        blank = np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8)
+    def _decode(self, outputs: Outputs, input_hw: Size) -> Boxes:
         try:
-            outputs = self._run(blank, PixelFormat())
-        except Exception as error:  # ONNX Runtime raises its own types, all direct children of Exception
-            raise UserError(f"{self._path}: the model does not run ({str(error).splitlines()[0]})") from error
+            with np.errstate(all="ignore"):  # what is not finite is refused later
+                found = self.layout.decode(outputs, input_hw)
+            refuse_logits(found.scores)
+        except Unclear as error:
+            raise UserError(f"{self._path}: the model {error}") from None
+        except _MISSHAPEN as error:  # the shapes are not those of the blank picture
+            shapes = _shapes(outputs)
+            raise UserError(
+                f"{self._path}: outputs {shapes} are not those of {self.layout.name}; export it again"
+            ) from error
+        return found
+
+    def _unit(self, found: Boxes) -> BoxUnit | None:
+        usual = self.layout.boxes
+        try:
+            return unit_of(found, usual) if usual else "pixels"
+        except Unclear as error:
+            raise UserError(f"{self._path}: the model {error}") from None
+
+    def _pixel_format(self, wanted: PixelRange | None) -> PixelFormat:
+        usual = self.layout.pixels
+        if usual is None and wanted is None and self._dtype != np.uint8:
+            raise UserError(
+                f"{self._path}: the model ({self.layout.name}) does not say which pixels it takes; write "
+                "detector.pixels: 0..255, 0..1 or imagenet (0..1, less its mean, divided by its deviation)"
+            )
+        if wanted not in (None, "0..255") and self._dtype == np.uint8:
+            raise UserError(f"{self._path}: the input is of bytes; delete detector.pixels")
+        return (usual or PixelFormat()).with_range(wanted)
+
+    def _recognise(self, outputs: Outputs, input_hw: Size) -> OutputLayout:
         meta = self._session.get_modelmeta()
         names = self._named_in_file()
         hint = " ".join([self._path.stem, meta.graph_name, meta.producer_name, meta.description]).lower()
-        layout = recognise(Probe(outputs, input_hw, len(names) if names else None, hint))
+        probe = Probe(
+            outputs,
+            input_hw,
+            len(names) if names else None,
+            hint,
+            task=meta.custom_metadata_map.get("task", ""),
+            told_size="size" in self._side_inputs.values(),
+            anchors_px=read_anchors(self._path),
+        )
+        try:
+            with np.errstate(all="ignore"):
+                layout = recognise(probe)
+        except Unclear as error:
+            raise UserError(f"{self._path}: the model {error}") from None
+        except _MISSHAPEN:
+            layout = None
         if layout is None:
-            shapes = ", ".join(f"{n} {v.shape}" for n, v in outputs.items())
             raise UserError(
-                f"{self._path}: outputs {shapes} are none of the layouts known (YOLOv3 to v12, YOLOX, "
-                "DETR, RT-DETR); export the model for detection"
+                f"{self._path}: outputs {_shapes(outputs)} are none of the layouts known (YOLOv3 to v12, "
+                "YOLOX, DETR, RT-DETR and others); export the model for detection"
             )
         return layout
 
@@ -117,20 +212,55 @@ class Network:
             )
         return tuple(map(str, names))
 
-    def _names(self, n_classes: int) -> tuple[str, ...]:
-        names = self._named_in_file() or default_names(n_classes)
-        if names is None or len(names) != n_classes:
+    def _names(self, layout: OutputLayout) -> tuple[str, ...]:
+        names = self._named_in_file() or default_names(layout.n_classes)
+        if names is None or len(names) != layout.n_classes:
             found = "names none" if names is None else f"names {len(names)}"
             raise UserError(
-                f"{self._path}: the model has {n_classes} classes but {found}; write their names one a line "
-                f"into {self._path.with_suffix('.names').name} beside it"
+                f"{self._path}: its outputs read as {layout.name} of {layout.n_classes} classes but "
+                f"{found}; if so, write their names one a line into {self._path.with_suffix('.names').name} "
+                "beside it, else export the model for detection"
             )
         return names
 
 
-def load_network(path: Path, threads: int) -> Network:
+def load_network(
+    path: Path, threads: int, boxes: BoxUnit | None = None, pixels: PixelRange | None = None
+) -> Network:
     """Open a model and recognise its layout from its answer to a blank picture. Raises UserError."""
-    return Network(_open(path, threads), path)
+    return Network(_open(path, threads), path, boxes, pixels)
+
+
+def read_anchors(model_path: Path) -> tuple[float, ...]:
+    """The numbers of the file named like the model with ``.anchors``, if there is one. Raises UserError."""
+    path = model_path.with_suffix(".anchors")
+    if not path.is_file():
+        return ()
+    words = read_text_limited(path, _MAX_NAMES_BYTES).replace(",", " ").split()
+    try:
+        values = tuple(map(float, words))
+    except ValueError:
+        values = ()
+    if not values or not all(0 < v < math.inf for v in values):
+        raise UserError(f"{path}: write only the anchors' widths and heights in pixels, as numbers above 0")
+    return values
+
+
+def _side_input(name: str) -> str | None:
+    """What an input beside the picture is told, by its name; None if unknown."""
+    return next((kind for kind in ("scale_factor", "im_shape", "size") if kind in name), None)
+
+
+def _whole_strides(side_px: float) -> int:
+    return max(1, math.ceil(side_px / STRIDE)) * STRIDE
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+def _shapes(outputs: Outputs) -> str:
+    return ", ".join(f"{n} {v.shape}" for n, v in outputs.items())
 
 
 def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple[U8, float, int, int]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from skysweep.arrays import F64, I64, U8
 from skysweep.detection.answers import refuse_nonsense
+from skysweep.detection.layouts import Boxes, BoxUnit, OutputLayout, PixelRange
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.detection.network import letterbox, load_network
-from skysweep.detection.yolo_outputs import Boxes, OutputLayout
 from skysweep.errors import UserError
 from skysweep.types import Detections, Frame
 
@@ -35,6 +35,8 @@ class YoloDetector:
         tiles: split each picture into ``tiles`` x ``tiles`` overlapping parts, each enlarged to the model's
             input, so that small things span ``tiles`` times as many pixels (at ``tiles**2`` times the cost).
         threads: CPU threads of the network. They do not spin while waiting, so that rendering can overlap.
+        boxes: what the model's boxes are measured in, and
+        pixels: what values it takes, where the model leaves that open; None: as its family's exports do.
 
     Raises:
         UserError: the file is missing or broken, takes too much time or memory (see
@@ -56,12 +58,14 @@ class YoloDetector:
         iou_max: float = 0.5,
         tiles: int = 1,
         threads: int = 1,
+        boxes: BoxUnit | None = None,
+        pixels: PixelRange | None = None,
     ) -> None:
         self._path = existing_model_file(model_path)
-        try_out(self._path)
+        try_out(self._path, boxes, pixels)
         self._confidence_min, self._iou_max, self._tiles = confidence_min, iou_max, tiles
-        self._network = load_network(self._path, threads)
-        self.model_class_names = self._network.class_names
+        self.network = load_network(self._path, threads, boxes, pixels)
+        self.model_class_names = self.network.class_names
         self.class_names = tuple(classes) if classes is not None else self.model_class_names
         for name in self.class_names:
             if name not in self.model_class_names:
@@ -72,14 +76,14 @@ class YoloDetector:
     @property
     def layout(self) -> OutputLayout:
         """The output layout that was recognised."""
-        return self._network.layout
+        return self.network.layout
 
     def detect(self, frame: Frame) -> Detections:
         """Boxes in the frame's pixels, most confident first, with the frame's pose and lens.
 
         Raises UserError if the model's answer is invalid.
         """
-        input_hw = self._network.input_hw_for(frame.image.shape[:2])
+        input_hw = self.network.input_hw_for(frame.image.shape[:2])
         found = [self._look(*tile, input_hw) for tile in _split(frame.image, self._tiles)]
         boxes = np.concatenate([b.xyxy_px for b in found]).astype(np.float64)
         scores = np.concatenate([b.scores for b in found]).astype(np.float64)
@@ -96,12 +100,12 @@ class YoloDetector:
 
     def interrupt(self) -> None:
         """Break off a look in another thread, where it then raises."""
-        self._network.interrupt()
+        self.network.interrupt()
 
     def _look(self, picture: U8, left_px: int, top_px: int, input_hw: tuple[int, int]) -> Boxes:
         """Boxes of wanted classes above the threshold in one tile, in pixels of the whole picture."""
-        canvas, scale, pad_x, pad_y = letterbox(picture, input_hw, centred=not self.layout.pixels.bgr)
-        boxes = self._network(canvas)
+        canvas, scale, pad_x, pad_y = letterbox(picture, input_hw, centred=not self.network.pixels.bgr)
+        boxes = self.network(canvas)
         keep = ~(boxes.scores < self._confidence_min)  # keeps NaN, which is refused below
         try:
             refuse_nonsense(boxes.xyxy_px[keep], boxes.scores[keep])

@@ -154,7 +154,7 @@ def refuse_unseeable(scenario: Scenario, sensor_name: str) -> None:
         return
     model = scenario.detector.model
     if model not in entry_points(group="skysweep.detectors").names:
-        try_out(existing_model_file(model))
+        try_out(existing_model_file(model), scenario.detector.boxes, scenario.detector.pixels)
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:
@@ -175,4 +175,6 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
         iou_max=d.iou_max,
         tiles=d.tiles,
         threads=threads,
+        boxes=d.boxes,
+        pixels=d.pixels,
     )

@@ -12,7 +12,15 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import shapely
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
@@ -316,10 +324,21 @@ class DetectorModel(Model):
     confidence_min: float = Field(0.25, ge=0.01, le=0.99, description="Detections below are dropped")
     iou_max: float = Field(0.5, gt=0, le=1, description="Boxes of one class that overlap more are one thing")
     tiles: int = Field(1, ge=1, le=8, description="Split the picture into tiles x tiles")
+    boxes: Literal["pixels", "normalised"] | None = Field(
+        None, description="What the model's boxes are measured in, where its file leaves that open"
+    )
+    pixels: Literal["0..255", "0..1", "imagenet"] | None = Field(
+        None, description="What pixel values the model takes, if not those of its family's exports"
+    )
     statistical_model: str | None = Field(
         None,
         description="YAML file of 'skysweep calibrate', to fly without pictures; default: the shipped one",
     )
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scenario that leaves them open has the same keys as before there were these fields."""
+        return {k: v for k, v in write(self).items() if k not in ("boxes", "pixels") or v is not None}
 
 
 PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -85,7 +86,7 @@ def evaluate(
 
 
 def _count(result: Evaluation, detector: Detector, image: LabelledImage) -> None:
-    picture = read_picture(image)
+    picture = read_picture(image.path)
     height, width = picture.shape[:2]
     size = np.array([width, height] * 2, dtype=float)
     found = detector.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
@@ -126,11 +127,11 @@ def _scores(result: Evaluation, name: str, pixels: float, altitude_agl_m: float 
     return scores
 
 
-def read_picture(image: LabelledImage) -> U8:
+def read_picture(path: Path) -> U8:
     """A picture (H, W, 3) RGB. Raises UserError if the file is no picture."""
-    picture = cv2.imread(str(image.path), cv2.IMREAD_COLOR)
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if picture is None:
-        raise UserError(f"{image.path}: not a readable picture")
+        raise UserError(f"{path}: not a readable picture")
     return np.ascontiguousarray(picture[..., ::-1], dtype=np.uint8)
 
 

@@ -287,7 +287,7 @@ def mosaic(images: Sequence[LabelledImage], ids: dict[str, int], rng: np.random.
 
 def _read(image: LabelledImage, ids: dict[str, int]) -> tuple[U8, F64, F64]:
     """Picture (H, W, 3), boxes (N, 4) in pixels and class numbers (N,)."""
-    picture = read_picture(image)
+    picture = read_picture(image.path)
     boxes = image.boxes_xyxy * np.array([picture.shape[1], picture.shape[0]] * 2)
     return picture, boxes, np.array([ids[name] for name in image.class_names], dtype=float)
 
