@@ -118,6 +118,8 @@ def _limit() -> None:
 
 
 def _main(path: Path, boxes: BoxUnit | None, pixels: PixelRange | None) -> int:
+    import cv2
+
     from skysweep.detection.network import load_network
 
     _limit()
@@ -126,7 +128,7 @@ def _main(path: Path, boxes: BoxUnit | None, pixels: PixelRange | None) -> int:
     except UserError as error:
         print(error)
         return _REFUSED
-    except MemoryError:
+    except (MemoryError, cv2.error):  # OpenCV finds no memory for so large an input
         print(f"{path}: the model takes more than {MEMORY_BYTES / 1e9:g} GB; export a smaller one")
         return _REFUSED
     return 0
