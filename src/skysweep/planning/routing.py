@@ -42,6 +42,16 @@ def visit_order(
     return [divmod(node, k) for node in nodes]
 
 
+def shortest_tour(start: tuple[float, float], places: F64) -> list[int]:
+    """Indices of ``places`` (N, 2) in the order of a short open tour from ``start``."""
+    n = len(places)
+    if n < 2:
+        return list(range(n))
+    ways = places[:, None, :]
+    order = visit_order(ways, ways, np.zeros((n, 1)), np.zeros((n, 1), dtype=int), np.array(start))
+    return [place for place, _ in order]
+
+
 def _exact(hop: F64, first: F64, m: int, k: int) -> list[int]:
     """Dynamic programme over (set of places visited, last node)."""
     place = np.arange(m * k) // k

@@ -6,22 +6,19 @@ what it takes can be compared with what strategies take. It confirms nothing; on
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.geometry.camera import project
-from skysweep.planning.routing import EXACT_MAX, visit_order
+from skysweep.planning.routing import EXACT_MAX, shortest_tour
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M, Scenario
 from skysweep.strategies import StrategySpec
 from skysweep.strategies.context import MissionContext
+from skysweep.strategies.passing import is_past
 from skysweep.types import XY, Command, Event, EventKind, Look, Mode, Observation, Waypoint
 from skysweep.worlds.world import build_world
-
-_REACHED_M = 2.0  # PX4 NAV_ACC_RAD
-_PASSED_M, _PASSED_MPS = 6.0, 0.3  # nearer than this, and approached no faster: flown by
 
 
 def oracle_spec(scenario: Scenario, seed: int, look_m: float) -> StrategySpec:
@@ -53,7 +50,7 @@ class Oracle:
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         goal = self._to_see[:1]
         self._to_see = [k for k in self._to_see if not any(self._shows(look, k, seen) for look in seen.looks)]
-        if self._to_scan and _is_past(seen, self._to_scan[0]):
+        if self._to_scan and is_past(seen, self._to_scan[0]):
             self._to_scan.pop(0)
             events.append(Event(EventKind.WAYPOINT_REACHED))
         if self._to_scan:
@@ -77,7 +74,7 @@ class Oracle:
             self._stops = False
             events.append(Event(EventKind.CHECK_STARTED))
         to, *others = (self._xy(k) for k in self._to_see[:2])
-        self._stops |= _is_past(seen, to)
+        self._stops |= is_past(seen, to)
         then = None if self._stops else next(iter(others), None)
         height_m = max(self._look_m - ALTITUDE_TOLERANCE_M, self._search.check_altitude_agl_m)
         waypoint = Waypoint(to, height_m, self._speed_mps, to_look=True, then_xy_enu_m=then)
@@ -124,33 +121,14 @@ def shortest_order(here: XY, places: F64) -> list[int]:
     """
     n = len(places)
     if n <= EXACT_MAX:
-        return _order(here, places, list(range(n)))
+        return shortest_tour(here, places)
     ways = []
     for first in range(n):
         others = [k for k in range(n) if k != first]
-        ways.append([first, *_order((places[first, 0], places[first, 1]), places, others)])
+        rest = shortest_tour((places[first, 0], places[first, 1]), places[others])
+        ways.append([first, *(others[k] for k in rest)])
     return min(ways, key=lambda way: _length_m(here, places, way))
-
-
-def _order(here: XY, places: F64, chosen: list[int]) -> list[int]:
-    n = len(chosen)
-    if n < 2:
-        return chosen
-    ways = places[chosen][:, None, :]
-    order = visit_order(ways, ways, np.zeros((n, 1)), np.zeros((n, 1), dtype=int), np.array(here))
-    return [chosen[place] for place, _ in order]
 
 
 def _length_m(here: XY, places: F64, way: list[int]) -> float:
     return float(np.linalg.norm(np.diff(np.vstack([[here], places[way]]), axis=0), axis=1).sum())
-
-
-def _is_past(seen: Observation, to: XY) -> bool:
-    """Whether a place was reached, or flown by."""
-    x, y, _ = seen.vehicle.position_enu_m.tolist()
-    away_m = math.dist((x, y), to)
-    if away_m <= _REACHED_M:
-        return True
-    vx, vy, _ = seen.vehicle.velocity_enu_mps.tolist()
-    approached_mps = (vx * (to[0] - x) + vy * (to[1] - y)) / away_m
-    return bool(away_m <= _PASSED_M and approached_mps < _PASSED_MPS)

@@ -9,7 +9,7 @@ import numpy as np
 from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.planning.routing import visit_order
+from skysweep.planning.routing import shortest_tour
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
@@ -45,7 +45,7 @@ class Checks:
         exact for few places, else nearest neighbour with 2-opt: tens of places take well below a millisecond,
         which a general routing solver does not reach, and its tour is planned anew after every look.
         """
-        route = _tour(here, places, [k for k, loss_s in enumerate(losses_s) if loss_s > _LEAST_S])
+        route = _ordered(here, places, [k for k, loss_s in enumerate(losses_s) if loss_s > _LEAST_S])
         planned = len(route)
         while route:
             spared_m = _spared_m(np.vstack([[here], places[route]]))
@@ -55,7 +55,7 @@ class Checks:
                 break
             route.pop(worst)
         if len(route) < planned:
-            route = _tour(here, places, route)
+            route = _ordered(here, places, route)
         return route[: self._worth(here, places, route, losses_s)]
 
     def _worth(self, here: XY, places: F64, route: list[int], losses_s: Sequence[float]) -> int:
@@ -100,14 +100,8 @@ class Checks:
         return looks
 
 
-def _tour(here: XY, places: F64, chosen: list[int]) -> list[int]:
-    """The chosen places in the order of a short open way from here."""
-    n = len(chosen)
-    if n < 2:
-        return chosen
-    ways = places[chosen][:, None, :]
-    order = visit_order(ways, ways, np.zeros((n, 1)), np.zeros((n, 1), dtype=int), np.array(here))
-    return [chosen[place] for place, _ in order]
+def _ordered(here: XY, places: F64, chosen: list[int]) -> list[int]:
+    return [chosen[k] for k in shortest_tour(here, places[chosen])]
 
 
 def _spared_m(path: F64) -> F64:

@@ -17,10 +17,9 @@ from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import LOOKS_THERE, Checks
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
+from skysweep.strategies.passing import is_past
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
 
-_REACHED_M = 2.0  # PX4 NAV_ACC_RAD
-_PASSED_M, _PASSED_MPS = 6.0, 0.3  # nearer than this, and approached no faster: flown by
 _THERE_M = 1.5
 _LEVEL_M = 1.6
 _HOVERS_MPS = 0.4
@@ -68,7 +67,7 @@ class BeliefSearch:
         if seen.looks:
             self._confirm_the_sure(seen, events)
         x, y, _ = seen.vehicle.position_enu_m.tolist()
-        if self._to_scan and self._is_past(seen, (x, y), self._to_scan[0]):
+        if self._to_scan and is_past(seen, self._to_scan[0]):
             self._to_scan.pop(0)
             events.append(Event(EventKind.WAYPOINT_REACHED))
             if not self._to_scan:
@@ -78,15 +77,6 @@ class BeliefSearch:
             waypoint = Waypoint(self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps, then_xy_enu_m=then)
             return Command(Mode.SCAN, waypoint, tuple(events))
         return self._check(seen, (x, y), events)
-
-    def _is_past(self, seen: Observation, here: XY, to: XY) -> bool:
-        """Whether a place was reached, or flown by."""
-        away_m = math.dist(here, to)
-        if away_m <= _REACHED_M:
-            return True
-        vx, vy, _ = seen.vehicle.velocity_enu_mps.tolist()
-        approached_mps = (vx * (to[0] - here[0]) + vy * (to[1] - here[1])) / away_m
-        return away_m <= _PASSED_M and approached_mps < _PASSED_MPS
 
     def _say_misfit(self, events: list[Event]) -> None:
         misfit = self._suspects.fit.misfit()
@@ -265,7 +255,7 @@ class BeliefSearch:
         told = self._suspects.all[self._goal].n_looks
         if self._looks_before is None:
             self._looks_before = told
-        self._stops |= self._is_past(seen, here, to)
+        self._stops |= is_past(seen, to)
         if math.dist(here, to) <= _THERE_M or _hovers(seen):
             self._looks_above += len(seen.looks)
         looks = told - self._looks_before
