@@ -1,0 +1,1 @@
+"""The live page: missions in a browser, while they fly and after."""
