@@ -1,88 +1,58 @@
 import { describe, expect, it } from "vitest";
 
 import {
-  clamp,
   closed,
   curtain,
   drape,
-  ellipse,
-  footprint,
+  ellipseRing,
   gridBorder,
   gridTriangles,
-  Ground,
-  lastAt,
+  niceStep,
+  seenGround,
   wallTriangles,
-  type Pinhole,
 } from "./scene3d-geometry";
+import type { StateAt } from "./store";
+import type { XYZ } from "./types";
 
-const CAMERA: Pinhole = { width_px: 640, height_px: 480, fx_px: 500, fy_px: 500, cx_px: 320, cy_px: 240 };
-const DOWN_NORTH_UP = [1, 0, 0, 0, -1, 0, 0, 0, -1]; // the picture's right is east, its top north
-const flat = new Ground({ bounds_enu_m: [-100, -100, 100, 100], rows: 2, columns: 2, heights_m: [3, 3, 3, 3] });
-const slope = new Ground({ bounds_enu_m: [0, 0, 100, 100], rows: 2, columns: 2, heights_m: [0, 20, 0, 20] });
+const CAMERA = { width_px: 640, height_px: 480, fx_px: 500, fy_px: 500, cx_px: 320, cy_px: 240, rate_hz: 10 };
+const flat = () => 3;
+const slope = (x: number) => x / 5;
+
+const from = (camera_enu_m: XYZ): StateAt => ({
+  t: 0,
+  position_enu_m: camera_enu_m,
+  velocity_enu_mps: [0, 0, 0],
+  mode: "SCAN",
+  battery: 1,
+  energy_wh: 0,
+  camera_enu_m,
+  R_camera_to_enu: [1, 0, 0, 0, -1, 0, 0, 0, -1], // looks down; the picture's top is in the north
+  heading_en: [0, 1],
+});
 
 const pointsOf = (packed: Float32Array): number[][] =>
   Array.from({ length: packed.length / 3 }, (_, k) => [...packed.subarray(3 * k, 3 * k + 3)]);
 
-describe("ground", () => {
-  it("is bilinear between its places, with row 0 in the south", () => {
-    const ground = new Ground({ bounds_enu_m: [0, 0, 10, 10], rows: 2, columns: 2, heights_m: [0, 10, 20, 30] });
-    expect(ground.heightAt(0, 0)).toBe(0);
-    expect(ground.heightAt(10, 0)).toBe(10);
-    expect(ground.heightAt(0, 10)).toBe(20);
-    expect(ground.heightAt(5, 5)).toBe(15);
-  });
-
-  it("goes on at the height of its edge", () => {
-    expect(slope.heightAt(-50, 300)).toBe(0);
-    expect(slope.heightAt(150, 50)).toBe(20);
-  });
-
-  it("is met by a ray where the ray passes through it", () => {
-    const diagonal = Math.SQRT1_2;
-    const [x, y, z] = slope.meet([20, 50, 40], [diagonal, 0, -diagonal], 500);
-    expect(z).toBeCloseTo(slope.heightAt(x, y), 1);
-    expect(x - 20).toBeCloseTo(40 - z, 6);
-    expect(y).toBe(50);
-  });
-
-  it("is not met by a ray that rises: the ray ends at its greatest length", () => {
-    expect(flat.meet([0, 0, 10], [0, 0, 1], 70)).toEqual([0, 0, 80]);
-  });
-
-  it("hides what is behind a ridge", () => {
-    const ridge = new Ground({ bounds_enu_m: [0, 0, 100, 1], rows: 2, columns: 5, heights_m: [0, 0, 30, 0, 0, 0, 0, 30, 0, 0] });
-    const [x] = ridge.meet([10, 0.5, 35], [Math.cos(0.35), 0, -Math.sin(0.35)], 500);
-    expect(x).toBeLessThan(51);
-  });
-});
-
-describe("footprint", () => {
-  it("of a camera that looks straight down is the picture's size at that height", () => {
-    const [h, corners] = [50, footprint(CAMERA, [10, 20, 53], DOWN_NORTH_UP, flat, 1000, 2)];
-    const [halfWidth, halfHeight] = [(320 / 500) * h, (240 / 500) * h];
+describe("the ground that a camera sees", () => {
+  it("has the picture's size at the camera's height", () => {
+    const corners = pointsOf(seenGround(from([10, 20, 53]), CAMERA, flat, 2));
+    const [halfWidth, halfHeight] = [(320 / 500) * 50, (240 / 500) * 50];
     const expected = [
       [10 - halfWidth, 20 + halfHeight, 3],
       [10 + halfWidth, 20 + halfHeight, 3],
       [10 - halfWidth, 20 - halfHeight, 3],
       [10 + halfWidth, 20 - halfHeight, 3],
     ];
-    pointsOf(corners).forEach((corner, k) =>
-      corner.forEach((value, axis) => expect(value).toBeCloseTo(expected[k]![axis]!, 1)),
+    corners.forEach((corner, k) =>
+      corner.forEach((value, axis) => expect(value).toBeCloseTo(expected[k]![axis]!, 4)),
     );
   });
 
-  it("lies on sloping ground and is wider where that is farther away", () => {
-    const points = pointsOf(footprint(CAMERA, [50, 50, 60], DOWN_NORTH_UP, slope, 1000, 5));
-    for (const [x, y, z] of points) expect(z).toBeCloseTo(slope.heightAt(x!, y!), 1);
-    const north_m = (k: number): number => points[k]![1]! - 50;
+  it("lies on a slope, and is wider where that is farther away", () => {
+    const points = pointsOf(seenGround(from([50, 50, 60]), CAMERA, slope, 5));
+    for (const [x, , z] of points) expect(z).toBeCloseTo(slope(x!), 4);
+    const north_m = (k: number) => points[k]![1]! - 50;
     expect(north_m(0)).toBeGreaterThan(north_m(4));
-  });
-
-  it("ends at the greatest distance where the camera sees the sky", () => {
-    const level = [0, 0, 1, -1, 0, 0, 0, -1, 0]; // looks east
-    const points = pointsOf(footprint(CAMERA, [0, 0, 20], level, flat, 200, 3));
-    expect(Math.hypot(points[1]![0]!, points[1]![1]!, points[1]![2]! - 20)).toBeCloseTo(200, 3);
-    expect(points[7]![2]).toBeCloseTo(3, 1);
   });
 });
 
@@ -126,32 +96,24 @@ describe("lines and walls", () => {
 });
 
 describe("the 95 % ellipse", () => {
-  it("is a circle where the covariance is the same on all sides", () => {
-    for (const [x, y] of ellipse([5, 6], [[4, 0], [0, 4]], 16)) {
-      expect(Math.hypot(x - 5, y - 6)).toBeCloseTo(2 * 2.4477, 3);
-    }
-  });
-
-  it("holds places at one Mahalanobis distance", () => {
+  it("holds places at one Mahalanobis distance and is closed", () => {
     const [a, b, c] = [3, 1.2, 1];
     const determinant = a * c - b * b;
-    for (const [x, y] of ellipse([0, 0], [[a, b], [b, c]], 24)) {
-      expect((c * x * x - 2 * b * x * y + a * y * y) / determinant).toBeCloseTo(5.991, 6);
+    const ring = ellipseRing([7, -2], [[a, b], [b, c]], 24);
+    expect(ring).toHaveLength(25);
+    for (const [x, y] of ring) {
+      const [dx, dy] = [x - 7, y + 2];
+      expect((c * dx * dx - 2 * b * dx * dy + a * dy * dy) / determinant).toBeCloseTo(5.991, 6);
     }
+    expect(ring[24]![0]).toBeCloseTo(ring[0]![0], 9);
+    expect(ring[24]![1]).toBeCloseTo(ring[0]![1], 9);
   });
 });
 
-describe("times", () => {
-  it("are found by the last that has come", () => {
-    const times = [0, 1, 1, 2];
-    expect(lastAt(times, -0.1)).toBe(-1);
-    expect(lastAt(times, 1)).toBe(2);
-    expect(lastAt(times, 1.5)).toBe(2);
-    expect(lastAt(times, 9)).toBe(3);
-    expect(lastAt([], 0)).toBe(-1);
-  });
-
-  it("are clamped", () => {
-    expect([clamp(-1, 0, 2), clamp(1, 0, 2), clamp(3, 0, 2)]).toEqual([0, 1, 2]);
+describe("steps of a scale", () => {
+  it("are round, and few", () => {
+    expect([niceStep(30, 6), niceStep(31, 6), niceStep(120, 6), niceStep(8, 6), niceStep(6, 6)]).toEqual([
+      5, 10, 20, 2, 1,
+    ]);
   });
 });
