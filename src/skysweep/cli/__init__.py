@@ -20,6 +20,7 @@ from skysweep.cli import (
     serve_vehicle,
     sweep,
     tune,
+    view,
     world,
 )
 
@@ -39,6 +40,7 @@ def main() -> None:
 app.command()(missions.run)
 app.command()(missions.resume)
 app.command()(fly.fly)
+app.command()(view.view)
 app.command()(planning.plan)
 app.add_typer(prior.app, name="prior")
 app.add_typer(scenarios.app, name="scenarios")

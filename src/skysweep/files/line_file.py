@@ -156,12 +156,12 @@ def read_lines(path: Path, remedy: str) -> list[dict[str, Any]]:
     return found.records
 
 
-def scan_lines(data: bytes) -> Lines:
-    """The lines in a file's bytes."""
+def scan_lines(data: bytes, seal: int = 0) -> Lines:
+    """The lines in a file's bytes; ``seal`` is the checksum of the line before them."""
     records: list[dict[str, Any]] = []
     ends: list[int] = []
     seals: list[int] = []
-    kind, seal, end = 0, 0, 0
+    kind, end = 0, 0
     *lines, torn = data.split(b"\n")
     for number, line in enumerate(lines, start=1):
         end += len(line) + 1

@@ -1,0 +1,211 @@
+"""The server's routes."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from skysweep.errors import UserError
+from skysweep.results.evidence import told_by_name
+from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
+from skysweep.web.entries import entries, has_end, report_of, thumbnail_of
+from skysweep.web.feed import Feed, Place
+from skysweep.web.ground import ground_picture
+from skysweep.web.places import Places
+from skysweep.web.scene import head_of, heights_of, scenario_of, scene_of
+from skysweep.web.security import COOKIE, Access, Guard
+
+STATIC = Path(__file__).parent / "static"  # the built front end
+_PERIOD_S = 0.2  # between looks at a journal
+_BEGINS_S = 120.0  # a mission of this process needs no longer to be prepared
+_KEPT = 4  # feeds without a viewer
+_REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
+_PICTURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; sandbox"
+
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+class App:
+    """Serves the runs in one folder. ``live`` is the id of the mission that this server was started for."""
+
+    def __init__(self, places: Places, access: Access, live: str | None = None) -> None:
+        self._places, self._access, self._live = places, access, live
+        self._feeds: dict[Path, Feed] = {}
+        self._drawing = asyncio.Lock()
+
+    def asgi(self) -> Starlette:
+        """The application to serve."""
+        run = "/api/runs/{id:path}"
+        get = [
+            ("/api/folder", self._folder),
+            (f"{run}/scene", self._scene),
+            (f"{run}/heights", self._heights),
+            (f"{run}/ground.jpg", self._ground),
+            (f"{run}/film/{{name}}", self._film),
+            (f"{run}/pictures/{{name}}", self._picture),
+            (f"{run}/report", self._report),
+            (f"{run}/thumbnail", self._thumbnail),
+        ]
+        return Starlette(
+            routes=[
+                *(Route(path, _told(answer)) for path, answer in get),
+                Route("/api/session", self._session, methods=["POST"]),
+                WebSocketRoute(f"{run}/follow", self._follow),
+                Route("/", self._page),
+                Route("/run/{id:path}", self._page),
+                Mount("/", StaticFiles(directory=STATIC, check_dir=False)),
+            ],
+            middleware=[Middleware(Guard, access=self._access)],
+        )
+
+    async def _page(self, _request: Request) -> Response:
+        index = STATIC / "index.html"
+        if not index.is_file():
+            return Response("The page is not built: run  tools/web.sh", 503, media_type="text/plain")
+        return FileResponse(index)
+
+    async def _session(self, request: Request) -> Response:
+        if not self._access.has_token(request):
+            return JSONResponse({"error": "The token is not that of this server."}, 401)
+        answer = JSONResponse({"controls": False})
+        answer.set_cookie(COOKIE, self._access.token, httponly=True, samesite="strict")
+        return answer
+
+    async def _folder(self, _request: Request) -> Response:
+        found = await run_in_threadpool(entries, self._places, self._live)
+        return JSONResponse({"name": self._places.root.name, "live": self._live, "entries": found})
+
+    async def _scene(self, request: Request) -> Response:
+        folder = await self._begun(request)
+        identity = request.path_params["id"]
+        ended = (folder / JOURNAL_FILE).is_file() and has_end(folder / JOURNAL_FILE)
+        scene = await run_in_threadpool(scene_of, folder, ended)
+        address = f"/api/runs/{identity}"
+        scene["live"] = identity == self._live and not ended
+        scene["controls"] = False
+        scene["ground"] = {
+            "picture": f"{address}/ground.jpg" if scene["simulated"] else None,
+            "heights": f"{address}/heights",
+            "tiles": self._access.tiles,
+        }
+        return JSONResponse(scene)
+
+    async def _heights(self, request: Request) -> Response:
+        scenario = await run_in_threadpool(scenario_of, await self._begun(request))
+        return JSONResponse(await run_in_threadpool(heights_of, scenario))
+
+    async def _ground(self, request: Request) -> Response:
+        folder = await self._begun(request)
+        scenario, head = scenario_of(folder), head_of(folder)
+        async with self._drawing:
+            picture = await run_in_threadpool(ground_picture, scenario, int(head.get("seed", 0)))
+        return Response(picture, media_type="image/jpeg", headers={"cache-control": "private, max-age=3600"})
+
+    async def _film(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if not name.endswith(".jpg"):
+            raise UserError("There is no such picture.")
+        return _kept(self._places.file(self._asked(request), FILM, name))
+
+    async def _picture(self, request: Request) -> Response:
+        path = self._places.file(self._asked(request), PICTURES, request.path_params["name"])
+        if told_by_name(path) is None:
+            raise UserError("There is no such picture.")
+        return _kept(path)
+
+    async def _report(self, request: Request) -> Response:
+        folder = self._asked(request)
+        path = report_of(folder)
+        if path is None:
+            raise UserError("There is no report yet.")
+        shown = self._places.file(path.parent, path.name)
+        return FileResponse(shown, headers={"content-security-policy": _REPORT_POLICY})
+
+    async def _thumbnail(self, request: Request) -> Response:
+        path = thumbnail_of(self._asked(request))
+        if path is None:
+            raise UserError("There is no picture of it.")
+        shown = self._places.file(path.parent, path.name)
+        return FileResponse(shown, headers={"content-security-policy": _PICTURE_POLICY})
+
+    async def _follow(self, socket: WebSocket) -> None:
+        await socket.accept()
+        try:
+            feed = self._feed(self._places.folder(socket.path_params["id"]))
+            place = Place(line=max(0, int(socket.query_params.get("from", "0"))))
+        except (UserError, ValueError) as error:
+            await socket.send_json({"type": "status", "flying": False, "ended": False, "error": str(error)})
+            await socket.close()
+            return
+        listens = asyncio.create_task(_until_closed(socket))
+        try:
+            while not listens.done():
+                more = feed.refresh()
+                messages = feed.news(place)
+                for message in messages:
+                    await socket.send_text(message)
+                if not messages and not more:
+                    await asyncio.wait([listens], timeout=_PERIOD_S)
+                else:
+                    await asyncio.sleep(0)
+        except WebSocketDisconnect:
+            pass
+        finally:
+            listens.cancel()
+
+    def _asked(self, request: Request) -> Path:
+        return self._places.folder(request.path_params["id"])
+
+    async def _begun(self, request: Request) -> Path:
+        """The folder of a request; that of the mission of this process once its journal has begun."""
+        until_s = time.monotonic() + (_BEGINS_S if request.path_params["id"] == self._live else 0.0)
+        while True:
+            try:
+                folder = self._asked(request)
+                if head_of(folder).get("strategy") or time.monotonic() > until_s:
+                    return folder
+            except UserError:
+                if time.monotonic() > until_s:
+                    raise
+            await asyncio.sleep(_PERIOD_S)
+
+    def _feed(self, folder: Path) -> Feed:
+        if folder not in self._feeds:
+            while len(self._feeds) >= _KEPT:
+                self._feeds.pop(next(iter(self._feeds)))
+            is_live = self._live is not None and folder == self._places.folder(self._live)
+            self._feeds[folder] = Feed(folder, is_live)
+        return self._feeds[folder]
+
+
+def _told(answer: Answer) -> Answer:
+    """Answers a user's error with its sentence."""
+
+    async def told(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except UserError as error:
+            return JSONResponse({"error": str(error)}, 404)
+
+    return told
+
+
+def _kept(path: Path) -> Response:
+    """A picture that never changes."""
+    return FileResponse(path, headers={"cache-control": "private, max-age=31536000, immutable"})
+
+
+async def _until_closed(socket: WebSocket) -> None:
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass
