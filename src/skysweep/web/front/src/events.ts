@@ -1,0 +1,79 @@
+/** What happened, in words. */
+
+import type { Line } from "./types";
+
+export type EventTone = "plain" | "good" | "muted" | "warning" | "danger" | "operator";
+
+export interface MissionEvent {
+  t: number;
+  kind: string;
+  tone: EventTone;
+  words: string;
+  candidate: number | null;
+}
+
+const ORDERS: Record<string, string> = {
+  hold: "hold",
+  continue: "continue",
+  return: "return home",
+  confirm: "confirm candidate",
+  reject: "reject candidate",
+  look: "look here",
+};
+
+/** The event that a line tells; null: it tells none. */
+export function eventOf(line: Line): MissionEvent | null {
+  const told = inWords(line);
+  if (!told) return null;
+  const [words, tone] = told;
+  return { t: line.t, kind: line.kind, tone, words, candidate: line.candidate ?? null };
+}
+
+function inWords(line: Line): [string, EventTone] | null {
+  const who = `Candidate ${line.candidate}`;
+  const by = line.by === "operator" ? " by the operator" : "";
+  const why = line.reason ? `: ${line.reason}` : "";
+  switch (line.kind) {
+    case "scanned":
+      return [`${who} scanned${why}`, "plain"];
+    case "reassessed":
+      return [`${who} reassessed${why}`, "muted"];
+    case "misfit":
+      return [`The detector differs from its model${why}`, "warning"];
+    case "check_started":
+      return [line.candidate === undefined ? `CHECK started${why}` : `CHECK of candidate ${line.candidate}${why}`, "plain"];
+    case "confirmed":
+      return [`${who} confirmed${by}${why}`, "good"];
+    case "rejected":
+      return [`${who} rejected${by}${why}`, "muted"];
+    case "unchecked":
+      return [`${who} left unchecked${why}`, "warning"];
+    case "scan_resumed":
+      return ["SCAN resumed", "plain"];
+    case "waypoint_reached":
+      return ["Waypoint reached", "muted"];
+    case "unsearched":
+      return [`${Math.round(line.length_m ?? 0)} m flown without looks${line.again ? ", to be flown again" : ""}`, "warning"];
+    case "finished":
+      return ["Search finished", "plain"];
+    case "operator":
+      return [operatorWords(line), "operator"];
+    case "safety":
+      return [`${line.sentence ?? line.cause ?? "Alarm"}`, line.action === "CONTINUE" ? "warning" : "danger"];
+    case "resumed":
+      return ["Mission resumed", "plain"];
+    case "landed":
+      return ["Landed", "plain"];
+    case "end":
+      return [`Mission ended: ${line.reason ?? "no reason given"}`, line.reason === "completed" ? "plain" : "warning"];
+    default:
+      return null;
+  }
+}
+
+function operatorWords(line: Line): string {
+  const order = ORDERS[line.word ?? ""] ?? line.word ?? "order";
+  if (line.candidate !== undefined) return `Operator: ${order} ${line.candidate}`;
+  if (line.p) return `Operator: ${order}, E ${line.p[0]!.toFixed(0)} m, N ${line.p[1]!.toFixed(0)} m`;
+  return `Operator: ${order}`;
+}
