@@ -76,6 +76,17 @@ class CameraMotion(NamedTuple):
     rates_radps: F64  # (3,)
 
 
+def pose_between(a: CameraPose, b: CameraPose, share: float) -> CameraPose:
+    """The pose at a share (0..1) of the way from one to another: position linear, attitude by slerp."""
+    from scipy.spatial.transform import Rotation  # imported late: it takes half a second
+
+    turn = Rotation.from_matrix(b.R_camera_to_enu @ a.R_camera_to_enu.T).as_rotvec()
+    return CameraPose(
+        (1 - share) * a.position_enu_m + share * b.position_enu_m,
+        np.asarray(Rotation.from_rotvec(share * turn).as_matrix() @ a.R_camera_to_enu),
+    )
+
+
 def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64, F64]:
     """Pixels (N, 2) and depths (N,) in metres of points (N, 3). Depth <= 0 means behind the camera."""
     p = (np.atleast_2d(np.asarray(points_enu_m, dtype=float)) - pose.position_enu_m) @ pose.R_camera_to_enu

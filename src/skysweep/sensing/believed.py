@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-import numpy as np
-
-from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.camera import CameraPose, pose_between
 
 _EPS_S = 1e-9
 _SAME = 1e-6  # share of the way between two poses that is negligible
@@ -39,12 +37,4 @@ class DelayedPose:
         if a is b:
             return a
         w = min(max((t - t0) / (t1 - t0), 0.0), 1.0)
-        if w < _SAME:
-            return a
-        from scipy.spatial.transform import Rotation  # imported late: it takes half a second
-
-        turn = Rotation.from_matrix(b.R_camera_to_enu @ a.R_camera_to_enu.T).as_rotvec()
-        return CameraPose(
-            (1 - w) * a.position_enu_m + w * b.position_enu_m,
-            np.asarray(Rotation.from_rotvec(w * turn).as_matrix() @ a.R_camera_to_enu),
-        )
+        return a if w < _SAME else pose_between(a, b, w)

@@ -2,11 +2,8 @@
 
 A hypothesis is a kind of object in a pose and of a size, or nothing at all (a ghost). The calibrated sensor
 model (``sensing/statistical/model.py``) gives the score of its looks a mean and a spread over the pixels on
-target. One share of that variance is the object's own, in every look; another is common to the looks of one
-passing. Ten looks in passing are therefore not ten independent witnesses. Each hypothesis keeps a Gaussian
-belief of these two offsets, and its weight is multiplied by the likelihood of every look: of a hit, by its
-score; of a miss, by the chance that the score stayed below the detector's threshold (a Tobit model: Tobin,
-Econometrica 26, 1958). A miss updates the offsets by the moments of the truncated normal distribution.
+target. Each hypothesis keeps a belief of its luck (``sensing/statistical/luck.py``), whose likelihood is its
+weight.
 """
 
 from __future__ import annotations
@@ -27,6 +24,7 @@ from skysweep.sensing.statistical.factors import (
     CONTRAST_USUAL,
     VIEW_MAX,
 )
+from skysweep.sensing.statistical.luck import OWN, OWN_VAR, PIXELS, WEIGHT, unseen, update
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -35,10 +33,7 @@ from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
 _WATER_KINDS = {"buoy", "boat"}
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
-_OUTLIER, _OUTLIER_DENSITY = 0.03, 0.2  # share of hits whose score nothing explains, and where they lie
 _SURPRISE_MAX = 9.0
-_N_STATES = 7
-_WEIGHT, _OWN, _PASS, _OWN_VAR, _COVARIANCE, _PASS_VAR, _PIXELS = range(_N_STATES)
 
 
 class Hypotheses:
@@ -76,10 +71,8 @@ class Hypotheses:
 
     def fresh(self) -> F64:
         """The belief of a candidate that nobody has looked at: (H + 1, 7)."""
-        belief = np.zeros((len(self._log_prior), _N_STATES))
-        belief[:, _WEIGHT] = self._log_prior
-        belief[:, _OWN_VAR] = belief[:, _PASS_VAR] = 1.0
-        belief[:, _PIXELS] = np.nan
+        belief = unseen((len(self._log_prior),))
+        belief[:, WEIGHT] = self._log_prior
         return belief
 
     def evidence(self, belief: F64, shift: float) -> tuple[float, float, float]:
@@ -214,13 +207,13 @@ def _evidence(
     total = weight = 0.0
     for i in range(len(belief)):
         if is_target[i]:
-            d, m, v = shift / own_std[i], belief[i, _OWN], belief[i, _OWN_VAR]
-            likely = math.exp(belief[i, _WEIGHT] + d * m + 0.5 * d * d * (v - 1.0))
+            d, m, v = shift / own_std[i], belief[i, OWN], belief[i, OWN_VAR]
+            likely = math.exp(belief[i, WEIGHT] + d * m + 0.5 * d * d * (v - 1.0))
             target += likely
             total += likely * m / own_std[i]
             weight += likely * (1.0 - v) / own_std[i] ** 2
         else:
-            other += math.exp(belief[i, _WEIGHT])
+            other += math.exp(belief[i, WEIGHT])
     return math.log(target / other), total / target, weight / target
 
 
@@ -266,15 +259,15 @@ def _confusion(
         _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
         spread = expected[2]
         own = math.sqrt(numbers[i, 5] * spread * spread + numbers[i, 7] ** 2)
-        means[i] = max(expected[1] + own * belief[i, _OWN], threshold - 0.5)
-        variances[i] = own * own * belief[i, _OWN_VAR] + numbers[i, 6] * spread * spread + 0.01
+        means[i] = max(expected[1] + own * belief[i, OWN], threshold - 0.5)
+        variances[i] = own * own * belief[i, OWN_VAR] + numbers[i, 6] * spread * spread + 0.01
     means[n], variances[n] = threshold - 0.5, 0.1
     left, total = 0.0, 1e-300
     for i in range(n):
         if is_target[i]:
             for j in range(n + 1):
                 if not is_target[j]:
-                    weight = math.exp(belief[i, _WEIGHT] + belief[j, _WEIGHT])
+                    weight = math.exp(belief[i, WEIGHT] + belief[j, WEIGHT])
                     gap = means[i] - means[j]
                     total += weight
                     left += weight * math.exp(-0.25 * gap * gap / (variances[i] + variances[j]))
@@ -313,49 +306,28 @@ def _look(
             if is_target[i]:
                 spread *= widened
         else:
-            pixels, mean, spread, lapse = b[_PIXELS], ghost[0], ghost[1], ghost[2]
+            pixels, mean, spread, lapse = b[PIXELS], ghost[0], ghost[1], ghost[2]
             object_share, pass_share, unsure = ghost[3], 0.0, 0.0
-        grown = abs(pixels - b[_PIXELS]) if b[_PIXELS] == b[_PIXELS] else 0.0
-        kept = math.exp(-(moved_px + grown) / fade_px)
-        b[_PIXELS] = pixels
-        b[_PASS] *= kept
-        b[_COVARIANCE] *= kept
-        b[_PASS_VAR] = kept * kept * b[_PASS_VAR] + 1.0 - kept * kept
-        own = math.sqrt(object_share * spread * spread + unsure * unsure)
-        common = math.sqrt(pass_share) * spread
-        rest = max(1.0 - object_share - pass_share, 0.02) * spread * spread
-        c_own = own * b[_OWN_VAR] + common * b[_COVARIANCE]
-        c_pass = own * b[_COVARIANCE] + common * b[_PASS_VAR]
-        variance = own * c_own + common * c_pass + rest
-        middle = mean + own * b[_OWN] + common * b[_PASS]
-        if score == score:
-            if i < n and is_target[i]:
-                weight = math.exp(b[_WEIGHT])
-                likely += weight
-                surprise += weight * min((score - middle) ** 2 / variance, _SURPRISE_MAX)
-            density = math.exp(-0.5 * (score - middle) ** 2 / variance) / math.sqrt(2.0 * math.pi * variance)
-            explained = (1.0 - _OUTLIER) * density
-            total = explained + _OUTLIER * _OUTLIER_DENSITY
-            b[_WEIGHT] += math.log(1.0 - lapse) + math.log(total)
-            share = explained / total
-            gain, narrowed = share * (score - middle), share
-        else:
-            sigma = math.sqrt(variance)
-            z = (threshold - middle) / sigma
-            below = max(0.5 * math.erfc(-z / math.sqrt(2.0)), 1e-12)
-            missed = lapse + (1.0 - lapse) * below
-            b[_WEIGHT] += math.log(missed)
-            share = (1.0 - lapse) * below / missed
-            hazard = math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi) / below
-            gain = -share * sigma * hazard
-            narrowed = share * min(max(hazard * (z + hazard), 0.0), 1.0)
-        k_own, k_pass = c_own / variance, c_pass / variance
-        b[_OWN] += k_own * gain
-        b[_PASS] += k_pass * gain
-        b[_OWN_VAR] -= narrowed * k_own * c_own
-        b[_COVARIANCE] -= narrowed * k_own * c_pass
-        b[_PASS_VAR] -= narrowed * k_pass * c_pass
-    top = belief[:, _WEIGHT].max()
+        before = b[WEIGHT]
+        middle, variance = update(
+            b,
+            pixels,
+            moved_px,
+            fade_px,
+            mean,
+            spread,
+            lapse,
+            object_share,
+            pass_share,
+            unsure,
+            score,
+            threshold,
+        )
+        if score == score and i < n and is_target[i]:
+            weight = math.exp(before)
+            likely += weight
+            surprise += weight * min((score - middle) ** 2 / variance, _SURPRISE_MAX)
+    top = belief[:, WEIGHT].max()
     for i in range(n + 1):
-        belief[i, _WEIGHT] -= top
+        belief[i, WEIGHT] -= top
     return surprise / likely

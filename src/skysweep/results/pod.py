@@ -1,0 +1,162 @@
+"""Coverage as probability: how probably a target in each cell of the area would have been reported by now."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+
+from skysweep.arrays import F64
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraMotion, CameraPose, pose_between
+from skysweep.scenarios.model import Scenario
+from skysweep.sensing.statistical.cells import SearchedCells
+from skysweep.sensing.statistical.model import StatisticalModel, model_for
+from skysweep.types import SEARCHING, Doubt, Mode
+from skysweep.worlds.occlusion import Occluders
+from skysweep.worlds.world import World, build_buildings, build_terrain, build_trees
+
+_CELLS_ACROSS = 12  # the shorter side of a picture from the scan's height
+_MAX_CELLS = 40_000
+_FINEST_M = 0.25
+_LATEST_S = 1.0  # by which an answer may be later than usual
+_LONGEST_GAP_S = 2.0  # between two states: beyond, nobody knows where the camera was
+
+
+class _State(NamedTuple):
+    time_s: float
+    searches: bool
+    camera: CameraPose
+
+
+class CoverageMap:
+    """Probability of detection (POD) of square cells over a mission's area, from the lines of its journal.
+
+    A cell's POD is the chance that a target in its middle was reported at least once, by the sensor model: it
+    grows with every look that was answered in a search. Poses between the journal's states are interpolated.
+    Looks that turn out later not to be trusted are taken back. ``bounds_enu_m`` are west, south, east and
+    north; ``inside`` (R, C) are the cells that touch the area. Row 0 is the southernmost.
+    """
+
+    def __init__(self, scenario: Scenario, model: StatisticalModel) -> None:
+        area, search = scenario.area_enu_m, scenario.search
+        west, south, east, north = area.bounds
+        across_m = min(scenario.camera.lens.footprint_m(search.scan_altitude_agl_m))
+        fewest_m = math.sqrt((east - west) * (north - south) / _MAX_CELLS)
+        self.cell_m = max(across_m / _CELLS_ACROSS, fewest_m, _FINEST_M)
+        columns, rows = (max(1, math.ceil(x / self.cell_m - 1e-9)) for x in (east - west, north - south))
+        self.bounds_enu_m = (west, south, west + columns * self.cell_m, south + rows * self.cell_m)
+        x, y = np.meshgrid(
+            west + (np.arange(columns) + 0.5) * self.cell_m, south + (np.arange(rows) + 0.5) * self.cell_m
+        )
+        half_m = 0.5 * self.cell_m
+        self.inside = shapely.intersects(area, shapely.box(x - half_m, y - half_m, x + half_m, y + half_m))
+        terrain = build_terrain(scenario)
+        trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
+        z = terrain.height_m(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+        self._cells = SearchedCells(
+            np.stack([x, y, z], axis=-1),
+            self.inside,
+            Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0)).solids,
+            scenario.camera,
+            model,
+            scenario.detector.confidence_min,
+            scenario.terrain.surface,
+            scenario.target_sizes_m,
+            scenario.target_poses,
+        )
+        self._latency_s = scenario.camera.latency_s
+        self._period_s = 1.0 / min(scenario.detector.rate_hz, scenario.camera.rate_hz)
+        self._keeps_looks = False
+        self._states: deque[_State] = deque()  # the newest, as many as answers may still be about
+        self._due_s: deque[float] = deque()  # exposures that were answered and not looked at yet
+        self._looks: list[tuple[float, CameraPose, CameraMotion]] = []  # all that count, by exposure
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> CoverageMap | None:
+        """The empty map of a scenario; None where its detector and camera have no sensor model."""
+        try:
+            return cls(scenario, model_for(scenario))
+        except (UserError, ValueError):
+            return None
+
+    def pod(self) -> F64:
+        """(R, C) 0..1; 0 outside the area."""
+        return self._cells.pod
+
+    def add(self, line: Mapping[str, Any]) -> None:
+        """Take in the next line of the journal; those of kinds that tell of no look are ignored."""
+        kind = line["kind"]
+        if kind == "state":
+            self._state(line)
+        elif kind == "look":
+            self._answer(line)
+        elif kind == "setup":
+            self._keeps_looks = line.get("sensor") == "imaging"
+
+    def _state(self, line: Mapping[str, Any]) -> None:
+        camera = line.get("cam")
+        if camera is None:
+            return
+        position, R = (np.array(camera[key], dtype=float) for key in ("p", "R"))
+        if not np.isfinite(position).all():
+            return
+        searches = line.get("mode", Mode.SCAN) in SEARCHING
+        state = _State(float(line["t"]), searches, CameraPose(position, R.reshape(3, 3)))
+        if not self._keeps_looks and self._states:
+            self._due_s += _multiples(self._period_s, self._states[-1].time_s, state.time_s)
+        self._states.append(state)
+        while len(self._states) > 2 and self._states[1].time_s < state.time_s - self._latency_s - _LATEST_S:
+            self._states.popleft()
+        self._look()
+
+    def _answer(self, line: Mapping[str, Any]) -> None:
+        if "doubt" in line:
+            self._take_back(Doubt(*line["doubt"]).since_s)
+        elif "failure" not in line:
+            self._due_s.append(float(line["t"]) - self._latency_s)
+            self._look()
+
+    def _look(self) -> None:
+        """Look from where the camera was at every exposure that is due and lies between two states."""
+        while self._due_s and self._states and self._due_s[0] <= self._states[-1].time_s:
+            exposed_s = self._due_s.popleft()
+            for before, after in pairwise(self._states):
+                if before.time_s <= exposed_s <= after.time_s:
+                    self._look_between(before, after, exposed_s)
+                    break
+
+    def _look_between(self, before: _State, after: _State, exposed_s: float) -> None:
+        lasted_s = after.time_s - before.time_s
+        if not before.searches or not 0.0 < lasted_s <= _LONGEST_GAP_S:
+            return
+        pose = pose_between(before.camera, after.camera, (exposed_s - before.time_s) / lasted_s)
+        R, moved_m = pose.R_camera_to_enu, after.camera.position_enu_m - before.camera.position_enu_m
+        turned = before.camera.R_camera_to_enu.T @ after.camera.R_camera_to_enu
+        rates = np.array([turned[2, 1], turned[0, 2], turned[1, 0]]) - turned[[1, 2, 0], [2, 0, 1]]
+        motion = CameraMotion(R.T @ moved_m / lasted_s, 0.5 * rates / lasted_s)
+        self._looks.append((exposed_s, pose, motion))
+        self._cells.look(pose, motion)
+
+    def _take_back(self, since_s: float) -> None:
+        """Forget the looks from an exposure on."""
+        self._due_s = deque(t for t in self._due_s if t < since_s)
+        kept = [look for look in self._looks if look[0] < since_s]
+        if len(kept) < len(self._looks):
+            self._looks = kept
+            self._cells.clear()
+            for _, pose, motion in kept:
+                self._cells.look(pose, motion)
+
+
+def _multiples(period_s: float, after_s: float, until_s: float) -> list[float]:
+    """Those of a period after one time and up to another that is not long after it."""
+    if until_s - after_s > _LONGEST_GAP_S:
+        return []
+    first, last = (math.floor(t / period_s + 1e-6) for t in (after_s, until_s))
+    return [k * period_s for k in range(first + 1, last + 1)]

@@ -1,0 +1,362 @@
+"""How probably a target in each cell of a grid would have been reported by now: its probability of detection.
+
+Every look at a cell is taken as one that missed: the chance that all of them miss a target there is what is
+left to 1. The sensor model says how well a look sees; what looks of one target have in common is kept by the
+belief of its luck (``luck.py``), so that ten looks in passing count less than ten independent ones.
+
+A target is one of several *variants*, equally probable within its class: a pose, its smallest and largest
+size and, standing with a front that matters, the four sides it may face. All classes count alike.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from skysweep.arrays import F64, I64
+from skysweep.geometry.camera import CameraMotion, CameraPose
+from skysweep.scenarios.model import CameraModel
+from skysweep.sensing.statistical.factors import (
+    CONTRAST_LIMITS,
+    CONTRAST_UNIT,
+    CONTRAST_USUAL,
+    CUT_MIN,
+    FACTORS,
+    HIDDEN_MAX,
+    TOO_SMALL,
+    factors_of_look,
+)
+from skysweep.sensing.statistical.luck import WEIGHT, unseen, update
+from skysweep.sensing.statistical.model import KindModel, StatisticalModel, score_of
+from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target, visible_share
+from skysweep.worlds.world import STANDING_SIGN_EDGE_M
+
+_MIN_DEPTH_M = 0.1
+_FRONT_MATTERS = 0.5  # in the score, from front to side
+_N_FACTORS = len(FACTORS)
+_SPAN_M = 1e6  # of a picture that reaches the horizon
+
+VARIANT = np.dtype(
+    [
+        ("size", float),
+        ("shape", np.int64),
+        ("middle", float),  # height above ground
+        ("facing", float, 2),  # cosine and sine of its yaw; 0 where its front does not matter
+        ("contrast", float),
+        ("object_share", float),
+        ("pass_share", float),
+        ("unsure", float),  # of the mean score, the same in every look of a target
+        ("factors", float, _N_FACTORS),
+    ]
+)
+
+
+class SearchedCells:
+    """The chance of a report of a target in the middle of each cell of a grid, updated by every look.
+
+    ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
+    that count; ``solids`` those of ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched
+    class. Raises ValueError where the model knows none of the classes in its poses.
+    """
+
+    def __init__(
+        self,
+        centres_enu_m: F64,
+        wanted: NDArray[np.bool_],
+        solids: F64,
+        camera: CameraModel,
+        model: StatisticalModel,
+        confidence_min: float,
+        surface: str,
+        sizes_m: Mapping[str, tuple[float, float]],
+        poses: Mapping[str, Sequence[str]],
+    ) -> None:
+        self._centres, self._wanted, self._solids = centres_enu_m, wanted, solids
+        lens = camera.lens
+        self._optics = (lens.focal_px, float(lens.width_px), float(lens.height_px), camera.exposure_s)
+        self._fade_px = model.fade_px
+        self._threshold = float(score_of(confidence_min))
+        self._log_pixels = np.log(model.pixels)
+        found = list(_variants(model, surface, sizes_m, poses))
+        if not found:
+            raise ValueError("the sensor model knows none of the searched classes")
+        self._weights = np.array([weight for weight, _, _ in found])
+        self._tables = np.array([table for _, table, _ in found])
+        self._variants = np.array([variant for _, _, variant in found], dtype=VARIANT).view(np.float64)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all looks."""
+        shape = (*self._wanted.shape, len(self._weights))
+        self._luck = unseen(shape)
+        self._last = np.full((*shape, 2), np.nan)  # u, v in the last look of this passing that counts
+        self._seen_in = np.full(shape, -2)  # number of the last look that has it in the picture
+        self._look_number = 0
+
+    @property
+    def pod(self) -> F64:
+        """(R, C) 0..1; 0 where nothing was seen, and in cells that do not count."""
+        return np.asarray(-np.expm1(self._luck[..., WEIGHT]) @ self._weights)
+
+    def look(self, pose: CameraPose, motion: CameraMotion) -> None:
+        """Take in a picture from there, with this motion of the camera."""
+        _look(
+            self._luck,
+            self._last,
+            self._seen_in,
+            self._look_number,
+            self._centres,
+            self._wanted,
+            self._solids,
+            self._tables,
+            self._variants,
+            self._log_pixels,
+            self._optics,
+            self._fade_px,
+            self._threshold,
+            pose.position_enu_m,
+            pose.R_camera_to_enu,
+            motion.velocity_mps,
+            motion.rates_radps,
+        )
+        self._look_number += 1
+
+
+def _variants(
+    model: StatisticalModel,
+    surface: str,
+    sizes_m: Mapping[str, tuple[float, float]],
+    poses: Mapping[str, Sequence[str]],
+) -> Iterator[tuple[float, list[float], tuple[Any, ...]]]:
+    """Weight, tables of score, spread and lapse, and VARIANT of what a target may be."""
+    for name, (low_m, high_m) in sizes_m.items():
+        kinds = [k for k in model.kinds if k.kind == k.reported_as == name]
+        kinds = [k for k in kinds if k.pose in poses[name]] or kinds
+        sizes = sorted({low_m, high_m})
+        for kind, size_m in itertools.product(kinds, sizes):
+            sides = _sides(kind)
+            weight = 1.0 / (len(sizes_m) * len(kinds) * len(sizes) * len(sides))
+            table = [*(np.array(kind.score) + kind.grounds.get(surface, 0.0)), *kind.spread, *kind.lapse]
+            mean, std = model.contrast(kind.kind, kind.pose, surface)
+            contrast = float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
+            of_kind = contrast, kind.object_share, kind.pass_share, kind.contrast * std / CONTRAST_UNIT
+            shape = SHAPES.get(kind.pose, FLAT), _middle_m(kind, size_m)
+            for side in sides:
+                yield weight, table, (size_m, *shape, side, *of_kind, kind.factors)
+
+
+def _sides(kind: KindModel) -> list[tuple[float, float]]:
+    """Cosine and sine of the yaws that a target may have, as far as they matter."""
+    if kind.pose == "standing" and abs(kind.front) + abs(kind.front_near) > _FRONT_MATTERS:
+        return [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
+    return [(0.0, 0.0)]
+
+
+def _middle_m(kind: KindModel, size_m: float) -> float:
+    """Height of a target's middle above ground, as ``worlds.occlusion.middle_enu_m`` has it."""
+    if kind.pose != "standing":
+        return 0.0
+    return 0.5 * size_m + (0.0 if kind.kind == "person" else STANDING_SIGN_EDGE_M)
+
+
+@njit(cache=True)
+def _look(
+    luck: F64,
+    last: F64,
+    seen_in: I64,
+    number: int,
+    centres: F64,
+    wanted: NDArray[np.bool_],
+    solids: F64,
+    tables: F64,
+    variant_floats: F64,
+    log_pixels: F64,
+    optics: tuple[float, float, float, float],
+    fade_px: float,
+    threshold: float,
+    eye: F64,
+    R: F64,
+    velocity: F64,
+    rates: F64,
+) -> None:
+    focal, width, height, exposure_s = optics
+    variants = variant_floats.view(VARIANT)
+    g, largest = len(log_pixels), 0.0
+    for k in range(len(variants)):
+        largest = max(largest, variants[k].size)
+    first_row, end_row, first_column, end_column = _window(centres, optics, eye, R, largest)
+    gathered = np.empty(len(solids), dtype=np.int64)
+    near = np.empty(len(solids), dtype=np.int64)
+    n_gathered = -1
+    for i in range(first_row, end_row):
+        for j in range(first_column, end_column):
+            if not wanted[i, j]:
+                continue
+            centre = centres[i, j]
+            n_near, beside_m = -1, math.inf
+            for k in range(len(variants)):
+                variant = variants[k]
+                dx, dy = centre[0] - eye[0], centre[1] - eye[1]
+                dz = centre[2] + variant.middle - eye[2]
+                depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+                if depth <= _MIN_DEPTH_M:
+                    continue
+                u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
+                v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
+                pixels = pixels_on_target(focal, variant.shape, variant.size, dx, dy, dz, depth)
+                inside_x = (min(u + pixels / 2, width) - max(u - pixels / 2, 0.0)) / pixels
+                inside_y = (min(v + pixels / 2, height) - max(v - pixels / 2, 0.0)) / pixels
+                if inside_x <= 0.0 or inside_y <= 0.0:
+                    continue
+                if seen_in[i, j, k] != number - 1:
+                    last[i, j, k, 0] = math.nan
+                seen_in[i, j, k] = number
+                inside = inside_x * inside_y
+                at = math.log(pixels)
+                if inside < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(TOO_SMALL):
+                    continue
+                clear = 1.0
+                if len(solids):
+                    if n_gathered < 0:
+                        n_gathered = _gather(
+                            gathered,
+                            solids,
+                            centres,
+                            (first_row, end_row, first_column, end_column),
+                            eye,
+                            largest,
+                        )
+                    if n_near < 0:
+                        n_near, beside_m = _near(near, gathered[:n_gathered], solids, centre, eye, largest)
+                    if n_near > 0:
+                        place = np.array((centre[0], centre[1], centre[2] + variant.middle))
+                        clear = visible_share(eye, place, variant.size, solids, near[:n_near])
+                    if inside * clear < 1.0 - HIDDEN_MAX:
+                        continue
+                blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
+                across = dx * dx + dy * dy
+                away = max(across + dz * dz, 1e-9)
+                factors = factors_of_look(
+                    across / away,
+                    -(variant.facing[0] * dx + variant.facing[1] * dy) / math.sqrt(away),
+                    pixels,
+                    1.0 - clear,
+                    1.0 - inside,
+                    inside_y < 1.0 - CUT_MIN,
+                    1.0 if beside_m <= variant.size else 0.0,
+                    blur * focal * exposure_s,
+                    variant.contrast,
+                )
+                node = 0
+                while node < g - 2 and at > log_pixels[node + 1]:
+                    node += 1
+                w = (at - log_pixels[node]) / (log_pixels[node + 1] - log_pixels[node])
+                w = min(max(w, 0.0), 1.0)
+                moved_px = abs(u - last[i, j, k, 0]) + abs(v - last[i, j, k, 1])
+                row = tables[k]
+                mean = row[node] + w * (row[node + 1] - row[node])
+                for f in range(_N_FACTORS):
+                    mean += variant.factors[f] * factors[f]
+                update(
+                    luck[i, j, k],
+                    pixels,
+                    moved_px if moved_px == moved_px else math.inf,
+                    fade_px,
+                    mean,
+                    row[g + node] + w * (row[g + node + 1] - row[g + node]),
+                    row[2 * g + node] + w * (row[2 * g + node + 1] - row[2 * g + node]),
+                    variant.object_share,
+                    variant.pass_share,
+                    variant.unsure,
+                    math.nan,
+                    threshold,
+                )
+                last[i, j, k, 0], last[i, j, k, 1] = u, v
+
+
+@njit(cache=True)
+def _window(
+    centres: F64, optics: tuple[float, float, float, float], eye: F64, R: F64, margin_m: float
+) -> tuple[int, int, int, int]:
+    """First and end of the rows and of the columns whose cells may be in the picture.
+
+    On uneven ground that is the span of the picture's corners on its lowest level.
+    """
+    focal, width, height, _ = optics
+    rows, columns = centres.shape[:2]
+    lowest = centres[:, :, 2].min()
+    west = south = math.inf
+    east = north = -math.inf
+    for a in (-1.0, 1.0):
+        for b in (-1.0, 1.0):
+            x, y = a * width / (2.0 * focal), b * height / (2.0 * focal)
+            down = -(R[2, 0] * x + R[2, 1] * y + R[2, 2])
+            reach = max(eye[2] - lowest, 0.0) / down if down > 1e-3 else _SPAN_M
+            to_x, to_y = R[0, 0] * x + R[0, 1] * y + R[0, 2], R[1, 0] * x + R[1, 1] * y + R[1, 2]
+            west, east = min(west, eye[0] + reach * to_x), max(east, eye[0] + reach * to_x)
+            south, north = min(south, eye[1] + reach * to_y), max(north, eye[1] + reach * to_y)
+    west, east = min(west, eye[0]) - margin_m, max(east, eye[0]) + margin_m
+    south, north = min(south, eye[1]) - margin_m, max(north, eye[1]) + margin_m
+    x0, y0 = centres[0, 0, 0], centres[0, 0, 1]
+    step = centres[0, 1, 0] - x0 if columns > 1 else (centres[1, 0, 1] - y0 if rows > 1 else 1.0)
+    return (
+        _clipped((south - y0) / step, rows),
+        _clipped((north - y0) / step + 1.0, rows),
+        _clipped((west - x0) / step, columns),
+        _clipped((east - x0) / step + 1.0, columns),
+    )
+
+
+@njit(cache=True)
+def _clipped(x: float, end: int) -> int:
+    return int(min(max(x, 0.0), float(end)))
+
+
+@njit(cache=True)
+def _gather(
+    gathered: I64,
+    solids: F64,
+    centres: F64,
+    window: tuple[int, int, int, int],
+    eye: F64,
+    size_m: float,
+) -> int:
+    """Write the solids that can hide a target in the window from the eye: they stand around both."""
+    first_row, end_row, first_column, end_column = window
+    west = min(centres[first_row, first_column, 0], eye[0])
+    east = max(centres[first_row, end_column - 1, 0], eye[0])
+    south = min(centres[first_row, first_column, 1], eye[1])
+    north = max(centres[end_row - 1, first_column, 1], eye[1])
+    n = 0
+    for s in range(len(solids)):
+        reach = solids[s, 9] + size_m
+        x, y = solids[s, 0], solids[s, 1]
+        if west - reach <= x <= east + reach and south - reach <= y <= north + reach:
+            gathered[n] = s
+            n += 1
+    return n
+
+
+@njit(cache=True)
+def _near(
+    near: I64, gathered: I64, solids: F64, centre: F64, eye: F64, size_m: float
+) -> tuple[int, float]:
+    """Write the solids that can hide a target there from the eye; and the distance to the nearest crown."""
+    up = max(eye[2] - centre[2], 1e-3)
+    flat = math.hypot(eye[0] - centre[0], eye[1] - centre[1]) / up
+    n, beside_m = 0, math.inf
+    for s in gathered:
+        x, y = solids[s, 0] - centre[0], solids[s, 1] - centre[1]
+        away = math.hypot(x, y) - solids[s, 9]
+        if away <= max(solids[s, 8] - centre[2], 0.0) * flat + size_m:
+            near[n] = s
+            n += 1
+        if solids[s, 10] == 0.0:
+            beside_m = min(beside_m, away)
+    return n, beside_m
