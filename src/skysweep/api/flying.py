@@ -80,6 +80,7 @@ def run(
             detector=None if detector is None else parts.part_of("detector", detector, chosen),
             strategy=spec,
             watch=_watched(show, plan_scenario(chosen)[1].time_s, watch),
+            film=True,
         )
         if folder is not None:
             fly_to_folder(chosen, seed, folder, rig)

@@ -9,6 +9,7 @@ import shlex
 import signal
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -30,6 +31,15 @@ from skysweep.cli.common import (
     status,
     tell,
     warn,
+)
+from skysweep.cli.live import (
+    LOOPBACK,
+    HostOption,
+    LiveOption,
+    NoBrowserOption,
+    PortOption,
+    TilesOption,
+    live_page,
 )
 from skysweep.cli.missions import free_folder, print_summary, tells_complete
 from skysweep.cli.terminal import unblocked
@@ -80,13 +90,19 @@ def fly(
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
     from_sound_lines: FromSoundLinesOption = False,
+    live: LiveOption = False,
+    host: HostOption = LOOPBACK,
+    port: PortOption = None,
+    no_browser: NoBrowserOption = False,
+    tiles: TilesOption = None,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
     Shows the preflight list and asks before arming; reports each find at once. In flight, Ctrl-C holds, Enter
     goes on, and a second Ctrl-C returns home and lands. A pilot, a ground station or a failsafe that takes
     the vehicle over keeps it until Enter is pressed. However this program ends, it leaves its vehicle in
-    Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT says. Given the run folder of an interrupted
+    Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT says. With --live it can be watched and
+    steered in the browser, too. Given the run folder of an interrupted
     flight, it continues from where the vehicle is; only --connection, --system-id, --signing-key, --camera
     and --from-sound-lines count then.
 
@@ -95,6 +111,8 @@ def fly(
         skysweep fly clusters --dry-run
 
         skysweep fly clusters --sensor statistical --yes
+
+        skysweep fly clusters --live
 
         skysweep fly runs/clusters-scan-check-seed0
 
@@ -124,41 +142,51 @@ def fly(
     key = None if signing_key is None else read_signing_key(signing_key)
     name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
     folder = begun or out or free_folder(Path("runs"), name)
-    with unblocked(), Px4Flight(chosen, connection, timeout, key, system_id) as flight:
-        checks = flight.preflight(not dry_run, folder)
-        if sensor == "imaging" and begun is None:
-            checks += (flight.rehearse(camera, renderer, _DETECTOR_THREADS),)
-        _print_checks(checks)
-        excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
-        failed = [check for check in checks if check.passed is False and check.name not in excused]
-        if failed:
-            raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
-        if dry_run:
-            return
-        question = "Arm and take off?" if begun is None else "Go on with the mission?"
-        if not yes and not typer.confirm(question, err=True):
-            raise typer.Exit(1)
-        with status() as progress, _Operator(folder) as operator:
-            task = progress.add_task(chosen.name, doing="arming", total=None)
+    with ExitStack() as page:
+        with unblocked(), Px4Flight(chosen, connection, timeout, key, system_id) as flight:
+            checks = flight.preflight(not dry_run, folder)
+            if sensor == "imaging" and begun is None:
+                checks += (flight.rehearse(camera, renderer, _DETECTOR_THREADS),)
+            _print_checks(checks)
+            excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
+            failed = [check for check in checks if check.passed is False and check.name not in excused]
+            if failed:
+                raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
+            if dry_run:
+                return
+            question = "Arm and take off?" if begun is None else "Go on with the mission?"
+            if not yes and not typer.confirm(question, err=True):
+                raise typer.Exit(1)
+            orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
+            with status() as progress, _Operator(folder) as operator:
+                task = progress.add_task(chosen.name, doing="arming", total=None)
 
-            def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
-                operator.look(state)
-                left = state.battery_remaining
-                battery = "unknown" if math.isnan(left) else f"{left:4.0%}"
-                silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
-                progress.update(
-                    task,
-                    doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                    f"battery {battery}   {operator.hint}{silent}",
+                def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
+                    operator.look(state)
+                    left = state.battery_remaining
+                    battery = "unknown" if math.isnan(left) else f"{left:4.0%}"
+                    silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
+                    progress.update(
+                        task,
+                        doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+                        f"battery {battery}   {operator.hint}{silent}",
+                    )
+
+                rig = Rig(
+                    sensor,
+                    renderer,
+                    _DETECTOR_THREADS,
+                    watch=watch,
+                    operator=lambda: operator() or orders(),
+                    say=say,
+                    film=True,
                 )
-
-            rig = Rig(sensor, renderer, _DETECTOR_THREADS, watch=watch, operator=operator, say=say)
-            if begun is not None:
-                summary = flight.resume(begun, camera, rig, from_sound_lines)
-            else:
-                summary = flight.fly(seed, folder, camera, rig)
-    print_summary(summary)
-    tell(f"report: {folder / 'report.html'}")
+                if begun is not None:
+                    summary = flight.resume(begun, camera, rig, from_sound_lines)
+                else:
+                    summary = flight.fly(seed, folder, camera, rig)
+        print_summary(summary)
+        tell(f"report: {folder / 'report.html'}")
 
 
 class _Operator:

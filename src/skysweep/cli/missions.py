@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -28,6 +29,17 @@ from skysweep.cli.common import (
     status,
     tell,
     warn,
+)
+from skysweep.cli.live import (
+    LIVE_SPEED,
+    LOOPBACK,
+    HostOption,
+    LiveOption,
+    NoBrowserOption,
+    PortOption,
+    SpeedOption,
+    TilesOption,
+    live_page,
 )
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
@@ -75,8 +87,16 @@ def run(
         Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or whichever is available.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
+    live: LiveOption = False,
+    speed: SpeedOption = None,
+    host: HostOption = LOOPBACK,
+    port: PortOption = None,
+    no_browser: NoBrowserOption = False,
+    tiles: TilesOption = None,
 ) -> None:
     """Fly one mission and write its run folder with report.html.
+
+    With --live it can be watched and steered in the browser while it flies.
 
     Examples:
 
@@ -88,12 +108,15 @@ def run(
 
         skysweep run clusters --strategy my_module:MyStrategy
 
+        skysweep run clusters --live --speed 5
+
         skysweep run clusters --camera gazebo
 
         skysweep run clusters --detector ros:/my_model/detections
     """
-    from skysweep.flights.fly import fly_to_folder
+    from skysweep.flights.fly import fly_to_folder, refuse_other_mission
     from skysweep.flights.on_ros import parts_on_topics
+    from skysweep.flights.pace import paced
     from skysweep.flights.rig import Rig
     from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
@@ -119,18 +142,27 @@ def run(
         _topic("detector", detector, "scenario"),
         _topic("pose", pose, "vehicle"),
     )
-    with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
-        vehicle, eye, finder = parts
-        rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
-        summary = fly_to_folder(chosen, seed, folder, rig)
-    print_summary(summary)
-    tell(f"report: {folder / 'report.html'}")
+    refuse_other_mission(folder)
+    with live_page(folder, live, host, port, no_browser, tiles) as orders:
+        with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
+            vehicle, eye, finder = parts
+            rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
+            rig = paced(replace(rig, operator=orders, film=True), speed or (LIVE_SPEED if live else None))
+            summary = fly_to_folder(chosen, seed, folder, rig)
+        print_summary(summary)
+        tell(f"report: {folder / 'report.html'}")
 
 
 @friendly
 def resume(
     run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
     from_sound_lines: FromSoundLinesOption = False,
+    live: LiveOption = False,
+    speed: SpeedOption = None,
+    host: HostOption = LOOPBACK,
+    port: PortOption = None,
+    no_browser: NoBrowserOption = False,
+    tiles: TilesOption = None,
 ) -> None:
     """Resume a mission that was killed, stopped, or ran out of disk space.
 
@@ -142,15 +174,19 @@ def resume(
 
         skysweep resume my-run --from-sound-lines
     """
+    from skysweep.flights.pace import paced
     from skysweep.flights.resume import resume_folder
     from skysweep.flights.rig import Rig
 
     if tells_complete(run_dir, from_sound_lines):
         return
-    with flying(run_dir.name, run_dir) as watch:
-        summary = resume_folder(run_dir, Rig(watch=watch, say=say), from_sound_lines)
-    print_summary(summary)
-    tell(f"report: {run_dir / 'report.html'}")
+    with live_page(run_dir, live, host, port, no_browser, tiles) as orders:
+        with flying(run_dir.name, run_dir) as watch:
+            rig = Rig(watch=watch, say=say, operator=orders, film=True)
+            rig = paced(rig, speed or (LIVE_SPEED if live else None))
+            summary = resume_folder(run_dir, rig, from_sound_lines)
+        print_summary(summary)
+        tell(f"report: {run_dir / 'report.html'}")
 
 
 def tells_complete(folder: Path, from_sound_lines: bool) -> bool:

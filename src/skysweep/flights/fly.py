@@ -26,6 +26,7 @@ from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import (
     CONFIG,
     CONFIG_FILE,
+    FILM,
     JOURNAL_FILE,
     PICTURES,
     PLAN,
@@ -123,15 +124,24 @@ def fly_unwritten(scenario: Scenario, seed: int, rig: Rig, pictures: Path) -> Ru
 
 
 def _with_pictures(
-    mission: Mission, notes: Journal, folder: Path, before: Sequence[Mapping[str, Any]] = ()
+    mission: Mission,
+    notes: Journal,
+    folder: Path,
+    before: Sequence[Mapping[str, Any]] = (),
+    film: Path | None = None,
 ) -> tuple[Mission, Journal, PictureBook | None]:
-    """Mission and journal that record the detector's answers and keep pictures in ``folder``."""
+    """Mission and journal that record the detector's answers and keep pictures in these folders."""
     if mission.pictures is None:
         return mission, notes, None
     from skysweep.flights.pictures import PictureBook
 
     book = PictureBook(notes, folder, mission.pictures, mission.ground_at_m, before)
-    return replace(mission, sensor=RecordedSensor(mission.sensor, book)), book, book
+    kept: Journal = book
+    if film is not None:
+        from skysweep.flights.film import Film
+
+        kept = Film(book, film, mission.pictures)
+    return replace(mission, sensor=RecordedSensor(mission.sensor, kept)), kept, book
 
 
 def fly_in(
@@ -148,7 +158,8 @@ def fly_in(
     disk was full; the vehicle has come home then.
     """
     notes: Journal = ReplayJournal(journal, again) if again else journal
-    mission, notes, book = _with_pictures(mission, notes, folder / PICTURES, before)
+    film = folder / FILM if rig.film else None
+    mission, notes, book = _with_pictures(mission, notes, folder / PICTURES, before, film)
     picture_of = {} if book is None else {"picture_of": book.picture_of}
     announcer = Announcer(mission.scenario, journal.records, rig.say, **picture_of)
     journal.listeners.append(announcer.hear)

@@ -65,6 +65,7 @@ def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool =
         return cast("RunSummary", dict(summary))
     path = _begun_journal(folder)
     with closing(FileJournal(path, _free_name(path) if from_sound_lines else None)) as journal:
+        journal.listeners.append(rig.hear)
         begun = _begun(folder, journal.records)
         if journal.records[-1].get("kind") == _END:
             flown_scenario(folder, journal.records)

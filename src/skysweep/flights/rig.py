@@ -44,5 +44,6 @@ class Rig:
     watch: Watch = nothing  # gets every tick
     operator: Operator = nothing  # as in ``mission.loop.Flight``
     say: Say = nothing  # gets a sentence for each find and alarm
+    film: bool = False  # whether the run folder gets pictures of the camera all along, for page and video
     hear: Callable[[Mapping[str, Any]], None] = nothing  # gets every line of the journal
     prepare: Callable[[Mission], None] = nothing  # called once, right before take-off

@@ -351,7 +351,8 @@ def is_older(records: Sequence[Record]) -> bool:
 
 def refuse_links(folder: Path) -> None:
     """Raises UserError where a run folder has a link, through which writing would leave the folder."""
-    link = next((p for p in (*folder.glob("*"), *folder.glob(f"{PICTURES}/*")) if p.is_symlink()), None)
+    held = (path for pattern in ("*", f"{PICTURES}/*", f"{FILM}/*") for path in folder.glob(pattern))
+    link = next((path for path in held if path.is_symlink()), None)
     if link is not None:
         raise UserError(f"{link}: is a link; put the file itself there, or delete it")
 

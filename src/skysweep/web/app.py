@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -22,6 +23,7 @@ from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
 from skysweep.web.entries import entries, has_end, report_of, thumbnail_of
 from skysweep.web.feed import Feed, Place
 from skysweep.web.ground import ground_picture
+from skysweep.web.orders import Told, checked_order
 from skysweep.web.places import Places
 from skysweep.web.scene import head_of, heights_of, scenario_of, scene_of
 from skysweep.web.security import COOKIE, Access, Guard
@@ -29,18 +31,25 @@ from skysweep.web.security import COOKIE, Access, Guard
 STATIC = Path(__file__).parent / "static"  # the built front end
 _PERIOD_S = 0.2  # between looks at a journal
 _BEGINS_S = 120.0  # a mission of this process needs no longer to be prepared
+_LONGEST_ORDER = 4096  # bytes
 _KEPT = 4  # feeds without a viewer
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 _PICTURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; sandbox"
 
+Give = Callable[[Told], None]
 Answer = Callable[[Request], Awaitable[Response]]
 
 
 class App:
-    """Serves the runs in one folder. ``live`` is the id of the mission that this server was started for."""
+    """Serves the runs in one folder.
 
-    def __init__(self, places: Places, access: Access, live: str | None = None) -> None:
-        self._places, self._access, self._live = places, access, live
+    ``live`` is the id of the mission whose process started this server, and ``give`` passes orders to it.
+    """
+
+    def __init__(
+        self, places: Places, access: Access, live: str | None = None, give: Give | None = None
+    ) -> None:
+        self._places, self._access, self._live, self._give = places, access, live, give
         self._feeds: dict[Path, Feed] = {}
         self._drawing = asyncio.Lock()
 
@@ -60,6 +69,7 @@ class App:
         return Starlette(
             routes=[
                 *(Route(path, _told(answer)) for path, answer in get),
+                Route(f"{run}/operator", _told(self._order), methods=["POST"]),
                 Route("/api/session", self._session, methods=["POST"]),
                 WebSocketRoute(f"{run}/follow", self._follow),
                 Route("/", self._page),
@@ -77,8 +87,8 @@ class App:
 
     async def _session(self, request: Request) -> Response:
         if not self._access.has_token(request):
-            return JSONResponse({"error": "The token is not that of this server."}, 401)
-        answer = JSONResponse({"controls": False})
+            return _refused(401, "The token is not that of this server.")
+        answer = JSONResponse({"controls": self._give is not None})
         answer.set_cookie(COOKIE, self._access.token, httponly=True, samesite="strict")
         return answer
 
@@ -93,7 +103,7 @@ class App:
         scene = await run_in_threadpool(scene_of, folder, ended)
         address = f"/api/runs/{identity}"
         scene["live"] = identity == self._live and not ended
-        scene["controls"] = False
+        scene["controls"] = scene["live"] and self._give is not None
         scene["ground"] = {
             "picture": f"{address}/ground.jpg" if scene["simulated"] else None,
             "heights": f"{address}/heights",
@@ -139,10 +149,32 @@ class App:
         shown = self._places.file(path.parent, path.name)
         return FileResponse(shown, headers={"content-security-policy": _PICTURE_POLICY})
 
+    async def _order(self, request: Request) -> Response:
+        if not self._access.has_token(request):
+            return _refused(401, "Open the address that skysweep printed: it holds the token for orders.")
+        folder = self._asked(request)
+        if self._give is None or request.path_params["id"] != self._live:
+            return _refused(
+                409, "This mission is not flown by the process that shows it: no orders reach it."
+            )
+        if has_end(self._places.file(folder, JOURNAL_FILE)):
+            return _refused(409, "The mission has ended.")
+        try:
+            body = await _body(request)
+            order, said = checked_order(json.loads(body))
+        except UserError as error:
+            return _refused(422, str(error))
+        except ValueError:
+            return _refused(422, "The order is not JSON.")
+        self._give(order)
+        return JSONResponse({"said": said}, 202)
+
     async def _follow(self, socket: WebSocket) -> None:
         await socket.accept()
+        identity = socket.path_params["id"]
         try:
-            feed = self._feed(self._places.folder(socket.path_params["id"]))
+            folder = self._places.root if identity == self._live else self._places.folder(identity)
+            feed = self._feed(folder)
             place = Place(line=max(0, int(socket.query_params.get("from", "0"))))
         except (UserError, ValueError) as error:
             await socket.send_json({"type": "status", "flying": False, "ended": False, "error": str(error)})
@@ -184,7 +216,7 @@ class App:
         if folder not in self._feeds:
             while len(self._feeds) >= _KEPT:
                 self._feeds.pop(next(iter(self._feeds)))
-            is_live = self._live is not None and folder == self._places.folder(self._live)
+            is_live = self._live is not None and folder == self._places.root
             self._feeds[folder] = Feed(folder, is_live)
         return self._feeds[folder]
 
@@ -196,9 +228,23 @@ def _told(answer: Answer) -> Answer:
         try:
             return await answer(request)
         except UserError as error:
-            return JSONResponse({"error": str(error)}, 404)
+            return _refused(404, str(error))
 
     return told
+
+
+def _refused(code: int, sentence: str) -> Response:
+    return JSONResponse({"error": sentence}, code)
+
+
+async def _body(request: Request) -> bytes:
+    """The body of a request. Raises UserError if it is long."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > _LONGEST_ORDER:
+            raise UserError("The order is too long.")
+    return body
 
 
 def _kept(path: Path) -> Response:

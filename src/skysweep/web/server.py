@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from skysweep.errors import MissingExtraError, UserError
 try:
     import uvicorn
 
-    from skysweep.web.app import App
+    from skysweep.web.app import App, Give
     from skysweep.web.places import Places
     from skysweep.web.security import Access
 except ImportError as error:  # pragma: no cover
@@ -37,6 +36,7 @@ def listen(host: str, port: int | None) -> socket.socket:
             listener.close()
             reason = getattr(error, "strerror", None) or str(error)
         else:
+            listener.listen()
             return listener
     option = f"--port {wanted[0]}" if port is not None else f"--host {host}"
     raise UserError(f"{option}: cannot be listened at ({reason}); choose another")
@@ -56,10 +56,10 @@ def serve(
     listener: socket.socket,
     access: Access,
     live: str | None = None,
-    started: Callable[[], None] = lambda: None,
+    give: Give | None = None,
 ) -> None:
-    """Serve a folder until SIGINT or SIGTERM."""
-    app = App(Places(root), access, live).asgi()
+    """Serve a folder until SIGINT or SIGTERM. ``live`` and ``give`` are as in ``App``."""
+    app = App(Places(root), access, live, give).asgi()
     config = uvicorn.Config(
         app,
         log_level="critical",
@@ -70,6 +70,4 @@ def serve(
         lifespan="off",
     )
     with closing(listener):
-        server = uvicorn.Server(config)
-        started()
-        server.run([listener])
+        uvicorn.Server(config).run([listener])

@@ -1,0 +1,93 @@
+"""The options of a mission with a live page, and the page."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from skysweep.cli.common import say, tell
+from skysweep.errors import UserError
+
+if TYPE_CHECKING:
+    from skysweep.mission.orders import Order
+
+LOOPBACK = "127.0.0.1"
+LIVE_SPEED = 10.0  # times real time, where no other is asked for
+
+LiveOption = Annotated[bool, typer.Option("--live", help="Show the mission in a browser while it flies.")]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(min=0.1, help="Fly at most this many times as fast as real time. Default with --live: 10."),
+]
+
+HostOption = Annotated[
+    str, typer.Option(help="Address to listen at. Others than this computer's own need the token to see.")
+]
+PortOption = Annotated[
+    int | None, typer.Option(min=1, max=65535, help="Default: 8765, or the next free one.")
+]
+NoBrowserOption = Annotated[bool, typer.Option("--no-browser", help="Print the address only.")]
+TilesOption = Annotated[
+    str | None,
+    typer.Option(help="Map tiles to load: https://HOST/{z}/{x}/{y}.png. Without it nothing is loaded."),
+]
+
+
+@contextmanager
+def live_page(
+    folder: Path, live: bool, host: str, port: int | None, no_browser: bool, tiles: str | None
+) -> Iterator[Callable[[], Order | None]]:
+    """The page of the mission in ``folder``, and the orders given on it; nothing unless ``live``.
+
+    After the mission it stays until Ctrl-C where somebody sits at a terminal.
+    """
+    if not live:
+        for option, given in (("--host", host != LOOPBACK), ("--port", port), ("--tiles", tiles)):
+            if given:
+                raise UserError(f"{option}: is of the live page; write --live, too, or leave it out")
+        yield lambda: None
+        return
+    from skysweep.web.live import LivePage
+    from skysweep.web.security import Access
+
+    page = LivePage(folder, Access(host, tiles=checked_tiles(tiles)), port)
+    try:
+        tell(page.address)
+        open_browser(page.address, no_browser)
+        yield page.order
+        if sys.stdin.isatty():
+            say("the page stays until Ctrl-C")
+            with suppress(KeyboardInterrupt):
+                page.wait()
+    finally:
+        page.close()
+
+
+def checked_tiles(tiles: str | None) -> str | None:
+    """The address of map tiles. Raises UserError if it is none."""
+    if tiles is None:
+        return None
+    placeholders = all(place in tiles for place in ("{z}", "{x}", "{y}"))
+    if not tiles.startswith(("https://", "http://")) or not placeholders or any(c in tiles for c in " ;,'\""):
+        raise UserError(f"--tiles {tiles}: write an address such as https://HOST/{{z}}/{{x}}/{{y}}.png")
+    return tiles
+
+
+def open_browser(where: str, no_browser: bool) -> None:
+    """Open an address where there is a graphical browser."""
+    if not no_browser and has_screen():
+        webbrowser.open(where)
+
+
+def has_screen() -> bool:
+    """Whether a browser would have a window to appear in."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
