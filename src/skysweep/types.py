@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -39,6 +40,7 @@ class Mode(_Word):
     TAKEOFF = "TAKEOFF"
     SCAN = "SCAN"  # covers the area from high up
     CHECK = "CHECK"  # comes down to look at candidates
+    LOOK = "LOOK"  # flies to, or hovers at, a place that the operator asked for
     HOLD = "HOLD"  # or is flown by somebody else
     RETURN = "RETURN"
     LAND = "LAND"
@@ -63,6 +65,7 @@ class EventKind(_Word):
 
 
 SETTLING = (EventKind.CONFIRMED, EventKind.REJECTED, EventKind.UNCHECKED)  # what becomes of a candidate
+NO_VERDICTS: Mapping[int, EventKind] = MappingProxyType({})
 
 
 class VehicleState(NamedTuple):
@@ -220,6 +223,8 @@ class Observation(NamedTuple):
     unsearched: tuple[tuple[XY, XY], ...] = ()  # legs that turned out, since then, to be flown blind
     refused: str = ""  # why the waypoint of the last command is not flown to; do not ask for it again
     lookout: Waypoint | None = None  # where that waypoint is looked at from, where not from itself
+    verdicts: Mapping[int, EventKind] = NO_VERDICTS  # the operator's, by candidate: CONFIRMED or REJECTED
+    elsewhere: bool = False  # the operator sent the vehicle away since the last step; looks are from there
 
     @property
     def time_s(self) -> float:

@@ -18,6 +18,7 @@ from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import Lens, project
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
+from skysweep.mission.orders import Order
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.imaging import ImagingSensor
@@ -571,8 +572,13 @@ def test_a_battery_that_gets_low_in_the_middle_of_a_check(left, action):
 
 def words(*told):
     """An operator who says each word at its step."""
+    return ordering(*((step, Order(word)) for step, word in told))
+
+
+def ordering(*orders):
+    """An operator who gives each order at its step."""
     steps = iter(range(10**9))
-    at = dict(told)
+    at = dict(orders)
     return lambda: at.get(next(steps))
 
 
@@ -655,7 +661,7 @@ def test_who_takes_it_keeps_it_and_only_what_is_so_is_told():
         def __call__(self):
             now_s = vehicles[0].inner.state().time_s if vehicles else 0.0
             due = [t for t in words if t <= now_s]
-            return words.pop(due[0]) if due else None
+            return Order(words.pop(due[0])) if due else None
 
     vehicles = []
 

@@ -15,6 +15,7 @@ from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
+from skysweep.mission.orders import Order
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.types import Setpoint
@@ -635,7 +636,7 @@ def test_an_operator_who_holds_the_way_home_and_never_comes_back(mute):
 
     def operator():
         due = flies and told and flies[0].inner.state().time_s > told[-1][0]
-        return told.pop()[1] if due else None
+        return Order(told.pop()[1]) if due else None
 
     flown = Flown(vehicle=vehicle, operator=operator, battery_wh=15.0, safety={"battery_estimated": mute})
     assert flown.reason == "operator"
@@ -661,12 +662,12 @@ class Watcher:
         state = self.vehicle.inner.state()
         if self.held_s is None and state.position_enu_m[2] < 8.0:
             self.held_s = state.time_s
-            return "hold"
+            return Order("hold")
         if self.held_s is None or self.word is None:
             return None
         if state.time_s > self.held_s + 20.0:
             word, self.word = self.word, None
-            return word
+            return Order(word)
         self.heights.append(state.position_enu_m[2])
         return None
 

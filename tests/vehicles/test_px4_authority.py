@@ -10,7 +10,7 @@ from takeovers import HOLD, LAND, OFFBOARD, POSITION, RETURN
 
 from skysweep.cli.fly import _Operator
 from skysweep.errors import UserError
-from skysweep.flights.on_px4 import TAKE_BACK
+from skysweep.mission.orders import TAKE_BACK, Order
 from skysweep.types import Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 
@@ -170,5 +170,5 @@ def test_an_old_enter_does_not_take_the_vehicle_back(monkeypatch, tmp_path):
         assert operator() is None
         os.write(ours, b"\n")
         time.sleep(0.1)
-        assert operator() == TAKE_BACK
+        assert operator() == Order(TAKE_BACK)
     os.close(ours)

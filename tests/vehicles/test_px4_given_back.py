@@ -12,6 +12,7 @@ from skysweep.flights.resume import begun_scenario, resume_folder
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal, read_journal
 from skysweep.mission.loop import fly
+from skysweep.mission.orders import TAKE_BACK, Order
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.mavlink.dialect import mavlink as m
@@ -48,9 +49,9 @@ class Flight:
 
         def operator():
             word, self._word = self._word, None
-            if word == "continue":  # as Px4Flight does
+            if word == TAKE_BACK:  # as Px4Flight does
                 self.there.vehicle.regain()
-            return word
+            return None if word is None else Order(word)
 
         self.reason = fly(mission, journal, watch, operator)
         self.lines = journal.lines
@@ -87,7 +88,7 @@ class Pilot:
             assert there.flown()[0] == POSITION
         elif state.taken_over:
             there.sticks(moving=False)
-            return "continue"
+            return TAKE_BACK
         return None
 
 
@@ -143,7 +144,7 @@ def test_a_ground_station_that_holds_it_is_not_overruled_for_ever():
             held.append(state.time_s)
             there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
         if held and state.time_s > held[0] + 300.0:
-            return "continue" if state.taken_over else None
+            return TAKE_BACK if state.taken_over else None
         assert not held or there.flown()[0] == HOLD
 
     flight = Flight(happens)
@@ -247,7 +248,7 @@ def test_the_operator_is_heard_while_px4_lands():
             return "hold"
         if held and state.time_s > held[0] + 15.0:
             held.append(state.time_s)
-            return "continue"
+            return TAKE_BACK
         return None
 
     flight = Flight(happens)

@@ -47,6 +47,7 @@ from skysweep.errors import UserError
 from skysweep.text import printable
 
 if TYPE_CHECKING:
+    from skysweep.mission.orders import Order
     from skysweep.types import Mode, VehicleState
     from skysweep.vehicles.px4.preflight import Check
 
@@ -210,16 +211,16 @@ class _Operator:
             return "somebody else flies it; Enter: take it back"
         return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
 
-    def __call__(self) -> str | None:
-        from skysweep.flights.on_px4 import TAKE_BACK
+    def __call__(self) -> Order | None:
+        from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
 
         if self._typed():
             if self._taken and time.monotonic() - self._taken_s > _READ_S:
                 self._presses, self._word = 0, TAKE_BACK
             elif self._presses == 1 and not self._taken:
-                self._presses, self._word = 0, "continue"
+                self._presses, self._word = 0, CONTINUE
         word, self._word = self._word, None
-        return word
+        return None if word is None else Order(word)
 
     def _typed(self) -> bool:
         """Whether Enter was pressed; all input is consumed, so that none of it counts later."""

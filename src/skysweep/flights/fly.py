@@ -15,7 +15,7 @@ from skysweep.detection.model_files import fingerprint
 from skysweep.errors import CannotWriteError, UserError
 from skysweep.files.writing import make_folder
 from skysweep.flights.build import DEFAULT_RIG, build_mission
-from skysweep.flights.replay import RecordedSensor, ReplayJournal
+from skysweep.flights.replay import RecordedOperator, RecordedSensor, ReplayJournal
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import FileJournal, Journal, MemoryJournal, read_journal, resume_command
 from skysweep.mission.loop import fly
@@ -157,13 +157,17 @@ def fly_in(
     ``again`` are the lines of the journal that a mission flown again writes first. Raises UserError if the
     disk was full; the vehicle has come home then.
     """
-    notes: Journal = ReplayJournal(journal, again) if again else journal
+    notes: Journal = journal
+    operator = rig.operator
+    if again:
+        notes = replayed = ReplayJournal(journal, again)
+        operator = RecordedOperator(replayed, again, mission.vehicle, operator)
     film = folder / FILM if rig.film else None
     mission, notes, book = _with_pictures(mission, notes, folder / PICTURES, before, film)
     picture_of = {} if book is None else {"picture_of": book.picture_of}
     announcer = Announcer(mission.scenario, journal.records, rig.say, **picture_of)
     journal.listeners.append(announcer.hear)
-    fly(mission, notes, rig.watch, rig.operator, before)
+    fly(mission, notes, rig.watch, operator, before)
     if journal.failed is not None:
         raise UserError(
             f"{journal.failed}, and the vehicle has come home; make room, then  "

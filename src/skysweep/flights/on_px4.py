@@ -21,7 +21,7 @@ from skysweep.flights.fly import fly_to_folder, refuse_other_mission
 from skysweep.flights.rehearsal import rehearse
 from skysweep.flights.resume import resume_folder
 from skysweep.flights.rig import Rig
-from skysweep.mission.mission import Operator
+from skysweep.mission.orders import TAKE_BACK, Operator, Order
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.results.summary import RunSummary
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from skysweep.worlds.rendering.renderer import Backend
 
 RENDERED = "rendered"
-TAKE_BACK = "take back"  # the operator's command while somebody else flies the vehicle
 _MOTORS_STOP_S = 20.0  # on the wall, after landing
 _PARAMETERS_S = 30.0  # on the wall, for a slow radio
 _BESIDE_M = 10.0  # half the width of the autopilot's own way home
@@ -155,12 +154,11 @@ class Px4Flight:
     def _heeding(self, operator: Operator) -> Operator:
         """An operator whose ``TAKE_BACK`` takes the vehicle back from anybody else."""
 
-        def heed() -> str | None:
-            word = operator()
-            if word != TAKE_BACK:
-                return word
-            self.vehicle.regain()
-            return "continue"
+        def heed() -> Order | None:
+            order = operator()
+            if order is not None and order.word == TAKE_BACK:
+                self.vehicle.regain()
+            return order
 
         return heed
 

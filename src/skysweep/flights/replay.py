@@ -20,12 +20,16 @@ import numpy as np
 from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
+from skysweep.mission.notes import LOOKED
+from skysweep.mission.orders import ORDER, Operator, Order
 from skysweep.results.run_folder import Record
 from skysweep.types import SEARCHING, Answer, Detections, Doubt, Sensor, Vehicle, VehicleState
 
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
-_PASSING = {"setup", "start", "plan", "state", "safety", "resumed", LOOK, SNAPSHOT}  # not part of a step
+_PASSING = {  # not part of a step
+    *("setup", "start", "plan", "state", "safety", "resumed", ORDER, LOOKED, LOOK, SNAPSHOT)
+}
 _UNSEEN_S = 1.0  # of a scan before the interruption: perhaps not looked at
 
 
@@ -43,6 +47,11 @@ class ReplayJournal:
     def failed(self) -> str | None:
         return self._journal.failed
 
+    @property
+    def is_over(self) -> bool:
+        """Whether everything that is recorded has been repeated."""
+        return not self._expected
+
     def write(self, time_s: float, kind: str, **fields: Any) -> None:
         if not self._expected:
             self._journal.write(time_s, kind, **fields)
@@ -54,6 +63,21 @@ class ReplayJournal:
                 f"('{recorded['kind']}' at {recorded['t']:.1f} s), so it cannot be resumed: it was flown by "
                 "other code or on another machine; fly it again into a new folder"
             )
+
+
+class RecordedOperator:
+    """Repeats the recorded orders, each at its tick of the vehicle's time; then ``operator`` is asked."""
+
+    def __init__(
+        self, journal: ReplayJournal, recorded: Iterable[Record], vehicle: Vehicle, operator: Operator
+    ) -> None:
+        self._journal, self._vehicle, self._operator = journal, vehicle, operator
+        self._orders = deque(record for record in recorded if record["kind"] == ORDER)
+
+    def __call__(self) -> Order | None:
+        if self._orders and self._orders[0]["t"] <= round(self._vehicle.state().time_s, 4):
+            return Order.of_line(self._orders.popleft())
+        return self._operator() if self._journal.is_over else None
 
 
 class RecordedSensor:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from skysweep.mission.mission import Mission, Operator, Watch
+from skysweep.mission.mission import Mission, Watch
+from skysweep.mission.orders import Operator
 from skysweep.strategies import StrategySpec
 from skysweep.types import Camera, Detector, Truth, Vehicle
 
@@ -42,7 +43,7 @@ class Rig:
     strategy: StrategySpec | None = None
     unit: int = 0  # number of the vehicle in its world: each has its own errors and looks
     watch: Watch = nothing  # gets every tick
-    operator: Operator = nothing  # as in ``mission.loop.Flight``
+    operator: Operator = nothing  # asked at every tick for an order
     say: Say = nothing  # gets a sentence for each find and alarm
     film: bool = False  # whether the run folder gets pictures of the camera all along, for page and video
     hear: Callable[[Mapping[str, Any]], None] = nothing  # gets every line of the journal

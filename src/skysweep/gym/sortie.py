@@ -19,6 +19,7 @@ from skysweep.gym.spaces import EMPTY, N_CANDIDATE, OPEN, Chart, Observed, as_nu
 from skysweep.mission.journal import MemoryJournal, line_of
 from skysweep.mission.loop import Flight
 from skysweep.mission.mission import Mission
+from skysweep.mission.orders import RETURN, Order
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import Matches, compute_summary, match
 from skysweep.results.run_folder import Run
@@ -54,7 +55,7 @@ class Sortie:
         self.plan = np.array([chart.on_square(x, y) for x, y in mission.waypoints_xy_enu_m.tolist()])
         self.belief = belief_of(mission)
         self._logbook = _Logbook()
-        self._word: str | None = None
+        self._order: Order | None = None
         self._rows: dict[int, tuple[Candidate | None, F32]] = {}  # of candidates, as last observed
         self.searches = self.is_over = False
         self._open = ExitStack()
@@ -90,7 +91,7 @@ class Sortie:
 
     def call_home(self) -> None:
         """End the search at the next tick."""
-        self._word = "return"
+        self._order = Order(RETURN)
 
     def close(self) -> None:
         """Release the mission."""
@@ -124,9 +125,9 @@ class Sortie:
     def _world(self) -> World:
         return build_world(self._scenario, self._seed)
 
-    def _operator(self) -> str | None:
-        word, self._word = self._word, None
-        return word
+    def _operator(self) -> Order | None:
+        order, self._order = self._order, None
+        return order
 
     def observe(self, slots: int, time_limit_s: float) -> Observed:
         """This vehicle's observation, as in docs/gym.md."""

@@ -15,12 +15,14 @@ import numpy as np
 from skysweep.errors import UserError
 from skysweep.mission.believable import Believable, has_place
 from skysweep.mission.clearance import Clearance, too_high
+from skysweep.mission.desk import Desk
 from skysweep.mission.energy import ReturnEnergy, wind_xy
 from skysweep.mission.fence import Fence, Router
 from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
-from skysweep.mission.mission import Mission, Operator, Watch
+from skysweep.mission.mission import Mission, Watch
 from skysweep.mission.notes import Notes
+from skysweep.mission.orders import CONTINUE, Operator
 from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase, not_finite
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
 from skysweep.types import (
@@ -67,8 +69,8 @@ class Flight:
     Mission time 0 is the take-off command. ``end_reason`` is None during the flight, then ``completed`` or a
     safety cause. As a context manager it makes the vehicle hold if anything ends the flight early.
 
-    ``operator`` is asked at every tick and answers None, "hold", "continue" or "return". ``before`` holds the
-    journal of an interrupted mission that this one continues.
+    ``operator`` is asked at every tick. ``before`` holds the journal of an interrupted mission that this one
+    continues.
 
     Raises UserError, with the vehicle untouched, if the mission must not take off.
     """
@@ -98,6 +100,8 @@ class Flight:
             scenario, self._fence, mission.return_altitude_agl_m, 2.0 * self._looks.usual_age_s
         )
         self._guard = Guard(scenario, self._fence, energy, self._looks, mission.obstacles, state.airborne)
+        self._desk = Desk(self._m, self._guard, self._clearance, self._notes)
+        self._was_asked = False  # the operator, at this tick
         self._worst = _ALL_WELL
         self._next_check_s = 0.0
         self._mode = Mode.TAKEOFF
@@ -107,6 +111,7 @@ class Flight:
         self._refusal: Alarm | None = None
         self._sent: tuple[tuple[float, ...], Setpoint] | None = None  # the newest setpoint, and its inputs
         self._waiting: tuple[Look, ...] = ()  # not yet passed to the strategy
+        self._untold: tuple[Look, ...] = ()  # not yet in the journal
         self._left_enu_m = state.position_enu_m  # at the search's last step
         self._interrupted = self._going_back = False
         self.end_reason: str | None = None
@@ -155,6 +160,8 @@ class Flight:
     def _fly(self) -> Iterator[Tick]:
         if self._before:
             self._notes.go_on(self._before)
+            state = self._m.vehicle.state()
+            self._desk.resume(self._before, state, self._altitude_agl_m(state))
         else:
             self._notes.start(self._m)
         end = yield from self._take_off()
@@ -165,6 +172,7 @@ class Flight:
         if end is not _ALL_WELL:
             self._looks.give_up(state.time_s)
             self._notes.left_behind(state.time_s, candidates, self._looks.blind_legs())
+            self._desk.give_up(state.time_s)
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
         if end.action < Action.LAND:
             yield from self._return()
@@ -205,6 +213,7 @@ class Flight:
         state = m.vehicle.state()
         self._mode = Mode.SCAN
         self._looks.begin(state.time_s)
+        self._left_enu_m = state.position_enu_m
         done_s = math.inf  # when the strategy finished
         while True:
             alarm = self._look_after(state, Phase.SEARCH)
@@ -220,14 +229,19 @@ class Flight:
             if alarm.action is Action.HOLD:
                 self._interrupted = True
                 self._hold()
+                if alarm.cause == "operator":
+                    self._tell(state)
                 state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
             self._holding = False
+            if self._looks_for_operator(state, detections):
+                state = yield from self._pass_time(state, Mode.LOOK, detections)
+                continue
             if self._goes_back(state):
                 state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
             observation = self._observation(state)
-            command = m.strategy.step(self._of_the_area(observation))
+            command = self._of_the_undecided(m.strategy.step(self._of_the_area(observation)))
             self._mode = command.mode
             done_s = min(done_s, state.time_s) if command.waypoint is None else math.inf
             if command.waypoint is None and self._looks.are_due(state.time_s, done_s):
@@ -249,7 +263,7 @@ class Flight:
         home = m.scenario.home.position_enu_m
         back = Waypoint(home, m.return_altitude_agl_m, m.scenario.vehicle.cruise_speed_mps)
         self._mode = Mode.RETURN
-        self._guard.heed("continue")  # an operator's hold does not outlive the search
+        self._guard.heed(CONTINUE)  # an operator's hold does not outlive the search
         state = m.vehicle.state()
         while math.dist(state.position_enu_m[:2].tolist(), home) > _HOME_ACCEPTANCE_M:
             alarm = self._look_after(state, Phase.RETURN)
@@ -302,7 +316,7 @@ class Flight:
         try:
             self._m.vehicle.command(Setpoint(state.position_enu_m, _CLIMBS_MPS, self._m.yaw_rad))
         except UserError as error:
-            self._guard.heed("continue")
+            self._guard.heed(CONTINUE)
             sentence = f"The landing cannot be held: {error}."
             self._notes.safety(state.time_s, Alarm(Action.CONTINUE, "operator", sentence))
 
@@ -310,14 +324,13 @@ class Flight:
 
     def _look_after(self, state: VehicleState, phase: Phase) -> Alarm:
         """The most severe alarm. All rules are checked once a second, and at once if it is urgent."""
-        word = self._operator()
+        ordered = self._hear(state, phase)
         now_s = state.time_s + state.silent_s
         given_back = self._worst.action is Action.KEEP_OUT and not state.taken_over
-        at_once = self._guard.is_urgent(state) or given_back or word is not None
+        at_once = self._guard.is_urgent(state) or given_back or ordered
         if not at_once and now_s < self._next_check_s:
             return self._worst
         self._next_check_s = now_s + CHECK_PERIOD_S
-        self._guard.heed(word)
         goal = self._sent[1] if self._sent is not None else None
         alarms = self._guard.alarms(state, self._altitude_agl_m(state), phase, goal)
         if self._heard.went_back_s > 0.0:
@@ -331,6 +344,17 @@ class Flight:
         self._looks.keep_track(state, covers and not state.taken_over)
         return self._worst
 
+    def _hear(self, state: VehicleState, phase: Phase) -> bool:
+        """Whether the operator, who is asked once a tick, has ordered something, which is taken."""
+        order = None if self._was_asked else self._operator()
+        self._was_asked = True
+        if order is None:
+            return False
+        self._tell(state)
+        self._desk.take(order, phase, state, self._altitude_agl_m(state))
+        self._snapshot(state.time_s)
+        return True
+
     def _look(self, state: VehicleState) -> Detections | None:
         """New detections; None also if the sensor fails. Their sightings wait for the strategy."""
         try:
@@ -343,7 +367,9 @@ class Flight:
         if detections is None or not self._looks.take(state.time_s, detections):
             return None
         hits = self._m.tracker.update(detections)
-        self._waiting += (Look(detections.time_s, detections.camera, detections.lens, hits),)
+        look = Look(detections.time_s, detections.camera, detections.lens, hits)
+        self._waiting += (look,)
+        self._untold += (look,)
         return detections
 
     def _observation(self, state: VehicleState) -> Observation:
@@ -356,6 +382,8 @@ class Flight:
             self._looks.blind_legs(),
             self._refusal.cause if self._refusal is not None else "",
             self._flown_to if self._flown_to is not self._asked else None,
+            self._desk.verdicts,
+            self._desk.hand_over(),
         )
 
     def _of_the_area(self, seen: Observation) -> Observation:
@@ -373,12 +401,31 @@ class Flight:
         x, y, _ = candidate.position_enu_m.tolist()
         return self._guard.searched.covers((x, y))
 
+    def _of_the_undecided(self, command: Command) -> Command:
+        """The command without events of candidates on which the operator has decided."""
+        verdicts = self._desk.verdicts
+        if not verdicts:
+            return command
+        return command._replace(events=tuple(e for e in command.events if e.candidate_id not in verdicts))
+
     def _note(self, seen: Observation, events: tuple[Event, ...]) -> None:
-        if not (seen.sightings or seen.unsearched or events):
+        untold, self._untold = self._untold, ()
+        if not (seen.sightings or seen.unsearched or events or seen.elsewhere):
             return
-        self._notes.step(seen, events)
+        self._notes.step(seen._replace(looks=untold), events)
+        self._snapshot(seen.time_s)
+
+    def _tell(self, state: VehicleState) -> None:
+        """Journal at once what is seen while the strategy is not asked."""
+        looks, self._untold = self._untold, ()
+        if any(look.hits for look in looks):
+            candidates = self._m.tracker.candidates()
+            self._notes.step(Observation(state, self._altitude_agl_m(state), looks, candidates), ())
+            self._snapshot(state.time_s)
+
+    def _snapshot(self, time_s: float) -> None:
         if not self._m.replays:
-            self._notes.snapshot(seen.time_s, self._m.strategy, self._m.tracker)
+            self._notes.snapshot(time_s, self._m.strategy, self._m.tracker, self._desk.snapshot())
 
     def _fly_to(self, seen: Observation, command: Command) -> Alarm:
         """Command the vehicle, unless the guard refuses; each waypoint is judged once.
@@ -444,11 +491,24 @@ class Flight:
     def _keep_out(self, state: VehicleState, phase: Phase) -> _Part[VehicleState]:
         """Command nothing while somebody else flies. Returns the state on hand-back or on the ground."""
         self._sent = None
+        self._desk.start_over()
         while state.taken_over and state.airborne:
             self._look_after(state, phase)
             state = yield from self._pass_time(state, Mode.HOLD, self._look(state))
         self._look_after(state, phase)
+        self._router = Router(self._fence)  # its way began elsewhere
         return state
+
+    def _looks_for_operator(self, state: VehicleState, new: Detections | None) -> bool:
+        """Whether it flies to, or is at, a place that the operator asked for."""
+        goal = self._desk.goal(state, self._altitude_agl_m(state), new)
+        if goal is None:
+            return False
+        self._tell(state)
+        self._mode = Mode.LOOK
+        self._interrupted = self._going_back = True
+        self._m.vehicle.command(self._setpoint(state, goal))
+        return True
 
     def _goes_back(self, state: VehicleState) -> bool:
         """Whether it flies back to where covering was interrupted, as the ground in between was not seen."""
@@ -459,7 +519,8 @@ class Flight:
         away_m = math.dist(state.position_enu_m[:2].tolist(), (x, y))
         limit_m = _BACK_M if self._going_back else _DISPLACED_M
         covered = self._m.covers_from(z - self._m.ground_at_m(x, y))
-        self._going_back = self._interrupted = covered and away_m > limit_m
+        too_low = self._going_back and z - state.position_enu_m.item(2) > _BACK_M
+        self._going_back = self._interrupted = covered and (away_m > limit_m or too_low)
         if self._going_back:
             speed_mps = self._m.scenario.vehicle.cruise_speed_mps
             back = Waypoint((x, y), self._m.cover_altitude_agl_m, speed_mps)
@@ -478,6 +539,7 @@ class Flight:
         self._notes.state(state, mode)
         yield Tick(state, mode, detections)
         self._heard.advance(self._tick_s)
+        self._was_asked = False
         if self._m.witness is not None:
             self._m.witness.see(mode)
         return self._heard.state()

@@ -22,7 +22,6 @@ from skysweep.types import (
 from skysweep.worlds.obstacles import Obstacles
 
 Watch = Callable[[VehicleState, Mode, Detections | None], None]
-Operator = Callable[[], str | None]
 
 _COVERS = 0.8  # of the plan's height
 

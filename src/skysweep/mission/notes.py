@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.arrays import F64
 from skysweep.mission.journal import Journal
 from skysweep.mission.mission import Mission
+from skysweep.mission.orders import ORDER
 from skysweep.mission.safety import OUTSIDE, OVER, Action, Alarm
 from skysweep.mission.witness import Witness
 from skysweep.types import (
@@ -25,6 +27,8 @@ from skysweep.types import (
     VehicleState,
 )
 
+LOOKED = "looked"  # kind of the line that ends a look for the operator
+OPERATOR = "operator"  # who decided, in the field ``by`` of a verdict; without it the strategy did
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # do not end the mission
 OF_A_CANDIDATE = (
@@ -78,9 +82,26 @@ class Notes:
                 self._listed.add(record["candidate"])
         self._journal.write(max(r["t"] for r in before), "resumed")
 
-    def snapshot(self, time_s: float, strategy: Strategy, tracker: Tracker) -> None:
+    def snapshot(
+        self, time_s: float, strategy: Strategy, tracker: Tracker, operator: Mapping[str, Any]
+    ) -> None:
         """The state from which a mission that cannot be replayed resumes; to be written after ``step``."""
-        self._journal.write(time_s, "snapshot", strategy=strategy.snapshot(), tracker=tracker.snapshot())
+        orders = {"operator": operator} if operator else {}
+        state = {"strategy": strategy.snapshot(), "tracker": tracker.snapshot()}
+        self._journal.write(time_s, "snapshot", **state, **orders)
+
+    def order(self, time_s: float, word: str, of: Mapping[str, Any]) -> None:
+        """What the operator ordered, ``of`` which candidate or place."""
+        self._journal.write(time_s, ORDER, word=word, **of)
+
+    def verdict(self, time_s: float, kind: EventKind, candidate: Candidate) -> None:
+        """The operator's verdict on a candidate."""
+        self._settled.add(candidate.id)
+        self._journal.write(time_s, kind, candidate=candidate.id, **_place(candidate), by=OPERATOR)
+
+    def looked(self, time_s: float, place_enu_m: tuple[float, float, float]) -> None:
+        """A place that the operator asked for was looked at."""
+        self._journal.write(time_s, LOOKED, p=place_enu_m)
 
     def step(self, seen: Observation, events: tuple[Event, ...]) -> None:
         """What was seen and decided in one step."""
@@ -170,8 +191,9 @@ class Notes:
     def _unchecked(self, time_s: float, candidate: Candidate, **why: str) -> None:
         if candidate.id not in self._settled:
             self._settled.add(candidate.id)
-            place = {"p": candidate.position_enu_m, "covariance_m2": candidate.covariance_m2}
-            self._journal.write(time_s, EventKind.UNCHECKED, candidate=candidate.id, **place, **why)
+            self._journal.write(
+                time_s, EventKind.UNCHECKED, candidate=candidate.id, **_place(candidate), **why
+            )
 
     def end(self, time_s: float, reason: str, witness: Witness | None, landed: bool) -> None:
         """Clearance from obstacles, if simulated; whether it landed; why the mission ended."""
@@ -185,3 +207,7 @@ class Notes:
         if legs:
             length_m = sum(math.dist(a, b) for a, b in legs)
             self._journal.write(time_s, "unsearched", legs_enu_m=legs, length_m=length_m, again=again)
+
+
+def _place(candidate: Candidate) -> dict[str, F64]:
+    return {"p": candidate.position_enu_m, "covariance_m2": candidate.covariance_m2}

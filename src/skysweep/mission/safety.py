@@ -227,7 +227,7 @@ class Guard:
             )
         if flown_to is not None and self._was_allowed(flown_to):
             return None
-        cause, why = self._objection(state, altitude_agl_m, waypoint, flown_to)
+        cause, why = self.objection(state, altitude_agl_m, waypoint, flown_to)
         if not cause:
             self._allowed = flown_to
             return None
@@ -235,10 +235,10 @@ class Guard:
         sentence = f"The place {x:.0f} m east, {y:.0f} m north is not flown to: {why}."
         return Alarm(Action.REFUSE_CHECK, cause, sentence)
 
-    def _objection(
+    def objection(
         self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
     ) -> tuple[str, str]:
-        """Cause and reason; empty if there is none."""
+        """Cause and reason not to fly to a finite waypoint, as it is now; empty if there is none."""
         if waypoint.to_look and not self.searched.covers(waypoint.xy_enu_m):
             return OUTSIDE, "it lies outside the area that is searched"
         if flown_to is None:

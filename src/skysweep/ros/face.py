@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from skysweep.mission.mission import Mission
+from skysweep.mission.orders import CONTINUE, HOLD, RETURN, Order
 from skysweep.ros import messages as m
 from skysweep.ros import topics
 from skysweep.ros.link import RosLink
@@ -43,7 +44,7 @@ class MissionFace:
         self._mission: Mission | None = None
         self._begun = threading.Event()
         self._words: deque[str] = deque()
-        for name, word in (("start", "continue"), ("pause", "hold"), ("abort", "return")):
+        for name, word in (("start", CONTINUE), ("pause", HOLD), ("abort", RETURN)):
             link.node.create_service(Trigger, f"~/{name}", self._answer(word))
         link.advertise(topics.STATE, topics.PLANNED_PATH, topics.FLOWN_PATH, topics.TARGETS, topics.JOURNAL)
         if publish_looks:
@@ -64,8 +65,8 @@ class MissionFace:
         while not self._begun.wait(0.2):
             pass
 
-    def operator(self) -> str | None:
-        return self._words.popleft() if self._words else None
+    def operator(self) -> Order | None:
+        return Order(self._words.popleft()) if self._words else None
 
     def watch(self, state: VehicleState, mode: str, new: Detections | None) -> None:
         link, time_s = self._link, state.time_s
@@ -114,12 +115,12 @@ class MissionFace:
             if self._begun.is_set():
                 self._words.append(word)
                 response.message = word
-            elif word == "continue":
+            elif word == CONTINUE:
                 self._begun.set()
                 response.message = "begun"
             else:
                 response.success = False
-                instead = ": end its node instead" if word == "return" else ""
+                instead = ": end its node instead" if word == RETURN else ""
                 response.message = f"the mission has not begun{instead}"
             return response
 

@@ -37,6 +37,8 @@ class SingleAltitude:
         events: list[Event] = []
         for sighting in observation.sightings:
             candidate = sighting.candidate_id
+            if candidate in observation.verdicts:
+                continue
             x, y, z = observation.candidates[candidate].position_enu_m
             place = (float(x), float(y), float(z))
             if candidate not in self._seen:

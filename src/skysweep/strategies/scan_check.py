@@ -21,6 +21,8 @@ Where the paper is silent, this is how we read it (each line has a test):
   for ``look_s``, two looks from there were answered, and it was not confirmed.
 - Where a candidate is looked at from elsewhere (``Observation.lookout``), that place counts instead: it is
   confirmed by a sighting from there, rejected when the vehicle was there for as long.
+- The operator's verdict (``Observation.verdicts``) takes a candidate out of S and C for good. Looks that were
+  taken where the operator had sent the vehicle do not count as looks from above a candidate.
 - A candidate that must not be flown to (``Observation.refused``) leaves C as unchecked: it is reported, and
   it is not scanned again. Legs that were flown blind are put at the end of F.
 """
@@ -70,6 +72,7 @@ class ScanCheck:
         return Command(self._mode, self._waypoint(observation), tuple(events))
 
     def _scan(self, seen: Observation, events: list[Event]) -> None:
+        self._heed(seen)
         x, y, _ = seen.vehicle.position_enu_m.tolist()
         for sighting in seen.sightings:
             if self._is_unknown(sighting.candidate_id):
@@ -104,6 +107,7 @@ class ScanCheck:
 
     def _check(self, seen: Observation, events: list[Event]) -> None:
         asked = self._to_check[0]
+        self._heed(seen)
         for sighting in seen.sightings:
             sure = sighting.confidence >= self._search.c_t
             near = self._is_near_enough(seen, sighting, asked)
@@ -126,6 +130,18 @@ class ScanCheck:
         if not self._to_check:
             self._mode = Mode.SCAN
             events.append(Event(EventKind.SCAN_RESUMED))
+
+    def _heed(self, seen: Observation) -> None:
+        """Take over the operator's verdicts, and forget an arrival from which the vehicle was sent away."""
+        goal = self._to_check[:1]
+        for k, verdict in seen.verdicts.items():
+            decided = self._confirmed if verdict == EventKind.CONFIRMED else self._rejected
+            if k not in decided:
+                for listed in (self._scanned, self._to_check, *self._settled):
+                    listed[:] = [other for other in listed if other != k]
+                decided.append(k)
+        if seen.elsewhere or self._to_check[:1] != goal:
+            self._arrived_s = None
 
     def _is_near_enough(self, seen: Observation, sighting: Sighting, asked: int) -> bool:
         """Whether a sighting may confirm: from h_C, or from where its candidate is looked at from."""
@@ -163,10 +179,11 @@ class ScanCheck:
         events.append(_event(kind, seen, candidate_id))
 
     def _is_unknown(self, candidate_id: int) -> bool:
-        return not any(
-            candidate_id in known
-            for known in (self._scanned, self._to_check, self._confirmed, self._rejected, self._unchecked)
-        )
+        return not any(candidate_id in known for known in (self._scanned, self._to_check, *self._settled))
+
+    @property
+    def _settled(self) -> tuple[list[int], ...]:
+        return self._confirmed, self._rejected, self._unchecked
 
     def _waypoint(self, seen: Observation) -> Waypoint | None:
         s = self._search

@@ -9,6 +9,7 @@ than a wrong verdict would cost on average (Bayes risk; Wald, Sequential Analysi
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -57,6 +58,7 @@ class BeliefSearch:
         seen, events = observation, list[Event]()
         for leg in seen.unsearched:
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
+        self._heed(seen.verdicts)
         for look in seen.looks:
             for k in self._suspects.take(look, seen.candidates, self._settled):
                 events.append(self._told(EventKind.SCANNED, seen, k, "found at the edge of a picture"))
@@ -85,6 +87,13 @@ class BeliefSearch:
             events.append(Event(EventKind.MISFIT, reason=misfit))
 
     # ---- verdicts ----------------------------------------------------------------------------------------
+
+    def _heed(self, verdicts: Mapping[int, EventKind]) -> None:
+        """Take over the operator's verdicts, which are for good."""
+        self._settled.update(verdicts)
+        self._route = [k for k in self._route if k not in verdicts]
+        if self._goal in verdicts:
+            self._goal = None
 
     def _open(self) -> list[int]:
         return [k for k in self._suspects.all if k not in self._settled]
@@ -117,7 +126,9 @@ class BeliefSearch:
 
     def _twins(self, seen: Observation, of: list[int]) -> dict[int, int]:
         """Those that may be one thing with a confirmed candidate, and with which."""
-        confirmed = [j for j, verdict in self._settled.items() if verdict is EventKind.CONFIRMED]
+        confirmed = [
+            j for j, kind in self._settled.items() if kind is EventKind.CONFIRMED and j in self._suspects.all
+        ]
         return self._suspects.twins(of, confirmed, seen.candidates)
 
     def _settle(
@@ -256,7 +267,7 @@ class BeliefSearch:
         if self._looks_before is None:
             self._looks_before = told
         self._stops |= is_past(seen, to)
-        if math.dist(here, to) <= _THERE_M or _hovers(seen):
+        if not seen.elsewhere and (math.dist(here, to) <= _THERE_M or _hovers(seen)):
             self._looks_above += len(seen.looks)
         looks = told - self._looks_before
         is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(self._goal) < _SMALL_DOUBT_S

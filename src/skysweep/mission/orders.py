@@ -1,0 +1,42 @@
+"""The words of the person who operates a mission."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+from skysweep.types import XY, EventKind
+
+HOLD, CONTINUE, RETURN = "hold", "continue", "return"
+TAKE_BACK = "take back"  # from somebody else who flies the vehicle, then continue
+CONFIRM, REJECT, LOOK = "confirm", "reject", "look"
+STEERING = (HOLD, CONTINUE, RETURN, TAKE_BACK)
+VERDICTS = {CONFIRM: EventKind.CONFIRMED, REJECT: EventKind.REJECTED}
+ORDER = "operator"  # kind of the journal's lines with orders
+_FARTHEST_M = 1e5  # a place farther away is none
+
+
+class Order(NamedTuple):
+    """One order. ``confirm`` and ``reject`` are of a candidate, ``look`` is of a place on the ground."""
+
+    word: str
+    candidate_id: int | None = None
+    xy_enu_m: XY | None = None
+
+    def as_recorded(self) -> Order:
+        """The order as the journal gives it back: its place rounded to a tenth of a millimetre, or none."""
+        place = self.xy_enu_m
+        if place is None or not all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in place):
+            return self._replace(xy_enu_m=None)
+        x, y = place
+        return self._replace(xy_enu_m=(round(float(x), 4), round(float(y), 4)))
+
+    @classmethod
+    def of_line(cls, line: Mapping[str, Any]) -> Order:
+        """The order of a line of the journal."""
+        place = line.get("p")
+        return cls(line["word"], line.get("candidate"), None if place is None else (place[0], place[1]))
+
+
+Operator: TypeAlias = Callable[[], Order | None]  # asked at every tick; None: nothing new
