@@ -86,6 +86,7 @@ def scene_of(folder: Path, ended: bool) -> dict[str, Any]:
         "holes_enu_m": [_ring(hole) for hole in area.interiors],
         "no_fly_enu_m": scenario.safety.no_fly_enu_m,
         "geofence_enu_m": scenario.geofence_enu_m,
+        "altitude_max_agl_m": scenario.safety.altitude_max_agl_m,
         "home_enu_m": list(home.position_enu_m),
         "camera": {
             "width_px": lens.width_px,

@@ -8,6 +8,7 @@ export type Mode = (typeof MODES)[number];
 
 export interface SceneObject {
   kind: string;
+  shape?: string;
   position_enu_m: XYZ;
   size_m: XYZ;
   yaw_rad: number;
@@ -28,6 +29,7 @@ export interface Scene {
   holes_enu_m: XY[][];
   no_fly_enu_m: XY[][];
   geofence_enu_m: XY[] | null;
+  altitude_max_agl_m: number;
   home_enu_m: XY;
   camera: {
     width_px: number;
