@@ -21,14 +21,15 @@ export function seenGround(state: StateAt, camera: Scene["camera"], ground: Grou
   return points;
 }
 
-/** Indices of the outer points of a `side` x `side` grid in turn; the first comes again at the end. */
-export function gridBorder(side: number): number[] {
-  const border: number[] = [];
-  for (let k = 0; k < side - 1; k++) border.push(k);
-  for (let k = 0; k < side - 1; k++) border.push(k * side + side - 1);
-  for (let k = side - 1; k > 0; k--) border.push((side - 1) * side + k);
-  for (let k = side - 1; k >= 0; k--) border.push(k * side);
-  return border;
+/** Indices of the outer points of a grid in turn; the first comes again at the end. */
+export function gridBorder(rows: number, columns: number): number[] {
+  const last = rows * columns - 1;
+  return [
+    ...Array.from({ length: columns - 1 }, (_, c) => c),
+    ...Array.from({ length: rows - 1 }, (_, r) => (r + 1) * columns - 1),
+    ...Array.from({ length: columns - 1 }, (_, c) => last - c),
+    ...Array.from({ length: rows }, (_, r) => (rows - 1 - r) * columns),
+  ];
 }
 
 /** Triangles over a grid of points, row by row. */
@@ -46,11 +47,11 @@ export function gridTriangles(rows: number, columns: number): Uint32Array {
 }
 
 /** A line through places `lift_m` above the ground, with a point at least every `step_m`. */
-export function drape(line: readonly XY[], ground: GroundAt, lift_m: number, step_m = 4): Float32Array {
+export function drape(line: readonly (readonly number[])[], ground: GroundAt, lift_m: number, step_m = 4): Float32Array {
   const points: number[] = [];
   const put = (x: number, y: number) => points.push(x, y, ground(x, y) + lift_m);
-  line.forEach(([x, y], k) => {
-    const [toX, toY] = line[k + 1] ?? [x, y];
+  line.forEach(([x = 0, y = 0], k) => {
+    const [toX = x, toY = y] = line[k + 1] ?? [];
     const n = Math.max(1, Math.ceil(Math.hypot(toX - x, toY - y) / step_m));
     for (let i = 0; i < n; i++) put(x + ((toX - x) * i) / n, y + ((toY - y) * i) / n);
   });

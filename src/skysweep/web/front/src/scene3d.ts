@@ -1,28 +1,62 @@
 /** The 3-D view. Loaded lazily, so that three.js costs only the pages that show it. */
 
-import type { Store } from "./store";
+import { WebGLRenderer } from "three";
 
-/** What the colour of the flown path says. */
-export type PathColour = "mode" | "altitude";
+import { h } from "./dom";
+import type { PathColour } from "./overlay";
+import { View3D } from "./scene3d-view";
+import type { Store } from "./store";
+import "./scene3d.css";
+
+const NO_WEBGL = "The 3-D view needs WebGL: turn on hardware acceleration in this browser, or use another one.";
 
 /**
- * Terrain, paths, vehicle and candidates of one mission, in ENU metres, drawn when something changed.
+ * Terrain, paths, vehicle and candidates of one mission, in ENU metres; one sentence where there is no WebGL.
  *
- * Of the store it reads `scene` (the server's answer, as it is) and `lines` (all journal lines so far, in order;
- * the array grows while a mission is live).
+ * It draws only when something has changed, and nothing before the store has its `heights`.
  */
 export class Scene3D {
-  constructor(_element: HTMLElement, _store: Pick<Store, "scene" | "lines">) {}
+  private readonly view: View3D | null;
 
-  /** Shows mission time `t` (s). */
-  show(_t: number): void {}
+  constructor(
+    private readonly element: HTMLElement,
+    store: Store,
+  ) {
+    const renderer = rendererHere();
+    element.classList.add("scene3d");
+    this.view = renderer && new View3D(element, store, renderer);
+    if (!this.view) element.append(h("p", { class: "scene3d-sentence", role: "status" }, NO_WEBGL));
+  }
 
-  colourBy(_what: PathColour): void {}
+  /** Shows mission time `t` (s), with what the store has learned since. */
+  show(t: number): void {
+    this.view?.show(t);
+  }
+
+  colourBy(what: PathColour): void {
+    this.view?.colourBy(what);
+  }
 
   /** To be called when the element's size has changed. */
-  resize(): void {}
+  resize(): void {
+    this.view?.resize();
+  }
 
-  setTheme(_dark: boolean): void {}
+  setTheme(dark: boolean): void {
+    this.view?.setTheme(dark);
+  }
 
-  dispose(): void {}
+  dispose(): void {
+    this.view?.dispose();
+    this.element.replaceChildren();
+    this.element.classList.remove("scene3d");
+  }
+}
+
+function rendererHere(): WebGLRenderer | null {
+  try {
+    return new WebGLRenderer({ antialias: true });
+  } catch {
+    return null;
+  }
 }

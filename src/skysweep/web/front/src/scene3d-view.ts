@@ -1,0 +1,274 @@
+/** The camera of the 3-D view, what it is moved by, and what it is pointed at. */
+
+import {
+  PerspectiveCamera,
+  Scene,
+  SRGBColorSpace,
+  TextureLoader,
+  Vector3,
+  type Texture,
+  type WebGLRenderer,
+} from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+import { h, toggle } from "./dom";
+import type { PathColour } from "./overlay";
+import { Candidates } from "./scene3d-candidates";
+import { Path, Vehicle } from "./scene3d-flight";
+import { palette } from "./scene3d-look";
+import { Badge, free } from "./scene3d-marks";
+import { buildWorld } from "./scene3d-world";
+import type { Store } from "./store";
+
+const FOV_DEG = 38;
+const MOST_PIXEL_RATIO = 2;
+const MARGIN = 1.06; // around what is fitted into the picture
+const TURN_RAD = Math.PI / 24; // by one key
+const ZOOM = 0.85; // by one key
+const FOLLOWED_FROM = 2.5; // altitudes of SCAN
+
+/** From the middle of the area to the camera. */
+const DIRECTIONS = {
+  reset: new Vector3(-0.5, -1, 0.75).normalize(),
+  top: new Vector3(0, -1e-3, 1).normalize(),
+  side: new Vector3(0, -1, 0.06).normalize(),
+};
+type Direction = keyof typeof DIRECTIONS;
+
+interface Parts {
+  path: Path;
+  vehicle: Vehicle;
+  candidates: Candidates;
+}
+
+export class View3D {
+  private readonly scene = new Scene();
+  private readonly camera = new PerspectiveCamera(FOV_DEG);
+  private readonly controls: OrbitControls;
+  private readonly follow: HTMLButtonElement;
+  private parts: Parts | null = null; // null: the ground is not known yet
+  private picture: Texture | null = null;
+  private direction: Direction | null = "reset"; // null: the camera was moved by hand
+  private followed: Vector3 | null = null; // where the followed vehicle was
+  private isDark = false;
+  private what: PathColour = "mode";
+  private t = 0;
+  private frame = 0;
+
+  constructor(
+    private readonly element: HTMLElement,
+    private readonly store: Store,
+    private readonly renderer: WebGLRenderer,
+  ) {
+    const canvas = renderer.domElement;
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", "3-D view of the terrain, the paths, the vehicle and the candidates");
+    const button = (name: string, direction: Direction, title: string) =>
+      h("button", { type: "button", title, onclick: () => this.lookFrom(direction) }, name);
+    this.follow = toggle("Follow", "Follow the vehicle (F)", false, (on) => this.setFollowing(on));
+    const views = h(
+      "div",
+      { class: "scene3d-views", role: "group", "aria-label": "3-D view" },
+      button("Reset", "reset", "The whole area, from the south-west (R)"),
+      button("Top", "top", "From above, north up (T)"),
+      button("Side", "side", "From the south, level (S)"),
+      this.follow,
+    );
+    element.append(canvas, views);
+
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.maxPolarAngle = 0.497 * Math.PI;
+    this.controls.minDistance = 2;
+    this.controls.addEventListener("start", () => (this.direction = null));
+    this.controls.addEventListener("change", () => this.request());
+    canvas.addEventListener("keydown", this.onKey);
+    canvas.addEventListener("webglcontextrestored", () => this.request());
+    if (store.scene.ground.picture) {
+      new TextureLoader().load(store.scene.ground.picture, (texture) => {
+        texture.colorSpace = SRGBColorSpace;
+        texture.anisotropy = 4;
+        this.picture = texture;
+        this.rebuild();
+        this.show(this.t);
+      });
+    }
+    this.resize();
+  }
+
+  show(t: number): void {
+    this.t = t;
+    if (!this.parts) this.rebuild();
+    if (!this.parts) return;
+    const state = this.store.stateAt(t);
+    const { path, vehicle, candidates } = this.parts;
+    path.visible = vehicle.visible = state !== null;
+    if (state) {
+      path.show(state);
+      vehicle.show(state);
+      if (this.followed) this.keepUp(vehicle.position_enu_m, this.followed);
+    }
+    candidates.show(this.store.candidatesAt(t));
+    this.request();
+  }
+
+  colourBy(what: PathColour): void {
+    this.what = what;
+    this.parts?.path.colourBy(what);
+    this.show(this.t);
+  }
+
+  setTheme(dark: boolean): void {
+    this.isDark = dark;
+    this.rebuild();
+    this.show(this.t);
+  }
+
+  resize(): void {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, MOST_PIXEL_RATIO));
+    this.renderer.setSize(width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    if (this.direction) this.lookFrom(this.direction);
+    this.request();
+  }
+
+  dispose(): void {
+    cancelAnimationFrame(this.frame);
+    this.controls.dispose();
+    free(this.scene);
+    this.picture?.dispose();
+    this.renderer.dispose();
+  }
+
+  /** Everything anew, in the colours of the theme. */
+  private rebuild(): void {
+    const { heights, scene } = this.store;
+    if (!heights) return;
+    const groundAt = (x: number, y: number) => this.store.groundAt(x, y);
+    const colours = palette(this.isDark);
+    const isFirst = !this.parts;
+    free(this.scene);
+    this.scene.clear();
+    this.scene.background = colours.sky;
+    this.parts = {
+      path: new Path(this.store, groundAt, colours),
+      vehicle: new Vehicle(this.store, groundAt, colours),
+      candidates: new Candidates(groundAt, colours),
+    };
+    this.parts.path.colourBy(this.what);
+    this.scene.add(buildWorld(scene, heights, groundAt, this.picture, colours), ...Object.values(this.parts));
+    if (isFirst) this.lookFrom("reset");
+  }
+
+  /** Puts the camera where it sees the whole area from this direction. */
+  private lookFrom(direction: Direction): void {
+    this.setFollowing(false);
+    this.direction = direction;
+    const corners = this.corners();
+    const middle = new Vector3();
+    for (const corner of corners) middle.addScaledVector(corner, 1 / corners.length);
+    const back = DIRECTIONS[direction];
+    this.camera.position.copy(middle).add(back);
+    this.camera.lookAt(middle);
+    const [right, up] = [new Vector3(), new Vector3()];
+    this.camera.matrix.extractBasis(right, up, new Vector3());
+    const high = Math.tan((FOV_DEG * Math.PI) / 360);
+    const wide = high * this.camera.aspect;
+    let distance_m = 0;
+    for (const corner of corners) {
+      const d = corner.sub(middle);
+      const beyond = Math.max(Math.abs(d.dot(right)) / wide, Math.abs(d.dot(up)) / high);
+      distance_m = Math.max(distance_m, MARGIN * beyond + d.dot(back));
+    }
+    this.camera.near = distance_m / 200;
+    this.camera.far = distance_m * 20;
+    this.camera.updateProjectionMatrix();
+    this.camera.position.copy(middle).addScaledVector(back, distance_m);
+    this.controls.maxDistance = 4 * distance_m;
+    this.controls.target.copy(middle);
+    this.controls.update();
+    this.request();
+  }
+
+  /** Corners of the box around the area, home and the altitude of SCAN. */
+  private corners(): Vector3[] {
+    const { scene, heights } = this.store;
+    const places = [...scene.area_enu_m, scene.home_enu_m];
+    const [x, y] = [places.map((place) => place[0]), places.map((place) => place[1])];
+    const z = places.map((place) => this.store.groundAt(...place));
+    const top_m = (heights?.heights_m ?? z).reduce((a, b) => Math.max(a, b)) + scene.search.scan_altitude_agl_m;
+    const ends = (values: number[]) => [Math.min(...values), Math.max(...values)];
+    return ends(x).flatMap((east) =>
+      ends(y).flatMap((north) => [Math.min(...z), top_m].map((up) => new Vector3(east, north, up))),
+    );
+  }
+
+  private setFollowing(on: boolean): void {
+    this.follow.setAttribute("aria-pressed", String(on));
+    this.followed = null;
+    if (!on || !this.parts?.vehicle.visible) return;
+    this.direction = null;
+    const vehicle = this.parts.vehicle.position_enu_m;
+    const distance_m = FOLLOWED_FROM * this.store.scene.search.scan_altitude_agl_m;
+    this.camera.position.copy(vehicle).addScaledVector(DIRECTIONS.reset, distance_m);
+    this.controls.target.copy(vehicle);
+    this.followed = vehicle.clone();
+    this.controls.update();
+    this.request();
+  }
+
+  private keepUp(vehicle: Vector3, before: Vector3): void {
+    const moved = vehicle.clone().sub(before);
+    this.camera.position.add(moved);
+    this.controls.target.add(moved);
+    this.followed = vehicle.clone();
+    this.controls.update();
+  }
+
+  private readonly onKey = (event: KeyboardEvent): void => {
+    const act = this.actOf(event);
+    if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+    act();
+    this.controls.update();
+    event.preventDefault();
+    event.stopPropagation(); // the page has keys of its own
+  };
+
+  private actOf({ key, shiftKey }: KeyboardEvent): (() => void) | undefined {
+    const turns: Record<string, () => void> = {
+      ArrowLeft: () => this.controls.rotateLeft(TURN_RAD),
+      ArrowRight: () => this.controls.rotateLeft(-TURN_RAD),
+      ArrowUp: () => this.controls.rotateUp(TURN_RAD),
+      ArrowDown: () => this.controls.rotateUp(-TURN_RAD),
+    };
+    const others: Record<string, () => void> = {
+      r: () => this.lookFrom("reset"),
+      t: () => this.lookFrom("top"),
+      s: () => this.lookFrom("side"),
+      f: () => this.setFollowing(!this.followed),
+      "+": () => this.controls.dollyIn(ZOOM),
+      "-": () => this.controls.dollyOut(ZOOM),
+    };
+    return others[key.toLowerCase()] ?? (shiftKey ? turns[key] : undefined);
+  }
+
+  private request(): void {
+    this.frame ||= requestAnimationFrame(() => this.draw());
+  }
+
+  private draw(): void {
+    this.frame = 0;
+    const { clientWidth, clientHeight } = this.element;
+    if (!this.parts || !clientWidth || !clientHeight) return;
+    const perPixel = (2 * Math.tan((FOV_DEG * Math.PI) / 360)) / clientHeight;
+    this.scene.traverse((node) => {
+      if (node instanceof Badge) node.fit(perPixel);
+    });
+    this.parts.vehicle.fit(this.camera, perPixel);
+    this.renderer.render(this.scene, this.camera);
+  }
+}
