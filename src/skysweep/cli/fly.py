@@ -159,7 +159,7 @@ def fly(
             if not yes and not typer.confirm(question, err=True):
                 raise typer.Exit(1)
             orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
-            with status() as progress, _Operator(folder) as operator:
+            with status() as progress, _Operator(folder, live) as operator:
                 task = progress.add_task(chosen.name, doing="arming", total=None)
 
                 def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
@@ -197,8 +197,9 @@ class _Operator:
     somebody else took it over.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, live: bool) -> None:
         self._folder = folder
+        self._live = live  # the vehicle can be taken back on the page, too
         self._word: str | None = None
         self._presses = 0
         self._taken, self._taken_s = False, 0.0  # by somebody else; since when this is shown
@@ -232,11 +233,11 @@ class _Operator:
         return typed
 
     def look(self, state: VehicleState) -> None:
-        """Take note of a state. Raises UserError if somebody took the vehicle and there is no keyboard."""
+        """Take note of a state. Raises UserError if the vehicle was taken and cannot be taken back here."""
         if state.taken_over and not self._taken:
             self._taken_s = time.monotonic()
         self._taken = bool(state.taken_over)
-        if self._taken and state.airborne and not sys.stdin.isatty():
+        if self._taken and state.airborne and not self._live and not sys.stdin.isatty():
             raise UserError(
                 f"somebody else flies the vehicle ({state.taken_over}), and there is no keyboard to take it "
                 f"back; when it is free:  skysweep fly {shlex.quote(str(self._folder))}"

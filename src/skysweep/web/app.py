@@ -187,7 +187,8 @@ class App:
                 messages = feed.news(place)
                 for message in messages:
                     await socket.send_text(message)
-                if not messages and not more:
+                covers = await run_in_threadpool(feed.cover)
+                if not (messages or more or covers):
                     await asyncio.wait([listens], timeout=_PERIOD_S)
                 else:
                     await asyncio.sleep(0)

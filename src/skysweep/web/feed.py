@@ -6,17 +6,20 @@ import json
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from skysweep.files.line_file import scan_lines
 from skysweep.results.evidence import told_by_name
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
+from skysweep.web.coverage import Coverage
 from skysweep.web.versions import newer_version
 
 BATCH_BYTES = 1 << 18  # of a message
 _READ_BYTES = 1 << 19  # at a time, so that others are served in between
 FLYING_S = 10.0  # since the journal's last line: it may still fly
+_COVER_S, _COVER_LINES = 0.1, 50  # of coverage at a time
 _LOOK_S = 0.5  # between looks into the folders of pictures
 _END = "end"  # kind of a whole journal's last line
 
@@ -36,6 +39,7 @@ class Place:
 
     edition: int = -1  # of the journal
     line: int = 0
+    n_coverage: int = 0
     n_film: int = 0
     of: dict[str, str] = field(default_factory=dict)  # pictures by candidate
     status: Status | None = None
@@ -52,6 +56,7 @@ class Feed:
         self.is_live = is_live  # its mission's process has started this server, and runs
         self._forget()
         self._edition = 0
+        self._covering = Lock()
         self._looked_s = -1.0
         self._film: list[str] = []
         self._film_time_ns = self._pictures_time_ns = 0
@@ -64,6 +69,7 @@ class Feed:
         self._end = 0
         self._n_lines = 0
         self._chunk = _READ_BYTES
+        self._coverage = Coverage(self.folder)
         self._error: str | None = None  # in what was read
         self._unread: str | None = None  # why nothing can be read now
         self._ended = False
@@ -82,6 +88,22 @@ class Feed:
         except OSError as error:
             self._unread = f"{JOURNAL_FILE} cannot be read ({error.strerror})."
         return False
+
+    def cover(self) -> bool:
+        """Take some more lines into the coverage, for about ``_COVER_S``; whether there are still others.
+
+        May be called in any thread; only one does the work.
+        """
+        if not self._covering.acquire(blocking=False):
+            return False
+        try:
+            records, coverage = self.records, self._coverage
+            until_s = time.monotonic() + _COVER_S
+            while coverage.n_lines < len(records) and time.monotonic() < until_s:
+                coverage.add(records[coverage.n_lines : coverage.n_lines + _COVER_LINES])
+            return coverage.n_lines < len(records)
+        finally:
+            self._covering.release()
 
     def _read(self) -> bool:
         path = self.folder / JOURNAL_FILE
@@ -150,7 +172,7 @@ class Feed:
         messages = []
         if place.edition != self._edition:
             place.line = 0 if place.edition >= 0 else min(place.line, len(self._lines))
-            place.edition = self._edition
+            place.edition, place.n_coverage = self._edition, 0
         if place.line < len(self._lines):
             first, size = place.line, 0
             while place.line < len(self._lines) and size < BATCH_BYTES:
@@ -158,6 +180,11 @@ class Feed:
                 place.line += 1
             lines = ",".join(self._lines[first : place.line])
             messages.append(f'{{"type":"lines","from":{first},"lines":[{lines}]}}')
+        frames, size = self._coverage.frames, 0
+        while place.n_coverage < len(frames) and size < BATCH_BYTES:
+            messages.append(_message("coverage", **frames[place.n_coverage]))
+            size += len(messages[-1])
+            place.n_coverage += 1
         if place.n_film < len(self._film):
             messages.append(_message("film", times=self._film[place.n_film :]))
             place.n_film = len(self._film)

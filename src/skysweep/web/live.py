@@ -12,15 +12,12 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING
 
+from skysweep.mission.orders import Order
 from skysweep.web.orders import Told
 from skysweep.web.places import ITSELF
 from skysweep.web.security import Access
 from skysweep.web.server import address, listen, serve
-
-if TYPE_CHECKING:
-    from skysweep.mission.orders import Order
 
 _NICE = 5  # the mission goes first
 _ENDS_S = 3.0
@@ -49,11 +46,7 @@ class LivePage:
 
     def order(self) -> Order | None:
         """The next order that was given on the page, if there is one."""
-        if not self._orders:
-            return None
-        from skysweep.mission.orders import Order
-
-        return Order(*self._orders.popleft())
+        return Order(*self._orders.popleft()) if self._orders else None
 
     def wait(self) -> None:
         """Return when the server has ended."""

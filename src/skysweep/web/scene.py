@@ -15,6 +15,7 @@ from skysweep.files.line_file import scan_lines
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, digest_of_config
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.web.coverage import grid_of
 from skysweep.web.versions import newer_version
 from skysweep.worlds.world import TerrainSurface, World, build_terrain, build_world
 
@@ -109,7 +110,7 @@ def scene_of(folder: Path, ended: bool) -> dict[str, Any]:
         "classes": list(scenario.target_classes),
         "objects": _objects(world),
         "targets": _targets(world) if simulated and ended else [],
-        "coverage": None,
+        "coverage": grid_of(scenario),
     }
 
 
