@@ -12,8 +12,8 @@ import type { XY } from "./types";
 setWorkerUrl(workerUrl);
 
 export interface MapEvents {
-  /** The cursor's place; null: it left the map. */
-  pointed(place: XY | null): void;
+  /** The cursor is at a place. */
+  pointed(place: XY): void;
   /** A click on a candidate; null: beside all of them. */
   selected(candidate: number | null): void;
   /** A click while a place is asked for. */
@@ -21,7 +21,6 @@ export interface MapEvents {
 }
 
 const NEAR_PX = 16; // of a click to a candidate
-const GROUND = { light: "#e9ecef", dark: "#1b222b" };
 const PADDING_PX = 48;
 
 export class MissionMap {
@@ -62,8 +61,7 @@ export class MissionMap {
     element.append(this.canvas);
     this.base.on("move", () => this.redraw());
     this.base.on("resize", () => this.redraw());
-    this.base.on("mousemove", (event) => this.pointed([event.lngLat.lng, event.lngLat.lat]));
-    this.base.on("mouseout", () => events.pointed(null));
+    this.base.on("mousemove", ({ lngLat }) => events.pointed(this.projection.frame.enu(lngLat.lng, lngLat.lat)));
     this.base.on("click", (event) => this.clicked([event.lngLat.lng, event.lngLat.lat], [event.point.x, event.point.y]));
   }
 
@@ -92,12 +90,6 @@ export class MissionMap {
 
   resize(): void {
     this.base.resize();
-    this.redraw();
-  }
-
-  setTheme(dark: boolean): void {
-    this.shown.dark = dark;
-    this.base.setPaintProperty("ground", "background-color", dark ? GROUND.dark : GROUND.light);
     this.redraw();
   }
 
@@ -150,9 +142,7 @@ export class MissionMap {
     const style: StyleSpecification = {
       version: 8,
       sources: {},
-      layers: [
-        { id: "ground", type: "background", paint: { "background-color": this.shown.dark ? GROUND.dark : GROUND.light } },
-      ],
+      layers: [],
     };
     if (ground.tiles) {
       style.sources.tiles = { type: "raster", tiles: [ground.tiles], tileSize: 256, maxzoom: 19 };
@@ -174,13 +164,9 @@ export class MissionMap {
     return style;
   }
 
-  private pointed(lonLat: XY): void {
-    const place = this.projection.frame.enu(...lonLat);
-    this.events.pointed(place);
-  }
-
   private clicked(lonLat: XY, point: XY): void {
     const place = this.projection.frame.enu(...lonLat);
+    this.events.pointed(place);
     if (this.tool === "measure") {
       this.shown.measured.push(place);
       this.redraw();

@@ -27,7 +27,6 @@ export interface Shown {
   colour: PathColour;
   selected: number | null;
   measured: XY[];
-  dark: boolean;
 }
 
 const SHORTEST_PX = 0.8; // of a stretch of the path that is drawn

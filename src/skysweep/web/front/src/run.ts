@@ -166,7 +166,7 @@ class RunPage {
   private shown(): Shown {
     const layers = Object.fromEntries(Object.keys(LAYERS).map((layer) => [layer, true])) as Record<Layer, boolean>;
     layers.truth = false;
-    return { layers, colour: "mode", selected: null, measured: [], dark: this.theme.dark };
+    return { layers, colour: "mode", selected: null, measured: [] };
   }
 
   private async loadHeights(): Promise<void> {
@@ -228,8 +228,7 @@ class RunPage {
   }
 
   private setTheme(dark: boolean): void {
-    if (!this.map) return; // its first call comes before there is a page
-    this.map.setTheme(dark);
+    if (!this.timeline) return; // its first call comes before there is a page
     this.timeline.setTheme(dark);
     this.candidates.setTheme(dark);
     this.scene3d?.setTheme(dark);
@@ -268,8 +267,7 @@ class RunPage {
     this.shownKey = "";
   }
 
-  private point(place: XY | null): void {
-    if (!place) return;
+  private point(place: XY): void {
     this.place = place;
     this.tools.point(place);
   }
