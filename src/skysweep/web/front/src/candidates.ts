@@ -3,7 +3,6 @@
 import { runPath } from "./api";
 import { STATUS_COLOURS } from "./colours";
 import { fitCanvas, h, setText } from "./dom";
-import { pixelOf } from "./footprint";
 import { drawStatus } from "./overlay";
 import type { CandidateAt, Store } from "./store";
 import { clockTime } from "./words";
@@ -67,7 +66,7 @@ export class CandidateList {
     const crop = h("div", { class: "crop" });
     const mark = h("canvas", { class: "mark", "aria-hidden": "true" });
     const title = h("span", { class: "name" });
-    const facts = h("p", { class: "facts" });
+    const facts = h("p", { class: "facts", title: "Sightings, newest confidence, probability that it is a target" });
     const reason = h("p", { class: "reason" });
     const chart = h("canvas", { class: "history", role: "img", "aria-label": "Confidences over time" });
     const { controls, live } = this.store.scene;
@@ -98,16 +97,15 @@ export class CandidateList {
 
   private update(row: Row, candidate: CandidateAt, t: number, selected: boolean): void {
     const picture = this.store.pictures[candidate.id];
-    const { width_px } = this.store.scene.camera;
     const key = [candidate.status, candidate.by_operator, candidate.looks, candidate.probability, candidate.reason, selected,
-      picture, this.theme, row.chart.clientWidth].join("|");
+      picture, this.store.film.length, this.theme, row.chart.clientWidth].join("|");
     if (key === row.drawn) return;
     row.drawn = key;
     row.element.classList.toggle("selected", selected);
     setText(row.title, `${candidate.id}  ${candidate.class_name || "candidate"}, ${candidate.status}${candidate.by_operator ? " by the operator" : ""}`);
-    const facts = [`${candidate.looks} ${candidate.looks === 1 ? "sighting" : "sightings"}`];
+    const facts = [`${candidate.looks} ${candidate.looks === 1 ? "look" : "looks"}`];
     if (candidate.confidence !== null) facts.push(`confidence ${candidate.confidence.toFixed(2)}`);
-    if (candidate.probability !== null) facts.push(`probability ${candidate.probability.toFixed(2)}`);
+    if (candidate.probability !== null) facts.push(`P ${candidate.probability.toFixed(2)}`);
     setText(row.facts, facts.join(", "));
     setText(row.reason, candidate.reason ?? `first seen at ${clockTime(candidate.first_s)}`);
     const costs = candidate.alternatives.map(([what, cost_s]) => `${what}: ${cost_s.toFixed(0)} s`).join("; ");
@@ -116,33 +114,23 @@ export class CandidateList {
     mark.clearRect(0, 0, 20, 20);
     drawStatus(mark, candidate.status, 10, 10);
     this.drawChart(row.chart, candidate, t);
-    if (picture && row.crop.dataset.picture !== picture) {
-      row.crop.dataset.picture = picture;
-      const [u, v, side] = this.cropOf(candidate.id, picture);
-      const zoom = CROP_PX / side;
-      row.crop.style.backgroundImage = `url("${runPath(this.id)}/pictures/${encodeURIComponent(picture)}")`;
-      row.crop.style.backgroundSize = `${width_px * zoom}px auto`;
-      row.crop.style.backgroundPosition = `${-u * zoom}px ${-v * zoom}px`;
-    }
+    this.showCrop(row.crop, candidate.id, t);
   }
 
-  /** Left, top and side of the square of the camera's picture around the candidate. */
-  private cropOf(id: number, picture: string): [number, number, number] {
-    const { camera } = this.store.scene;
-    const t = Number(/-([\d.]+)s\.jpg$/.exec(picture)?.[1] ?? NaN);
-    const look = this.store.looks.at(t + 0.051);
-    const state = this.store.stateAt(t);
-    const place = this.store.candidatesAt(t + 0.5).find((c) => c.id === id)?.position_enu_m;
-    const expected = (place && state && pixelOf(place, state, camera)) ?? [camera.cx_px, camera.cy_px];
-    let [u, v, side] = [expected[0], expected[1], 96];
-    let least = Infinity;
-    for (const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] of look?.boxes_xyxy_px ?? []) {
-      const [x, y] = [(x0 + x1) / 2, (y0 + y1) / 2];
-      const distance = Math.hypot(x - expected[0], y - expected[1]);
-      if (distance < least) [least, u, v, side] = [distance, x, y, Math.max(2 * Math.max(x1 - x0, y1 - y0), LEAST_PX)];
-    }
-    const within = (middle: number, most: number) => Math.min(Math.max(middle - side / 2, 0), Math.max(most - side, 0));
-    return [within(u, camera.width_px), within(v, camera.height_px), side];
+  private showCrop(element: HTMLElement, id: number, t: number): void {
+    const crop = this.store.cropOf(id, t);
+    const kept = this.store.pictures[id];
+    const file = crop?.film ? `film/${crop.film}.jpg` : crop && kept ? `pictures/${encodeURIComponent(kept)}` : null;
+    if (!crop || !file || element.dataset.file === file) return;
+    element.dataset.file = file;
+    const { width_px, height_px } = this.store.scene.camera;
+    const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = crop.box_xyxy_px;
+    const side = Math.min(Math.max(2.2 * Math.max(x1 - x0, y1 - y0), LEAST_PX), height_px, width_px);
+    const start = (middle: number, most: number) => Math.min(Math.max(middle - side / 2, 0), most - side);
+    const zoom = CROP_PX / side;
+    element.style.backgroundImage = `url("${runPath(this.id)}/${file}")`;
+    element.style.backgroundSize = `${width_px * zoom}px auto`;
+    element.style.backgroundPosition = `${-start((x0 + x1) / 2, width_px) * zoom}px ${-start((y0 + y1) / 2, height_px) * zoom}px`;
   }
 
   private drawChart(canvas: HTMLCanvasElement, candidate: CandidateAt, t: number): void {

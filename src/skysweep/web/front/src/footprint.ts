@@ -33,16 +33,6 @@ export function footprint(state: StateAt, camera: Scene["camera"], ground: Groun
   return corners.map(([u, v]) => groundOfPixel(u, v, state, camera, ground));
 }
 
-/** The pixel in which a place is seen; null: behind the camera. */
-export function pixelOf(place_enu_m: readonly number[], state: StateAt, camera: Scene["camera"]): XY | null {
-  const R = state.R_camera_to_enu;
-  const d = place_enu_m.map((value, k) => value - state.camera_enu_m[k]!);
-  const along = (k: number) => R[k]! * d[0]! + R[3 + k]! * d[1]! + R[6 + k]! * d[2]!;
-  const depth = along(2);
-  if (depth <= 0) return null;
-  return [camera.cx_px + (camera.fx_px * along(0)) / depth, camera.cy_px + (camera.fy_px * along(1)) / depth];
-}
-
 /** Half axes in m and angle in rad (from east, counter-clockwise) of the ellipse that holds 95 %. */
 export function ellipse95(covariance_m2: readonly number[][]): { a_m: number; b_m: number; angle_rad: number } {
   const [[xx = 0, xy = 0] = [], [, yy = 0] = []] = covariance_m2;

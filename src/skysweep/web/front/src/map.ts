@@ -21,7 +21,7 @@ export interface MapEvents {
 }
 
 const NEAR_PX = 16; // of a click to a candidate
-const PADDING_PX = 48;
+const PADDING_PX = { top: 56, bottom: 112, left: 32, right: 32 }; // free of what stands on the map
 
 export class MissionMap {
   readonly projection: Projection;

@@ -1,6 +1,5 @@
 import { describe, expect, it } from "vitest";
 import { cellsInside, searched } from "./coverage";
-import { pixelOf } from "./footprint";
 import { Store } from "./store";
 import type { Grid, Line, Scene } from "./types";
 
@@ -109,11 +108,21 @@ it("a class name stays text", () => {
   expect(store.events.items[0]).toMatchObject({ tone: "danger", words: "<script>alert(1)</script>" });
 });
 
-it("finds the pixel of a place", () => {
-  const now = storeOf(state(0, 0)).stateAt(0)!;
-  expect(pixelOf([0, 0, 0], now, CAMERA)).toEqual([320, 180]);
-  expect(pixelOf([6, 0, 0], now, CAMERA)).toEqual([320, 80]); // 6 m ahead is up
-  expect(pixelOf([0, 0, 40], now, CAMERA)).toBeNull();
+it("finds the picture that shows a candidate best", () => {
+  const look = (t: number, ...confidences: number[]): Line => ({
+    t, kind: "look", boxes_xyxy_px: confidences.map((_, k) => [k, k, k + 9, k + 9]), confidences,
+    class_names: confidences.map(() => "person"),
+  });
+  const store = storeOf(
+    look(1.2, 0.91234, 0.51111), sighting(1, 7, 0.5111), look(2.2, 0.71111), sighting(2, 7, 0.7111),
+    look(3.2, 0.61111), sighting(3, 7, 0.6111),
+  );
+  expect(store.cropOf(7, 9)).toBeNull();
+  store.addPictures({ "7": "candidate-7-1.0s.jpg" });
+  expect(store.cropOf(7, 9)).toEqual({ film: null, box_xyxy_px: [1, 1, 10, 10] });
+  store.addFilm(["3.2000"]);
+  expect(store.cropOf(7, 9)).toEqual({ film: "3.2000", box_xyxy_px: [0, 0, 9, 9] });
+  expect(store.cropOf(7, 2.5)).toEqual({ film: null, box_xyxy_px: [1, 1, 10, 10] });
 });
 
 it("averages the coverage over the area without its holes", () => {

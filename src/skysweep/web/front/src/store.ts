@@ -58,9 +58,22 @@ export interface Counts {
   unchecked: number;
 }
 
+/** A sighting, and the box that it was made from. */
+interface Sighting {
+  line: Line;
+  look: Look | null;
+  box_xyxy_px: number[] | null;
+}
+
+/** The part of a picture that shows a candidate: of the film, by its name, or of the kept evidence. */
+export interface Crop {
+  film: string | null;
+  box_xyxy_px: number[];
+}
+
 class Candidate {
   class_name = "";
-  readonly sightings = new Series<Line>();
+  readonly sightings = new Series<Sighting>();
   readonly decisions = new Series<Line>();
 
   constructor(
@@ -72,7 +85,7 @@ class Candidate {
     const looks = this.sightings.count(t);
     const decided = this.decisions.count(t);
     if (looks + decided === 0) return null;
-    const seen = this.sightings.items[looks - 1];
+    const seen = this.sightings.items[looks - 1]?.line;
     const decision = this.decisions.items[decided - 1];
     const settled = this.settledBy(decided);
     const newest = decision && (!seen || decision.t >= seen.t || settled) ? decision : seen!;
@@ -109,6 +122,14 @@ class Candidate {
   }
 }
 
+/** The box of a sighting among those of its look: journals hold its confidence with four digits. */
+function sightingOf(line: Line, look: Look | null): Sighting {
+  const k = look?.confidences.findIndex(
+    (confidence, j) => Math.abs(confidence - (line.confidence ?? NaN)) < 1e-4 && look.class_names[j] === line.class_name,
+  );
+  return { line, look, box_xyxy_px: (k !== undefined && look?.boxes_xyxy_px[k]) || null };
+}
+
 const SETTLING = new Set(["confirmed", "rejected", "unchecked"]);
 const DECISIONS = new Set([...SETTLING, "scanned", "reassessed", "misfit"]);
 const RATE_WINDOW_S = 60; // of battery use, for the time left
@@ -136,6 +157,7 @@ export class Store {
   pictures: Record<string, string> = {};
   private readonly candidates = new Map<number, Candidate>();
   private readonly filmed = new Set<string>();
+  private newestLook: Look | null = null;
   private times = new Float64Array(0);
   private timesOf = -1;
 
@@ -177,25 +199,26 @@ export class Store {
         this.takeState(line);
         break;
       case "look":
-        this.looks.add(line.t, {
+        this.newestLook = {
           t: line.t,
           boxes_xyxy_px: line.boxes_xyxy_px ?? [],
           confidences: line.confidences ?? [],
           class_names: line.class_names ?? [],
           failure: line.failure ?? null,
-        });
+        };
+        this.looks.add(line.t, this.newestLook);
         break;
       case "plan":
         this.planned_enu_m = line.waypoints_enu_m ?? [];
         break;
       case "sighting":
-        this.takeOfCandidate(line, (candidate) => candidate.sightings);
+        this.candidateOf(line)?.sightings.add(line.t, sightingOf(line, this.newestLook));
         break;
       case "end":
         this.ended = line.reason ?? "";
         break;
       default:
-        if (DECISIONS.has(line.kind)) this.takeOfCandidate(line, (candidate) => candidate.decisions);
+        if (DECISIONS.has(line.kind)) this.candidateOf(line)?.decisions.add(line.t, line);
     }
     const event = eventOf(line);
     if (event) this.events.add(line.t, event);
@@ -214,12 +237,12 @@ export class Store {
     if (run?.mode !== MODES[mode]) this.modes.push({ mode: MODES[mode]!, from_s: line.t, to_s: line.t });
   }
 
-  private takeOfCandidate(line: Line, series: (candidate: Candidate) => Series<Line>): void {
-    if (line.candidate === undefined) return;
+  private candidateOf(line: Line): Candidate | undefined {
+    if (line.candidate === undefined) return undefined;
     let candidate = this.candidates.get(line.candidate);
     if (!candidate) this.candidates.set(line.candidate, (candidate = new Candidate(line.candidate, line.t)));
     candidate.class_name ||= line.class_name ?? "";
-    series(candidate).add(line.t, line);
+    return candidate;
   }
 
   /** How many states are at or before `t`. */
@@ -286,7 +309,23 @@ export class Store {
   confidencesOf(id: number, t: number): [number, number][] {
     const sightings = this.candidates.get(id)?.sightings;
     if (!sightings) return [];
-    return sightings.items.slice(0, sightings.count(t)).map((line) => [line.t, line.confidence ?? 0]);
+    return sightings.items.slice(0, sightings.count(t)).map(({ line }) => [line.t, line.confidence ?? 0]);
+  }
+
+  /** The most confident sighting of a candidate until `t` that a picture shows; the film's pictures come first. */
+  cropOf(id: number, t: number): Crop | null {
+    const sightings = this.candidates.get(id)?.sightings;
+    let best: { rank: number; crop: Crop } | null = null;
+    for (let k = 0; k < (sightings?.count(t) ?? 0); k++) {
+      const { line, look, box_xyxy_px } = sightings!.items[k]!;
+      if (!look || !box_xyxy_px) continue;
+      const name = look.t.toFixed(4);
+      const film = this.filmed.has(name) ? name : null;
+      const rank = (line.confidence ?? 0) + (film ? 1 : 0);
+      const isEvidence = Math.abs(line.t - evidenceTime(this.pictures[id])) < 0.06;
+      if ((film || isEvidence) && rank > (best?.rank ?? 0)) best = { rank, crop: { film, box_xyxy_px } };
+    }
+    return best?.crop ?? null;
   }
 
   countsAt(candidates: readonly CandidateAt[]): Counts {
@@ -327,6 +366,11 @@ export class Store {
       height(i + 1, j) * fr * (1 - fc) + height(i + 1, j + 1) * fr * fc
     );
   }
+}
+
+/** The time in a kept picture's name, to a tenth of a second. */
+function evidenceTime(name: string | undefined): number {
+  return Number(/-([\d.]+)s\.jpg$/.exec(name ?? "")?.[1] ?? NaN);
 }
 
 const LEVEL = [0, -1, 0, -1, 0, 0, 0, 0, -1]; // looks straight down, the picture's top to the east

@@ -7,7 +7,7 @@ import { countUpTo } from "./series";
 import type { Store } from "./store";
 import { clockTime, metres, percent } from "./words";
 
-const LEFT = 64; // px of labels
+const LEFT = 78; // px of labels
 const RIGHT = 14;
 const BAND = { top: 4, height: 16 };
 const CHART = { top: 26, height: 46 };
