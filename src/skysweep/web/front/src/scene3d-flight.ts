@@ -21,7 +21,8 @@ import type { StateAt, Store } from "./store";
 
 const SIDE = 7; // points along a side of the footprint
 const LIFT_M = 0.3; // of the footprint above the ground
-const CURTAIN_OPACITY = 0.16;
+const CURTAIN_OPACITY = 0.3;
+const DASH_M = 3;
 const VEHICLE_PX = 36; // at least, on the screen
 const VEHICLE_M = 1.2; // of the model, over its rotors
 
@@ -64,8 +65,9 @@ export class Path extends Group {
     if (this.plan !== store.planned_enu_m) {
       this.plan = store.planned_enu_m;
       const [x = 0, y = 0, z = 0] = this.plan[0] ?? [];
-      const above = drape(this.plan, this.groundAt, z - this.groundAt(x, y));
-      this.planned.erase().draw(above, this.palette.planned);
+      const points = drape(this.plan, this.groundAt, z - this.groundAt(x, y), DASH_M);
+      this.planned.erase();
+      for (let k = 0; k + 6 <= points.length; k += 6) this.planned.draw(points.subarray(k, k + 6), this.palette.planned);
     }
     if (store.states.length > this.wall.capacity) {
       this.remove(this.wall);
@@ -132,7 +134,7 @@ export class Vehicle extends Group {
     const look = { colour: palette.camera, opacity: 0.28 };
     this.footprint = faces(new Float32Array(3 * SIDE * SIDE), gridTriangles(SIDE, SIDE), look);
     this.model = quadrotor(palette);
-    this.altitude = new Label(palette, "");
+    this.altitude = new Label(palette, "", 0);
     this.altitude.center.set(0.5, -1);
     this.add(this.footprint, this.rays, this.drop, this.model, this.altitude);
   }

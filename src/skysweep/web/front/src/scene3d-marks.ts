@@ -95,6 +95,7 @@ export function faces(
 type Draw = (canvas: CanvasRenderingContext2D) => void;
 
 const PIXELS = 2; // of a canvas in a CSS pixel
+const HALO_PX = 3.5;
 
 /** Writes words with a halo, from the left. */
 export function write(
@@ -108,7 +109,7 @@ export function write(
   canvas.font = `600 ${size_px}px system-ui, sans-serif`;
   canvas.textBaseline = "middle";
   canvas.lineJoin = "round";
-  canvas.lineWidth = 3.5;
+  canvas.lineWidth = HALO_PX;
   canvas.strokeStyle = look.halo.getStyle();
   canvas.fillStyle = look.ink.getStyle();
   canvas.strokeText(words, u, v);
@@ -146,15 +147,20 @@ export class Badge extends Sprite {
   }
 }
 
-/** Words on the screen: one short line. */
+const LABEL_PX = [108, 20] as const; // width and height
+const ALIGNED = { "-1": "right", 0: "center", 1: "left" } as const;
+
+/** Words on the screen, one short line: left of a place (-1), about it (0), or right of it (1). */
 export class Label extends Badge {
   private words = "";
 
   constructor(
     private readonly look: { ink: Color; halo: Color },
     words: string,
+    private readonly side: -1 | 0 | 1,
   ) {
-    super(LABEL_PX[0], LABEL_PX[1], () => {});
+    super(...LABEL_PX, () => {});
+    this.center.x = (1 - side) / 2;
     this.say(words);
   }
 
@@ -162,13 +168,12 @@ export class Label extends Badge {
     if (words === this.words) return;
     this.words = words;
     this.draw((canvas) => {
-      canvas.textAlign = "center";
-      write(canvas, words, LABEL_PX[0] / 2, LABEL_PX[1] / 2, this.look, 12);
+      canvas.textAlign = ALIGNED[this.side];
+      const inside_px = LABEL_PX[0] / 2 - HALO_PX;
+      write(canvas, words, LABEL_PX[0] / 2 - this.side * inside_px, LABEL_PX[1] / 2, this.look, 12);
     });
   }
 }
-
-const LABEL_PX = [108, 20] as const; // width and height
 
 /** Frees what an object and its children hold on the graphics device. */
 export function free(root: { traverse(visit: (node: object) => void): void }): void {

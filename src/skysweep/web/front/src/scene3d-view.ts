@@ -22,7 +22,8 @@ import type { Store } from "./store";
 
 const FOV_DEG = 38;
 const MOST_PIXEL_RATIO = 2;
-const MARGIN = 1.06; // around what is fitted into the picture
+const MARGIN = 0.9; // of the picture, for what is fitted into it
+const FITTINGS = 6; // until the middle is found
 const TURN_RAD = Math.PI / 24; // by one key
 const ZOOM = 0.85; // by one key
 const FOLLOWED_FROM = 2.5; // altitudes of SCAN
@@ -168,22 +169,8 @@ export class View3D {
   private lookFrom(direction: Direction): void {
     this.setFollowing(false);
     this.direction = direction;
-    const corners = this.corners();
-    const middle = new Vector3();
-    for (const corner of corners) middle.addScaledVector(corner, 1 / corners.length);
     const back = DIRECTIONS[direction];
-    this.camera.position.copy(middle).add(back);
-    this.camera.lookAt(middle);
-    const [right, up] = [new Vector3(), new Vector3()];
-    this.camera.matrix.extractBasis(right, up, new Vector3());
-    const high = Math.tan((FOV_DEG * Math.PI) / 360);
-    const wide = high * this.camera.aspect;
-    let distance_m = 0;
-    for (const corner of corners) {
-      const d = corner.sub(middle);
-      const beyond = Math.max(Math.abs(d.dot(right)) / wide, Math.abs(d.dot(up)) / high);
-      distance_m = Math.max(distance_m, MARGIN * beyond + d.dot(back));
-    }
+    const { middle, distance_m } = this.fitted(back);
     this.camera.near = distance_m / 200;
     this.camera.far = distance_m * 20;
     this.camera.updateProjectionMatrix();
@@ -192,6 +179,30 @@ export class View3D {
     this.controls.target.copy(middle);
     this.controls.update();
     this.request();
+  }
+
+  /** What to look at, and from how far, so that the box around the mission fills the picture. */
+  private fitted(back: Vector3): { middle: Vector3; distance_m: number } {
+    const corners = this.corners();
+    const middle = corners[0]!.clone().add(corners[corners.length - 1]!).multiplyScalar(0.5);
+    this.camera.position.copy(back);
+    this.camera.lookAt(0, 0, 0);
+    const right = new Vector3(1, 0, 0).applyQuaternion(this.camera.quaternion);
+    const up = new Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion);
+    const high = MARGIN * Math.tan((FOV_DEG * Math.PI) / 360);
+    const axes = [{ axis: right, tangent: high * this.camera.aspect }, { axis: up, tangent: high }];
+    let distance_m = 0;
+    for (let k = 0; k < FITTINGS; k++) {
+      const offsets = corners.map((corner) => corner.clone().sub(middle));
+      distance_m = Math.max(
+        ...offsets.flatMap((d) => axes.map(({ axis, tangent }) => Math.abs(d.dot(axis)) / tangent + d.dot(back))),
+      );
+      for (const { axis } of axes) {
+        const seen = offsets.map((d) => d.dot(axis) / (distance_m - d.dot(back)));
+        middle.addScaledVector(axis, (distance_m * (Math.min(...seen) + Math.max(...seen))) / 2);
+      }
+    }
+    return { middle, distance_m };
   }
 
   /** Corners of the box around the area, home and the altitude of SCAN. */

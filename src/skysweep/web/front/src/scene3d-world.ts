@@ -54,7 +54,7 @@ export function buildWorld(
   world.add(outline);
   const ceiling_m = scene.altitude_max_agl_m;
   for (const zone of scene.no_fly_enu_m) world.add(...wall(zone, groundAt, ceiling_m, palette.noFly, 0.42));
-  if (scene.geofence_enu_m) world.add(...wall(scene.geofence_enu_m, groundAt, ceiling_m, palette.fence, 0.2));
+  if (scene.geofence_enu_m) world.add(...wall(scene.geofence_enu_m, groundAt, ceiling_m, palette.fence, 0.08));
 
   world.add(...altitudeScale(scene, groundAt, palette), home(scene.home_enu_m, groundAt));
   return world;
@@ -172,28 +172,26 @@ function wall(ring: readonly XY[], groundAt: GroundAt, height_m: number, colour:
   return [faces(curtain(top, groundAt), wallTriangles(n), { colours }), edges];
 }
 
-/** A pole in the corner nearest to home, with the altitudes above the ground there, and those of SCAN and CHECK. */
+/** A pole in the south-east with the altitudes above the ground there, and those of SCAN and CHECK. */
 function altitudeScale(scene: Scene, groundAt: GroundAt, palette: Palette): (Strokes | Label)[] {
-  const [west, south, east, north] = scene.bounds_enu_m;
-  const x = scene.home_enu_m[0] < (west + east) / 2 ? west : east;
-  const y = scene.home_enu_m[1] < (south + north) / 2 ? south : north;
+  const corners = [...scene.area_enu_m, scene.home_enu_m];
+  const [x, y] = [Math.max(...corners.map((c) => c[0])), Math.min(...corners.map((c) => c[1]))];
   const foot = groundAt(x, y);
   const { scan_altitude_agl_m: scan_m, check_altitude_agl_m: check_m } = scene.search;
   const step = niceStep(scan_m, 4);
   const top_m = step * (Math.ceil(scan_m / step) + 1);
-  const tick_m = 0.02 * (east - west);
-  const pole = new Strokes(2).draw([x, y, foot, x, y, foot + top_m], palette.ink);
+  const tick_m = 0.05 * top_m;
+  const pole = new Strokes(2.5).draw([x, y, foot, x, y, foot + top_m], palette.ink);
   const labels: Label[] = [];
-  const write = (text: string, altitude_m: number, side: number, colour: Color) => {
+  const mark = (words: string, altitude_m: number, side: -1 | 1, colour: Color) => {
     pole.draw([x, y, foot + altitude_m, x + side * tick_m, y, foot + altitude_m], colour);
-    const label = new Label({ ink: colour, halo: palette.halo }, text);
-    label.center.set(side < 0 ? 0.75 : 0.25, 0.5);
+    const label = new Label(palette, words, side);
     label.position.set(x + side * 1.4 * tick_m, y, foot + altitude_m);
     labels.push(label);
   };
-  for (let altitude_m = step; altitude_m <= top_m; altitude_m += step) write(`${altitude_m} m`, altitude_m, -1, palette.ink);
-  write(`SCAN ${scan_m} m`, scan_m, 1, MODES.SCAN);
-  write(`CHECK ${check_m} m`, check_m, 1, MODES.CHECK);
+  for (let altitude_m = step; altitude_m <= top_m; altitude_m += step) mark(`${altitude_m} m`, altitude_m, 1, palette.ink);
+  mark(`SCAN ${scan_m} m`, scan_m, -1, MODES.SCAN);
+  mark(`CHECK ${check_m} m`, check_m, -1, MODES.CHECK);
   return [pole, ...labels];
 }
 
