@@ -91,8 +91,14 @@ can_render() {
     .venv/bin/python -c 'import moderngl; moderngl.create_context(standalone=True, backend="egl")' 2>/dev/null
 }
 
+# The wheel of a release holds the page; a checkout builds it.
+wants_page() { [[ " $* " =~ \ (dev|web)\  ]]; }
+
 make_venv
 install_package "$@"
+if wants_page "$@" && ! tools/web.sh; then
+    say "the live page is missing (skysweep view, --live); everything else works"
+fi
 if ! can_render; then
     mapfile -t missing < <(missing_packages "${PICTURE_NEEDS[@]}")
     if [ ${#missing[@]} -eq 0 ] || ! apt_install "${missing[@]}" || ! can_render; then

@@ -10,15 +10,16 @@ checkout=$PWD
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 
+tools/web.sh
 say "building"
 .venv/bin/python -m build --outdir "$folder/by-sdist" . >"$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 .venv/bin/python -m build --wheel --outdir "$folder/direct" . >"$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 wheel=("$folder"/direct/*.whl)
 cmp "$wheel" "$folder"/by-sdist/*.whl || { say "the sdist builds another wheel than the checkout" >&2; exit 1; }
 
-# What git knows or would take, and the package's own notes: no more, no less.
-package_files() { git ls-files --cached --others --exclude-standard "$@" | LC_ALL=C sort; }
-diff <(package_files src/skysweep | sed 's|^src/||') \
+# What git knows or would take, the built page, and the package's own notes: no more, no less.
+package_files() { { git ls-files --cached --others --exclude-standard "$@"; find src/skysweep/web/static -type f; } | LC_ALL=C sort; }
+diff <(package_files src/skysweep | grep -v '^src/skysweep/web/front/' | sed 's|^src/||') \
     <(.venv/bin/python -m zipfile -l "$wheel" | awk 'NR > 1 {print $1}' | grep -v '\.dist-info/' | LC_ALL=C sort) ||
     { say "the wheel holds other files than src/" >&2; exit 1; }
 diff <({ package_files src/skysweep .gitignore CHANGELOG.md LICENSE README.md pyproject.toml; echo PKG-INFO; } | LC_ALL=C sort) \

@@ -49,5 +49,5 @@ export function altitudeColour(step: number): string {
 /** Red, green, blue and opacity (0..255) of a probability of detection (0..255). */
 export function podColour(pod: number): [number, number, number, number] {
   const share = pod / 255;
-  return [Math.round(94 - 60 * share), Math.round(201 - 40 * share), Math.round(232 - 10 * share), pod ? Math.round(40 + 120 * share) : 0];
+  return [Math.round(150 - 110 * share), Math.round(225 - 60 * share), Math.round(245 - 25 * share), pod ? Math.round(25 + 85 * share) : 0];
 }

@@ -54,7 +54,8 @@ export class MapTools {
       this.buttons.set(notation, button);
       this.coordinates.append(button);
     }
-    this.legend = h("div", { class: "legend" }, this.scale, this.ramp);
+    const pod = h("span", { class: "swatch" }, "POD 0", h("span", { class: "pod" }), "1");
+    this.legend = h("div", { class: "legend" }, this.scale, this.ramp, scene.coverage && pod);
     this.drawLegend("mode");
   }
 

@@ -251,6 +251,7 @@ class RunPage {
       }
     }
     this.resize();
+    this.map.fit();
   }
 
   private resize(): void {
