@@ -23,10 +23,19 @@ export class CameraPanel {
   ) {
     const { width_px, height_px } = store.scene.camera;
     this.canvas.style.aspectRatio = `${width_px} / ${height_px}`;
+    this.canvas.hidden = !this.hasPictures;
     this.element = h("section", { class: "camera", "aria-label": "Camera" }, this.canvas, this.words);
   }
 
+  private get hasPictures(): boolean {
+    return this.store.scene.sensor !== "statistical";
+  }
+
   show(t: number): void {
+    if (!this.hasPictures) {
+      setText(this.words, "The statistical sensor makes no pictures.");
+      return;
+    }
     const name = this.store.film.at(t) ?? null;
     this.want(name);
     const shown = this.picture?.dataset.name ?? null;

@@ -36,6 +36,7 @@ export class CandidateList {
   constructor(
     private readonly id: string,
     private readonly store: Store,
+    private readonly mayOrder: boolean,
     private readonly events: CandidateEvents,
   ) {}
 
@@ -69,13 +70,11 @@ export class CandidateList {
     const facts = h("p", { class: "facts", title: "Sightings, newest confidence, probability that it is a target" });
     const reason = h("p", { class: "reason" });
     const chart = h("canvas", { class: "history", role: "img", "aria-label": "Confidences over time" });
-    const { controls, live } = this.store.scene;
-    const verdicts =
-      controls && live
-        ? (["confirm", "reject"] as const).map((word) =>
-            h("button", { type: "button", onclick: () => this.events.verdict(candidate.id, word) }, word === "confirm" ? "Confirm" : "Reject"),
-          )
-        : [];
+    const verdicts = this.mayOrder
+      ? (["confirm", "reject"] as const).map((word) =>
+          h("button", { type: "button", onclick: () => this.events.verdict(candidate.id, word) }, word === "confirm" ? "Confirm" : "Reject"),
+        )
+      : [];
     const select = h(
       "button",
       { type: "button", class: "select", onclick: () => this.events.selected(candidate.id) },

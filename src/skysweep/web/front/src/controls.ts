@@ -10,6 +10,7 @@ export class Controls {
 
   constructor(
     private readonly id: string,
+    isSimulated: boolean,
     private readonly said: (sentence: string) => void,
   ) {
     const button = (text: string, title: string, pressed: () => void) =>
@@ -20,6 +21,7 @@ export class Controls {
       button("Hold", "Stop where it is and wait", () => this.send({ word: "hold" })),
       button("Continue", "Go on with the search", () => this.send({ word: "continue" })),
       this.lookHere,
+      isSimulated ? null : button("Take back", "Give the vehicle back to the mission after somebody else has flown it", () => this.send({ word: "take back" })),
       button("Return home", "End the search and fly home", () => void this.return()),
     );
   }

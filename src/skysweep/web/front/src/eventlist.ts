@@ -37,10 +37,13 @@ export class EventList {
     this.current?.removeAttribute("aria-current");
     row?.setAttribute("aria-current", "time");
     this.current = row;
-    if (row && this.node.offsetParent) this.scrollTo(row);
+    this.reveal();
   }
 
-  private scrollTo(row: HTMLElement): void {
+  /** Scrolls to the newest event, where it is out of sight. */
+  reveal(): void {
+    const row = this.current;
+    if (!row || !this.node.offsetParent) return;
     const [top, bottom] = [this.node.scrollTop, this.node.scrollTop + this.node.clientHeight];
     const place = row.offsetTop;
     if (place < top + 20 || place > bottom - 50) this.node.scrollTop = place - this.node.clientHeight / 2;

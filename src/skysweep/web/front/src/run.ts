@@ -51,6 +51,7 @@ class RunPage {
   private readonly mapElement = h("div", { class: "map" });
   private readonly element3d = h("div", { class: "view3d", role: "img", "aria-label": "3-D view" });
   private readonly views: HTMLElement;
+  private readonly element: HTMLElement;
   private scene3d: Scene3D | null = null;
   private view: View = "map";
   private flying = false;
@@ -68,11 +69,12 @@ class RunPage {
   ) {
     document.title = `${scene.name} – skysweep`;
     this.store = new Store(scene);
-    this.controls = scene.controls && scene.live && hasToken() ? new Controls(id, (sentence) => this.say(sentence)) : null;
+    const mayOrder = scene.controls && scene.live && hasToken();
+    this.controls = mayOrder ? new Controls(id, scene.simulated, (sentence) => this.say(sentence)) : null;
     this.theme = new Theme((dark) => this.setTheme(dark));
     this.camera = new CameraPanel(id, this.store);
     this.figures = new Figures(this.store);
-    this.candidates = new CandidateList(id, this.store, {
+    this.candidates = new CandidateList(id, this.store, mayOrder, {
       selected: (candidate) => this.select(candidate, true),
       verdict: (candidate, word) => this.controls?.send({ word, candidate }),
     });
@@ -83,7 +85,8 @@ class RunPage {
     this.timeline = new Timeline(this.store, (t) => this.clock.goTo(t));
     this.scrubber = new Scrubber(this.clock, (steps) => this.jump(steps), scene.live);
     this.views = h("div", { class: "views", "data-view": "map" }, this.mapElement, this.element3d);
-    page.replaceChildren(this.layout(inFolder));
+    this.element = this.layout(inFolder);
+    page.replaceChildren(this.element);
     this.map = new MissionMap(this.mapElement, this.store, this.shown(), {
       pointed: (place) => this.point(place),
       selected: (candidate) => this.select(candidate, false),
@@ -158,6 +161,7 @@ class RunPage {
       tab.addEventListener("click", () => {
         tabs.forEach((other, j) => other.setAttribute("aria-selected", String(j === k)));
         panels.forEach((panel, j) => (panel.hidden = j !== k));
+        this.eventList.reveal();
       });
     });
     return h("aside", {}, this.camera.element, h("div", { class: "lists" }, h("div", { class: "tabs", role: "tablist" }, ...tabs), ...panels));
@@ -185,6 +189,7 @@ class RunPage {
     clock.end_s = store.end_s;
     if (!this.opened && store.lines.length) this.open();
     clock.step(wall_s);
+    if (store.ended !== null && clock.following && clock.t >= clock.end_s) clock.following = false;
     const film = this.store.film.length;
     const key = `${clock.t} ${store.version} ${film}`;
     if (key !== this.shownKey) {
@@ -192,7 +197,7 @@ class RunPage {
       this.show(clock.t);
     }
     this.camera.show(clock.t); // a picture comes when it comes
-    this.scrubber.show(this.scene.live && !store.ended);
+    this.scrubber.show(this.scene.live && store.ended === null);
     requestAnimationFrame((next_ms) => this.frame(next_ms));
   }
 
@@ -225,6 +230,7 @@ class RunPage {
     const live = this.scene.live && this.store.ended === null;
     setText(this.chip, live ? (this.clock.following ? "Live" : "Live, looking back") : this.store.ended !== null ? "Replay" : this.flying ? "Flying" : "Broken off");
     this.chip.dataset.state = live ? "live" : "replay";
+    this.element.classList.toggle("over", this.store.ended !== null);
   }
 
   private setTheme(dark: boolean): void {

@@ -150,6 +150,8 @@ export class Store {
   planned_enu_m: number[][] = [];
   readonly states = new Rows(STATE_WIDTH);
   readonly looks = new Series<Look>();
+  /** How many things each look that found any has found; of a sensor without looks, the sightings. */
+  readonly detections = new Series<number>();
   readonly events = new Series<MissionEvent>();
   readonly modes: ModeRun[] = [];
   readonly coverages = new Series<{ t: number; pod: Uint8Array }>();
@@ -207,12 +209,14 @@ export class Store {
           failure: line.failure ?? null,
         };
         this.looks.add(line.t, this.newestLook);
+        if (line.confidences?.length) this.detections.add(line.t, line.confidences.length);
         break;
       case "plan":
         this.planned_enu_m = line.waypoints_enu_m ?? [];
         break;
       case "sighting":
         this.candidateOf(line)?.sightings.add(line.t, sightingOf(line, this.newestLook));
+        if (!this.newestLook) this.detections.add(line.t, 1);
         break;
       case "end":
         this.ended = line.reason ?? "";

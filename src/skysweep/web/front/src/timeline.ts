@@ -3,7 +3,6 @@
 import { MODE_COLOURS, TONE_COLOURS } from "./colours";
 import { fitCanvas, h, setText } from "./dom";
 import type { MissionEvent } from "./events";
-import { countUpTo } from "./series";
 import type { Store } from "./store";
 import { clockTime, metres, percent } from "./words";
 
@@ -216,14 +215,14 @@ export class Timeline {
   }
 
   private drawDetections(context: CanvasRenderingContext2D, muted: string): void {
-    const { looks } = this.store;
+    const { detections } = this.store;
     context.fillStyle = muted;
     const seconds = this.store.end_s / this.width;
     let start = 0;
     for (let column = 0; column < this.width; column++) {
-      const end = countUpTo(looks.times, looks.length, (column + 1) * seconds);
+      const end = detections.count((column + 1) * seconds);
       let most = 0;
-      for (; start < end; start++) most = Math.max(most, looks.items[start]!.confidences.length);
+      for (; start < end; start++) most = Math.max(most, detections.items[start]!);
       const tall = Math.min(most, 4) * (TICKS.height / 4);
       if (most) context.fillRect(LEFT + column, TICKS.top + TICKS.height - tall, 1.2, tall);
     }

@@ -21,6 +21,7 @@ export interface Scene {
   sensor: string;
   seed: number;
   version: string;
+  simulated: boolean;
   live: boolean;
   controls: boolean;
   origin: { latitude_deg: number; longitude_deg: number; altitude_amsl_m: number };
@@ -128,4 +129,4 @@ export type Message =
   | { type: "pictures"; of: Record<string, string> }
   | { type: "status"; flying: boolean; ended: boolean; error: string | null };
 
-export type OrderWord = "hold" | "continue" | "return" | "confirm" | "reject" | "look";
+export type OrderWord = "hold" | "continue" | "return" | "confirm" | "reject" | "look" | "take back";
