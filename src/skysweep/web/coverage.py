@@ -21,7 +21,7 @@ _CELLS = 10_000  # larger pictures are rarer
 
 
 class Coverage:
-    """The coverage of the mission in a folder at every ``_PERIOD_S``, from the lines of its journal in turn."""
+    """The coverage of the mission in ``folder`` at every ``_PERIOD_S``, from its journal's lines in turn."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -32,7 +32,7 @@ class Coverage:
         self.frames: list[dict[str, Any]] = []  # messages: time, and base64 of a byte a cell, row 0 south
 
     def add(self, lines: Sequence[Mapping[str, Any]]) -> None:
-        """Take in the next lines. Without a scenario that can be read, or a sensor model, nothing is shown."""
+        """Take in the next lines. Without a readable scenario and a sensor model nothing is shown."""
         if self.n_lines == 0:
             with suppress(UserError):
                 self._map = CoverageMap.of(load_scenario(self._folder / CONFIG_FILE))

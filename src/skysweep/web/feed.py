@@ -58,6 +58,7 @@ class Feed:
         self._edition = 0
         self._covering = Lock()
         self._looked_s = -1.0
+        self._is_read = False  # to the journal's end, at least once
         self._film: list[str] = []
         self._film_time_ns = self._pictures_time_ns = 0
         self._pictures: dict[str, str] = {}
@@ -82,7 +83,9 @@ class Feed:
             self._looked_s = now_s
             self._list_pictures()
         try:
-            return self._read()
+            more = self._read()
+            self._is_read = self._is_read or not more
+            return more
         except FileNotFoundError:
             self._unread = None if self.is_live else f"There is no {JOURNAL_FILE}: the mission has not begun."
         except OSError as error:
@@ -169,10 +172,15 @@ class Feed:
 
     def news(self, place: Place) -> list[str]:
         """The messages that a viewer at ``place`` gets now, of about ``BATCH_BYTES``; the place moves on."""
-        messages = []
+        messages: list[str] = []
         if place.edition != self._edition:
-            place.line = 0 if place.edition >= 0 else min(place.line, len(self._lines))
-            place.edition, place.n_coverage = self._edition, 0
+            if place.edition >= 0:
+                place.line = place.n_coverage = 0
+            place.edition = self._edition
+        if place.line > len(self._lines):  # by a page that has seen more than there is, or is read yet
+            if not self._is_read:
+                return messages
+            place.line = 0
         if place.line < len(self._lines):
             first, size = place.line, 0
             while place.line < len(self._lines) and size < BATCH_BYTES:

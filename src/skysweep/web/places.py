@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from skysweep.errors import UserError
@@ -18,16 +19,18 @@ class Places:
     def folder(self, identity: str) -> Path:
         """The folder of an id. Raises UserError if there is none."""
         path = self._inside(self.root if identity == ITSELF else self.root / identity)
-        if not path.is_dir():
-            raise UserError(f"There is no folder '{identity}' here.")
-        return path
+        with suppress(OSError):  # a name too long
+            if path.is_dir():
+                return path
+        raise UserError("There is no such folder here.")
 
     def file(self, folder: Path, *names: str) -> Path:
         """A file of a folder. Raises UserError if there is none, or a link leads out of the served folder."""
         path = self._inside(folder.joinpath(*names))
-        if not path.is_file():
-            raise UserError(f"There is no {'/'.join(names)} in this folder.")
-        return path
+        with suppress(OSError):
+            if path.is_file():
+                return path
+        raise UserError("There is no such file in this folder.")
 
     def identity(self, folder: Path) -> str:
         """The id of a folder."""
@@ -37,7 +40,7 @@ class Places:
     def _inside(self, path: Path) -> Path:
         try:
             resolved = path.resolve()
-        except (OSError, ValueError, RuntimeError):  # a zero byte, a name too long, links in a circle
+        except (OSError, ValueError, RuntimeError):  # a zero byte, links in a circle
             raise UserError("This is not a path.") from None
         if resolved != path.absolute() or not resolved.is_relative_to(self.root):
             raise UserError("This path leads out of the folder that is served, or through a link.")
