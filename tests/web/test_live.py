@@ -263,7 +263,7 @@ def test_viewers_that_do_not_read_hold_up_nobody_and_nothing_is_kept_for_them(an
                     if message["type"] == "status" and message["ended"]:
                         break
             assert n == 43_204
-            assert time.monotonic() - started < 20
+            assert time.monotonic() - started < 60
             peak = next(line for line in memory_mb.read_text().splitlines() if line.startswith("VmHWM"))
             assert int(peak.split()[1]) < 700_000
     finally:

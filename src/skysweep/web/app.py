@@ -187,11 +187,10 @@ class App:
                 messages = feed.news(place)
                 for message in messages:
                     await socket.send_text(message)
-                covers = await run_in_threadpool(feed.cover)
-                if not (messages or more or covers):
-                    await asyncio.wait([listens], timeout=_PERIOD_S)
-                else:
+                if messages or more:
                     await asyncio.sleep(0)
+                elif not await run_in_threadpool(feed.cover):
+                    await asyncio.wait([listens], timeout=_PERIOD_S)
         except WebSocketDisconnect:
             pass
         finally:
@@ -206,7 +205,7 @@ class App:
         while True:
             try:
                 folder = self._asked(request)
-                if head_of(folder).get("strategy") or time.monotonic() > until_s:
+                if head_of(folder) or time.monotonic() > until_s:
                     return folder
             except UserError:
                 if time.monotonic() > until_s:
