@@ -49,7 +49,7 @@ class RunPage {
   private readonly answer = h("p", { class: "answer", role: "status" });
   private readonly trouble = h("p", { class: "trouble", role: "alert", hidden: true });
   private readonly mapElement = h("div", { class: "map" });
-  private readonly element3d = h("div", { class: "view3d", role: "img", "aria-label": "3-D view" });
+  private readonly element3d = h("div", { class: "view3d", role: "group", "aria-label": "3-D view" });
   private readonly views: HTMLElement;
   private readonly element: HTMLElement;
   private scene3d: Scene3D | null = null;

@@ -1,0 +1,384 @@
+"""The page in a real browser: what it shows, in pixels, and what it lets a person do."""
+
+import gzip
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+
+from skysweep.web.app import STATIC
+
+FRONT = STATIC.parent / "front"
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SOFTWARE_GL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SIZE = {"width": 1440, "height": 900}
+TABLET = {"width": 820, "height": 1180}
+MOST_JAVASCRIPT_KB = 700
+SCAN_BLUE, BOX_YELLOW, CONFIRMED_GREEN = (0, 114, 178), (255, 210, 63), (0, 158, 115)
+RGB = tuple[int, int, int]
+
+if CHROMIUM is None:
+    pytest.skip("no Chromium: apt-get install chromium; the page is NOT tested", allow_module_level=True)
+if not (STATIC / "index.html").is_file():
+    pytest.skip("the page is not built: tools/web.sh; it is NOT tested", allow_module_level=True)
+sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: the page is NOT tested")
+
+
+class Server:
+    """A skysweep command that serves the page, as a person starts it."""
+
+    def __init__(self, *arguments: object) -> None:
+        command = [sys.executable, "-m", "skysweep.cli", *map(str, arguments), "--no-browser"]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        said = ""
+        for line in self._process.stdout:
+            said += line
+            if found := re.search(r"http://\S+", line):
+                self.address = found.group(0)
+                return
+        self._process.communicate()
+        raise AssertionError(said)
+
+    @property
+    def base(self) -> str:
+        parts = urlsplit(self.address)
+        return f"{parts.scheme}://{parts.netloc}"
+
+    def stop(self) -> None:
+        self._process.terminate()
+        self._process.communicate(timeout=30)
+
+    def said_at_its_end(self) -> str:
+        return self._process.communicate(timeout=120)[0]
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=["--no-sandbox", *SOFTWARE_GL], timeout=60_000
+        )
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(chromium):
+    """Opens an address, and knows what the page asked for and complained about."""
+    contexts = []
+
+    def opened(address, size=SIZE, **options):
+        context = chromium.new_context(viewport=size, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.asked, page.complaints = [], []
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.on("websocket", lambda socket: page.asked.append(socket.url))
+        page.on("pageerror", lambda error: page.complaints.append(str(error)))
+        page.on("console", lambda message: message.type == "error" and page.complaints.append(message.text))
+        page.goto(address)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def server(root):
+    served = Server("view", root, "--port", free_port())
+    yield served
+    served.stop()
+
+
+@pytest.fixture
+def replay(server, open_page):
+    page = open_page(f"{server.base}/run/short")
+    page.get_by_text("Replay", exact=True).wait_for()
+    return page
+
+
+def pixels(locator) -> np.ndarray:
+    """What a person sees of an element (H, W, 3), RGB."""
+    png = np.frombuffer(locator.screenshot(), np.uint8)
+    return cv2.imdecode(png, cv2.IMREAD_COLOR)[..., ::-1].astype(int)
+
+
+def count(picture: np.ndarray, colour: RGB, tolerance: int = 6) -> int:
+    return int((np.abs(picture - np.array(colour)) <= tolerance).all(axis=-1).sum())
+
+
+def figure(page, label: str) -> str:
+    return page.locator(".figures div", has=page.locator(f"dt:text-is('{label}')")).locator("dd").inner_text()
+
+
+def go_to(page, share: float) -> None:
+    """Click on the timeline, in the altitude's row."""
+    box = page.locator(".timeline canvas").bounding_box()
+    left, right = 78, 14
+    page.mouse.click(box["x"] + left + share * (box["width"] - left - right), box["y"] + 50)
+    page.wait_for_function(
+        "share => { const bar = document.querySelector('[role=slider]');"
+        " return Math.abs(bar.ariaValueNow - share * bar.ariaValueMax) < 2 }",
+        arg=share,
+    )
+
+
+def test_a_run_is_replayed_and_scrubbed(replay):
+    go_to(replay, 0.0)
+    assert figure(replay, "Mode") == "TAKEOFF"
+    before = pixels(replay.locator(".map"))
+    go_to(replay, 0.6)
+    assert figure(replay, "Confirmed") in "01"
+    after = pixels(replay.locator(".map"))
+    assert count(after, SCAN_BLUE) > count(before, SCAN_BLUE) + 30  # the flown path has grown
+    replay.keyboard.press("0")
+    replay.keyboard.press("Space")
+    replay.wait_for_function("document.querySelector('[role=slider]').ariaValueNow > 20")
+    replay.keyboard.press("End")
+    replay.wait_for_timeout(1500)
+    assert figure(replay, "Confirmed") == "1"
+    assert count(pixels(replay.locator(".map")), CONFIRMED_GREEN) > 40
+    assert not replay.complaints
+
+
+def grass(picture: np.ndarray) -> float:
+    """The share of a picture that is green, not blue."""
+    return float(((picture[..., 1] > picture[..., 2] + 15) & (picture[..., 1] > 50)).mean())
+
+
+def eventually(holds, seconds: float = 30.0) -> bool:
+    until = time.monotonic() + seconds
+    while not holds():
+        if time.monotonic() > until:
+            return False
+    return True
+
+
+def test_the_map_shows_the_ground(replay):
+    ground = replay.locator(".map")
+    assert eventually(lambda: grass(pixels(ground)) > 0.2)
+    assert count(pixels(ground), (255, 255, 255), 2) > 200  # outlines and what stands on the map
+    replay.get_by_text("Layers").click()
+    replay.get_by_label("Orthophoto").uncheck()
+    assert eventually(lambda: grass(pixels(ground)) < 0.05)
+
+
+def test_the_camera_shows_the_boxes_of_its_picture(replay):
+    replay.get_by_role("tab", name="Events").click()
+    replay.locator(".events li.good button").first.click()
+    replay.wait_for_timeout(800)
+    picture = pixels(replay.locator(".camera canvas"))
+    assert count(picture, BOX_YELLOW) > 50
+    assert picture.std() > 10  # not a blank one
+    replay.get_by_role("tab", name="Candidates").click()
+    crop = pixels(replay.locator(".crop").first)
+    assert crop.std() > 10
+
+
+def test_the_coverage_grows_as_the_camera_sweeps(replay):
+    go_to(replay, 0.02)
+    assert figure(replay, "Area seen") in ("0 %", "–")
+    go_to(replay, 0.9)
+    assert int(figure(replay, "Area seen").split()[0]) > 50
+    assert int(figure(replay, "POS").split()[0]) > 30
+
+
+def test_the_view_in_three_dimensions_is_drawn(replay):
+    replay.get_by_role("button", name="3-D", exact=True).click()
+    replay.wait_for_timeout(2500)
+    picture = pixels(replay.locator(".view3d"))
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
+    replay.get_by_role("button", name="Both", exact=True).click()
+    replay.wait_for_timeout(1000)
+    assert pixels(replay.locator(".map")).std() > 20
+    assert pixels(replay.locator(".view3d")).std() > 10
+    assert not replay.complaints
+
+
+def test_places_are_copied_with_one_key(server, open_page):
+    page = open_page(f"{server.base}/run/short", permissions=["clipboard-read", "clipboard-write"])
+    page.get_by_text("Replay", exact=True).wait_for()
+    box = page.locator(".map").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    copied = []
+    for key in "elum":
+        page.keyboard.press(key)
+        page.wait_for_timeout(200)
+        copied.append(page.evaluate("navigator.clipboard.readText()"))
+    local, degrees, utm, mgrs = copied
+    assert re.fullmatch(r"E -?\d+\.\d m, N -?\d+\.\d m", local)
+    assert re.fullmatch(r"60\.\d{6}, 22\.\d{6}", degrees)
+    assert re.fullmatch(r"34V \d{6} 67\d{5}", utm)
+    assert re.fullmatch(r"34V E[MN] \d{5} \d{5}", mgrs)
+
+
+def test_a_distance_is_measured(replay):
+    replay.keyboard.press("r")
+    box = replay.locator(".map").bounding_box()
+    before = pixels(replay.locator(".map"))
+    for share in (0.4, 0.6):
+        replay.mouse.click(box["x"] + share * box["width"], box["y"] + 0.4 * box["height"])
+    replay.wait_for_timeout(400)
+    ruler = (176, 0, 92)
+    assert count(pixels(replay.locator(".map")), ruler) > count(before, ruler) + 200
+    replay.keyboard.press("Escape")
+    replay.wait_for_timeout(200)
+    assert count(pixels(replay.locator(".map")), ruler) == count(before, ruler)
+
+
+def test_the_list_is_filtered_and_opened(root, server, open_page):
+    shutil.copytree(root / "short", root / "another")
+    (root / "broken").mkdir()
+    shutil.copy(root / "short" / "journal.jsonl", root / "broken")
+    (root / "broken" / "config.yaml").write_text("name: another one")
+    page = open_page(server.base)
+    page.get_by_role("link", name="another").wait_for()
+    assert page.locator(".entries li").count() == 3
+    assert "config.yaml" in page.locator(".entries .error").inner_text()
+    page.get_by_label("Filter").fill("short scan-check")
+    assert page.locator(".count").inner_text() == "2 of 3"
+    page.get_by_label("Filter").fill("another")
+    page.get_by_role("link", name="another").click()
+    page.get_by_text("Replay", exact=True).wait_for()
+    page.get_by_role("link", name="All missions").click()
+    page.get_by_role("link", name="short").wait_for()
+    assert not page.complaints
+
+
+def test_a_name_is_never_markup(root, server, open_page):
+    name = "<img src=x onerror=document.title='hit'>"
+    shutil.copytree(root / "short", root / name)
+    page = open_page(server.base)
+    page.get_by_role("link", name=name).wait_for()
+    page.get_by_role("link", name=name).click()
+    page.get_by_role("heading", name=name).wait_for()
+    assert page.locator("img[src=x]").count() == 0
+    assert page.title() != "hit"
+
+
+def test_nothing_leaves_the_machine(server, replay):
+    replay.get_by_role("button", name="Both", exact=True).click()
+    replay.wait_for_timeout(1500)
+    foreign = [url for url in replay.asked if urlsplit(url).scheme in ("http", "https", "ws", "wss")]
+    assert {urlsplit(url).netloc for url in foreign} == {urlsplit(server.base).netloc}
+    assert not replay.complaints  # nor was anything stopped by the policy
+
+
+def test_a_run_that_is_not_there_is_said(server, open_page):
+    page = open_page(f"{server.base}/run/nowhere")
+    alert = page.get_by_role("alert")
+    alert.wait_for()
+    assert alert.inner_text().endswith(".")
+
+
+def test_a_lost_connection_is_said_and_mended(root, open_page):
+    first = Server("view", root, "--port", free_port())
+    page = open_page(f"{first.base}/run/short")
+    page.get_by_text("Replay", exact=True).wait_for()
+    first.stop()
+    page.get_by_role("alert").filter(has_text="connection").wait_for(timeout=10_000)
+    second = Server("view", root, "--port", urlsplit(first.base).port)
+    try:
+        page.get_by_role("alert").wait_for(state="hidden", timeout=15_000)
+        go_to(page, 0.5)
+        assert page.locator(".events li").count() > 3
+    finally:
+        second.stop()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [SIZE, TABLET], ids=["desk", "tablet"])
+def test_no_accessibility_violation(server, open_page, scheme, size):
+    axe = FRONT / "node_modules" / "axe-core" / "axe.min.js"
+    if not axe.is_file():
+        pytest.skip("no axe-core: npm ci in src/skysweep/web/front; accessibility is NOT tested")
+    page = open_page(server.base, size, color_scheme=scheme)
+    page.get_by_role("link", name="short").wait_for()
+    assert violations(page, axe) == []
+    page.goto(f"{server.base}/run/short#t=30")
+    page.get_by_text("Replay", exact=True).wait_for()
+    page.wait_for_timeout(500)
+    assert violations(page, axe) == []
+    page.get_by_role("tab", name="Events").click()
+    page.get_by_text("Layers").click()
+    page.keyboard.press("?")
+    page.wait_for_timeout(300)
+    assert violations(page, axe) == []
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Both", exact=True).click()
+    page.wait_for_timeout(1500)
+    assert violations(page, axe) == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+
+
+def violations(page, axe: Path) -> list[str]:
+    page.evaluate(axe.read_text(encoding="utf-8"))
+    found = page.evaluate("axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']})")
+    return [f"{v['id']}: {[node['html'][:120] for node in v['nodes']]}" for v in found["violations"]]
+
+
+def test_a_live_mission_is_ordered_about_and_watched_to_its_end(tmp_path, open_page):
+    flown = tmp_path / "live"
+    mission = Server("run", "clusters", "--sensor", "statistical", "--out", flown, "--live", "--speed", "8")
+    page = open_page(mission.address)
+    page.get_by_text("Live", exact=True).first.wait_for(timeout=60_000)
+    orders = page.get_by_role("group", name="Orders to the mission")
+
+    def seen(mode: str) -> None:
+        page.wait_for_function(
+            f"document.querySelector('.figures .mode').innerText === '{mode}'", timeout=60_000
+        )
+
+    seen("SCAN")
+    orders.get_by_text("Hold").click()
+    seen("HOLD")
+    orders.get_by_text("Continue").click()
+    seen("SCAN")
+    page.locator(".candidates li").first.wait_for(timeout=60_000)
+    page.locator(".candidates li").first.get_by_text("Reject").click()
+    page.locator(".candidates li").first.get_by_text("rejected by the operator").wait_for(timeout=20_000)
+    orders.get_by_text("Look here").click()
+    box = page.locator(".map").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.get_by_role("tab", name="Events").click()
+    page.locator(".events li", has_text="Operator: look here").wait_for(timeout=20_000)
+    page.reload()
+    page.get_by_text("Live", exact=True).first.wait_for()
+    orders.get_by_text("Return home").click()
+    page.get_by_role("dialog").get_by_text("Return home").click()
+    page.get_by_text("Replay", exact=True).wait_for(timeout=120_000)
+    assert figure(page, "Mode") == "LAND"
+    mission.said_at_its_end()
+    journal = (flown / "journal.jsonl").read_text()
+    assert [w for w in re.findall(r'"kind": ?"operator", ?"word": ?"([a-z ]+)"', journal)] == [
+        "hold", "continue", "reject", "look", "return"
+    ]  # fmt: skip
+
+
+def test_the_page_is_small_and_soon_there(server, open_page):
+    scripts = [*STATIC.rglob("*.js"), *STATIC.rglob("*.mjs")]
+    kilobytes = sum(len(gzip.compress(script.read_bytes())) for script in scripts) / 1000
+    assert kilobytes <= MOST_JAVASCRIPT_KB
+    page = open_page(f"{server.base}/run/short")
+    page.get_by_text("Replay", exact=True).wait_for()
+    began = time.monotonic()
+    page.reload()
+    page.get_by_role("button", name="Play", exact=True).wait_for()
+    assert time.monotonic() - began < 10  # 2 s on a machine that does nothing else
