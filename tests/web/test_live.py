@@ -207,6 +207,56 @@ def test_ctrl_c_is_the_missions_and_ends_the_page_with_it(tmp_path):
         urllib.request.urlopen(where, timeout=5)
 
 
+def test_the_page_stays_after_the_mission_where_somebody_sits_at_a_terminal(tmp_path):
+    (tmp_path / "short.yaml").write_text(SCENARIO)
+    command = ["run", "short.yaml", "--sensor", "statistical", "--out", "out", "--live", "--speed", "1000"]
+    ours, terminal = os.openpty()
+    mission = subprocess.Popen(
+        [*SKYSWEEP, *command, "--no-browser"],
+        cwd=tmp_path,
+        stdin=terminal,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    where = mission.stdout.readline().strip()
+    eventually(lambda: (tmp_path / "out" / "report.html").exists(), 120.0)
+    with follow(where) as socket:
+        kinds = {line["kind"] for line in json.loads(socket.recv(timeout=60))["lines"]}
+    assert "end" in kinds
+    scene = asked(where, "/api/runs/_/scene")
+    assert scene["targets"]
+    assert not scene["controls"]
+    assert mission.poll() is None
+    mission.send_signal(signal.SIGINT)
+    output, errors = mission.communicate(timeout=60)
+    assert mission.returncode == 0
+    assert "report: out/report.html" in output
+    assert "the page stays until Ctrl-C" in errors
+    os.close(ours)
+    os.close(terminal)
+
+
+def test_options_of_the_page_need_the_page(tmp_path):
+    refused = subprocess.run(
+        [*SKYSWEEP, "run", "clusters", "--host", "0.0.0.0"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert refused.returncode == 2
+    assert "--host: is of the live page" in refused.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "tiles", ["ftp://x/{z}/{x}/{y}", "https://x/tiles", "https://x/{z}/{x}/{y}; script-src *"]
+)
+def test_what_is_no_address_of_tiles_is_refused(tmp_path, tiles):
+    refused = subprocess.run(
+        [*SKYSWEEP, "view", ".", "--tiles", tiles], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert refused.returncode == 2
+    assert "--tiles" in refused.stderr
+
+
 def test_view_serves_a_folder_until_ctrl_c(root):
     viewer = subprocess.Popen(
         [*SKYSWEEP, "view", str(root), "--no-browser"],

@@ -197,7 +197,7 @@ class _Operator:
     somebody else took it over.
     """
 
-    def __init__(self, folder: Path, live: bool) -> None:
+    def __init__(self, folder: Path, live: bool = False) -> None:
         self._folder = folder
         self._live = live  # the vehicle can be taken back on the page, too
         self._word: str | None = None

@@ -84,6 +84,7 @@ def fly_on_ros(
             watch=watch_all,
             operator=face.operator,
             say=say,
+            film=True,
             hear=face.note,
             prepare=prepare,
         )
