@@ -40,7 +40,7 @@ from skysweep.worlds.world import STANDING_SIGN_EDGE_M
 _MIN_DEPTH_M = 0.1
 _FRONT_MATTERS = 0.5  # in the score, from front to side
 _N_FACTORS = len(FACTORS)
-_SPAN_M = 1e6  # of a picture that reaches the horizon
+_FLATTEST = 1e-3  # a ray that falls less reaches the horizon
 
 VARIANT = np.dtype(
     [
@@ -286,7 +286,7 @@ def _window(
 ) -> tuple[int, int, int, int]:
     """First and end of the rows and of the columns whose cells may be in the picture.
 
-    On uneven ground that is the span of the picture's corners on its lowest level.
+    That is the span of the picture's corners on the lowest ground; all, where the picture shows the horizon.
     """
     focal, width, height, _ = optics
     rows, columns = centres.shape[:2]
@@ -297,7 +297,9 @@ def _window(
         for b in (-1.0, 1.0):
             x, y = a * width / (2.0 * focal), b * height / (2.0 * focal)
             down = -(R[2, 0] * x + R[2, 1] * y + R[2, 2])
-            reach = max(eye[2] - lowest, 0.0) / down if down > 1e-3 else _SPAN_M
+            if down < _FLATTEST:
+                return 0, rows, 0, columns
+            reach = max(eye[2] - lowest, 0.0) / down
             to_x, to_y = R[0, 0] * x + R[0, 1] * y + R[0, 2], R[1, 0] * x + R[1, 1] * y + R[1, 2]
             west, east = min(west, eye[0] + reach * to_x), max(east, eye[0] + reach * to_x)
             south, north = min(south, eye[1] + reach * to_y), max(north, eye[1] + reach * to_y)
@@ -344,9 +346,7 @@ def _gather(
 
 
 @njit(cache=True)
-def _near(
-    near: I64, gathered: I64, solids: F64, centre: F64, eye: F64, size_m: float
-) -> tuple[int, float]:
+def _near(near: I64, gathered: I64, solids: F64, centre: F64, eye: F64, size_m: float) -> tuple[int, float]:
     """Write the solids that can hide a target there from the eye; and the distance to the nearest crown."""
     up = max(eye[2] - centre[2], 1e-3)
     flat = math.hypot(eye[0] - centre[0], eye[1] - centre[1]) / up
