@@ -9,11 +9,11 @@ import pytest
 from results_data import EAST_RIGHT, scenario_data, state
 from scipy.stats import beta
 
-from skysweep.scenarios.files import load_scenario
 from skysweep.flights.fly import fly_unwritten
 from skysweep.flights.rig import Rig
 from skysweep.results.pod import CoverageMap
 from skysweep.results.run_folder import Run
+from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 
 CALIBRATED = {"width_px": 640, "height_px": 360, "hfov_rad": 1.4}
@@ -136,7 +136,7 @@ def test_fifteen_minutes_take_less_than_a_second():
 
 
 def test_targets_are_reported_as_often_as_their_cells_say(capsys):
-    """Calibration: of targets whose cells end with about the same POD, that share is reported at least once."""
+    """Calibration: of the targets in cells of about the same final POD, that share is reported."""
     rows = []
     for height_m, surface in ((50.0, "grass"), (70.0, "grass"), (80.0, "sand")):
         flown = _searched_from(height_m, surface)

@@ -10,8 +10,8 @@ from PIL import Image
 from results_data import event, sighting, tiny_records, write_run
 
 from skysweep.experiments.paper.report import write_compare_report
-from skysweep.results.evidence import picture_name
 from skysweep.results.metrics import compute_summary
+from skysweep.results.picture_files import picture_name
 from skysweep.results.run_folder import load_run
 from skysweep.results.writing import write_results
 

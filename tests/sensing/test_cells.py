@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import load_scenario
@@ -52,7 +53,7 @@ poses = st.builds(
 def test_it_grows_within_0_and_1_and_only_where_the_picture_shows_the_cell(looks, pose):
     centres = grid()
     cells, before = cells_over(centres, pose=pose), np.zeros(centres.shape[:2])
-    middle = centres + [0, 0, 0.875 if pose == "standing" else 0.0]
+    middle = centres + np.array([0, 0, 0.875 if pose == "standing" else 0.0])
     for camera in looks:
         cells.look(camera, STILL)
         pod = cells.pod
@@ -147,5 +148,5 @@ def test_after_clear_the_same_looks_give_the_same():
 
 
 def test_a_class_that_the_model_does_not_know_is_refused():
-    with pytest.raises(ValueError, match="knows none"):
+    with pytest.raises(UserError, match="needs a sensor model of 'walrus'"):
         cells_over(grid(), name="walrus")

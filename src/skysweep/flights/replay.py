@@ -20,12 +20,13 @@ import numpy as np
 from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
-from skysweep.results.run_folder import Record
+from skysweep.results.run_folder import CLOCK, Record
 from skysweep.types import SEARCHING, Answer, Detections, Doubt, Sensor, Vehicle, VehicleState
 
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
-_PASSING = {"setup", "start", "plan", "state", "safety", "resumed", LOOK, SNAPSHOT}  # not part of a step
+# not part of a step:
+_PASSING = {"setup", "start", "plan", "state", "safety", "resumed", CLOCK, LOOK, SNAPSHOT}
 _UNSEEN_S = 1.0  # of a scan before the interruption: perhaps not looked at
 
 

@@ -14,6 +14,7 @@ import shapely
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, pose_between
+from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.cells import SearchedCells
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
@@ -82,7 +83,7 @@ class CoverageMap:
         """The empty map of a scenario; None where its detector and camera have no sensor model."""
         try:
             return cls(scenario, model_for(scenario))
-        except (UserError, ValueError):
+        except UserError:
             return None
 
     def pod(self) -> F64:
@@ -152,6 +153,14 @@ class CoverageMap:
             self._cells.clear()
             for _, pose, motion in kept:
                 self._cells.look(pose, motion)
+
+
+def coverage_of(run: Run) -> CoverageMap:
+    """The map of a mission so far. Raises UserError where its detector and camera have no sensor model."""
+    coverage = CoverageMap(run.scenario, model_for(run.scenario, "do without the coverage"))
+    for line in run.records:
+        coverage.add(line)
+    return coverage
 
 
 def _multiples(period_s: float, after_s: float, until_s: float) -> list[float]:

@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.arrays import F64, I64
+from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.statistical.factors import (
@@ -62,7 +63,7 @@ class SearchedCells:
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
     that count; ``solids`` those of ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched
-    class. Raises ValueError where the model knows none of the classes in its poses.
+    class. Raises UserError where the model does not know one of the classes.
     """
 
     def __init__(
@@ -84,8 +85,6 @@ class SearchedCells:
         self._threshold = float(score_of(confidence_min))
         self._log_pixels = np.log(model.pixels)
         found = list(_variants(model, surface, sizes_m, poses))
-        if not found:
-            raise ValueError("the sensor model knows none of the searched classes")
         self._weights = np.array([weight for weight, _, _ in found])
         self._tables = np.array([table for _, table, _ in found])
         self._variants = np.array([variant for _, _, variant in found], dtype=VARIANT).view(np.float64)
@@ -138,6 +137,10 @@ def _variants(
     for name, (low_m, high_m) in sizes_m.items():
         kinds = [k for k in model.kinds if k.kind == k.reported_as == name]
         kinds = [k for k in kinds if k.pose in poses[name]] or kinds
+        if not kinds:
+            raise UserError(
+                f"coverage: needs a sensor model of '{name}'; write one with 'skysweep calibrate'"
+            )
         sizes = sorted({low_m, high_m})
         for kind, size_m in itertools.product(kinds, sizes):
             sides = _sides(kind)
