@@ -2,7 +2,7 @@
 
 The fields are those of MITRE's Event schema: ``ce`` is one sigma of the position, and 9999999.0 stands for
 unknown. Heights are unknown as well: skysweep knows them above mean sea level, CoT wants them above the
-ellipsoid, and the difference of some 20 m is not ours to guess. They are in the remarks instead.
+ellipsoid, and the difference of tens of metres is not ours to guess. They are in the remarks instead.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ _SPOT = "b-m-p-s-m"  # a spot marker
 _VEHICLE = "a-f-A-M-H-Q"  # friendly unmanned rotary-wing aircraft
 _DELETE = "t-x-d-d"  # takes an event off the map
 _HOW = "m-g"  # machine, GPS
+_SIMULATION = "s-skysweep"  # operation or exercise: a simulation
 _ARGB = {EventKind.CONFIRMED: -65536, EventKind.UNCHECKED: -256}  # red and yellow
 _TARGET_STALE = timedelta(hours=24)
 _VEHICLE_STALE = timedelta(seconds=30)
@@ -67,7 +68,8 @@ def events_xml(run: Run, now: datetime) -> bytes:
     root = ET.Element("events")
     root.extend(ET.fromstring(event.xml) for event in events_of(run, now))
     ET.indent(root)
-    return ET.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
+    text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text + b"\n"
 
 
 def _mission_id(run: Run) -> uuid.UUID:
@@ -81,7 +83,7 @@ def _target(run: Run, target: FoundTarget, mission: uuid.UUID, now: datetime) ->
     place = target.latitude_deg, target.longitude_deg
     sigma_m = None if target.radius_95_m is None else target.radius_95_m / math.sqrt(5.991)
     ce = UNKNOWN if sigma_m is None else f"{max(sigma_m, 0.01):.2f}"
-    event = _event(f"{mission}.candidate-{target.candidate}", _SPOT, place, ce)
+    event = _event(f"{mission}.candidate-{target.candidate}", _SPOT, place, ce, run.is_simulated)
     detail = ET.SubElement(event, "detail")
     is_found = target.status == EventKind.CONFIRMED
     name = target.name if is_found else f"candidate {target.candidate}: {target.class_name}?"
@@ -89,8 +91,8 @@ def _target(run: Run, target: FoundTarget, mission: uuid.UUID, now: datetime) ->
     argb = str(_ARGB[EventKind(target.status)])
     ET.SubElement(detail, "color", argb=argb)
     ET.SubElement(detail, "usericon", iconsetpath=f"COT_MAPPING_SPOTMAP/{_SPOT}/{argb}")
-    words = f"{run.scenario.name}: {description(target)}, {target.altitude_amsl_m:.0f} m above mean sea level"
-    ET.SubElement(detail, "remarks").text = words
+    height = f"{target.altitude_amsl_m:.0f} m above mean sea level"
+    _remark(detail, run, f"{run.scenario.name}: {description(target)}, {height}")
     told = None if target.utc is None else datetime.fromisoformat(target.utc.replace("Z", "+00:00"))
     return _dated(event, now, told or now, _TARGET_STALE)
 
@@ -99,7 +101,8 @@ def _vehicle(run: Run, mission: uuid.UUID, now: datetime) -> CotEvent:
     """Where the vehicle was in the newest line that tells it."""
     states = run.states
     (latitude, longitude, altitude_m) = run.scenario.frame.geodetic_from_enu(states.position_enu_m[-1])[0]
-    event = _event(f"{mission}.vehicle", _VEHICLE, (float(latitude), float(longitude)), UNKNOWN)
+    place = float(latitude), float(longitude)
+    event = _event(f"{mission}.vehicle", _VEHICLE, place, UNKNOWN, run.is_simulated)
     detail = ET.SubElement(event, "detail")
     ET.SubElement(detail, "contact", callsign=f"UAV {run.scenario.name}")
     east_mps, north_mps = _velocity_mps(run)
@@ -109,9 +112,14 @@ def _vehicle(run: Run, mission: uuid.UUID, now: datetime) -> CotEvent:
     if np.isfinite(states.battery[-1]):
         ET.SubElement(detail, "status", battery=f"{100.0 * states.battery[-1]:.0f}")
     height_m = run.altitudes_agl_m[-1]
-    remarks = f"{states.mode[-1]}, {height_m:.0f} m above ground, {altitude_m:.0f} m above mean sea level"
-    ET.SubElement(detail, "remarks").text = remarks
+    height = f"{height_m:.0f} m above ground, {altitude_m:.0f} m above mean sea level"
+    _remark(detail, run, f"{states.mode[-1]}, {height}")
     return _dated(event, now, now, _VEHICLE_STALE, lasts=False)
+
+
+def _remark(detail: ET.Element, run: Run, words: str) -> None:
+    """What is known, in words that also say it where a device does not show ``opex``."""
+    ET.SubElement(detail, "remarks").text = f"SIMULATED. {words}" if run.is_simulated else words
 
 
 def _velocity_mps(run: Run) -> tuple[float, float]:
@@ -123,8 +131,12 @@ def _velocity_mps(run: Run) -> tuple[float, float]:
     return east_mps, north_mps
 
 
-def _event(uid: str, kind: str, place: tuple[float, float], ce: str) -> ET.Element:
+def _event(
+    uid: str, kind: str, place: tuple[float, float], ce: str, is_simulated: bool = False
+) -> ET.Element:
     event = ET.Element("event", version="2.0", uid=uid, type=kind, how=_HOW)
+    if is_simulated:
+        event.set("opex", _SIMULATION)
     latitude, longitude = place
     lat_lon = {"lat": f"{latitude:.7f}", "lon": f"{longitude:.7f}"}
     ET.SubElement(event, "point", lat_lon | {"hae": UNKNOWN, "ce": ce, "le": UNKNOWN})

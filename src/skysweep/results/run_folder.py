@@ -114,7 +114,12 @@ class Run:
     @cached_property
     def has_truth(self) -> bool:
         """Whether the sensor saw the scenario's world, with targets in it. Else nothing can be judged."""
-        return bool(self._setup.get("truth", True)) and bool(self.world.targets)
+        return self.is_simulated and bool(self.world.targets)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the sensor saw the scenario's world, and no camera a real one."""
+        return bool(self._setup.get("truth", True))
 
     @cached_property
     def has_its_plan(self) -> bool:

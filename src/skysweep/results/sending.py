@@ -28,12 +28,12 @@ def udp(address: str, ttl: int) -> Iterator[Send]:
 
     Raises UserError where that is no such address, and ``send`` does where it cannot be reached.
     """
-    parts = urlsplit(address)
     try:
+        parts = urlsplit(address)
         host, port = parts.hostname, parts.port
     except ValueError:
         host = port = None
-    if parts.scheme != "udp" or not host or not port or parts.path.strip("/"):
+    if not host or not port or parts.scheme != "udp" or parts.path.strip("/"):
         raise UserError(f"--to {address}: is no address; write udp://HOST:PORT, such as udp://239.2.3.1:6969")
     try:
         family, *_, there = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -83,7 +83,7 @@ def follow(folder: Path, send: Send, warn: Callable[[str], None]) -> None:
             is_away = False
         except UserError as error:
             if not is_away:
-                warn(f"{error}; trying on")
+                warn(f"{error}; still trying")
             is_away = True
         if run.ended and not is_away:
             return

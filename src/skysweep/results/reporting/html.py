@@ -50,8 +50,16 @@ class Section:
 
 def picture(path: Path, caption: str, wide: bool = False) -> Picture:
     """An image file as a picture."""
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return Picture(f"data:{_MIME[path.suffix]};base64,{data}", caption, wide)
+    return Picture(_data_uri(path.read_bytes(), _MIME[path.suffix]), caption, wide)
+
+
+def png_picture(png: bytes, caption: str) -> Picture:
+    """The content of a PNG file as a picture."""
+    return Picture(_data_uri(png, _MIME[".png"]), caption)
+
+
+def _data_uri(content: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def write_page(
