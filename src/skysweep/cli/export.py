@@ -72,9 +72,10 @@ def _send(folder: Path, address: str, follows: bool, ttl: int) -> None:
     from skysweep.results.run_folder import load_flown
     from skysweep.results.sending import follow, send_once, udp
 
+    run = load_flown(folder)
     with udp(address, ttl) as send:
         if follows:
             say(f"sending to {address} until the mission has ended; Ctrl-C stops it")
             follow(folder, send, warn)
         else:
-            tell(f"{send_once(load_flown(folder), send)} events sent to {address}")
+            tell(f"{send_once(run, send)} events sent to {address}")

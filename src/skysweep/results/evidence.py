@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from pathlib import Path
 
 import cv2
@@ -10,7 +9,7 @@ import numpy as np
 
 from skysweep.results.exports import found_targets, unchecked_targets
 from skysweep.results.picture_files import SAME_LOOK_S, told_by_name
-from skysweep.results.reporting.html import Picture
+from skysweep.results.reporting.html import Picture, data_uri
 from skysweep.results.reporting.wording import clock
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.types import EventKind
@@ -76,4 +75,4 @@ def _small(path: Path) -> str | None:
     scale = min(1.0, SHOWN_WIDTH_PX / width)
     small = cv2.resize(image, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
     _, jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
-    return f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode('ascii')}"
+    return data_uri(jpeg.tobytes(), "image/jpeg")

@@ -163,7 +163,8 @@ def _coverage_map_of(run: Run, coverage: CoverageMap) -> Figure:
     image = axis.imshow(shown, vmin=0.0, vmax=1.0, **look)
     image.set_clip_path(axis.add_patch(_polygon_patch(run.scenario.area_enu_m, fc="none", ec="0.35", lw=0.8)))
     path = run.states.position_enu_m
-    axis.plot(path[:, 0], path[:, 1], color="white", lw=0.7, alpha=0.8, zorder=2)
+    for colour, width in (("white", 1.8), ("black", 0.7)):
+        axis.plot(path[:, 0], path[:, 1], color=colour, lw=width, zorder=2)
     figure.colorbar(image, ax=axis, label="Probability of detection", pad=0.02, aspect=30)
     axis.set(xlim=extent[:2], ylim=extent[2:], xlabel="East (m)", ylabel="North (m)", aspect="equal")
     _scale_bar(axis, east - west, west, south)

@@ -16,7 +16,7 @@ from skysweep.results.exports import FoundTarget, found_targets, unchecked_targe
 from skysweep.results.figures import coverage_map_png
 from skysweep.results.metrics import MATCH_DISTANCE_M, horizontal_distance_m, match
 from skysweep.results.pod import coverage_of
-from skysweep.results.reporting.html import Grid, Picture, Section, picture, png_picture, write_page
+from skysweep.results.reporting.html import Grid, Picture, Section, data_uri, picture, write_page
 from skysweep.results.reporting.wording import (
     clock,
     counted,
@@ -74,9 +74,9 @@ def _coverage(run: Run) -> list[Picture]:
         return []
     caption = (
         "How probably a target would have been reported at least once at each place, by the sensor model. "
-        f"The mean over the area is {coverage.pod()[coverage.inside].mean():.0%}. White: the path."
+        f"The mean over the area is {coverage.pod()[coverage.inside].mean():.0%}. The line is the path."
     )
-    return [png_picture(coverage_map_png(run, coverage), caption)]
+    return [Picture(data_uri(coverage_map_png(run, coverage), "image/png"), caption)]
 
 
 def _run_lead(run: Run, s: Summary) -> str:

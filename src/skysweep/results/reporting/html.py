@@ -50,15 +50,11 @@ class Section:
 
 def picture(path: Path, caption: str, wide: bool = False) -> Picture:
     """An image file as a picture."""
-    return Picture(_data_uri(path.read_bytes(), _MIME[path.suffix]), caption, wide)
+    return Picture(data_uri(path.read_bytes(), _MIME[path.suffix]), caption, wide)
 
 
-def png_picture(png: bytes, caption: str) -> Picture:
-    """The content of a PNG file as a picture."""
-    return Picture(_data_uri(png, _MIME[".png"]), caption)
-
-
-def _data_uri(content: bytes, kind: str) -> str:
+def data_uri(content: bytes, kind: str) -> str:
+    """The content of a file of this MIME type as a URI."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
