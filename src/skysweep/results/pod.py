@@ -26,6 +26,8 @@ _CELLS_ACROSS = 12  # the shorter side of a picture from the scan's height
 _MAX_CELLS = 40_000
 _FINEST_M = 0.25
 _LATEST_S = 1.0  # by which an answer may be later than usual
+_FARTHEST_M = 1e6
+_LONGEST_AXIS = 1.01  # of a rotation, rounded
 _LONGEST_GAP_S = 2.0  # between two states: beyond, nobody knows where the camera was
 
 
@@ -48,9 +50,10 @@ class CoverageMap:
         area, search = scenario.area_enu_m, scenario.search
         west, south, east, north = area.bounds
         across_m = min(scenario.camera.lens.footprint_m(search.scan_altitude_agl_m))
-        fewest_m = math.sqrt((east - west) * (north - south) / _MAX_CELLS)
-        self.cell_m = max(across_m / _CELLS_ACROSS, fewest_m, _FINEST_M)
-        columns, rows = (max(1, math.ceil(x / self.cell_m - 1e-9)) for x in (east - west, north - south))
+        sides_m = east - west, north - south
+        coarse_m = max(math.sqrt(math.prod(sides_m) / _MAX_CELLS), max(sides_m) / _MAX_CELLS)
+        self.cell_m = max(across_m / _CELLS_ACROSS, coarse_m, _FINEST_M)
+        columns, rows = (max(1, math.ceil(side_m / self.cell_m - 1e-9)) for side_m in sides_m)
         self.bounds_enu_m = (west, south, west + columns * self.cell_m, south + rows * self.cell_m)
         x, y = np.meshgrid(
             west + (np.arange(columns) + 0.5) * self.cell_m, south + (np.arange(rows) + 0.5) * self.cell_m
@@ -105,8 +108,8 @@ class CoverageMap:
         if camera is None:
             return
         position, R = (np.array(camera[key], dtype=float) for key in ("p", "R"))
-        if not np.isfinite(position).all():
-            return
+        if not ((np.abs(position) <= _FARTHEST_M).all() and (np.abs(R) <= _LONGEST_AXIS).all()):
+            return  # no position, or no camera's
         searches = line.get("mode", Mode.SCAN) in SEARCHING
         state = _State(float(line["t"]), searches, CameraPose(position, R.reshape(3, 3)))
         if not self._keeps_looks and self._states:
