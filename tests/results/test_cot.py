@@ -7,7 +7,7 @@ import defusedxml.ElementTree as ET
 import pytest
 from results_data import event, state, tiny_records, write_run
 
-from skysweep.results.cot import UNKNOWN, deletion, events_of, events_xml
+from skysweep.results.cot import UNKNOWN, deletion, events_of, events_xml, vehicle_event
 from skysweep.results.run_folder import load_run
 
 NOW = datetime(2026, 5, 17, 9, 30, tzinfo=timezone.utc)
@@ -79,7 +79,8 @@ def test_the_start_is_when_it_was_found_where_the_mission_has_wall_time(tmp_path
 
 def test_a_mission_that_still_flies_shows_its_vehicle_and_its_candidates(tmp_path):
     records = [*tiny_records()[:7], state(15, [5, 10, 2], "CHECK"), state(15.5, [6, 10, 2], "CHECK")]
-    candidate, vehicle = told(load_run(write_run(tmp_path / "run", records)))
+    run = load_run(write_run(tmp_path / "run", records))
+    (candidate,), vehicle = told(run), ET.fromstring(vehicle_event(run, NOW).xml)
     assert candidate.find("detail/contact").get("callsign") == "candidate 1: stop sign?"
     assert candidate.find("detail/color").get("argb") != "-65536"
     assert vehicle.get("type") == "a-f-A-M-H-Q"
@@ -121,4 +122,4 @@ def test_rejected_candidates_are_no_events(tmp_path):
     callsigns = [
         e.find("detail/contact").get("callsign") for e in told(load_run(write_run(tmp_path / "r", records)))
     ]
-    assert callsigns == ["stop sign 1", "UAV tiny"]
+    assert callsigns == ["stop sign 1"]

@@ -1,4 +1,4 @@
-"""Cursor on Target 2.0: targets and vehicle as events for ATAK, WinTAK, iTAK and TAK servers.
+"""Cursor on Target 2.0: targets and vehicles as events for ATAK, WinTAK, iTAK and TAK servers.
 
 The fields are those of MITRE's Event schema: ``ce`` is one sigma of the position, and 9999999.0 stands for
 unknown. Heights are unknown as well: skysweep knows them above mean sea level, CoT wants them above the
@@ -32,26 +32,40 @@ _VEHICLE_STALE = timedelta(seconds=30)
 
 @dataclass(frozen=True, slots=True)
 class CotEvent:
-    """One event as XML. ``says`` is all of it but its times: it changes when there is something new.
-
-    ``lasts``: it is still so when nothing new is heard of it, unlike where a vehicle is.
-    """
+    """One event as XML. ``says`` is all of it but its times: it changes when there is something new."""
 
     uid: str
     xml: bytes
     says: bytes
-    lasts: bool
 
 
 def events_of(run: Run, now: datetime) -> list[CotEvent]:
-    """The targets of a mission so far, and its vehicle while the mission flies.
+    """The targets of a mission so far.
 
     Uids depend on the mission alone: an event that is sent again replaces itself. ``now`` is when they are
-    sent; a target's ``start`` is when it was found, where the mission has wall time.
+    sent; ``start`` is when a target was found, where the mission has wall time.
     """
     mission = _mission_id(run)
-    events = [_target(run, target, mission, now) for target in ground_targets(run)]
-    return events if run.ended or not len(run.states) else [*events, _vehicle(run, mission, now)]
+    return [_target(run, target, mission, now) for target in ground_targets(run)]
+
+
+def vehicle_event(run: Run, now: datetime) -> CotEvent:
+    """Where the vehicle of a mission that flies now was in the newest line that tells it."""
+    states = run.states
+    latitude, longitude, altitude_m = run.scenario.frame.geodetic_from_enu(states.position_enu_m[-1])[0]
+    place = float(latitude), float(longitude)
+    event = _event(f"{_mission_id(run)}.vehicle", _VEHICLE, place, UNKNOWN, run.is_simulated)
+    detail = ET.SubElement(event, "detail")
+    ET.SubElement(detail, "contact", callsign=f"UAV {run.scenario.name}")
+    east_mps, north_mps = _velocity_mps(run)
+    course_deg = math.degrees(math.atan2(east_mps, north_mps)) % 360.0
+    speed = {"course": f"{course_deg:.1f}", "speed": f"{math.hypot(east_mps, north_mps):.1f}"}
+    ET.SubElement(detail, "track", speed)
+    if np.isfinite(states.battery[-1]):
+        ET.SubElement(detail, "status", battery=f"{100.0 * states.battery[-1]:.0f}")
+    height = f"{run.altitudes_agl_m[-1]:.0f} m above ground, {altitude_m:.0f} m above mean sea level"
+    _remark(detail, run, f"{states.mode[-1]}, {height}")
+    return _dated(event, now, now, _VEHICLE_STALE)
 
 
 def deletion(uid: str, now: datetime) -> CotEvent:
@@ -64,7 +78,7 @@ def deletion(uid: str, now: datetime) -> CotEvent:
 
 
 def events_xml(run: Run, now: datetime) -> bytes:
-    """All events in one document."""
+    """The targets' events in one document."""
     root = ET.Element("events")
     root.extend(ET.fromstring(event.xml) for event in events_of(run, now))
     ET.indent(root)
@@ -97,26 +111,6 @@ def _target(run: Run, target: FoundTarget, mission: uuid.UUID, now: datetime) ->
     return _dated(event, now, told or now, _TARGET_STALE)
 
 
-def _vehicle(run: Run, mission: uuid.UUID, now: datetime) -> CotEvent:
-    """Where the vehicle was in the newest line that tells it."""
-    states = run.states
-    (latitude, longitude, altitude_m) = run.scenario.frame.geodetic_from_enu(states.position_enu_m[-1])[0]
-    place = float(latitude), float(longitude)
-    event = _event(f"{mission}.vehicle", _VEHICLE, place, UNKNOWN, run.is_simulated)
-    detail = ET.SubElement(event, "detail")
-    ET.SubElement(detail, "contact", callsign=f"UAV {run.scenario.name}")
-    east_mps, north_mps = _velocity_mps(run)
-    course_deg = math.degrees(math.atan2(east_mps, north_mps)) % 360.0
-    speed = {"course": f"{course_deg:.1f}", "speed": f"{math.hypot(east_mps, north_mps):.1f}"}
-    ET.SubElement(detail, "track", speed)
-    if np.isfinite(states.battery[-1]):
-        ET.SubElement(detail, "status", battery=f"{100.0 * states.battery[-1]:.0f}")
-    height_m = run.altitudes_agl_m[-1]
-    height = f"{height_m:.0f} m above ground, {altitude_m:.0f} m above mean sea level"
-    _remark(detail, run, f"{states.mode[-1]}, {height}")
-    return _dated(event, now, now, _VEHICLE_STALE, lasts=False)
-
-
 def _remark(detail: ET.Element, run: Run, words: str) -> None:
     """What is known, in words that also say it where a device does not show ``opex``."""
     ET.SubElement(detail, "remarks").text = f"SIMULATED. {words}" if run.is_simulated else words
@@ -143,13 +137,11 @@ def _event(
     return event
 
 
-def _dated(
-    event: ET.Element, now: datetime, start: datetime, stale_after: timedelta, lasts: bool = True
-) -> CotEvent:
+def _dated(event: ET.Element, now: datetime, start: datetime, stale_after: timedelta) -> CotEvent:
     says = ET.tostring(event, encoding="UTF-8")
     event.attrib |= {"time": _zulu(now), "start": _zulu(start), "stale": _zulu(now + stale_after)}
     xml = ET.tostring(event, encoding="UTF-8", xml_declaration=True)
-    return CotEvent(event.attrib["uid"], xml, says, lasts)
+    return CotEvent(event.attrib["uid"], xml, says)
 
 
 def _zulu(time: datetime) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from skysweep.errors import UserError
-from skysweep.results.cot import CotEvent, deletion, events_of
+from skysweep.results.cot import CotEvent, deletion, events_of, vehicle_event
 from skysweep.results.run_folder import JOURNAL_FILE, Run, load_flown
 
 _AGAIN_S = 30.0  # between two of the same event: datagrams get lost, and devices join late
@@ -58,7 +58,7 @@ def udp(address: str, ttl: int) -> Iterator[Send]:
 
 
 def send_once(run: Run, send: Send) -> int:
-    """Send all events of a mission so far; how many."""
+    """Send the targets of a mission so far; how many."""
     events = events_of(run, _now())
     for event in events:
         send(event)
@@ -68,18 +68,20 @@ def send_once(run: Run, send: Send) -> int:
 def follow(folder: Path, send: Send, warn: Callable[[str], None]) -> None:
     """Send the events of a mission as it flies, until its journal has its end.
 
-    An event is sent when it is new or changed, and again every ``_AGAIN_S``; the vehicle's only while it is
-    heard of. What was sent and is nothing after all is taken off the maps. A network that is away for a while
-    is warned of once.
+    A target is sent when it is new or changed, and again every ``_AGAIN_S``; the vehicle while its journal
+    grows. What was sent and is nothing after all is taken off the maps. A network that is away for a while is
+    warned of once.
     """
-    board, size, is_away = _Board(), -1, False
-    run = load_flown(folder)
+    journal, board, is_away = folder / JOURNAL_FILE, _Board(), False
+    size, run = journal.stat().st_size, load_flown(folder)
     while True:
-        now_size = (folder / JOURNAL_FILE).stat().st_size
-        if now_size != size:
-            size, run = now_size, load_flown(folder)
+        grown = journal.stat().st_size != size
+        if grown:
+            size, run = journal.stat().st_size, load_flown(folder)
         try:
             board.send_due(run, send, time.monotonic())
+            if grown and not run.ended and len(run.states):
+                send(vehicle_event(run, _now()))
             is_away = False
         except UserError as error:
             if not is_away:
@@ -91,23 +93,23 @@ def follow(folder: Path, send: Send, warn: Callable[[str], None]) -> None:
 
 
 class _Board:
-    """What the receivers have been sent."""
+    """The targets that the receivers have been sent."""
 
     def __init__(self) -> None:
         self._sent: dict[str, tuple[bytes, float]] = {}  # what an event said, and when (monotonic)
-        self._standing: set[str] = set()  # uids of what is on the maps to stay
+        self._standing: set[str] = set()  # uids of what is on the maps
         self._gone: set[str] = set()  # and was taken off them
 
     def send_due(self, run: Run, send: Send, now_s: float) -> None:
         """Send what is new, changed or due again."""
         now = _now()
         events = events_of(run, now)
-        standing = {event.uid for event in events if event.lasts}
+        standing = {event.uid for event in events}
         self._gone = (self._gone | self._standing) - standing
         self._standing = standing
         for event in (*events, *(deletion(uid, now) for uid in sorted(self._gone))):
             said, sent_s = self._sent.get(event.uid, (b"", -math.inf))
-            if event.says != said or (event.lasts and now_s - sent_s >= _AGAIN_S):
+            if event.says != said or now_s - sent_s >= _AGAIN_S:
                 send(event)
                 self._sent[event.uid] = event.says, now_s
 
