@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from skysweep.results.exports import FoundTarget, description, ground_targets
+from skysweep.results.exports import FoundTarget, description, ground_targets, xml_document
 from skysweep.results.run_folder import CLOCK, CONFIG, Run
 from skysweep.types import EventKind
 
@@ -81,9 +81,7 @@ def events_xml(run: Run, now: datetime) -> bytes:
     """The targets' events in one document."""
     root = ET.Element("events")
     root.extend(ET.fromstring(event.xml) for event in events_of(run, now))
-    ET.indent(root)
-    text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
-    return text + b"\n"
+    return xml_document(root)
 
 
 def _mission_id(run: Run) -> uuid.UUID:
@@ -140,8 +138,7 @@ def _event(
 def _dated(event: ET.Element, now: datetime, start: datetime, stale_after: timedelta) -> CotEvent:
     says = ET.tostring(event, encoding="UTF-8")
     event.attrib |= {"time": _zulu(now), "start": _zulu(start), "stale": _zulu(now + stale_after)}
-    xml = ET.tostring(event, encoding="UTF-8", xml_declaration=True)
-    return CotEvent(event.attrib["uid"], xml, says)
+    return CotEvent(event.attrib["uid"], xml_document(event), says)
 
 
 def _zulu(time: datetime) -> str:

@@ -132,7 +132,7 @@ def gpx(run: Run) -> bytes:
         ET.SubElement(waypoint, "desc").text = description(target)
         ET.SubElement(waypoint, "sym").text = _SYMBOLS[target.status]
         ET.SubElement(waypoint, "type").text = target.class_name
-    return _xml(root)
+    return xml_document(root)
 
 
 def csv_table(run: Run) -> bytes:
@@ -181,7 +181,7 @@ def _kml(run: Run, pictures: Mapping[int, str]) -> bytes:
                 ET.SubElement(ET.SubElement(data, "Data", name=key), "value").text = str(value)
         point = ET.SubElement(placemark, "Point")
         ET.SubElement(point, "coordinates").text = f"{target.longitude_deg},{target.latitude_deg}"
-    return _xml(root)
+    return xml_document(root)
 
 
 def _no_formula(value: object) -> object:
@@ -223,7 +223,8 @@ def probability_words(target: FoundTarget) -> str:
     return f"probability {probability_of(target.probability)}{near}"
 
 
-def _xml(root: ET.Element) -> bytes:
+def xml_document(root: ET.Element) -> bytes:
+    """The element, which is indented, as a whole document."""
     ET.indent(root)
     text = '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
     return text.encode()
