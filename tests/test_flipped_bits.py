@@ -44,8 +44,7 @@ from skysweep.experiments.workers import run_jobs
 from skysweep.files.folder import Folder
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
-from skysweep.results.evidence import picture_name
-from skysweep.results.picture_files import write_picture
+from skysweep.results.picture_files import picture_name, write_picture
 from skysweep.results.run_folder import load_run
 from skysweep.results.summary import Summary
 from skysweep.scenarios.files import dump_scenario, write_scenario

@@ -574,7 +574,9 @@ class Inputs:
         content = b"".join(lines)
         if rng.random() < 0.5:
             content = broken_bytes(content, rng)
-        command = rng.choice((("report", "run"), ("report", "run", "--out", "out"), ("resume", "run")))
+        export = ("export", "run", "--format", rng.choice(("cot", "kmz", "geojson", "geotiff")), "--out", "x")
+        report = ("report", "run"), ("report", "run", "--out", "out")
+        command = rng.choice((*report, ("resume", "run"), export))
         return Case("journal", command, folder | {"run/journal.jsonl": content})
 
     def _config(self, rng: random.Random) -> Case:
@@ -607,6 +609,7 @@ COMMANDS = tuple(
         "run mine.yaml --sensor statistical --camera rendered --renderer auto --strategy scan-only",
         "report run --min-recall 0.9",
         "resume run --from-sound-lines",
+        "export run --format cot --to udp://127.0.0.1:9 --ttl 1",
         "world export mine.yaml --out file/x --format gz --seed 1 --set search.n_c=1",
         "sweep s.yaml --out file/x --workers 1 --engine local --yes --retry-failed",
         "tune mine.yaml --out file/x --trials 1 --range search.n_c=1:8,inf --fix search.sidelap --seeds 4",

@@ -1,6 +1,7 @@
 """A mission of a vehicle that cannot be flown again goes on from its last snapshot."""
 
 from contextlib import closing
+from datetime import datetime, timezone
 
 import numpy as np
 import pytest
@@ -75,7 +76,8 @@ def test_it_goes_on_from_where_the_vehicle_is(tmp_path, until, stays_up):
     assert summary["false_positives"] == 0
     assert summary["completed"]
     after = read_journal(folder / "journal.jsonl")
-    resumed = next(k for k, r in enumerate(after) if r["kind"] == "resumed")
+    resumed = max(k for k, r in enumerate(after) if r["kind"] == "clock")
+    assert after[resumed + 1]["kind"] == "resumed"
     assert after[:resumed] == before[:resumed]
     assert len(before) - resumed <= 3, "no more than the step in which it was broken off is done again"
     times = [r["t"] for r in after if r["kind"] == "state"]
@@ -83,6 +85,23 @@ def test_it_goes_on_from_where_the_vehicle_is(tmp_path, until, stays_up):
     settled = [r["candidate"] for r in after if r["kind"] in ("confirmed", "rejected")]
     assert len(settled) == len(set(settled)), "nothing is checked twice"
     assert after[-1]["kind"] == "end"
+
+
+def test_the_journal_tells_the_utc_of_a_vehicle_in_real_time(tmp_path):
+    before = datetime.now(timezone.utc)
+    folder = tmp_path / "run"
+    broken_off(folder, first_verdict)
+    run = load_run(folder)
+    found_s = run.candidates[0].verdict_s
+    assert abs((run.utc_of(found_s) - before).total_seconds() - found_s) < 30.0
+    resume_folder(folder, Rig(vehicle=embedded_vehicle(SCENARIO, 1)))
+    run = load_run(folder)
+    clocks = run.events("clock")
+    assert len(clocks) == 2
+    assert run.utc_of(clocks[1]["t"]).isoformat(timespec="milliseconds") == clocks[1]["utc"]
+    simulated = tmp_path / "simulated"
+    fly_to_folder(SCENARIO, 0, simulated, Rig("statistical"))
+    assert load_run(simulated).utc_of(10.0) is None
 
 
 def test_nothing_stays_unseen_where_it_was_broken_off(tmp_path):

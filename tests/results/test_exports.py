@@ -3,12 +3,18 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
+import zipfile
 
+import cv2
 import defusedxml.ElementTree as ET
+import numpy as np
 import pytest
 from results_data import event, tiny_records, write_run
 
-from skysweep.results.exports import found_targets, write_exports
+from skysweep.errors import UserError
+from skysweep.results.exports import csv_table, found_targets, gpx, kml, kmz, write_exports
+from skysweep.results.picture_files import picture_name, write_picture
 from skysweep.results.run_folder import load_run
 
 KML = "{http://www.opengis.net/kml/2.2}"
@@ -69,6 +75,94 @@ def test_geojson_points_are_flat_and_carry_what_is_known(files):
     assert first["properties"]["class_name"] == "stop sign"
     assert first["properties"]["altitude_amsl_m"] == 30.0
     assert first["properties"]["radius_95_m"] is None
+
+
+def test_every_place_is_in_the_grids_of_maps_too(tiny_run, files):
+    first = found_targets(tiny_run)[0]
+    assert (first.mgrs, first.utm) == ("34VEN7134102129", "34V 571341 6702129")
+    row = next(csv.DictReader(io.StringIO(files[".csv"])))
+    assert (row["mgrs"], row["utm"]) == (first.mgrs, first.utm)
+    for text in (
+        json.loads(files[".geojson"])["features"][0]["properties"]["description"],
+        next(ET.fromstring(files[".kml"]).iter(f"{KML}Placemark")).findtext(f"{KML}description"),
+        next(ET.fromstring(files[".gpx"]).iter(f"{GPX}wpt")).findtext(f"{GPX}desc"),
+    ):
+        assert "MGRS 34VEN7134102129" in text
+
+
+def test_geojson_has_what_caltopo_imports(files):
+    for feature in json.loads(files[".geojson"])["features"]:
+        properties = feature["properties"]
+        assert properties["class"] == "Marker"
+        assert properties["title"] == properties["name"]
+        assert re.fullmatch(r"#[0-9A-F]{6}", properties["marker-color"])
+        assert properties["marker-symbol"]
+        assert properties["description"]
+
+
+def test_a_mission_in_real_time_tells_the_utc_of_its_finds(tmp_path):
+    clock = {"t": 0, "kind": "clock", "utc": "2026-05-17T11:59:50.500+02:00"}
+    resumed = {"t": 43, "kind": "clock", "utc": "2026-05-18T07:00:00.000+00:00"}
+    records = sorted([clock, *tiny_records(), resumed], key=lambda r: r["t"])
+    run = load_run(write_run(tmp_path / "run", records))
+    assert [t.utc for t in found_targets(run)] == [
+        "2026-05-17T10:00:06Z",
+        "2026-05-17T10:00:30Z",
+        "2026-05-18T07:00:01Z",  # 44 s after take-off
+        "2026-05-18T07:00:07Z",
+    ]
+    waypoint = next(ET.fromstring(gpx(run)).iter(f"{GPX}wpt"))
+    assert [child.tag.removeprefix(GPX) for child in waypoint] == [
+        "ele", "time", "name", "desc", "sym", "type",
+    ]  # fmt: skip
+    placemark = next(ET.fromstring(kml(run)).iter(f"{KML}Placemark"))
+    assert placemark.findtext(f"{KML}TimeStamp/{KML}when") == "2026-05-17T10:00:06Z"
+
+
+@pytest.mark.parametrize("utc", ["yesterday", "2026-05-17T12:00:00", 7])
+def test_a_clock_that_tells_no_utc_is_damage(tmp_path, utc):
+    folder = write_run(tmp_path / "run", [{"t": 0, "kind": "clock", "utc": utc}, *tiny_records()])
+    with pytest.raises(UserError, match="line 1 is damaged"):
+        load_run(folder)
+
+
+def test_kmz_has_a_picture_of_each_target_that_is_cut_out_around_it(tmp_path):
+    look = {
+        "t": 15.2,
+        "kind": "look",
+        "boxes_xyxy_px": [[10, 10, 30, 30], [400, 200, 440, 240]],
+        "confidences": [0.3, 0.8],
+        "class_names": ["stop sign", "stop sign"],
+    }
+    records = tiny_records()
+    records.insert(8, look)  # before the sighting of 15 s
+    folder = write_run(tmp_path / "run", records)
+    (folder / "pictures").mkdir()
+    image = np.zeros((640, 1280, 3), dtype=np.uint8)
+    image[400:480, 800:880] = (0, 0, 255)  # where the second box is, twice as large
+    _, jpeg = cv2.imencode(".jpg", image)
+    write_picture(folder / "pictures" / picture_name(1, 15.0), jpeg.tobytes())
+    run = load_run(folder)
+    assert found_targets(run)[0].picture == "pictures/candidate-1-15.0s.jpg"
+    with zipfile.ZipFile(io.BytesIO(kmz(run))) as archive:
+        assert archive.namelist() == ["doc.kml", "pictures/candidate-1.jpg"]
+        first, *others = ET.fromstring(archive.read("doc.kml")).iter(f"{KML}Placemark")
+        crop = cv2.imdecode(np.frombuffer(archive.read("pictures/candidate-1.jpg"), np.uint8), 1)
+    assert '<img src="pictures/candidate-1.jpg"' in first.findtext(f"{KML}description")
+    assert not any("<img" in p.findtext(f"{KML}description") for p in others)
+    assert crop.shape[:2] == (384, 384)  # 0.15 of the width on each side
+    red = crop[..., 2] > 128
+    assert np.argwhere(red).mean(axis=0) == pytest.approx([192, 192], abs=3)
+    assert red.mean() == pytest.approx((80 / 384) ** 2, rel=0.1)
+    assert kmz(run) == kmz(run)
+
+
+def test_a_name_that_a_spreadsheet_would_compute_is_text(tmp_path):
+    name = "=HYPERLINK(1)"
+    records = [r | {"class_name": name} if r["kind"] == "sighting" else r for r in tiny_records()]
+    run = load_run(write_run(tmp_path / "run", records))
+    row = next(csv.DictReader(io.StringIO(csv_table(run).decode())))
+    assert (row["name"], row["class_name"]) == (f"'{name} 1", f"'{name}")
 
 
 def test_gpx_elements_stand_in_the_order_of_the_schema(files):

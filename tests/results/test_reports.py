@@ -10,8 +10,8 @@ from PIL import Image
 from results_data import event, sighting, tiny_records, write_run
 
 from skysweep.experiments.paper.report import write_compare_report
-from skysweep.results.evidence import picture_name
 from skysweep.results.metrics import compute_summary
+from skysweep.results.picture_files import picture_name
 from skysweep.results.run_folder import load_run
 from skysweep.results.writing import write_results
 
@@ -128,6 +128,15 @@ def test_a_report_without_truth_judges_nothing(tmp_path):
     for word in ("True target?", "Error (m)", "false positives", "0 of 0", "median position error"):
         assert word not in report
     assert "target 4 0:50 " in report
+
+
+def test_the_report_maps_the_probability_of_detection_where_there_is_a_sensor_model(tmp_path):
+    camera = {"width_px": 640, "height_px": 360, "hfov_rad": 1.4}
+    folder = write_run(tmp_path / "run", tiny_records(), camera=camera)
+    write_results(load_run(folder), folder)
+    page = read_page(folder / "report.html")
+    assert len(page.sources) == 2
+    assert re.search(r"How probably a target would have been reported .* over the area is \d+%", page.text)
 
 
 def test_the_report_of_a_damaged_journal_says_what_it_is_of(tiny_folder):

@@ -19,7 +19,7 @@ from skysweep.scenarios.model import Scenario
 if TYPE_CHECKING:
     import polars as pl
 
-_NO_EVENTS = ("setup", "state", "look", "snapshot")  # lines of a journal
+_NO_EVENTS = ("setup", "clock", "state", "look", "snapshot")  # lines of a journal
 
 
 class KeptFrame:
@@ -134,7 +134,7 @@ def load_run(folder: str | Path) -> Run:
 
 
 def _frames(told: run_folder.Run) -> tuple[KeptFrame, ...]:
-    from skysweep.results.evidence import told_by_name
+    from skysweep.results.picture_files import told_by_name
 
     named = [(told_by_name(path), path) for path in told.pictures]
     frames = [KeptFrame(*name, path.read_bytes()) for name, path in named if name is not None]

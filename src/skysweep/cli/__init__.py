@@ -9,6 +9,7 @@ from skysweep.cli import (
     benchmark,
     calibrate,
     detection,
+    export,
     fly,
     gym,
     missions,
@@ -50,6 +51,7 @@ compare.command("paper")(missions.compare_paper_command)
 app.add_typer(compare, name="compare")
 app.command()(sweep.sweep)
 app.command()(report.report)
+app.command()(export.export)
 app.command()(tune.tune)
 app.command()(benchmark.benchmark)
 app.command()(serve_vehicle.serve_vehicle)

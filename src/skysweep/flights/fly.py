@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.announcements import Announcer
 from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import (
+    CLOCK,
     CONFIG,
     CONFIG_FILE,
     FILM,
@@ -167,6 +169,9 @@ def fly_in(
     picture_of = {} if book is None else {"picture_of": book.picture_of}
     announcer = Announcer(mission.scenario, journal.records, rig.say, **picture_of)
     journal.listeners.append(announcer.hear)
+    if rig.vehicle is not None and not rig.vehicle_waits:
+        utc = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+        journal.write(max((r["t"] for r in journal.records), default=0.0), CLOCK, utc=utc)
     fly(mission, notes, rig.watch, operator, before)
     if journal.failed is not None:
         raise UserError(

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from skysweep.geometry.camera import Lens
 from skysweep.mission.journal import Journal
-from skysweep.results.evidence import picture_name
-from skysweep.results.picture_files import write_picture
+from skysweep.results.picture_files import picture_name, write_picture
 from skysweep.results.reporting.wording import clock
 from skysweep.types import Detections, EventKind, Frame, PictureSensor
 

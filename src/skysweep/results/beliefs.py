@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from skysweep.results.evidence import titles_of
-from skysweep.results.reporting.html import Picture
+from skysweep.results.reporting.html import Picture, data_uri
 from skysweep.results.reporting.style import (
     BLUE,
     COLUMN_IN,
@@ -100,7 +99,7 @@ def _chart(run: Run, records: Sequence[Record], found_s: Sequence[float]) -> str
         axis.locator_params(axis="x", nbins=6, integer=True)
         axis.grid(axis="y", lw=0.3, color="0.9")
         svg = figure_bytes(figure, "svg")
-    return f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
+    return data_uri(svg, "image/svg+xml")
 
 
 def _log_odds(probability: F64) -> F64:

@@ -2,34 +2,20 @@
 
 from __future__ import annotations
 
-import base64
-import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from skysweep.results.exports import found_targets, unchecked_targets
-from skysweep.results.reporting.html import Picture
+from skysweep.results.picture_files import SAME_LOOK_S, told_by_name
+from skysweep.results.reporting.html import Picture, data_uri
 from skysweep.results.reporting.wording import clock
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.types import EventKind
 
 SHOWN_WIDTH_PX = 640  # in a report; the folder has the originals
-_NAME = re.compile(r"candidate-(\d+)-(\d+\.\d)s$")
-_SAME_LOOK_S = 0.06  # the name rounds the time to a tenth of a second
 VERDICTS = ("Confirmed", "Rejected", "Unchecked")
-
-
-def picture_name(candidate: int, time_s: float) -> str:
-    """File name of the picture of a candidate at mission time ``time_s``."""
-    return f"candidate-{candidate}-{time_s:.1f}s.jpg"
-
-
-def told_by_name(path: Path) -> tuple[int, float] | None:
-    """Candidate and mission time in seconds from such a name, or None."""
-    told = _NAME.match(path.stem)
-    return None if told is None else (int(told[1]), float(told[2]))
 
 
 def evidence(run: Run) -> dict[str, list[Picture]]:
@@ -70,7 +56,7 @@ def _view(run: Run, story: CandidateStory, path: Path) -> str:
     """The detector's confidence, the height and the time of a picture."""
     time_s = float(path.stem.rpartition("-")[2].removesuffix("s"))
     looks = (r for r in run.events("sighting") if r["candidate"] == story.id)
-    seen = next((r for r in looks if abs(r["t"] - time_s) < _SAME_LOOK_S), None)
+    seen = next((r for r in looks if abs(r["t"] - time_s) < SAME_LOOK_S), None)
     sure = "not detected" if seen is None else f"confidence {seen['confidence']:.2f}"
     since_start_s = time_s - float(run.start["t"])
     if seen is None:
@@ -89,4 +75,4 @@ def _small(path: Path) -> str | None:
     scale = min(1.0, SHOWN_WIDTH_PX / width)
     small = cv2.resize(image, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
     _, jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
-    return f"data:image/jpeg;base64,{base64.b64encode(jpeg.tobytes()).decode('ascii')}"
+    return data_uri(jpeg.tobytes(), "image/jpeg")

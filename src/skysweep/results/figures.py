@@ -23,6 +23,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as MplPath
 
 from skysweep.results.metrics import match
+from skysweep.results.pod import CoverageMap
 from skysweep.results.reporting.statistics import t_quantile
 from skysweep.results.reporting.style import (
     COLUMN_IN,
@@ -73,6 +74,12 @@ def run_map_png(run: Run) -> bytes:
     """The same as bytes."""
     with style():
         return figure_bytes(_map_of(run), "png")
+
+
+def coverage_map_png(run: Run, coverage: CoverageMap) -> bytes:
+    """Top view of how probably a target would have been reported at each place, with the path."""
+    with style():
+        return figure_bytes(_coverage_map_of(run, coverage), "png")
 
 
 def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
@@ -142,6 +149,25 @@ def _map_of(run: Run) -> Figure:
     figure.colorbar(scale, ax=above, label="Altitude above ground (m)", pad=0.02, aspect=30)
     _profile(below, run, norm)
     figure.legend(handles=_legend([run]), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _coverage_map_of(run: Run, coverage: CoverageMap) -> Figure:
+    west, east, south, north = extent = _extent([run])
+    height = min(max(0.78 * PAGE_IN * (north - south) / (east - west), 3.0), 8.0)
+    figure = Figure(figsize=(PAGE_IN, height + 0.6), layout="constrained")
+    axis = figure.subplots()
+    shown = np.where(coverage.inside, coverage.pod(), np.nan)
+    left, bottom, right, top = coverage.bounds_enu_m
+    look: Any = {"origin": "lower", "extent": (left, right, bottom, top), "cmap": "cividis", "zorder": 1}
+    image = axis.imshow(shown, vmin=0.0, vmax=1.0, **look)
+    image.set_clip_path(axis.add_patch(_polygon_patch(run.scenario.area_enu_m, fc="none", ec="0.35", lw=0.8)))
+    path = run.states.position_enu_m
+    for colour, width in (("white", 1.8), ("black", 0.7)):
+        axis.plot(path[:, 0], path[:, 1], color=colour, lw=width, zorder=2)
+    figure.colorbar(image, ax=axis, label="Probability of detection", pad=0.02, aspect=30)
+    axis.set(xlim=extent[:2], ylim=extent[2:], xlabel="East (m)", ylabel="North (m)", aspect="equal")
+    _scale_bar(axis, east - west, west, south)
     return figure
 
 

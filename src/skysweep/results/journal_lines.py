@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Annotated, Any
 
 import numpy as np
@@ -79,6 +80,16 @@ class _Reason(_Line):
     reason: str
 
 
+class _Clock(_Line):
+    utc: str
+
+    @model_validator(mode="after")
+    def _has_a_zone(self) -> _Clock:
+        if datetime.fromisoformat(self.utc).tzinfo is None:
+            raise ValueError("the time has no zone")
+        return self
+
+
 class _Setup(_Start):
     sensor: str
     renderer: str | None
@@ -113,6 +124,7 @@ _KNOWN: dict[str, type[_Line]] = {
     "safety": _Safety,
     "unsearched": _Unsearched,
     "end": _Reason,
+    "clock": _Clock,
     EventKind.CHECK_STARTED: _Decision,
     EventKind.MISFIT: _Reason,
     **dict.fromkeys(OF_A_CANDIDATE, _OfCandidate),

@@ -1,13 +1,30 @@
-"""JPEG files that show when they are damaged: a comment in front has their name and a checksum."""
+"""The pictures of candidates: their names, and files that show when they are damaged.
+
+A comment in front of the JPEG has the file's name and a checksum.
+"""
 
 from __future__ import annotations
 
+import re
 import zlib
 from pathlib import Path
 
 from skysweep.files.writing import replace_file
 
+SAME_LOOK_S = 0.06  # a name rounds the time to a tenth of a second
+_NAME = re.compile(r"candidate-(\d+)-(\d+\.\d)s$")
 _START, _COMMENT = b"\xff\xd8", b"\xff\xfe"  # markers of ITU-T T.81, table B.1
+
+
+def picture_name(candidate: int, time_s: float) -> str:
+    """File name of the picture of a candidate at mission time ``time_s``."""
+    return f"candidate-{candidate}-{time_s:.1f}s.jpg"
+
+
+def told_by_name(path: Path) -> tuple[int, float] | None:
+    """Candidate and mission time in seconds from such a name, or None."""
+    told = _NAME.match(path.stem)
+    return None if told is None else (int(told[1]), float(told[2]))
 
 
 def write_picture(path: Path, jpeg: bytes) -> None:

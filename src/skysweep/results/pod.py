@@ -14,6 +14,7 @@ import shapely
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, pose_between
+from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.cells import SearchedCells
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
@@ -25,6 +26,8 @@ _CELLS_ACROSS = 12  # the shorter side of a picture from the scan's height
 _MAX_CELLS = 40_000
 _FINEST_M = 0.25
 _LATEST_S = 1.0  # by which an answer may be later than usual
+_FARTHEST_M = 1e6
+_LONGEST_AXIS = 1.01  # of a rotation, rounded
 _LONGEST_GAP_S = 2.0  # between two states: beyond, nobody knows where the camera was
 
 
@@ -47,9 +50,10 @@ class CoverageMap:
         area, search = scenario.area_enu_m, scenario.search
         west, south, east, north = area.bounds
         across_m = min(scenario.camera.lens.footprint_m(search.scan_altitude_agl_m))
-        fewest_m = math.sqrt((east - west) * (north - south) / _MAX_CELLS)
-        self.cell_m = max(across_m / _CELLS_ACROSS, fewest_m, _FINEST_M)
-        columns, rows = (max(1, math.ceil(x / self.cell_m - 1e-9)) for x in (east - west, north - south))
+        sides_m = east - west, north - south
+        coarse_m = max(math.sqrt(math.prod(sides_m) / _MAX_CELLS), max(sides_m) / _MAX_CELLS)
+        self.cell_m = max(across_m / _CELLS_ACROSS, coarse_m, _FINEST_M)
+        columns, rows = (max(1, math.ceil(side_m / self.cell_m - 1e-9)) for side_m in sides_m)
         self.bounds_enu_m = (west, south, west + columns * self.cell_m, south + rows * self.cell_m)
         x, y = np.meshgrid(
             west + (np.arange(columns) + 0.5) * self.cell_m, south + (np.arange(rows) + 0.5) * self.cell_m
@@ -82,7 +86,7 @@ class CoverageMap:
         """The empty map of a scenario; None where its detector and camera have no sensor model."""
         try:
             return cls(scenario, model_for(scenario))
-        except (UserError, ValueError):
+        except UserError:
             return None
 
     def pod(self) -> F64:
@@ -104,8 +108,8 @@ class CoverageMap:
         if camera is None:
             return
         position, R = (np.array(camera[key], dtype=float) for key in ("p", "R"))
-        if not np.isfinite(position).all():
-            return
+        if not ((np.abs(position) <= _FARTHEST_M).all() and (np.abs(R) <= _LONGEST_AXIS).all()):
+            return  # no position, or no camera's
         searches = line.get("mode", Mode.SCAN) in SEARCHING
         state = _State(float(line["t"]), searches, CameraPose(position, R.reshape(3, 3)))
         if not self._keeps_looks and self._states:
@@ -152,6 +156,14 @@ class CoverageMap:
             self._cells.clear()
             for _, pose, motion in kept:
                 self._cells.look(pose, motion)
+
+
+def coverage_of(run: Run) -> CoverageMap:
+    """The map of a mission so far. Raises UserError where its detector and camera have no sensor model."""
+    coverage = CoverageMap(run.scenario, model_for(run.scenario, "do without the coverage"))
+    for line in run.records:
+        coverage.add(line)
+    return coverage
 
 
 def _multiples(period_s: float, after_s: float, until_s: float) -> list[float]:

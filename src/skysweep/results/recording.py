@@ -29,7 +29,7 @@ from skysweep.types import F64
 Timed = tuple[float, Topic, Any]
 
 _PATH_EVERY = 20  # states, since a path is written whole each time
-_QUIET_KINDS = ("state", "sighting", "plan", "look", "snapshot")
+_QUIET_KINDS = ("state", "sighting", "plan", "clock", "look", "snapshot")
 
 
 def write_recording(run: Run, path: str | Path) -> Path:

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta, timezone
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ FILM = "film"  # pictures for the live page and the video, by the time of their 
 UNFINISHED = ".part"  # ends the name of a comparison's run folder until its mission is complete
 CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
 PLAN = "plan"  # and of ``search.plan``
+CLOCK = "clock"  # kind of a line that tells the UTC of a mission in real time
+_ROUNDED_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +115,12 @@ class Run:
     @cached_property
     def has_truth(self) -> bool:
         """Whether the sensor saw the scenario's world, with targets in it. Else nothing can be judged."""
-        return bool(self._setup.get("truth", True)) and bool(self.world.targets)
+        return self.is_simulated and bool(self.world.targets)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the sensor saw the scenario's world, and no camera a real one."""
+        return bool(self._setup.get("truth", True))
 
     @cached_property
     def has_its_plan(self) -> bool:
@@ -219,6 +227,14 @@ class Run:
 
     def events(self, *kinds: str) -> tuple[Record, ...]:
         return tuple(r for r in self.records if r["kind"] in kinds)
+
+    def utc_of(self, time_s: float) -> datetime | None:
+        """The UTC at a mission time; None of a simulated mission, which has a clock of its own."""
+        told = [r for r in self.events(CLOCK) if self.since_start(r) <= time_s + _ROUNDED_S]
+        if not told:
+            return None
+        since_s = time_s - self.since_start(told[-1])
+        return datetime.fromisoformat(told[-1]["utc"]).astimezone(timezone.utc) + timedelta(seconds=since_s)
 
     def since_start(self, record: Record) -> float:
         return float(record["t"]) - float(self.start["t"])

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from skysweep.errors import UserError
 from skysweep.mission.safety import OUTSIDE
 from skysweep.results.beliefs import KEY, beliefs
 from skysweep.results.evidence import evidence
 from skysweep.results.exports import FoundTarget, found_targets, unchecked_targets
+from skysweep.results.figures import coverage_map_png
 from skysweep.results.metrics import MATCH_DISTANCE_M, horizontal_distance_m, match
-from skysweep.results.reporting.html import Grid, Section, picture, write_page
+from skysweep.results.pod import coverage_of
+from skysweep.results.reporting.html import Grid, Picture, Section, data_uri, picture, write_page
 from skysweep.results.reporting.wording import (
     clock,
     counted,
@@ -44,7 +47,7 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
         "altitude. Below: altitude over time with all verdicts."
     )
     sections = [
-        Section("Map", pictures=[picture(folder / "map.png", caption)]),
+        Section("Map", pictures=[picture(folder / "map.png", caption), *_coverage(run)]),
         Section("What happened", steps=_timeline(run, [*found, *unchecked])),
         _found_section(run, found, unchecked),
     ]
@@ -61,6 +64,19 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
     ]
     title = f"Mission: {run.scenario.name}"
     return write_page(folder / "report.html", title, _run_lead(run, summary), sections, _tiles(summary))
+
+
+def _coverage(run: Run) -> list[Picture]:
+    """The map of the probability of detection, where the detector has a sensor model."""
+    try:
+        coverage = coverage_of(run)
+    except UserError:
+        return []
+    caption = (
+        "How probably a target would have been reported at least once at each place, by the sensor model. "
+        f"The mean over the area is {coverage.pod()[coverage.inside].mean():.0%}. The line is the path."
+    )
+    return [Picture(data_uri(coverage_map_png(run, coverage), "image/png"), caption)]
 
 
 def _run_lead(run: Run, s: Summary) -> str:

@@ -9,6 +9,7 @@ that are left out are 0. A GeoTIFF has a CRS; its first band is read and its nod
 from __future__ import annotations
 
 import csv
+import math
 import zipfile
 from io import BytesIO
 from pathlib import Path
@@ -155,22 +156,31 @@ def _grid_of(middles: F64, column: str) -> tuple[float, float, int]:
 
 def write_geotiff(path: Path, cells: ProbabilityMap) -> None:
     """Write a map for other programs, a probability a cell. Raises MissingExtraError without rasterio."""
-    rasterio = _rasterio(path)
+    path.write_bytes(geotiff_of(cells, str(path)))
+
+
+def geotiff_of(cells: ProbabilityMap, where: str) -> bytes:
+    """A map's cells (R, C) as a GeoTIFF, of which NaN is the nodata. ``where`` begins the errors.
+
+    Raises MissingExtraError without rasterio.
+    """
+    rasterio = _rasterio(where)
     raster, (west, _, _, north) = Raster.of(cells), cells.bounds_m
     rows, columns = cells.poa.shape
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        width=columns,
-        height=rows,
-        count=1,
-        dtype="float64",
-        compress="deflate",
-        crs=rasterio.CRS.from_wkt(raster.crs.to_wkt()),
-        transform=rasterio.Affine(cells.cell_size_m, 0.0, west, 0.0, -cells.cell_size_m, north),
-    ) as file:
-        file.write(cells.poa[::-1], 1)
+    with rasterio.MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff",
+            width=columns,
+            height=rows,
+            count=1,
+            dtype="float64",
+            nodata=math.nan,
+            compress="deflate",
+            crs=rasterio.CRS.from_wkt(raster.crs.to_wkt()),
+            transform=rasterio.Affine(cells.cell_size_m, 0.0, west, 0.0, -cells.cell_size_m, north),
+        ) as file:
+            file.write(cells.poa[::-1], 1)
+        return bytes(memory.read())
 
 
 def read_heights(path: Path, cells: ProbabilityMap) -> F64:
@@ -190,11 +200,11 @@ def read_heights(path: Path, cells: ProbabilityMap) -> F64:
     return heights
 
 
-def _rasterio(path: Path) -> Any:
+def _rasterio(where: Path | str) -> Any:
     try:
         import rasterio
     except ImportError:
-        raise MissingExtraError(f"{path}: a GeoTIFF", "geo") from None
+        raise MissingExtraError(f"{where}: a GeoTIFF", "geo") from None
     return rasterio
 
 

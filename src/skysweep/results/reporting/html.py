@@ -50,8 +50,12 @@ class Section:
 
 def picture(path: Path, caption: str, wide: bool = False) -> Picture:
     """An image file as a picture."""
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return Picture(f"data:{_MIME[path.suffix]};base64,{data}", caption, wide)
+    return Picture(data_uri(path.read_bytes(), _MIME[path.suffix]), caption, wide)
+
+
+def data_uri(content: bytes, kind: str) -> str:
+    """The content of a file of this MIME type as a URI."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def write_page(

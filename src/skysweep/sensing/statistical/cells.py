@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from skysweep.arrays import F64, I64
+from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.scenarios.model import CameraModel
 from skysweep.sensing.statistical.factors import (
@@ -40,7 +41,7 @@ from skysweep.worlds.world import STANDING_SIGN_EDGE_M
 _MIN_DEPTH_M = 0.1
 _FRONT_MATTERS = 0.5  # in the score, from front to side
 _N_FACTORS = len(FACTORS)
-_SPAN_M = 1e6  # of a picture that reaches the horizon
+_FLATTEST = 1e-3  # a ray that falls less reaches the horizon
 
 VARIANT = np.dtype(
     [
@@ -62,7 +63,7 @@ class SearchedCells:
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
     that count; ``solids`` those of ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched
-    class. Raises ValueError where the model knows none of the classes in its poses.
+    class. Raises UserError where the model does not know one of the classes.
     """
 
     def __init__(
@@ -84,8 +85,6 @@ class SearchedCells:
         self._threshold = float(score_of(confidence_min))
         self._log_pixels = np.log(model.pixels)
         found = list(_variants(model, surface, sizes_m, poses))
-        if not found:
-            raise ValueError("the sensor model knows none of the searched classes")
         self._weights = np.array([weight for weight, _, _ in found])
         self._tables = np.array([table for _, table, _ in found])
         self._variants = np.array([variant for _, _, variant in found], dtype=VARIANT).view(np.float64)
@@ -138,6 +137,10 @@ def _variants(
     for name, (low_m, high_m) in sizes_m.items():
         kinds = [k for k in model.kinds if k.kind == k.reported_as == name]
         kinds = [k for k in kinds if k.pose in poses[name]] or kinds
+        if not kinds:
+            raise UserError(
+                f"coverage: needs a sensor model of '{name}'; write one with 'skysweep calibrate'"
+            )
         sizes = sorted({low_m, high_m})
         for kind, size_m in itertools.product(kinds, sizes):
             sides = _sides(kind)
@@ -286,7 +289,7 @@ def _window(
 ) -> tuple[int, int, int, int]:
     """First and end of the rows and of the columns whose cells may be in the picture.
 
-    On uneven ground that is the span of the picture's corners on its lowest level.
+    That is the span of the picture's corners on the lowest ground; all, where the picture shows the horizon.
     """
     focal, width, height, _ = optics
     rows, columns = centres.shape[:2]
@@ -297,7 +300,9 @@ def _window(
         for b in (-1.0, 1.0):
             x, y = a * width / (2.0 * focal), b * height / (2.0 * focal)
             down = -(R[2, 0] * x + R[2, 1] * y + R[2, 2])
-            reach = max(eye[2] - lowest, 0.0) / down if down > 1e-3 else _SPAN_M
+            if down < _FLATTEST:
+                return 0, rows, 0, columns
+            reach = max(eye[2] - lowest, 0.0) / down
             to_x, to_y = R[0, 0] * x + R[0, 1] * y + R[0, 2], R[1, 0] * x + R[1, 1] * y + R[1, 2]
             west, east = min(west, eye[0] + reach * to_x), max(east, eye[0] + reach * to_x)
             south, north = min(south, eye[1] + reach * to_y), max(north, eye[1] + reach * to_y)
@@ -344,9 +349,7 @@ def _gather(
 
 
 @njit(cache=True)
-def _near(
-    near: I64, gathered: I64, solids: F64, centre: F64, eye: F64, size_m: float
-) -> tuple[int, float]:
+def _near(near: I64, gathered: I64, solids: F64, centre: F64, eye: F64, size_m: float) -> tuple[int, float]:
     """Write the solids that can hide a target there from the eye; and the distance to the nearest crown."""
     up = max(eye[2] - centre[2], 1e-3)
     flat = math.hypot(eye[0] - centre[0], eye[1] - centre[1]) / up

@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skysweep.errors import UserError
+from skysweep.geometry.camera import CameraMotion, CameraPose, project
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.scenarios.files import load_scenario
+from skysweep.scenarios.model import CameraModel
+from skysweep.sensing.statistical.cells import SearchedCells
+from skysweep.sensing.statistical.model import StatisticalModel
+from skysweep.sensing.statistical.sweep_width import lateral_range
+
+CAMERA = CameraModel(hfov_rad=1.4)
+MODEL = StatisticalModel.load()
+STILL = CameraMotion(np.zeros(3), np.zeros(3))
+NO_SOLIDS = np.zeros((0, 11))
+
+
+def grid(rows: int = 20, columns: int = 30, cell_m: float = 2.0, z: float = 0.0) -> np.ndarray:
+    x, y = np.meshgrid(np.arange(columns) * cell_m, np.arange(rows) * cell_m)
+    return np.stack([x, y, np.full(x.shape, z)], axis=-1)
+
+
+def cells_over(
+    centres: np.ndarray, solids: np.ndarray = NO_SOLIDS, name: str = "person", pose: str = "lying"
+):
+    wanted = np.ones(centres.shape[:2], dtype=bool)
+    of_target = {name: (1.75, 1.75)}, {name: (pose,)}
+    return SearchedCells(centres, wanted, solids, CAMERA, MODEL, 0.25, "grass", *of_target)
+
+
+poses = st.builds(
+    lambda x, y, z, yaw, pitch, roll: CameraPose(
+        np.array([x, y, z]), rotation_camera_to_enu(yaw, pitch, roll)
+    ),
+    st.floats(-20, 80),
+    st.floats(-20, 60),
+    st.floats(1, 90),
+    st.floats(-math.pi, math.pi),
+    st.floats(-math.pi / 2, 0.5),
+    st.floats(-1, 1),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(poses, min_size=1, max_size=4), st.sampled_from(["lying", "standing"]))
+def test_it_grows_within_0_and_1_and_only_where_the_picture_shows_the_cell(looks, pose):
+    centres = grid()
+    cells, before = cells_over(centres, pose=pose), np.zeros(centres.shape[:2])
+    middle = centres + np.array([0, 0, 0.875 if pose == "standing" else 0.0])
+    for camera in looks:
+        cells.look(camera, STILL)
+        pod = cells.pod
+        assert (pod >= before).all()
+        assert pod.max() <= 1.0
+        uv, depth = project(CAMERA.lens, camera, middle.reshape(-1, 3))
+        half_px = np.where(depth > 0.1, 0.5 * CAMERA.lens.focal_px * 1.75 / np.maximum(depth, 0.1), 0.0)
+        size = CAMERA.lens.width_px, CAMERA.lens.height_px
+        shown = (depth > 0.1) & ((uv > -half_px[:, None]) & (uv < size + half_px[:, None])).all(axis=1)
+        assert not (pod > before).ravel()[~shown].any()
+        whole = (depth > 0.1) & ((uv > half_px[:, None]) & (uv < size - half_px[:, None])).all(axis=1)
+        large = 2 * half_px * (0.3 if pose == "standing" else 1.0) > MODEL.pixels[0]
+        sure = whole & large & (before.ravel() < 0.99)
+        assert (pod > before).ravel()[sure].all()
+        before = pod
+
+
+@pytest.mark.parametrize(
+    ("name", "pose", "size_m", "height_m"),
+    [
+        ("stop sign", "face-up", 0.9, 90.0),
+        ("person", "lying", 1.75, 60.0),
+        ("person", "standing", 1.75, 60.0),
+        ("person", "floating", 1.7, 40.0),
+    ],
+)
+def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m):
+    """``lateral_range`` draws a thousand passes, with the luck that looks have in common."""
+
+    calm = load_scenario("clusters")
+    kind = next(k for k in MODEL.kinds if k.kind == k.reported_as == name and k.pose == pose)
+    width_m, along_m = CAMERA.lens.footprint_m(height_m)
+    aside_m = width_m / 2 * np.array([0.1, 0.4, 0.7])
+    drawn = lateral_range(calm, kind, size_m, height_m, aside_m)
+    step_m = calm.search.scan_speed_mps / calm.detector.rate_hz
+    R = rotation_camera_to_enu(math.pi / 2, -math.pi / 2)
+    motion = CameraMotion(R.T @ np.array([0.0, calm.search.scan_speed_mps, 0.0]), np.zeros(3))
+    passes = []
+    for share in np.linspace(0, 1, 4, endpoint=False):
+        centres = np.stack([aside_m, 0 * aside_m, 0 * aside_m], axis=-1)[None]
+        of_target = {name: (size_m, size_m)}, {name: (pose,)}
+        cells = SearchedCells(
+            centres, np.ones((1, 3), bool), NO_SOLIDS, CAMERA, MODEL, 0.25, "unknown", *of_target
+        )
+        for y in np.arange(-along_m / 2 - 5 + share * step_m, along_m / 2 + 5, step_m):
+            cells.look(CameraPose(np.array([0.0, y, height_m]), R), motion)
+        passes.append(cells.pod[0])
+    assert 0.3 < drawn.min() < 0.97
+    assert np.mean(passes, axis=0) == pytest.approx(drawn, abs=0.045)  # of a thousand: 0.03 in 95 of 100
+
+
+def test_looks_in_passing_count_less_than_looks_from_elsewhere():
+    """What a look misses, the next from the same place misses, too: they share their luck."""
+    down, high = rotation_camera_to_enu(0.0, -math.pi / 2), 60.0
+    there, away = np.array([0.0, 0.0, high]), np.array([500.0, 0.0, high])
+    same, apart = cells_over(grid(1, 2)), cells_over(grid(1, 2))
+    for _ in range(4):
+        same.look(CameraPose(there, down), STILL)
+        apart.look(CameraPose(there, down), STILL)
+        apart.look(CameraPose(away, down), STILL)
+    assert 0.05 < same.pod[0, 0] < apart.pod[0, 0] - 0.05
+
+
+def test_a_crown_hides_what_lies_behind_it_from_there():
+    crown = np.array([[20.0, 20.0, 8.0, 3.0, 3.0, 4.0, 1.0, 0.0, 12.0, 3.0, 0.0]])
+    centres = grid(20, 20)
+    under, behind, before = (10, 10), (10, 13), (10, 6)
+
+    def seen_from(x_m: float, solids: np.ndarray) -> np.ndarray:
+        cells = cells_over(centres, solids)
+        place = np.array([x_m, 20.0, 25.0])
+        cells.look(CameraPose(place, rotation_camera_to_enu(math.pi / 2, -math.pi / 2)), STILL)
+        return cells.pod
+
+    from_west, from_above, from_east = (seen_from(x, crown) for x in (11.0, 20.0, 32.0))
+    free = seen_from(11.0, NO_SOLIDS)
+    assert free[behind] > 0.3
+    assert from_west[behind] == from_above[under] == 0.0
+    assert from_west[before] == free[before] > 0.3
+    assert from_east[behind] > 0.3
+
+
+def test_after_clear_the_same_looks_give_the_same():
+    cells = cells_over(grid())
+    pose = CameraPose(np.array([30.0, 20.0, 40.0]), rotation_camera_to_enu(0.3, -1.4))
+    cells.look(pose, STILL)
+    first = cells.pod
+    cells.clear()
+    assert not cells.pod.any()
+    cells.look(pose, STILL)
+    assert np.array_equal(cells.pod, first)
+
+
+def test_a_class_that_the_model_does_not_know_is_refused():
+    with pytest.raises(UserError, match="needs a sensor model of 'walrus'"):
+        cells_over(grid(), name="walrus")
