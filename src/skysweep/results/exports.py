@@ -33,6 +33,7 @@ class FoundTarget:
     status: str  # confirmed or unchecked
     probability: float | None  # that it is a target, where the strategy says one
     seen_from_m: float | None  # lowest height above it from which it was found, up to the verdict
+    by_operator: bool  # the verdict
 
 
 def found_targets(run: Run) -> list[FoundTarget]:
@@ -126,6 +127,7 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
         status=story.verdict or EventKind.UNCHECKED,
         probability=story.probability,
         seen_from_m=None if seen_from_m is None else round(seen_from_m, 1),
+        by_operator=story.by_operator,
     )
 
 
@@ -139,7 +141,9 @@ def probability_words(target: FoundTarget) -> str:
 def _description(target: FoundTarget) -> str:
     parts = ["not checked: have a look"]
     if target.confirmed_s is not None:
-        parts = [f"confirmed {target.confirmed_s:.0f} s after take-off"]
+        parts = [
+            f"confirmed{' by the operator' * target.by_operator} {target.confirmed_s:.0f} s after take-off"
+        ]
     if target.probability is not None:
         parts.append(probability_words(target))
     if target.confidence is not None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
-from skysweep.mission.notes import OF_A_CANDIDATE
+from skysweep.mission.notes import LOOKED, OF_A_CANDIDATE, OPERATOR
+from skysweep.mission.orders import ORDER
 from skysweep.mission.safety import Action
 from skysweep.types import EventKind
 
@@ -63,6 +64,17 @@ class _OfCandidate(_Decision):
     confidence: float | None = None
     altitude_agl_m: float | None = None
     covariance_m2: _Matrix | None = None
+    by: str | None = Field(None, pattern=f"^{OPERATOR}$")
+
+
+class _Order(_Line):
+    word: str
+    candidate: int | None = None
+    p: _Place | None = None
+
+
+class _Looked(_Line):
+    p: _Place
 
 
 class _Safety(_Line):
@@ -101,9 +113,15 @@ class _Look(_Line):
         return self
 
 
+class _Ordered(BaseModel):
+    verdicts: list[tuple[int, Literal["confirmed", "rejected"]]]
+    places: list[_Pair]
+
+
 class _Snapshot(_Line):
     strategy: dict[str, Any]
     tracker: dict[str, Any]
+    operator: _Ordered | None = None
 
 
 _KNOWN: dict[str, type[_Line]] = {
@@ -111,6 +129,8 @@ _KNOWN: dict[str, type[_Line]] = {
     "plan": _Plan,
     "state": _State,
     "safety": _Safety,
+    ORDER: _Order,
+    LOOKED: _Looked,
     "unsearched": _Unsearched,
     "end": _Reason,
     EventKind.CHECK_STARTED: _Decision,
