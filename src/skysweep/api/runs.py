@@ -92,19 +92,19 @@ class Run:
 
     @cached_property
     def candidates(self) -> pl.DataFrame:
-        """Every candidate, a row each; ``verdict`` is confirmed, rejected or null."""
+        """Every candidate, a row each. ``verdict`` is confirmed, rejected or null; ``by_operator`` or not."""
         import polars as pl
 
         schema = {
             **{"id": pl.Int64, "class_name": pl.String},
             **dict.fromkeys(("east_m", "north_m", "up_m", "radius_95_m"), pl.Float64),
             **{"verdict": pl.String, "verdict_s": pl.Float64, "first_seen_s": pl.Float64},
-            **{"n_sightings": pl.Int64, "confidence": pl.Float64},
+            **{"n_sightings": pl.Int64, "confidence": pl.Float64, "by_operator": pl.Boolean},
         }
         rows = [
             (
                 *(c.id, c.class_name, *c.position_enu_m.tolist(), c.radius_95_m, c.verdict, c.verdict_s),
-                *(c.first_seen_s, c.n_sightings, c.confidence),
+                *(c.first_seen_s, c.n_sightings, c.confidence, c.by_operator),
             )
             for c in self._told.candidates
         ]

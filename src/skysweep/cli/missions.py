@@ -257,6 +257,7 @@ def print_summary(summary: RunSummary) -> None:
         ("Checked", f"{summary['n_checked']} candidates"),
         ("False scans", _figure(summary["false_scans"], "")),
         ("Left unchecked", str(summary["n_unchecked"] or "")),
+        ("Decided by the operator", str(summary["n_by_operator"] or "")),
         ("Area seen", _figure(100 * summary["area_covered"], "%")),
         ("Path length", _figure(summary["path_length_m"], "m")),
         ("Energy", _figure(summary["energy_wh"], "Wh", 1)),

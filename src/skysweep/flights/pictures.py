@@ -65,7 +65,7 @@ class PictureBook:
             return
         frame, found = self._sensor.last_look
         candidate = fields["candidate"]
-        if candidate in self._confirmed:
+        if candidate in self._confirmed or "by" in fields:  # decided from anywhere
             return
         if kind == EventKind.REJECTED:
             _, altitude_agl_m = self._best.get(candidate, (0.0, np.inf))

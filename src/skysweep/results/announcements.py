@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from skysweep.mission.notes import OF_A_CANDIDATE
+from skysweep.mission.notes import OF_A_CANDIDATE, OPERATOR
 from skysweep.results.exports import found_targets, probability_words
 from skysweep.results.reporting.wording import clock, safety_words
 from skysweep.results.run_folder import Run
@@ -39,14 +39,17 @@ class Announcer:
             self._records.append(record)
         if kind == EventKind.CONFIRMED:
             self._say(self._found(record))
+        elif kind == EventKind.REJECTED and record.get("by") == OPERATOR:
+            self._say(f"rejected by the operator: {self._candidate(record)}")
         elif kind == EventKind.UNCHECKED:
-            self._say(self._unchecked(record))
+            self._say(f"not checked: {self._candidate(record)}")
         elif kind in ("safety", "unsearched", EventKind.MISFIT):
             self._say(safety_words(record))
 
     def _found(self, record: Record) -> str:
         target = next(t for t in found_targets(self._run) if t.candidate == record["candidate"])
-        words = f"found {target.name} at {self._place(record)}"
+        found = "confirmed by the operator:" if target.by_operator else "found"
+        words = f"{found} {target.name} at {self._place(record)}"
         if target.probability is not None:
             words += f", {probability_words(target)}"
         if target.confidence is not None:
@@ -55,10 +58,10 @@ class Announcer:
         picture = self._picture_of(target.candidate)
         return words if picture is None else f"{words}, picture {picture}"
 
-    def _unchecked(self, record: Record) -> str:
+    def _candidate(self, record: Record) -> str:
         candidate = record["candidate"]
         names = {c.id: c.class_name for c in self._run.candidates}
-        return f"not checked: candidate {candidate} ({names[candidate]}) at {self._place(record)}"
+        return f"candidate {candidate} ({names[candidate]}) at {self._place(record)}"
 
     @property
     def _run(self) -> Run:

@@ -46,10 +46,13 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
 
 def titles_of(run: Run) -> dict[int, str]:
     """Verdict and name of every candidate that was listed, beginning with one of ``VERDICTS``."""
-    titles = {target.candidate: f"Confirmed {target.name}" for target in found_targets(run)}
+    by = {story.id: " by the operator" * story.by_operator for story in run.candidates}
+    titles = {t.candidate: f"Confirmed{by[t.candidate]} {t.name}" for t in found_targets(run)}
     titles |= {target.candidate: target.name.capitalize() for target in unchecked_targets(run)}
     rejected = (story for story in run.candidates if story.verdict == EventKind.REJECTED)
-    return titles | {s.id: f"Rejected {s.class_name or 'candidate'} (candidate {s.id})" for s in rejected}
+    return titles | {
+        s.id: f"Rejected{by[s.id]} {s.class_name or 'candidate'} (candidate {s.id})" for s in rejected
+    }
 
 
 def _view(run: Run, story: CandidateStory, path: Path) -> str:

@@ -50,6 +50,7 @@ class FoundTarget:
     utm: str | None  # zone, easting and northing; None near the poles
     mgrs: str
     picture: str | None  # of it, in the run folder
+    by_operator: bool  # the verdict
 
 
 def found_targets(run: Run) -> list[FoundTarget]:
@@ -149,7 +150,8 @@ def description(target: FoundTarget) -> str:
     """What is known of a target, in words."""
     parts = ["not checked: have a look"]
     if target.confirmed_s is not None:
-        parts = [f"confirmed {target.confirmed_s:.0f} s after take-off"]
+        by = " by the operator" * target.by_operator
+        parts = [f"confirmed{by} {target.confirmed_s:.0f} s after take-off"]
     if target.utc is not None:
         parts.append(target.utc)
     if target.probability is not None:
@@ -213,6 +215,7 @@ def _found(run: Run, number: int, story: CandidateStory) -> FoundTarget:
         utm=utm_of(float(latitude), float(longitude)),
         mgrs=mgrs_of(float(latitude), float(longitude)),
         picture=None if picture is None else f"{PICTURES}/{picture.name}",
+        by_operator=story.by_operator,
     )
 
 

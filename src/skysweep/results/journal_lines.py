@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
-from skysweep.mission.notes import OF_A_CANDIDATE
+from skysweep.mission.notes import LOOKED, OF_A_CANDIDATE, OPERATOR
+from skysweep.mission.orders import ORDER
 from skysweep.mission.safety import Action
 from skysweep.types import EventKind
 
@@ -64,6 +65,17 @@ class _OfCandidate(_Decision):
     confidence: float | None = None
     altitude_agl_m: float | None = None
     covariance_m2: _Matrix | None = None
+    by: str | None = Field(None, pattern=f"^{OPERATOR}$")
+
+
+class _Order(_Line):
+    word: str
+    candidate: int | None = None
+    p: _Place | None = None
+
+
+class _Looked(_Line):
+    p: _Place
 
 
 class _Safety(_Line):
@@ -112,9 +124,15 @@ class _Look(_Line):
         return self
 
 
+class _Ordered(BaseModel):
+    verdicts: list[tuple[int, Literal["confirmed", "rejected"]]]
+    places: list[_Pair]
+
+
 class _Snapshot(_Line):
     strategy: dict[str, Any]
     tracker: dict[str, Any]
+    operator: _Ordered | None = None
 
 
 _KNOWN: dict[str, type[_Line]] = {
@@ -122,6 +140,8 @@ _KNOWN: dict[str, type[_Line]] = {
     "plan": _Plan,
     "state": _State,
     "safety": _Safety,
+    ORDER: _Order,
+    LOOKED: _Looked,
     "unsearched": _Unsearched,
     "end": _Reason,
     "clock": _Clock,

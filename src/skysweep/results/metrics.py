@@ -17,7 +17,7 @@ from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.results.summary import RunSummary, Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
-from skysweep.types import F64, SEARCHING, Doubt, EventKind
+from skysweep.types import F64, SEARCHING, Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
 from skysweep.worlds.world import WorldObject
@@ -33,6 +33,7 @@ _GROUND_TRIES = 1_000_000  # at most, where the area is thin
 _ABOVE_GROUND_M = 0.1
 _ABOVE_PLAN = 1.1  # times the scan's height, which its author takes for low enough
 _NADIR = 1e-6  # as good as straight down, where a picture's rows are equally far
+_LOOKING = (*SEARCHING, Mode.LOOK)
 _FLATTEST_VIEW = -0.1  # vertical part of a unit ray: flatter views reach the horizon and see nothing
 
 
@@ -122,7 +123,7 @@ def compute_summary(
         "time_to_confirm_s": [_rounded(t) for t in confirmed_s],
         "pos_curve": [[0.0, 0.0]]
         + [[round(t, 3), (k + 1) / len(targets)] for k, t in enumerate(times)]
-        + [[round(mission_time_s, 3), len(times) / len(targets) if targets else 0.0]],
+        + [[round(max([mission_time_s, *times[-1:]]), 3), len(times) / len(targets) if targets else 0.0]],
         "n_scanned": len({r["candidate"] for r in run.events(EventKind.SCANNED)}),
         "n_checks": len(run.events(EventKind.CHECK_STARTED)),
         "n_checked": sum(c.verdict is not None for c in run.candidates),
@@ -151,9 +152,10 @@ def compute_summary(
 
 
 def whole_summary(run: Run, wall_time_s: float | None = None) -> RunSummary:
-    """The summary of a run folder, with whether the mission ended and the number of unchecked candidates."""
+    """The summary of a run folder: also whether the mission ended, and what it left to people."""
     numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
-    return {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked)}
+    n_by_operator = sum(c.by_operator for c in run.candidates)
+    return {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked), "n_by_operator": n_by_operator}
 
 
 def _scan_only_time_s(run: Run) -> float | None:
@@ -239,7 +241,7 @@ def looking_states(run: Run) -> NDArray[np.bool_]:
     In a HOLD the place may be wrong.
     """
     states, scenario = run.states, run.scenario
-    looking = np.array([mode in SEARCHING for mode in states.mode], dtype=bool)
+    looking = np.array([mode in _LOOKING for mode in states.mode], dtype=bool)
     looking &= run.altitudes_agl_m <= _seen_from_m(scenario)
     for since_s, until_s in _blind_spans_s(run):
         looking &= (states.time_s < since_s) | (states.time_s >= until_s)

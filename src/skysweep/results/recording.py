@@ -17,7 +17,9 @@ from mcap.writer import Writer
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_from_euler
-from skysweep.results.reporting.wording import probability_of
+from skysweep.mission.notes import LOOKED
+from skysweep.mission.orders import ORDER
+from skysweep.results.reporting.wording import order_words, probability_of
 from skysweep.results.run_folder import Record, Run
 from skysweep.ros import messages as m
 from skysweep.ros import topics
@@ -118,8 +120,11 @@ def _still_life(run: Run) -> list[m.Mark]:
 
 
 def _words(record: Record) -> str:
+    if record["kind"] in (ORDER, LOOKED):
+        return order_words(record)
     who = "" if record.get("candidate") is None else f" candidate {record['candidate']}"
     probability = record.get("probability")
     who += "" if probability is None else f", probability {probability_of(probability)}"
+    who += "" if record.get("by") is None else f" by the {record['by']}"
     why = f": {record['reason']}" if "reason" in record else ""
     return f"{record['kind'].replace('_', ' ')}{who}{why}"

@@ -17,7 +17,7 @@ from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
 from skysweep.files.line_file import read_sound_lines
 from skysweep.mission.journal import journal_remedy
-from skysweep.mission.notes import OF_A_CANDIDATE
+from skysweep.mission.notes import OF_A_CANDIDATE, OPERATOR
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary
@@ -47,7 +47,7 @@ class States:
 
     time_s: F64  # (N,) since the take-off command
     position_enu_m: F64  # (N, 3)
-    mode: tuple[str, ...]  # (N,) TAKEOFF, SCAN, CHECK, RETURN or LAND
+    mode: tuple[str, ...]  # (N,) as ``types.Mode``
     battery: F64  # (N,) 0..1
     energy_wh: F64  # (N,) used so far
     camera_position_enu_m: F64  # (N, 3)
@@ -73,6 +73,7 @@ class CandidateStory:
     probability: float | None  # that it is a target, as the strategy last said; None: it says none
     seen_from_m: float | None  # lowest height above it of the sightings up to the verdict
     covariance_m2: F64 | None  # (2, 2) horizontal
+    by_operator: bool = False  # the verdict
 
     @property
     def radius_95_m(self) -> float | None:
@@ -251,7 +252,9 @@ class Run:
         return None if record is None else self.since_start(record)
 
     def _story(self, identity: int, records: list[Record]) -> CandidateStory:
-        verdict = next((r for r in records if r["kind"] in (EventKind.CONFIRMED, EventKind.REJECTED)), None)
+        verdicts = [r for r in records if r["kind"] in (EventKind.CONFIRMED, EventKind.REJECTED)]
+        by_operator = [r for r in verdicts if r.get("by") == OPERATOR]
+        verdict = next(iter([*reversed(by_operator), *verdicts]), None)
         known = records if verdict is None else records[: records.index(verdict) + 1]
         scanned = next((r for r in known if r["kind"] == EventKind.SCANNED), None)
         sightings = [r for r in known if r["kind"] == "sighting"]
@@ -271,6 +274,7 @@ class Run:
                 (h for s in sightings if (h := s.get("altitude_agl_m")) is not None), default=None
             ),
             covariance_m2=_matrix(_newest(known, "covariance_m2")),
+            by_operator=bool(by_operator),
         )
 
 

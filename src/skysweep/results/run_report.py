@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from skysweep.errors import UserError
+from skysweep.mission.notes import LOOKED, OPERATOR
+from skysweep.mission.orders import LOOK, ORDER
 from skysweep.mission.safety import OUTSIDE
 from skysweep.results.beliefs import KEY, beliefs
 from skysweep.results.evidence import evidence
@@ -21,6 +23,7 @@ from skysweep.results.reporting.wording import (
     clock,
     counted,
     definitions,
+    order_words,
     parameters,
     probability_of,
     safety_words,
@@ -94,6 +97,9 @@ def _run_lead(run: Run, s: Summary) -> str:
     if s["n_checked"]:
         without = s["false_scans"] if run.has_truth else s["n_checked"] - s["n_confirmed"]
         text += f", {without} of {s['n_checked']} checks found no target"
+    n_by_operator = sum(c.by_operator for c in run.candidates)
+    if n_by_operator:
+        text += f", {counted(n_by_operator, 'verdict')} by the operator"
     if run.unchecked:
         text += f", {counted(len(run.unchecked), 'candidate')} left unchecked"
     if s["collisions"]:
@@ -147,6 +153,10 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             if check is not None:
                 steps.append(_check_step(run, check, names))
             check = [record]
+        elif kind == LOOKED or (kind == ORDER and record["word"] == LOOK):
+            steps.append((time_s, order_words(record)))
+        elif kind in SETTLING and record.get("by") == OPERATOR:
+            steps.append((time_s, _verdicts([record], names)))
         elif kind in ("safety", "unsearched", EventKind.MISFIT):
             steps.append((time_s, safety_words(record)))
         elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
@@ -200,7 +210,7 @@ def _check_step(run: Run, check: Sequence[Any], names: dict[int, str]) -> tuple[
 
 
 def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
-    confirmed = [names[r["candidate"]] for r in records if r["kind"] == EventKind.CONFIRMED]
+    confirmed = [_name(r, names) for r in records if r["kind"] == EventKind.CONFIRMED]
     rejected = sum(r["kind"] == EventKind.REJECTED for r in records)
     unchecked = [_name(r, names) for r in records if r["kind"] == EventKind.UNCHECKED]
     parts = []
@@ -210,7 +220,7 @@ def _verdicts(records: Sequence[Any], names: dict[int, str]) -> str:
         parts.append(f"rejected {counted(rejected, 'candidate')}")
     if unchecked:
         parts.append(f"not flown to {', '.join(unchecked)}")
-    text = "; ".join(parts)
+    text = "; ".join(parts) + " by the operator" * any("by" in r for r in records)
     return f"{text[:1].upper()}{text[1:]}."
 
 
@@ -253,7 +263,7 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
     header = ["Found", "Confirmed (min:s)", "Latitude (°)", "Longitude (°)", "95 % radius (m)", *_seen(run)]
     rows = [
         [
-            target.name,
+            target.name + " (by the operator)" * target.by_operator,
             clock(target.confirmed_s or 0.0),
             *_place(target),
             _or_dash(target.radius_95_m, "{:.1f}"),

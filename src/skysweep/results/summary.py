@@ -56,6 +56,7 @@ class RunSummary(Summary):
 
     ended: bool
     n_unchecked: int
+    n_by_operator: int  # verdicts
 
 
 def value_of(summary: Summary, key: str) -> Any:

@@ -30,6 +30,7 @@ class KnownTarget:
     standing: str
     position_enu_m: F64  # (3,)
     radius_95_m: float
+    by_operator: bool = False  # decided
 
 
 class TargetBoard:
@@ -56,6 +57,7 @@ class TargetBoard:
         self.targets[identity] = replace(
             known,
             standing=standing,
+            by_operator="by" in record,
             position_enu_m=known.position_enu_m if place is None else np.array(place, dtype=float),
             radius_95_m=known.radius_95_m if spread is None else _radius_95_m(spread),
         )
@@ -68,7 +70,7 @@ class TargetBoard:
             rgba = _RGBA[t.standing]
             size = (2 * t.radius_95_m, 2 * t.radius_95_m, 0.2)
             marks.append(Mark(t.standing, t.id, CYLINDER, t.position_enu_m, size, rgba))
-            label = f"{t.id} {t.class_name} {t.standing}"
+            label = f"{t.id} {t.class_name} {t.standing}{' by the operator' * t.by_operator}"
             above = t.position_enu_m + np.array([0.0, 0.0, 2.0])
             marks.append(Mark("labels", t.id, TEXT, above, (0.0, 0.0, 1.5), (1.0, 1.0, 1.0, 1.0), label))
         return marks

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from skysweep.mission.notes import LOOKED
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.results.reporting.html import Grid
 from skysweep.scenarios.model import Scenario
@@ -58,9 +59,9 @@ def definitions() -> Grid:
             "is confirmed or rejected, without return and landing (see total_time_s).",
             "Scanned": "Seen from the scan altitude and put on the list of candidates.",
             "Confirmed": "Detected at the check altitude with enough confidence. By a strategy that gives "
-            "probabilities: probable enough, from whatever height it was seen.",
+            "probabilities: probable enough, from whatever height it was seen. Or by the operator.",
             "Rejected": "Not confirmed although the vehicle was above it at the check altitude. By a "
-            "strategy that gives probabilities: too improbable to be worth another look.",
+            "strategy that gives probabilities: too improbable to be worth another look. Or by the operator.",
             "Probability": "That the candidate is a target, as the strategy believed.",
             "Unchecked": "On the list of candidates but never checked: it may be a target, so have a look.",
             "Right": f"Confirmed, with a true target of its class within {MATCH_DISTANCE_M:g} m that no "
@@ -86,6 +87,19 @@ def safety_words(record: Mapping[str, Any]) -> str:
         again = "they are scanned again" if record["again"] else "they were not scanned again"
         return f"{record['length_m']:.0f} m of the scan turned out to be flown blind; {again}."
     return f"{_ACTIONS[record['action']]}: {record['sentence']}"
+
+
+def order_words(record: Mapping[str, Any]) -> str:
+    """One sentence for an ``operator`` or ``looked`` line of a journal."""
+    of = ""
+    if record.get("candidate") is not None:
+        of = f" candidate {record['candidate']}"
+    if record.get("p") is not None:
+        east_m, north_m, _ = record["p"]
+        of += f" at {east_m:.0f} m east, {north_m:.0f} m north"
+    if record["kind"] == LOOKED:
+        return f"Looked{of} for the operator."
+    return f"The operator orders: {printable(record['word'])}{of}."
 
 
 def decision_words(record: Mapping[str, Any]) -> str:

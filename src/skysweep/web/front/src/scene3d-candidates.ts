@@ -1,59 +1,59 @@
 /** Candidates in the 3-D view: the map's mark and number for each, and the ellipse of its place on the ground. */
 
-import { Group } from "three";
+import { Group, Vector3 } from "three";
 
-import { drawStatus } from "./overlay";
+import { drawStatus, label } from "./overlay";
 import { drape, ellipseRing, type GroundAt } from "./scene3d-geometry";
-import { STATUSES, type Palette } from "./scene3d-look";
-import { Badge, free, Strokes, write } from "./scene3d-marks";
-import type { CandidateAt, Status } from "./store";
+import { INK, STATUSES } from "./scene3d-look";
+import { Strokes, type Mark } from "./scene3d-marks";
+import type { CandidateAt } from "./store";
 
 const LIFT_M = 0.35; // of an ellipse above the ground
-const CORNERS = 40; // of an ellipse
+const CORNERS = 24; // of an ellipse
+
+/** What is drawn of a candidate as it was at some time. */
+interface Drawn {
+  of: CandidateAt;
+  mark: Mark;
+  ring: Float32Array;
+}
 
 export class Candidates extends Group {
+  marks: Mark[] = [];
   private readonly ellipses = new Strokes(2);
-  private readonly marks = new Map<number, { mark: Badge; status: Status }>();
-  private shown: CandidateAt[] = [];
+  private readonly drawn = new Map<number, Drawn>();
 
-  constructor(
-    private readonly groundAt: GroundAt,
-    private readonly palette: Palette,
-  ) {
+  constructor(private readonly groundAt: GroundAt) {
     super();
     this.add(this.ellipses);
   }
 
-  show(now: CandidateAt[]): void {
-    if (now.length === this.shown.length && now.every((candidate, k) => isSame(candidate, this.shown[k]!))) return;
-    this.shown = now;
-    this.ellipses.erase();
-    for (const { mark } of this.marks.values()) mark.visible = false;
+  show(now: readonly CandidateAt[]): void {
+    let changed = now.length !== this.marks.length;
     for (const candidate of now) {
-      const [x = 0, y = 0] = candidate.position_enu_m;
-      const mark = this.markOf(candidate);
-      mark.visible = true;
-      mark.position.set(x, y, this.groundAt(x, y));
-      if (!candidate.covariance_m2) continue;
-      const ring = ellipseRing([x, y], candidate.covariance_m2, CORNERS);
-      this.ellipses.draw(drape(ring, this.groundAt, LIFT_M), STATUSES[candidate.status]);
+      const before = this.drawn.get(candidate.id);
+      if (before && isSame(before.of, candidate)) continue;
+      this.drawn.set(candidate.id, this.drawingOf(candidate));
+      changed = true;
     }
+    if (!changed) return;
+    const all = now.map(({ id }) => this.drawn.get(id)!);
+    this.marks = all.map(({ mark }) => mark);
+    this.ellipses.erase();
+    for (const { of, ring } of all) this.ellipses.draw(ring, STATUSES[of.status]);
   }
 
-  private markOf({ id, status }: CandidateAt): Badge {
-    const known = this.marks.get(id);
-    if (known?.status === status) return known.mark;
-    if (known) {
-      this.remove(known.mark);
-      free(known.mark);
-    }
-    const mark = new Badge(64, 36, (canvas) => {
-      drawStatus(canvas, status, 32, 18);
-      write(canvas, String(id), 41, 9, this.palette, 11);
-    });
-    this.marks.set(id, { mark, status });
-    this.add(mark);
-    return mark;
+  private drawingOf(of: CandidateAt): Drawn {
+    const [x = 0, y = 0] = of.position_enu_m;
+    const mark: Mark = {
+      place: new Vector3(x, y, this.groundAt(x, y)),
+      draw: (canvas, u, v) => {
+        drawStatus(canvas, of.status, u, v);
+        label(canvas, String(of.id), u + 9, v - 9, INK, "600 11px");
+      },
+    };
+    const places = of.covariance_m2 ? ellipseRing([x, y], of.covariance_m2, CORNERS) : [];
+    return { of, mark, ring: drape(places, this.groundAt, LIFT_M) };
   }
 }
 

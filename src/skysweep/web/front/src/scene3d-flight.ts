@@ -13,27 +13,38 @@ import {
   type PerspectiveCamera,
 } from "three";
 
-import { curtain, drape, gridBorder, gridTriangles, seenGround, wallTriangles, type GroundAt } from "./scene3d-geometry";
-import { colourOfAltitude, MODES, type Palette } from "./scene3d-look";
-import { faces, free, Label, Strokes } from "./scene3d-marks";
-import type { PathColour } from "./overlay";
+import { curtain, drape, gridBorder, gridTriangles, isStraight, seenGround, wallTriangles, type GroundAt } from "./scene3d-geometry";
+import { colourOfAltitude, INK, MODES, type Palette } from "./scene3d-look";
+import { faces, free, Strokes, type Mark } from "./scene3d-marks";
+import { label, type PathColour } from "./overlay";
+import { countUpTo } from "./series";
 import type { StateAt, Store } from "./store";
 
 const SIDE = 7; // points along a side of the footprint
 const LIFT_M = 0.3; // of the footprint above the ground
 const CURTAIN_OPACITY = 0.3;
 const DASH_M = 3;
+const STRETCH_M = 10; // at most, so that the curtain follows the ground
+const STRAIGHT_M = 0.15;
+const MOST_STATES = 60; // of a stretch
 const VEHICLE_PX = 36; // at least, on the screen
 const VEHICLE_M = 1.2; // of the model, over its rotors
 
-/** The planned path, and the flown one with a curtain below it down to the ground. */
+/**
+ * The planned path, and the flown one with a curtain below it down to the ground.
+ *
+ * Of the flown one it draws the states between which the vehicle did not fly straight on, or in another colour.
+ */
 export class Path extends Group {
   private readonly planned = new Strokes(1.5);
-  private plan: number[][] = [];
   private readonly line = new Strokes(3);
-  private readonly tip = new Strokes(3);
-  private wall = new Curtain(256);
-  private rows = 0; // states drawn
+  private readonly tip = new Strokes(3); // from the last drawn state to the present
+  private readonly tipWall = new Curtain();
+  private readonly wall = new Curtain();
+  private plan: number[][] = [];
+  private readonly drawn: number[] = []; // states
+  private readonly times: number[] = []; // of those
+  private taken = 0; // states
   private what: PathColour = "mode";
 
   constructor(
@@ -42,46 +53,59 @@ export class Path extends Group {
     private readonly palette: Palette,
   ) {
     super();
-    this.add(this.wall, this.planned, this.line, this.tip);
+    this.add(this.wall, this.tipWall, this.planned, this.line, this.tip);
   }
 
   colourBy(what: PathColour): void {
     this.what = what;
-    this.rows = 0;
     this.line.erase();
+    this.taken = this.drawn.length = this.times.length = 0;
   }
 
   show(state: StateAt): void {
-    this.grow();
-    const flown = this.store.countStates(state.t);
-    const last = Math.max(flown - 1, 0);
+    this.drawPlan();
+    this.takeStates();
+    const last = Math.max(countUpTo(this.times, this.times.length, state.t) - 1, 0);
     this.line.show(last);
     this.wall.show(last);
-    this.tip.erase().draw([...this.store.position(last), ...state.position_enu_m], this.colourOf(last));
+    const row = this.drawn[last]!;
+    const [from, to] = [this.store.position(row), state.position_enu_m];
+    this.tip.erase().draw([...from, ...to], this.colourOf(row));
+    [from, to].forEach((end, k) => this.tipWall.set(k, curtain(end, this.groundAt), this.colourOf(row)));
+    this.tipWall.show(1);
   }
 
-  private grow(): void {
-    const { store } = this;
-    if (this.plan !== store.planned_enu_m) {
-      this.plan = store.planned_enu_m;
-      const [x = 0, y = 0, z = 0] = this.plan[0] ?? [];
-      const points = drape(this.plan, this.groundAt, z - this.groundAt(x, y), DASH_M);
-      this.planned.erase();
-      for (let k = 0; k + 6 <= points.length; k += 6) this.planned.draw(points.subarray(k, k + 6), this.palette.planned);
+  private drawPlan(): void {
+    if (this.plan === this.store.planned_enu_m) return;
+    this.plan = this.store.planned_enu_m;
+    const [x = 0, y = 0, z = 0] = this.plan[0] ?? [];
+    const points = drape(this.plan, this.groundAt, z - this.groundAt(x, y), DASH_M);
+    this.planned.erase();
+    for (let k = 0; k + 6 <= points.length; k += 6) this.planned.draw(points.subarray(k, k + 6), this.palette.planned);
+  }
+
+  private takeStates(): void {
+    for (; this.taken < this.store.states.length; this.taken++) {
+      const from = this.drawn[this.drawn.length - 1];
+      if (from === undefined) this.take(this.taken);
+      else if (this.taken - 1 > from && !this.isOneStretch(from, this.taken)) this.take(this.taken - 1);
     }
-    if (store.states.length > this.wall.capacity) {
-      this.remove(this.wall);
-      free(this.wall);
-      this.add((this.wall = new Curtain(2 * store.states.length)));
-      this.rows = 0;
-      this.line.erase();
-    }
-    for (; this.rows < store.states.length; this.rows++) {
-      const row = this.rows;
-      const here = store.position(row);
-      if (row > 0) this.line.draw([...store.position(row - 1), ...here], this.colourOf(row - 1));
-      this.wall.set(row, curtain(here, this.groundAt), this.colourOf(row));
-    }
+  }
+
+  private isOneStretch(from: number, to: number): boolean {
+    if (!this.colourOf(from).equals(this.colourOf(to - 1))) return false;
+    const rows = Array.from({ length: to - from + 1 }, (_, k) => this.store.position(from + k));
+    const [a, b] = [rows[0]!, rows[rows.length - 1]!];
+    return rows.length <= MOST_STATES && Math.hypot(b[0] - a[0], b[1] - a[1]) <= STRETCH_M && isStraight(rows, STRAIGHT_M);
+  }
+
+  private take(row: number): void {
+    const before = this.drawn[this.drawn.length - 1];
+    const here = this.store.position(row);
+    if (before !== undefined) this.line.draw([...this.store.position(before), ...here], this.colourOf(before));
+    this.wall.set(this.drawn.length, curtain(here, this.groundAt), this.colourOf(row));
+    this.drawn.push(row);
+    this.times.push(this.store.time(row));
   }
 
   private colourOf(row: number): Color {
@@ -91,21 +115,19 @@ export class Path extends Group {
   }
 }
 
-/** A wall below a path of up to `capacity` points. */
+/** A wall below a path of any number of points, in buffers that grow. */
 class Curtain extends Group {
-  private readonly mesh;
+  private mesh = translucentWall(4);
 
-  constructor(readonly capacity: number) {
+  constructor() {
     super();
-    this.mesh = faces(new Float32Array(6 * capacity), wallTriangles(capacity), {
-      colours: new Float32Array(8 * capacity),
-    });
     this.add(this.mesh);
   }
 
   /** Sets one point's pair (2 x 3). */
   set(k: number, pair: Float32Array, colour: Color): void {
-    const { position, color } = this.mesh.geometry.attributes as Record<"position" | "color", BufferAttribute>;
+    if (2 * k + 1 >= this.attributes.position.count) this.grow(2 * (k + 1));
+    const { position, color } = this.attributes;
     position.set(pair, 6 * k);
     for (const end of [0, 1]) color.setXYZW(2 * k + end, colour.r, colour.g, colour.b, CURTAIN_OPACITY);
     position.needsUpdate = color.needsUpdate = true;
@@ -115,12 +137,29 @@ class Curtain extends Group {
   show(n: number): void {
     this.mesh.geometry.setDrawRange(0, 6 * n);
   }
+
+  private get attributes(): Record<"position" | "color", BufferAttribute> {
+    return this.mesh.geometry.attributes as Record<"position" | "color", BufferAttribute>;
+  }
+
+  private grow(points: number): void {
+    const before = this.attributes;
+    this.remove(this.mesh);
+    free(this.mesh);
+    this.mesh = translucentWall(points);
+    this.add(this.mesh);
+    for (const name of ["position", "color"] as const) this.attributes[name].set(before[name].array);
+  }
+}
+
+function translucentWall(points: number) {
+  return faces(new Float32Array(6 * points), wallTriangles(points), { colours: new Float32Array(8 * points) });
 }
 
 /** The vehicle with its altitude above the ground, and the frustum of its camera. */
 export class Vehicle extends Group {
   private readonly model: Group;
-  private readonly altitude: Label;
+  private altitude_agl_m = 0;
   private readonly rays = new Strokes(1.5);
   private readonly drop = new Strokes(1.5);
   private readonly footprint;
@@ -134,9 +173,7 @@ export class Vehicle extends Group {
     const look = { colour: palette.camera, opacity: 0.28 };
     this.footprint = faces(new Float32Array(3 * SIDE * SIDE), gridTriangles(SIDE, SIDE), look);
     this.model = quadrotor(palette);
-    this.altitude = new Label(palette, "", 0);
-    this.altitude.center.set(0.5, -1);
-    this.add(this.footprint, this.rays, this.drop, this.model, this.altitude);
+    this.add(this.footprint, this.rays, this.drop, this.model);
   }
 
   show(state: StateAt): void {
@@ -144,8 +181,7 @@ export class Vehicle extends Group {
     const ground_m = this.groundAt(x, y);
     this.model.position.set(x, y, z);
     this.model.rotation.z = Math.atan2(state.heading_en[1], state.heading_en[0]);
-    this.altitude.position.set(x, y, z);
-    this.altitude.say(`${Math.max(z - ground_m, 0).toFixed(0)} m`);
+    this.altitude_agl_m = Math.max(z - ground_m, 0);
     this.drop.erase().draw([x, y, z, x, y, ground_m], this.palette.ink);
     this.look(state);
   }
@@ -171,6 +207,13 @@ export class Vehicle extends Group {
 
   get position_enu_m(): Vector3 {
     return this.model.position;
+  }
+
+  /** Its altitude above the ground, in words. */
+  get mark(): Mark {
+    const draw = (canvas: CanvasRenderingContext2D, u: number, v: number) =>
+      label(canvas, `${this.altitude_agl_m.toFixed(0)} m`, u + VEHICLE_PX / 2, v - VEHICLE_PX / 2, INK, "600 13px");
+    return { place: this.position_enu_m, draw };
   }
 }
 

@@ -2,7 +2,7 @@
 
 import { ellipse95, groundOfPixel } from "./footprint";
 import type { StateAt } from "./store";
-import type { Scene, XY } from "./types";
+import type { Scene, XY, XYZ } from "./types";
 
 /** Height of the ground in m. */
 export type GroundAt = (x: number, y: number) => number;
@@ -91,6 +91,19 @@ export function ellipseRing(centre: XY, covariance_m2: readonly number[][], n: n
     const u = a_m * Math.cos((2 * Math.PI * k) / n);
     const v = b_m * Math.sin((2 * Math.PI * k) / n);
     return [centre[0] + u * cos - v * sin, centre[1] + u * sin + v * cos];
+  });
+}
+
+/** Whether all points lie within a tolerance of the straight piece from the first to the last. */
+export function isStraight(points: readonly XYZ[], tolerance_m: number): boolean {
+  const [from, to] = [points[0]!, points[points.length - 1]!];
+  const way = [to[0] - from[0], to[1] - from[1], to[2] - from[2]] as const;
+  const length2 = way[0] ** 2 + way[1] ** 2 + way[2] ** 2;
+  return points.every((point) => {
+    const d = [point[0] - from[0], point[1] - from[1], point[2] - from[2]] as const;
+    const along = length2 > 0 ? (d[0] * way[0] + d[1] * way[1] + d[2] * way[2]) / length2 : 0;
+    const share = Math.min(Math.max(along, 0), 1);
+    return Math.hypot(d[0] - share * way[0], d[1] - share * way[1], d[2] - share * way[2]) <= tolerance_m;
   });
 }
 

@@ -7,11 +7,10 @@ import { altitudeColour, altitudeStep, MODE_COLOURS, STATUS_COLOURS } from "./co
 const LIGHT = {
   sky: "#e9eef2",
   ink: "#10161d",
-  halo: "#ffffff",
   ground: "#b4bfa8",
   block: "#8d8577",
 };
-const DARK: typeof LIGHT = { sky: "#12181f", ink: "#eaf0f5", halo: "#10161d", ground: "#5b6654", block: "#3a3833" };
+const DARK: typeof LIGHT = { sky: "#12181f", ink: "#eaf0f5", ground: "#5b6654", block: "#3a3833" };
 const ALWAYS = {
   area: "#ffffff",
   noFly: "#d55e00",
@@ -25,6 +24,8 @@ const ALWAYS = {
   wall: "#c9beb0",
   roof: "#9a5b48",
 };
+
+export const INK = "#10161d"; // of words, which have a white halo
 
 export type Palette = Record<keyof typeof LIGHT | keyof typeof ALWAYS, Color>;
 

@@ -1,16 +1,14 @@
-/** What the 3-D view draws with: lines and labels that are pixels large, and translucent faces. */
+/** What the 3-D view draws with: lines that are pixels wide, translucent faces, and marks over the picture. */
 
 import {
   BufferAttribute,
   BufferGeometry,
-  CanvasTexture,
-  Color,
   DoubleSide,
   Mesh,
   MeshBasicMaterial,
-  Sprite,
-  SpriteMaterial,
-  SRGBColorSpace,
+  type Color,
+  type Object3D,
+  type Vector3,
 } from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
@@ -91,96 +89,17 @@ export function faces(
   return mesh;
 }
 
-/** Draws on a canvas, in CSS pixels. */
-type Draw = (canvas: CanvasRenderingContext2D) => void;
-
-const PIXELS = 2; // of a canvas in a CSS pixel
-const HALO_PX = 3.5;
-
-/** Writes words with a halo, from the left. */
-export function write(
-  canvas: CanvasRenderingContext2D,
-  words: string,
-  u: number,
-  v: number,
-  look: { ink: Color; halo: Color },
-  size_px: number,
-): void {
-  canvas.font = `600 ${size_px}px system-ui, sans-serif`;
-  canvas.textBaseline = "middle";
-  canvas.lineJoin = "round";
-  canvas.lineWidth = HALO_PX;
-  canvas.strokeStyle = look.halo.getStyle();
-  canvas.fillStyle = look.ink.getStyle();
-  canvas.strokeText(words, u, v);
-  canvas.fillText(words, u, v);
-}
-
-/** A picture that keeps its size on the screen. */
-export class Badge extends Sprite {
-  constructor(
-    private readonly width_px: number,
-    private readonly height_px: number,
-    draw: Draw,
-  ) {
-    super(new SpriteMaterial({ sizeAttenuation: false, depthTest: false, depthWrite: false, transparent: true }));
-    this.renderOrder = 10;
-    this.draw(draw);
-  }
-
-  draw(draw: Draw): void {
-    const canvas = document.createElement("canvas");
-    canvas.width = PIXELS * this.width_px;
-    canvas.height = PIXELS * this.height_px;
-    const context = canvas.getContext("2d")!;
-    context.scale(PIXELS, PIXELS);
-    draw(context);
-    this.material.map?.dispose();
-    this.material.map = new CanvasTexture(canvas);
-    this.material.map.colorSpace = SRGBColorSpace;
-    this.material.map.generateMipmaps = false;
-  }
-
-  /** Keeps its size when a CSS pixel is `perPixel` high at distance 1. */
-  fit(perPixel: number): void {
-    this.scale.set(this.width_px * perPixel, this.height_px * perPixel, 1);
-  }
-}
-
-const LABEL_PX = [108, 20] as const; // width and height
-const ALIGNED = { "-1": "right", 0: "center", 1: "left" } as const;
-
-/** Words on the screen, one short line: left of a place (-1), about it (0), or right of it (1). */
-export class Label extends Badge {
-  private words = "";
-
-  constructor(
-    private readonly look: { ink: Color; halo: Color },
-    words: string,
-    private readonly side: -1 | 0 | 1,
-  ) {
-    super(...LABEL_PX, () => {});
-    this.center.x = (1 - side) / 2;
-    this.say(words);
-  }
-
-  say(words: string): void {
-    if (words === this.words) return;
-    this.words = words;
-    this.draw((canvas) => {
-      canvas.textAlign = ALIGNED[this.side];
-      const inside_px = LABEL_PX[0] / 2 - HALO_PX;
-      write(canvas, words, LABEL_PX[0] / 2 - this.side * inside_px, LABEL_PX[1] / 2, this.look, 12);
-    });
-  }
+/** Something that keeps its size: drawn beside (u, v), the pixel in which its place is seen. */
+export interface Mark {
+  place: Vector3;
+  draw(canvas: CanvasRenderingContext2D, u: number, v: number): void;
 }
 
 /** Frees what an object and its children hold on the graphics device. */
-export function free(root: { traverse(visit: (node: object) => void): void }): void {
+export function free(root: Object3D): void {
   root.traverse((node) => {
     const { geometry, material } = node as Partial<Mesh<BufferGeometry, MeshBasicMaterial>>;
     geometry?.dispose();
-    material?.map?.dispose();
     material?.dispose();
   });
 }

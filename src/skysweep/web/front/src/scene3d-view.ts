@@ -11,12 +11,12 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
-import { h, toggle } from "./dom";
+import { fitCanvas, h, toggle } from "./dom";
 import type { PathColour } from "./overlay";
 import { Candidates } from "./scene3d-candidates";
 import { Path, Vehicle } from "./scene3d-flight";
 import { palette } from "./scene3d-look";
-import { Badge, free } from "./scene3d-marks";
+import { free, type Mark } from "./scene3d-marks";
 import { buildWorld } from "./scene3d-world";
 import type { Store } from "./store";
 
@@ -37,6 +37,7 @@ const DIRECTIONS = {
 type Direction = keyof typeof DIRECTIONS;
 
 interface Parts {
+  fixed: Mark[];
   path: Path;
   vehicle: Vehicle;
   candidates: Candidates;
@@ -46,6 +47,7 @@ export class View3D {
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(FOV_DEG);
   private readonly controls: OrbitControls;
+  private readonly marks = h("canvas", { class: "scene3d-marks", "aria-hidden": "true" });
   private readonly follow: HTMLButtonElement;
   private parts: Parts | null = null; // null: the ground is not known yet
   private picture: Texture | null = null;
@@ -76,7 +78,7 @@ export class View3D {
       button("Side", "side", "From the south, level (S)"),
       this.follow,
     );
-    element.append(canvas, views);
+    element.append(canvas, this.marks, views);
 
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -89,7 +91,6 @@ export class View3D {
     if (store.scene.ground.picture) {
       new TextureLoader().load(store.scene.ground.picture, (texture) => {
         texture.colorSpace = SRGBColorSpace;
-        texture.anisotropy = 4;
         this.picture = texture;
         this.rebuild();
         this.show(this.t);
@@ -155,13 +156,15 @@ export class View3D {
     free(this.scene);
     this.scene.clear();
     this.scene.background = colours.sky;
+    const { world, marks } = buildWorld(scene, heights, groundAt, this.picture, colours);
     this.parts = {
+      fixed: marks,
       path: new Path(this.store, groundAt, colours),
       vehicle: new Vehicle(this.store, groundAt, colours),
-      candidates: new Candidates(groundAt, colours),
+      candidates: new Candidates(groundAt),
     };
     this.parts.path.colourBy(this.what);
-    this.scene.add(buildWorld(scene, heights, groundAt, this.picture, colours), ...Object.values(this.parts));
+    this.scene.add(world, this.parts.path, this.parts.vehicle, this.parts.candidates);
     if (isFirst) this.lookFrom("reset");
   }
 
@@ -276,10 +279,20 @@ export class View3D {
     const { clientWidth, clientHeight } = this.element;
     if (!this.parts || !clientWidth || !clientHeight) return;
     const perPixel = (2 * Math.tan((FOV_DEG * Math.PI) / 360)) / clientHeight;
-    this.scene.traverse((node) => {
-      if (node instanceof Badge) node.fit(perPixel);
-    });
     this.parts.vehicle.fit(this.camera, perPixel);
     this.renderer.render(this.scene, this.camera);
+    this.drawMarks(this.parts);
+  }
+
+  private drawMarks({ fixed, candidates, vehicle }: Parts): void {
+    const canvas = fitCanvas(this.marks);
+    const { clientWidth: width, clientHeight: height } = this.marks;
+    canvas.clearRect(0, 0, width, height);
+    for (const mark of [...fixed, ...candidates.marks, ...(vehicle.visible ? [vehicle.mark] : [])]) {
+      const { x, y, z } = seen.copy(mark.place).project(this.camera);
+      if (z < 1) mark.draw(canvas, ((1 + x) / 2) * width, ((1 - y) / 2) * height);
+    }
   }
 }
+
+const seen = new Vector3();

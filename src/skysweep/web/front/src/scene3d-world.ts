@@ -22,25 +22,26 @@ import {
   type Texture,
 } from "three";
 
+import { label } from "./overlay";
 import { closed, curtain, drape, gridBorder, gridTriangles, niceStep, wallTriangles } from "./scene3d-geometry";
 import type { GroundAt } from "./scene3d-geometry";
-import { MODES, type Palette } from "./scene3d-look";
-import { Badge, faces, Label, Strokes } from "./scene3d-marks";
+import { INK, MODES, type Palette } from "./scene3d-look";
+import { faces, Strokes, type Mark } from "./scene3d-marks";
 import type { Heights, Scene, SceneObject, XY } from "./types";
 
 const LIFT_M = 0.4; // of lines above the ground
 const CROWN_FROM = 0.35; // of a tree's height
 const EAVES_M = 0.4;
-const INK = "#10161d"; // of the mark of home, as on the map
 const UP = new Vector3(0, 0, 1);
 
+/** Returns what is in the world, and the marks on it. */
 export function buildWorld(
   scene: Scene,
   heights: Heights,
   groundAt: GroundAt,
   picture: Texture | null,
   palette: Palette,
-): Group {
+): { world: Group; marks: Mark[] } {
   const world = new Group();
   const sun = new DirectionalLight(0xffffff, 2.2);
   sun.position.set(-1, -2, 3);
@@ -56,8 +57,9 @@ export function buildWorld(
   for (const zone of scene.no_fly_enu_m) world.add(...wall(zone, groundAt, ceiling_m, palette.noFly, 0.42));
   if (scene.geofence_enu_m) world.add(...wall(scene.geofence_enu_m, groundAt, ceiling_m, palette.fence, 0.08));
 
-  world.add(...altitudeScale(scene, groundAt, palette), home(scene.home_enu_m, groundAt));
-  return world;
+  const scale = altitudeScale(scene, groundAt, palette);
+  world.add(scale.pole);
+  return { world, marks: [...scale.marks, home(scene.home_enu_m, groundAt)] };
 }
 
 /** The ground as a block: its picture above, its edges down to below the lowest place. */
@@ -173,7 +175,7 @@ function wall(ring: readonly XY[], groundAt: GroundAt, height_m: number, colour:
 }
 
 /** A pole in the south-east with the altitudes above the ground there, and those of SCAN and CHECK. */
-function altitudeScale(scene: Scene, groundAt: GroundAt, palette: Palette): (Strokes | Label)[] {
+function altitudeScale(scene: Scene, groundAt: GroundAt, palette: Palette): { pole: Strokes; marks: Mark[] } {
   const corners = [...scene.area_enu_m, scene.home_enu_m];
   const [x, y] = [Math.max(...corners.map((c) => c[0])), Math.min(...corners.map((c) => c[1]))];
   const foot = groundAt(x, y);
@@ -182,33 +184,37 @@ function altitudeScale(scene: Scene, groundAt: GroundAt, palette: Palette): (Str
   const top_m = step * (Math.ceil(scan_m / step) + 1);
   const tick_m = 0.05 * top_m;
   const pole = new Strokes(2.5).draw([x, y, foot, x, y, foot + top_m], palette.ink);
-  const labels: Label[] = [];
+  const marks: Mark[] = [];
   const mark = (words: string, altitude_m: number, side: -1 | 1, colour: Color) => {
     pole.draw([x, y, foot + altitude_m, x + side * tick_m, y, foot + altitude_m], colour);
-    const label = new Label(palette, words, side);
-    label.position.set(x + side * 1.4 * tick_m, y, foot + altitude_m);
-    labels.push(label);
+    marks.push({
+      place: new Vector3(x + side * 1.4 * tick_m, y, foot + altitude_m),
+      draw: (canvas, u, v) => {
+        canvas.font = "600 12px system-ui, sans-serif";
+        const left = side < 0 ? u - canvas.measureText(words).width : u;
+        label(canvas, words, left, v, INK, "600 12px");
+      },
+    });
   };
   for (let altitude_m = step; altitude_m <= top_m; altitude_m += step) mark(`${altitude_m} m`, altitude_m, 1, palette.ink);
   mark(`SCAN ${scan_m} m`, scan_m, -1, MODES.SCAN);
   mark(`CHECK ${check_m} m`, check_m, -1, MODES.CHECK);
-  return [pole, ...labels];
+  return { pole, marks };
 }
 
-function home([x, y]: XY, groundAt: GroundAt): Badge {
-  const badge = new Badge(22, 22, (canvas) => {
-    canvas.strokeStyle = INK;
-    canvas.arc(11, 11, 9, 0, 2 * Math.PI);
-    canvas.fillStyle = "#ffffff";
-    canvas.fill();
-    canvas.lineWidth = 2;
-    canvas.stroke();
-    canvas.fillStyle = INK;
-    canvas.font = "700 11px system-ui, sans-serif";
-    canvas.textAlign = "center";
-    canvas.textBaseline = "middle";
-    canvas.fillText("H", 11, 11.5);
-  });
-  badge.position.set(x, y, groundAt(x, y));
-  return badge;
+function home([x, y]: XY, groundAt: GroundAt): Mark {
+  return {
+    place: new Vector3(x, y, groundAt(x, y)),
+    draw: (canvas, u, v) => {
+      canvas.beginPath();
+      canvas.rect(u - 6, v - 6, 12, 12);
+      canvas.fillStyle = "#ffffff";
+      canvas.strokeStyle = INK;
+      canvas.lineWidth = 2;
+      canvas.setLineDash([]);
+      canvas.fill();
+      canvas.stroke();
+      label(canvas, "H", u, v, INK, "700 10px", false);
+    },
+  };
 }

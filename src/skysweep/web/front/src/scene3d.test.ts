@@ -7,6 +7,7 @@ import {
   ellipseRing,
   gridBorder,
   gridTriangles,
+  isStraight,
   niceStep,
   seenGround,
   wallTriangles,
@@ -89,6 +90,15 @@ describe("lines and walls", () => {
     expect([...wallTriangles(2)]).toEqual([0, 1, 2, 2, 1, 3]);
     expect(wallTriangles(0)).toHaveLength(0);
     expect(wallTriangles(1)).toHaveLength(0);
+  });
+});
+
+describe("a stretch of the path", () => {
+  it("is straight while no point leaves the piece between its ends", () => {
+    expect(isStraight([[0, 0, 0], [5, 0.1, 0], [10, 0, 0]], 0.2)).toBe(true);
+    expect(isStraight([[0, 0, 0], [5, 0, 0.3], [10, 0, 0]], 0.2)).toBe(false);
+    expect(isStraight([[0, 0, 0], [12, 0, 0], [10, 0, 0]], 0.2)).toBe(false);
+    expect(isStraight([[3, 3, 3], [3, 3, 3]], 0.2)).toBe(true);
   });
 });
 

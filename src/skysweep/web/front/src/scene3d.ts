@@ -55,8 +55,17 @@ export class Scene3D {
 
 function rendererHere(): WebGLRenderer | null {
   try {
-    return new WebGLRenderer({ antialias: true });
+    return new WebGLRenderer({ antialias: hasDevice() });
   } catch {
     return null;
   }
+}
+
+/** Whether WebGL runs on a graphics device. In software, smooth edges cost more than all the rest. */
+function hasDevice(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const told = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = told ? String(context!.getParameter(told.UNMASKED_RENDERER_WEBGL)) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return !/swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
