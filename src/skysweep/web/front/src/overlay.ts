@@ -256,7 +256,7 @@ function stroke(context: CanvasRenderingContext2D, colour: string, width: number
   context.stroke();
 }
 
-function label(context: CanvasRenderingContext2D, text: string, u: number, v: number, colour: string, font: string, halo = true): void {
+export function label(context: CanvasRenderingContext2D, text: string, u: number, v: number, colour: string, font: string, halo = true): void {
   context.font = `${font} system-ui, sans-serif`;
   context.textAlign = halo ? "left" : "center";
   context.textBaseline = "middle";
