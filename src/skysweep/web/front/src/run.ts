@@ -191,7 +191,7 @@ class RunPage {
     clock.step(wall_s);
     if (store.ended !== null && clock.following && clock.t >= clock.end_s) clock.following = false;
     const film = this.store.film.length;
-    const key = `${clock.t} ${store.version} ${film}`;
+    const key = `${clock.t} ${store.version} ${film} ${this.map.shown.colour}`;
     if (key !== this.shownKey) {
       this.shownKey = key;
       this.show(clock.t);
@@ -222,7 +222,10 @@ class RunPage {
       if (this.follows) this.map.follow(t);
       this.map.show(t);
     }
-    if (this.view !== "map") this.scene3d?.show(t);
+    if (this.view !== "map") {
+      this.scene3d?.colourBy(this.map.shown.colour);
+      this.scene3d?.show(t);
+    }
     this.candidates.show(t, candidates, this.map.shown.selected);
     this.eventList.show(t);
     this.timeline.show(t);

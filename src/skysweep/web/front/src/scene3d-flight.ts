@@ -57,6 +57,7 @@ export class Path extends Group {
   }
 
   colourBy(what: PathColour): void {
+    if (what === this.what) return;
     this.what = what;
     this.line.erase();
     this.taken = this.drawn.length = this.times.length = 0;

@@ -118,7 +118,6 @@ export class View3D {
   colourBy(what: PathColour): void {
     this.what = what;
     this.parts?.path.colourBy(what);
-    this.show(this.t);
   }
 
   setTheme(dark: boolean): void {

@@ -33,6 +33,7 @@ export class Scene3D {
     this.view?.show(t);
   }
 
+  /** What the next path shown is coloured by. */
   colourBy(what: PathColour): void {
     this.view?.colourBy(what);
   }
