@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
     MOST_SEEDS,
     SeedOption,
@@ -17,8 +18,6 @@ from skysweep.cli.common import (
     friendly,
     number_or_inf,
     say,
-    show,
-    tell,
     warn,
 )
 from skysweep.errors import UserError
@@ -49,6 +48,7 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(
         "sensor.yaml"
     ),
+    as_json: JsonOption = False,
 ) -> None:
     """Fit the statistical sensor to renders and a real detector, and print how well it fits.
 
@@ -80,13 +80,15 @@ def calibrate(
     except KeyboardInterrupt:
         say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
-    _print_fit(model.held_out)
     if pictures < FIRST_LOOK:
         warn(
             f"{pictures} pictures are few: rarely seen cases are left out; "
             f"{FIRST_LOOK} are enough for a first look"
         )
-    tell(f"sensor model: {out}, picture: {out.with_suffix('.png')}")
+    picture = out.with_suffix(".png")
+    held_out = [h.model_dump() for h in model.held_out]
+    record = {"sensor_model": str(out), "picture": str(picture), "held_out": held_out}
+    answer(as_json, record, *_fit_tables(model.held_out), f"sensor model: {out}, picture: {picture}")
 
 
 def _refuse_unwritable(out: Path) -> None:
@@ -99,7 +101,7 @@ def _refuse_unwritable(out: Path) -> None:
             raise UserError(f"--out {out}: {path} is there and cannot be replaced; choose another name")
 
 
-def _print_fit(held_out: list[HeldOut]) -> None:
+def _fit_tables(held_out: list[HeldOut]) -> list[Table]:
     scores = Table("confidence ≥", "Brier", "of rates alone", "deviance explained", "calibration error")
     for h in held_out:
         brier = f"{h.brier:.4f}", f"{h.brier_of_rates:.4f}"
@@ -108,9 +110,7 @@ def _print_fit(held_out: list[HeldOut]) -> None:
     parts = Table("looks not seen by the fit", "looks", "reported", "drawn")
     for part in [part for h in held_out for part in h.parts]:
         parts.add_row(part.part, str(part.looks), f"{part.measured:.3f}", f"{part.drawn:.3f}")
-    for table in (parts, scores):
-        if table.row_count:
-            show(table)
+    return [table for table in (parts, scores) if table.row_count]
 
 
 @app.command()
@@ -137,6 +137,7 @@ def validate(
         "validation"
     ),
     workers: WorkersOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly the same missions with pictures and without, and compare their means.
 
@@ -167,6 +168,6 @@ def validate(
     table = Table(*tiers.TIER_HEADER)
     for cell in cells:
         table.add_row(*cell.row)
-    show(table)
-    tell(tiers.validation_text(cells).splitlines()[0])
-    tell(f"written: {out / 'validate.json'}, {out / 'validate.md'}")
+    verdict = tiers.validation_text(cells).splitlines()[0]
+    written = f"written: {out / 'validate.json'}, {out / 'validate.md'}"
+    answer(as_json, {"means": tiers.tiers_json(cells), "verdict": verdict}, table, verdict, written)

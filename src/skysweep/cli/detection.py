@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.progress import TaskID
 
-from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly, tell
+from skysweep.cli.answers import JsonOption, answer
+from skysweep.cli.common import SeedOption, WorkersOption, bar, friendly, tell
 
 
 @friendly
@@ -103,6 +104,7 @@ def detect_inspect(
     ] = 0.25,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """What is understood of a model: its input, pixels, outputs and classes; draws what it finds.
 
@@ -118,15 +120,23 @@ def detect_inspect(
     from skysweep.detection.yolo import YoloDetector
 
     detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
-    for name, words in describe(detector.network).items():
-        tell(f"{name}: {words}")
+    understood = describe(detector.network)
+    lines = [f"{name}: {words}" for name, words in understood.items()]
+    record: dict[str, Any] = {"model": understood, "found": None, "picture": None}
     if picture is not None:
         image = read_picture(picture)
         found = ImageDetector(detector).detect(image)
         save_drawn(out, image, found)
-        for name, box, sure in zip(found.class_names, found.boxes_xyxy_px, found.confidences, strict=True):
-            tell(f"found: {name} {sure:.2f} at {', '.join(f'{side:.0f}' for side in box)}")
-        tell(f"{len(found)} boxes drawn: {out}")
+        boxes_found = zip(found.class_names, found.boxes_xyxy_px, found.confidences, strict=True)
+        listed: list[dict[str, Any]] = [
+            {"class": name, "confidence": float(sure), "box_xyxy_px": [float(side) for side in box]}
+            for name, box, sure in boxes_found
+        ]
+        record |= {"found": listed, "picture": str(out)}
+        for name, box, sure in (each.values() for each in listed):
+            lines.append(f"found: {name} {sure:.2f} at {', '.join(f'{side:.0f}' for side in box)}")
+        lines.append(f"{len(found)} boxes drawn: {out}")
+    answer(as_json, record, *lines)
 
 
 @friendly
@@ -142,6 +152,7 @@ def detect_evaluate(
     tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Recall, precision and false positives by pixels on target and altitude.
 
@@ -151,7 +162,7 @@ def detect_evaluate(
 
         skysweep detect evaluate my-labelled-flights --model detector.onnx
     """
-    from skysweep.detection.training.evaluate import evaluate, tables
+    from skysweep.detection.training.evaluate import evaluate, scores_json, tables
     from skysweep.detection.training.labelled import read_dataset
     from skysweep.detection.yolo import YoloDetector
 
@@ -174,5 +185,5 @@ def detect_evaluate(
                 progress.update(task, completed=done)
 
             evaluations[name] = evaluate(detector, data, confidence_min=confidence, progress=show)
-    for table in tables(evaluations):
-        console.print(table)
+    record = {name: scores_json(evaluation) for name, evaluation in evaluations.items()}
+    answer(as_json, {"detectors": record}, *tables(evaluations))

@@ -9,14 +9,14 @@ import shlex
 import signal
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
+from skysweep.cli.answers import JsonOption, answer, figures_table, mark, print_table
 from skysweep.cli.common import (
     FromSoundLinesOption,
     SeedOption,
@@ -28,10 +28,9 @@ from skysweep.cli.common import (
     refuse_unused_eye,
     say,
     status,
-    tell,
     warn,
 )
-from skysweep.cli.missions import free_folder, print_summary, tells_complete
+from skysweep.cli.missions import answer_mission, answers_complete, free_folder
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
 from skysweep.text import printable
@@ -80,6 +79,7 @@ def fly(
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
     from_sound_lines: FromSoundLinesOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
@@ -110,7 +110,7 @@ def fly(
 
     begun = Path(source) if (Path(source) / CONFIG_FILE).is_file() else None
     if begun is not None:
-        if tells_complete(begun, from_sound_lines):
+        if answers_complete(as_json, begun, from_sound_lines):
             return
         chosen = begun_scenario(begun, from_sound_lines, warn)
     elif from_sound_lines:
@@ -130,7 +130,10 @@ def fly(
             checks += (flight.rehearse(camera, renderer, _DETECTOR_THREADS),)
         _print_checks(checks)
         excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
+        told = {"preflight": [asdict(check) for check in checks]}
         failed = [check for check in checks if check.passed is False and check.name not in excused]
+        if failed or dry_run:
+            answer(as_json, told | {"folder": None, "report": None, "summary": None})
         if failed:
             raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
         if dry_run:
@@ -157,8 +160,7 @@ def fly(
                 summary = flight.resume(begun, camera, rig, from_sound_lines)
             else:
                 summary = flight.fly(seed, folder, camera, rig)
-    print_summary(summary)
-    tell(f"report: {folder / 'report.html'}")
+    answer_mission(as_json, folder, summary, **told)
 
 
 class _Operator:
@@ -242,8 +244,7 @@ def _end(number: int, _frame: FrameType | None) -> None:
 
 
 def _print_checks(checks: tuple[Check, ...]) -> None:
-    marks = {True: Text("ok", "green"), None: Text("note", "yellow"), False: Text("no", "bold red")}
-    table = Table(show_header=False, box=None)
+    table = figures_table()
     for check in checks:
-        table.add_row(marks[check.passed], check.name, printable(check.said))
-    errors.print(table)
+        table.add_row(mark(check.passed), check.name, printable(check.said))
+    print_table(table, errors)

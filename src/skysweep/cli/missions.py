@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
+from skysweep.cli.answers import JsonOption, answer, figures_table
 from skysweep.cli.common import (
     MOST_SEEDS,
     FromSoundLinesOption,
@@ -20,13 +21,11 @@ from skysweep.cli.common import (
     WorkersOption,
     bar,
     changes_of,
-    console,
     friendly,
     number_or_inf,
     refuse_unused_eye,
     say,
     status,
-    tell,
     warn,
 )
 from skysweep.cli.terminal import unblocked
@@ -75,6 +74,7 @@ def run(
         Literal["auto", "gl", "embree"], typer.Option(help="OpenGL, ray casting, or whichever is available.")
     ] = "auto",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly one mission and write its run folder with report.html.
 
@@ -123,14 +123,14 @@ def run(
         vehicle, eye, finder = parts
         rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
         summary = fly_to_folder(chosen, seed, folder, rig)
-    print_summary(summary)
-    tell(f"report: {folder / 'report.html'}")
+    answer_mission(as_json, folder, summary)
 
 
 @friendly
 def resume(
     run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
     from_sound_lines: FromSoundLinesOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Resume a mission that was killed, stopped, or ran out of disk space.
 
@@ -145,22 +145,23 @@ def resume(
     from skysweep.flights.resume import resume_folder
     from skysweep.flights.rig import Rig
 
-    if tells_complete(run_dir, from_sound_lines):
+    if answers_complete(as_json, run_dir, from_sound_lines):
         return
     with flying(run_dir.name, run_dir) as watch:
         summary = resume_folder(run_dir, Rig(watch=watch, say=say), from_sound_lines)
-    print_summary(summary)
-    tell(f"report: {run_dir / 'report.html'}")
+    answer_mission(as_json, run_dir, summary)
 
 
-def tells_complete(folder: Path, from_sound_lines: bool) -> bool:
-    """Whether the mission of a run folder is complete; then it says so."""
+def answers_complete(as_json: bool, folder: Path, from_sound_lines: bool) -> bool:
+    """Whether the mission of a run folder is complete; then that is the answer."""
     from skysweep.results.run_folder import summary_of_complete
 
-    complete = summary_of_complete(folder, from_sound_lines) is not None
-    if complete:
-        tell(f"complete; nothing to do. Report: {folder / 'report.html'}")
-    return complete
+    summary = summary_of_complete(folder, from_sound_lines)
+    if summary is None:
+        return False
+    record = _record(folder, summary)
+    answer(as_json, record, f"complete; nothing to do. Report: {folder / 'report.html'}")
+    return True
 
 
 def _topic(option: str, value: str, *others: str) -> str:
@@ -207,8 +208,18 @@ def free_folder(parent: Path, name: str) -> Path:
     return next(c for c in candidates if not c.exists())
 
 
-def print_summary(summary: RunSummary) -> None:
-    """Print the figures of a mission as a table, without unknown ones."""
+def answer_mission(as_json: bool, folder: Path, summary: RunSummary, **more: Any) -> None:
+    """Answer with the figures of a mission and its report. ``more`` is said in JSON alone."""
+    record = _record(folder, summary) | more
+    answer(as_json, record, _summary_table(summary), f"report: {folder / 'report.html'}")
+
+
+def _record(folder: Path, summary: Mapping[str, Any] | RunSummary) -> dict[str, Any]:
+    return {"folder": str(folder), "report": str(folder / "report.html"), "summary": dict(summary)}
+
+
+def _summary_table(summary: RunSummary) -> Table:
+    """The figures of a mission, without unknown ones."""
     judged = summary["n_targets"] is not None
     confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
     search = "completed" if summary["completed"] else f"not completed ({summary['end_reason']})"
@@ -226,11 +237,11 @@ def print_summary(summary: RunSummary) -> None:
         ("Energy", _figure(summary["energy_wh"], "Wh", 1)),
         ("Speed", _figure(summary["real_time_factor"], "x real time", 1)),
     ]
-    table = Table(show_header=False, box=None)
+    table = figures_table()
     for name, figure in rows:
         if figure:
             table.add_row(name, figure)
-    console.print(table)
+    return table
 
 
 def _figure(value: float | None, unit: str, decimals: int = 0) -> str:
@@ -247,6 +258,7 @@ def compare_paper_command(
     ] = Path("paper-run"),
     workers: WorkersOption = None,
     change: SetOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.
 
@@ -264,7 +276,13 @@ def compare_paper_command(
     """
     from skysweep.experiments.paper.report import write_compare_report
     from skysweep.experiments.paper.run import N_ROWS, compare_paper, folder_of
-    from skysweep.experiments.paper.tables import choice, choice_of, print_tables
+    from skysweep.experiments.paper.tables import (
+        baselines_json,
+        choice,
+        choice_of,
+        compare_json,
+        comparison_tables,
+    )
 
     with bar() as progress:
         task = progress.add_task("missions", total=seeds * N_ROWS)
@@ -280,5 +298,6 @@ def compare_paper_command(
 
         summaries = compare_paper(seeds, sensor, out, workers, changes_of(change), on_done)
     rows = write_compare_report(out, summaries)
-    print_tables(console, rows, summaries)
-    tell(f"report: {out / 'report.html'}")
+    report = out / "report.html"
+    record = {"report": str(report), "rows": compare_json(rows), "baselines": baselines_json(rows)}
+    answer(as_json, record, *comparison_tables(rows, summaries), f"report: {report}")
