@@ -198,14 +198,13 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _counts_json(
-    counts: Mapping[tuple[str, float], Score] | Mapping[tuple[str, float], DecoyScore],
-    edges: Sequence[float],
+    counts: Mapping[tuple[str, float], Score | DecoyScore], edges: Sequence[float]
 ) -> list[dict[str, Any]]:
     ends = [None if np.isinf(edge) else float(edge) for edge in edges]
     upper = dict(zip(map(float, edges), ends[1:], strict=False))
     return [
         {"class": name, "from": lower, "to": upper[lower], **asdict(counted)}
-        for (name, lower), counted in sorted(counts.items())
+        for (name, lower), counted in sorted(counts.items(), key=lambda item: item[0])
     ]
 
 
