@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import WorkersOption, bar, friendly
 from skysweep.errors import UserError
@@ -23,7 +24,10 @@ if TYPE_CHECKING:
 def benchmark(
     strategy: Annotated[
         list[str] | None,
-        typer.Option(help="A strategy beside ours: its name, or MODULE:NAME; may be repeated."),
+        typer.Option(
+            help="A strategy beside ours: its name, or MODULE:NAME; may be repeated.",
+            autocompletion=completion.strategies,
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fly few seeds: a first look in minutes.")] = False,
     reference: Annotated[

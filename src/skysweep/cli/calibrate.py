@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
     MOST_SEEDS,
@@ -40,7 +41,12 @@ def calibrate(
     detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
     camera: Annotated[
         str,
-        typer.Option("--camera", "--camera-of", help="Scenario with the camera to fit: a name or a file."),
+        typer.Option(
+            "--camera",
+            "--camera-of",
+            help="Scenario with the camera to fit: a name or a file.",
+            autocompletion=completion.scenarios,
+        ),
     ] = "clusters",
     pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
@@ -121,7 +127,10 @@ def validate(
     ] = 30,
     scenario: Annotated[
         list[str] | None,
-        typer.Option(help="A name or a file; may be repeated. Default: clusters, abundance, sparse."),
+        typer.Option(
+            help="A name or a file; may be repeated. Default: clusters, abundance, sparse.",
+            autocompletion=completion.scenarios,
+        ),
     ] = None,
     n_c: Annotated[
         list[float] | None,
@@ -131,7 +140,10 @@ def validate(
     ] = None,
     strategy: Annotated[
         list[str] | None,
-        typer.Option(help="A strategy beside Algorithm 1; may be repeated. Default: belief."),
+        typer.Option(
+            help="A strategy beside Algorithm 1; may be repeated. Default: belief.",
+            autocompletion=completion.strategies,
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for missions, validate.json and validate.md.")] = Path(
         "validation"

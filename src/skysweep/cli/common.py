@@ -24,6 +24,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from skysweep.cli import completion
 from skysweep.errors import UserError
 from skysweep.text import printable
 
@@ -116,7 +117,12 @@ def number_or_inf(text: str) -> float:
     return value
 
 
-ScenarioArg = Annotated[str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")]
+ScenarioArg = Annotated[
+    str,
+    typer.Argument(
+        help="Name of a shipped scenario or path of a YAML file.", autocompletion=completion.scenarios
+    ),
+]
 SensorOption = Annotated[
     Literal["imaging", "statistical"],
     typer.Option(help="Rendered pictures and a real detector, or fast without pictures."),

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table, mark, print_table
 from skysweep.cli.common import (
     FromSoundLinesOption,
@@ -49,7 +50,10 @@ _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (sig
 def fly(
     source: Annotated[
         str,
-        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to continue."),
+        typer.Argument(
+            help="Scenario (name or YAML), QGroundControl .plan, or run folder to continue.",
+            autocompletion=completion.scenarios_and_runs,
+        ),
     ],
     connection: Annotated[
         str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import bar_over, friendly
+from skysweep.cli.common import ScenarioArg, bar_over, friendly
 
 if TYPE_CHECKING:
     from skysweep.gym.baselines import Played
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @friendly
 def gym(
-    scenario: Annotated[str, typer.Argument(help="Scenario: a name or a YAML file.")] = "clusters",
+    scenario: ScenarioArg = "clusters",
     episodes: Annotated[int, typer.Option(min=1, max=10_000, help="Of each policy.")] = 10,
     seed: Annotated[int, typer.Option(min=0, help="Of the first episode.")] = 0,
     as_json: JsonOption = False,

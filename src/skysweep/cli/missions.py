@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.table import Table
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
 from skysweep.cli.common import (
     MOST_SEEDS,
@@ -42,7 +43,10 @@ def run(
     scenario: ScenarioArg,
     strategy: Annotated[
         str | None,
-        typer.Option(help="scan-check, belief, scan-only, low-only, ... or your own: MODULE:NAME."),
+        typer.Option(
+            help="scan-check, belief, scan-only, low-only, ... or your own: MODULE:NAME.",
+            autocompletion=completion.strategies,
+        ),
     ] = None,
     n_c: Annotated[
         float | None,
@@ -128,7 +132,10 @@ def run(
 
 @friendly
 def resume(
-    run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
+    run_dir: Annotated[
+        Path,
+        typer.Argument(help="Run folder of a mission that was broken off.", autocompletion=completion.runs),
+    ],
     from_sound_lines: FromSoundLinesOption = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
 from skysweep.cli.common import friendly, scenario_or_area, warn
 from skysweep.files.writing import whole_files
@@ -17,7 +18,10 @@ from skysweep.files.writing import whole_files
 def plan(
     source: Annotated[
         str | None,
-        typer.Argument(help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan)."),
+        typer.Argument(
+            help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan).",
+            autocompletion=completion.scenarios,
+        ),
     ] = None,
     altitude: Annotated[float | None, typer.Option(help="Scan altitude, m above ground.")] = None,
     sidelap: Annotated[float | None, typer.Option(help="Share of the swath that neighbours share.")] = None,
@@ -39,7 +43,10 @@ def plan(
     ] = None,
     searched: Annotated[
         list[Path] | None,
-        typer.Option(help="Run folder or .plan that was flown and found nothing; may be repeated."),
+        typer.Option(
+            help="Run folder or .plan that was flown and found nothing; may be repeated.",
+            autocompletion=completion.runs,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from skysweep.cli import completion
 from skysweep.cli.common import SeedOption, friendly, lon_lat_of, tell, warn
 from skysweep.errors import UserError
 
@@ -240,7 +241,10 @@ def mix(
 def after(
     prior: Annotated[Path, typer.Argument(metavar="MAP", help="Map that was searched (.npz, .tif, .csv).")],
     searched: Annotated[
-        list[Path], typer.Option(help="Run folder or .plan that was flown; may be repeated.")
+        list[Path],
+        typer.Option(
+            help="Run folder or .plan that was flown; may be repeated.", autocompletion=completion.runs
+        ),
     ],
     sweep_width_m: Annotated[
         float | None,

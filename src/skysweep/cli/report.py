@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import bar, friendly, local_folder, warn
 from skysweep.cli.missions import answer_mission
@@ -20,6 +21,7 @@ def report(
         typer.Argument(
             metavar="DIR",
             help="Run folder of a mission; folder or URL of a sweep or of a comparison with the paper.",
+            autocompletion=completion.runs,
         ),
     ],
     out: Annotated[

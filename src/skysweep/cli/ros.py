@@ -12,7 +12,16 @@ import typer
 from typer.core import TyperCommand
 
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import SeedOption, SensorOption, SetOption, changes_of, friendly, say, spinner
+from skysweep.cli.common import (
+    ScenarioArg,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    changes_of,
+    friendly,
+    say,
+    spinner,
+)
 from skysweep.cli.missions import answer_mission, flying, free_folder
 
 app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
@@ -38,9 +47,7 @@ PatienceOption = Annotated[
 @friendly
 def ros_fly(
     context: typer.Context,
-    scenario: Annotated[
-        str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")
-    ] = "clusters",
+    scenario: ScenarioArg = "clusters",
     change: SetOption = None,
     seed: SeedOption = 0,
     sensor: SensorOption = "imaging",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
     MOST_SEEDS,
@@ -30,7 +31,10 @@ if TYPE_CHECKING:
 
 @friendly
 def tune(
-    scenarios: Annotated[list[str], typer.Argument(help="Shipped scenarios or YAML files.")],
+    scenarios: Annotated[
+        list[str],
+        typer.Argument(help="Shipped scenarios or YAML files.", autocompletion=completion.scenarios),
+    ],
     together: Annotated[
         bool, typer.Option("--together", help="One answer for all scenarios instead of one for each.")
     ] = False,
