@@ -106,6 +106,15 @@ def say(words: str) -> None:
     errors.print(printable(words), soft_wrap=True, highlight=False)
 
 
+def duration(seconds: float) -> str:
+    """A time for people."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} minutes"
+    return f"{seconds / 3600:,.1f} hours"
+
+
 def number_or_inf(text: str) -> float:
     """An option's number, which may be infinite. Raises typer.BadParameter for anything else, also nan."""
     try:

@@ -23,7 +23,9 @@ def scenarios(incomplete: str) -> list[str]:
         f.name.removesuffix(".yaml") for f in files("skysweep.scenarios").joinpath("shipped").iterdir()
     )
     names = _begun(shipped, incomplete)
-    beside = (p.name for p in Path().iterdir() if p.suffix in _SCENARIO_SUFFIXES) if names else ()
+    if not names:
+        return []
+    beside = (p.name for p in Path().iterdir() if p.suffix in _SCENARIO_SUFFIXES and p.stem[0] != ".")
     return names + _begun(beside, incomplete)
 
 

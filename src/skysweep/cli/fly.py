@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import select
 import shlex
@@ -31,7 +30,7 @@ from skysweep.cli.common import (
     status,
     warn,
 )
-from skysweep.cli.missions import answer_mission, answers_complete, free_folder
+from skysweep.cli.missions import StatusLine, answer_mission, answers_complete, free_folder
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
 from skysweep.text import printable
@@ -105,6 +104,7 @@ def fly(
         skysweep fly field.plan --connection serial:///dev/ttyUSB0:57600 --camera rtsp://10.0.0.5/live
     """
     from skysweep.flights.on_px4 import Px4Flight
+    from skysweep.flights.outlook import Outlook
     from skysweep.flights.resume import begun_scenario
     from skysweep.flights.rig import Rig
     from skysweep.planning.plan_files import scenario_from_plan
@@ -147,19 +147,22 @@ def fly(
             raise typer.Exit(1)
         with status() as progress, _Operator(folder) as operator:
             task = progress.add_task(chosen.name, doing="arming", total=None)
+            line = StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))
 
-            def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
+            def watch(state: VehicleState, mode: Mode, new: Any) -> None:
                 operator.look(state)
-                left = state.battery_remaining
-                battery = "unknown" if math.isnan(left) else f"{left:4.0%}"
                 silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
-                progress.update(
-                    task,
-                    doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                    f"battery {battery}   {operator.hint}{silent}",
-                )
+                line(state, mode, new, f"   {operator.hint}{silent}")
 
-            rig = Rig(sensor, renderer, _DETECTOR_THREADS, watch=watch, operator=operator, say=say)
+            rig = Rig(
+                sensor,
+                renderer,
+                _DETECTOR_THREADS,
+                watch=watch,
+                operator=operator,
+                say=say,
+                prepare=line.prepare,
+            )
             if begun is not None:
                 summary = flight.resume(begun, camera, rig, from_sound_lines)
             else:

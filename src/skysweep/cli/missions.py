@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from skysweep.cli.common import (
     WorkersOption,
     bar,
     changes_of,
+    duration,
     friendly,
     number_or_inf,
     refuse_unused_eye,
@@ -34,7 +36,9 @@ from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.experiments.matrix import MissionJob
+    from skysweep.flights.outlook import Outlook
     from skysweep.results.summary import RunSummary, Summary
+    from skysweep.types import Mode, VehicleState
     from skysweep.worlds.rendering.renderer import Backend
 
 
@@ -125,7 +129,16 @@ def run(
     )
     with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
         vehicle, eye, finder = parts
-        rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
+        rig = Rig(
+            sensor,
+            engine,
+            vehicle=vehicle,
+            camera=eye,
+            detector=finder,
+            watch=watch,
+            say=say,
+            prepare=watch.prepare,
+        )
         summary = fly_to_folder(chosen, seed, folder, rig)
     answer_mission(as_json, folder, summary)
 
@@ -155,7 +168,7 @@ def resume(
     if answers_complete(as_json, run_dir, from_sound_lines):
         return
     with flying(run_dir.name, run_dir) as watch:
-        summary = resume_folder(run_dir, Rig(watch=watch, say=say), from_sound_lines)
+        summary = resume_folder(run_dir, Rig(watch=watch, say=say, prepare=watch.prepare), from_sound_lines)
     answer_mission(as_json, run_dir, summary)
 
 
@@ -181,24 +194,35 @@ def _topic(option: str, value: str, *others: str) -> str:
     return topic
 
 
+class StatusLine:
+    """The state of a mission in a line: a ``Watch`` that shows it, with the time left."""
+
+    def __init__(self, outlook: Outlook, show: Callable[[str], None]) -> None:
+        self._outlook, self._show = outlook, show
+        self.prepare = outlook.prepare
+
+    def __call__(self, state: VehicleState, mode: Mode, _new: Any, more: str = "") -> None:
+        self._outlook.look(state, mode)
+        charge, left_s = state.battery_remaining, self._outlook.left_s
+        battery = "unknown" if math.isnan(charge) else f"{charge:4.0%}"
+        left = "" if left_s is None else f"   about {duration(left_s)} left"
+        self._show(
+            f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+            f"battery {battery}{left}{more}"
+        )
+
+
 @contextmanager
-def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
+def flying(name: str, folder: Path) -> Iterator[StatusLine]:
     """A status line that watches a mission without blocking it; after Ctrl-C it says how to go on."""
+    from skysweep.flights.outlook import Outlook
     from skysweep.mission.journal import resume_command
     from skysweep.results.run_folder import JOURNAL_FILE
 
     with unblocked(), status() as progress:
         task = progress.add_task(name, doing="preparing", total=None)
-
-        def watch(state: Any, mode: str, _new: Any) -> None:
-            progress.update(
-                task,
-                doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                f"battery {state.battery_remaining:4.0%}",
-            )
-
         try:
-            yield watch
+            yield StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))
         except KeyboardInterrupt:
             progress.stop()
             journal = folder / JOURNAL_FILE

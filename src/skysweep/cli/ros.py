@@ -81,7 +81,9 @@ def ros_fly(
     folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
     settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
     with flying(folder.name, folder) as watch:
-        summary = fly_on_ros(settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, say)
+        summary = fly_on_ros(
+            settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, say, watch.prepare
+        )
     answer_mission(as_json, folder, summary)
 
 
