@@ -38,7 +38,9 @@ FIRST_LOOK = 6000  # pictures below which a fit is rough
 @friendly
 def calibrate(
     context: typer.Context,
-    detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    detector: Annotated[
+        str, typer.Option("--model", "--detector", help="'skysweep' or the path of an ONNX file.")
+    ] = "skysweep",
     camera: Annotated[
         str,
         typer.Option(
@@ -64,7 +66,7 @@ def calibrate(
 
         skysweep calibrate --pictures 6000 --out sensor.yaml  # coarser
 
-        skysweep calibrate --detector mine.onnx --camera my-scenario.yaml
+        skysweep calibrate --model mine.onnx --camera my-scenario.yaml
 
         skysweep calibrate validate --seeds 30
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, TypeVar
@@ -215,6 +216,22 @@ def bar() -> Progress:
     """A progress bar on standard error that counts and estimates the time left."""
     times = TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn()
     return Progress(description, BarColumn(), MofNCompleteColumn(), *times, console=errors)
+
+
+@contextmanager
+def counting(name: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar that is told how many steps are done, and of how many."""
+    with bar() as progress:
+        task = progress.add_task(name, total=None)
+        yield lambda done, of: progress.update(task, completed=done, total=of)
+
+
+@contextmanager
+def working(words: str) -> Iterator[None]:
+    """Say what is going on for some seconds that nothing counts."""
+    with spinner() as progress:
+        progress.add_task(words)
+        yield
 
 
 def bar_over(jobs: Iterable[T], name: str, total: int) -> Iterator[T]:

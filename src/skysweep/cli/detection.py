@@ -9,13 +9,15 @@ import typer
 from rich.progress import TaskID
 
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import SeedOption, WorkersOption, bar, friendly, tell
+from skysweep.cli.common import SeedOption, WorkersOption, bar, friendly, tell, working
 
 
 @friendly
 def dataset(
     out: Annotated[Path, typer.Argument(help="A new folder.")],
-    images: Annotated[int, typer.Option(min=1, max=1_000_000, help="How many pictures.")] = 6000,
+    images: Annotated[
+        int, typer.Option("--pictures", "--images", min=1, max=1_000_000, help="How many to render.")
+    ] = 6000,
     seed: SeedOption = 0,
     split: Annotated[Literal["train", "held-out"], typer.Option(help="Which assets to show.")] = "train",
     workers: WorkersOption = None,
@@ -24,9 +26,9 @@ def dataset(
 
     Examples:
 
-        skysweep dataset training --images 6000
+        skysweep dataset training --pictures 6000
 
-        skysweep dataset held-out --split held-out --images 1000 --seed 1
+        skysweep dataset held-out --split held-out --pictures 1000 --seed 1
     """
     from skysweep.detection.training.dataset import render_dataset
 
@@ -119,7 +121,8 @@ def detect_inspect(
     from skysweep.detection.training.evaluate import read_picture
     from skysweep.detection.yolo import YoloDetector
 
-    detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
+    with working(f"trying {model}"):
+        detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
     understood = describe(detector.network)
     lines = [f"{name}: {words}" for name, words in understood.items()]
     record: dict[str, Any] = {"model": understood, "found": None, "picture": None}

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from skysweep.arrays import F64
 from skysweep.cli.answers import answer, figures_table
-from skysweep.cli.common import lon_lat_of, warn
+from skysweep.cli.common import counting, lon_lat_of, warn
 from skysweep.cli.searched import coverage_of_searches
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -56,7 +56,10 @@ def plan_with_prior(
     """Plan a sortie over a map, within the area of a scenario where there is one; write and answer it."""
     cells = _map(options, scenario)
     start = _start(options, scenario, cells.frame)
-    sortie = plan_sortie(cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed)
+    with counting("paths") as count:
+        sortie = plan_sortie(
+            cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed, count
+        )
     chosen = scenario or change_scenario(_scenario_of(options.prior, sortie), changes)
     plans = [f"{chosen.name}-{k + 1}.plan" for k in range(options.uavs)]
     with whole_files(out) as unfinished:

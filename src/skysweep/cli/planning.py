@@ -10,7 +10,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import friendly, scenario_or_area, warn
+from skysweep.cli.common import friendly, scenario_or_area, warn, working
 from skysweep.files.writing import whole_files
 
 
@@ -106,7 +106,7 @@ def plan(
     for warning in warnings_for_plan(chosen):
         warn(warning)
     coverage, estimate = plan_scenario(chosen)
-    with whole_files(out) as unfinished:
+    with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
         draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
         write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
     table = figures_table()

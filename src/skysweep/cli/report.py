@@ -9,7 +9,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import bar, friendly, local_folder, warn
+from skysweep.cli.common import counting, friendly, local_folder, warn, working
 from skysweep.cli.missions import answer_mission
 from skysweep.errors import UserError
 
@@ -84,13 +84,8 @@ def report(
             raise UserError(f"{folder}: is not on this computer; write the report's folder as --out")
         target = here / "report"
     missions = load_missions(folder, lambda spec: matrix_of(parse_spec(spec, f"{folder}/spec.yaml")).table())
-    with bar() as progress:
-        task = progress.add_task("report", total=None)
-
-        def on_step(done: int, of: int) -> None:
-            progress.update(task, completed=done, total=of)
-
-        sentences = write_sweep_report(missions, target, min_recall, on_step=on_step)
+    with counting("report") as count:
+        sentences = write_sweep_report(missions, target, min_recall, on_step=count)
     record = {"report": str(target / REPORT_FILE), "sentences": sentences}
     answer(as_json, record, *sentences, f"report: {target / REPORT_FILE}")
 
@@ -115,5 +110,6 @@ def _report_mission(as_json: bool, folder: Path, out: Path, from_sound_lines: bo
         warn(f"{folder}: an older skysweep wrote it; some damage may go undetected")
     if not run.ended:
         warn(f"{folder}: the mission was interrupted or is still flying; these are the results so far")
-    summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
+    with working(f"writing {out}"):
+        summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
     answer_mission(as_json, out, summary)

@@ -92,8 +92,13 @@ def ros_fly(
 def ros_detect(
     context: typer.Context,
     images: Annotated[str, typer.Option(help="Topic of pictures.")] = "camera/image_raw",
-    model: Annotated[str, typer.Option(help="'skysweep' (ours) or the path of an ONNX file.")] = "skysweep",
-    confidence_min: Annotated[float, typer.Option(min=0.0, max=1.0, help="Boxes below are dropped.")] = 0.25,
+    model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    confidence: Annotated[
+        float,
+        typer.Option(
+            "--confidence", "--confidence-min", min=0.0, max=1.0, help="Detections below are dropped."
+        ),
+    ] = 0.25,
     threads: Annotated[int, typer.Option(min=1, max=256, help="Of the detector.")] = 1,
     patience: PatienceOption = 30.0,
 ) -> None:
@@ -109,7 +114,7 @@ def ros_detect(
     from skysweep.ros.detector_node import serve_detector
     from skysweep.ros.link import RosLink
 
-    finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
+    finder = YoloDetector(model, confidence_min=confidence, threads=threads)
     with (
         closing(RosLink("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
         spinner() as progress,

@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 
 import typer
 from rich.table import Table
-from rich.text import Text
 
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
@@ -17,11 +16,10 @@ from skysweep.cli.common import (
     SetOption,
     bar,
     chosen_scenario,
-    errors,
     friendly,
     tell,
+    working,
 )
-from skysweep.text import printable
 
 app = typer.Typer(no_args_is_help=True, help="Worlds for Gazebo.")
 
@@ -51,7 +49,7 @@ def world_export(
     from skysweep.gazebo.export import export_world
 
     chosen = chosen_scenario(scenario, change)
-    with errors.status(Text(printable(f"writing {out}"))):
+    with working(f"writing {out}"):
         path = export_world(chosen, seed, out, fmt)
     models = (out / "models").resolve()
     opens = {
