@@ -228,7 +228,10 @@ def counting(name: str) -> Iterator[Callable[[int, int], None]]:
 
 @contextmanager
 def working(words: str) -> Iterator[None]:
-    """Say what is going on for some seconds that nothing counts."""
+    """Show on a terminal what is going on for some seconds that nothing counts."""
+    if not errors.is_terminal:
+        yield
+        return
     with spinner() as progress:
         progress.add_task(words)
         yield
