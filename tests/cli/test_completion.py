@@ -54,6 +54,27 @@ def test_what_is_offered(folder, offer, typed, expected):
     assert offer(typed) == expected
 
 
+@pytest.mark.parametrize("name", ["a b", "$(touch owned)", "`id`", "x;y", "-\nz", "q'"])
+def test_a_name_that_a_shell_would_run_is_not_offered(folder, name):
+    Path("runs", name).mkdir()
+    Path("runs", name, "journal.jsonl").touch()
+    Path(f"clusters{name}.yaml").touch()
+    assert completion.runs("runs/") == ["runs/first", "runs/second"]
+    assert completion.scenarios("clusters") == ["clusters", "clusters-2.yaml"]
+
+
+def test_a_folder_that_is_gone_or_a_loop_offers_nothing(folder, monkeypatch):
+    Path("loop").mkdir()
+    Path("loop/journal.jsonl").symlink_to("journal.jsonl")
+    assert completion.runs("lo") == []
+    gone = folder / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert completion.runs("") == []
+    assert completion.scenarios("clusters") in ([], ["clusters"])
+
+
 @pytest.mark.parametrize(
     ("shell", "asked"),
     [

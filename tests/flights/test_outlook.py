@@ -2,6 +2,7 @@
 
 from contextlib import closing
 
+import numpy as np
 import pytest
 
 from skysweep.flights import outlook as outlooks
@@ -11,6 +12,7 @@ from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.files import change_scenario, load_scenario
+from skysweep.types import Mode
 
 
 class Clock:
@@ -61,3 +63,16 @@ def test_a_check_moves_the_end(clock):
     (begin_s, at_begin_s), (end_s, at_end_s) = checks[0], checks[-1]
     assert end_s - begin_s > 2.0
     assert end_s + at_end_s > begin_s + at_begin_s + 2.0
+
+
+def test_a_vehicle_without_a_position_has_no_estimate(clock):
+    mission = build_mission(load_scenario("clusters"), 0, Rig("statistical"))
+    outlook = Outlook()
+    outlook.prepare(mission)
+    state = mission.vehicle.state()
+    for mode in (Mode.TAKEOFF, Mode.RETURN):
+        for _ in range(3):
+            clock.now_s += 1.0
+            place = np.full(3, np.nan if mode == Mode.RETURN else 0.0)
+            outlook.look(state._replace(time_s=clock.now_s, position_enu_m=place), mode)
+        assert (outlook.left_s is None) == (mode == Mode.RETURN)

@@ -6,17 +6,34 @@ file names by itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
+from functools import wraps
 from importlib.metadata import entry_points
 from importlib.resources import files
 from pathlib import Path
 
 STRATEGIES = ("scan-check", "scan-only", "low-only", "belief")
+_PLAIN = re.compile(r"[\w./@%+=:,-]+")
 _JOURNAL = "journal.jsonl"
 _RUNS = "runs"  # where missions are written by default
 _SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 
+def _where_readable(offer: Callable[[str], list[str]]) -> Callable[[str], list[str]]:
+    """Offers nothing where a folder cannot be read."""
+
+    @wraps(offer)
+    def offered(incomplete: str) -> list[str]:
+        try:
+            return offer(incomplete)
+        except OSError:
+            return []
+
+    return offered
+
+
+@_where_readable
 def scenarios(incomplete: str) -> list[str]:
     """Shipped scenarios, and YAML files that are named like them."""
     shipped = (
@@ -34,6 +51,7 @@ def strategies(incomplete: str) -> list[str]:
     return _begun((*STRATEGIES, *(e.name for e in entry_points(group="skysweep.strategies"))), incomplete)
 
 
+@_where_readable
 def runs(incomplete: str) -> list[str]:
     """Run folders beside what is typed, and those in ``runs``."""
     typed = Path(incomplete)
@@ -49,4 +67,5 @@ def scenarios_and_runs(incomplete: str) -> list[str]:
 
 
 def _begun(names: Iterable[str], incomplete: str) -> list[str]:
-    return sorted(name for name in names if name.startswith(incomplete))
+    """Those that begin so, without names that a shell would read as more than a name."""
+    return sorted(name for name in names if name.startswith(incomplete) and _PLAIN.fullmatch(name))

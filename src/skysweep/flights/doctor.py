@@ -139,7 +139,7 @@ def px4() -> Iterator[Finding]:
             port.bind(("127.0.0.1", PX4_PORT))
             _, sender = port.recvfrom(1)
         except TimeoutError:
-            said = f"nothing sends to UDP port {PX4_PORT}"
+            said = f"nothing on this computer sends to UDP port {PX4_PORT}"
             yield Finding("PX4 port", None, said, "skysweep serve-vehicle")
         except OSError as error:
             said = f"UDP port {PX4_PORT} cannot be listened on ({error.strerror}): another program has it"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -56,8 +57,8 @@ class Outlook:
         rate = (state.time_s - before_s) / (now_s - estimated_s)
         self._rate = rate if self._rate is None else _NEWEST * rate + (1.0 - _NEWEST) * self._rate
         self._estimated_s = state.time_s, now_s
-        if self._rate > 0.0:
-            self.left_s = self._mission_left_s(self._mission, state, mode) / self._rate
+        left_s = self._mission_left_s(self._mission, state, mode)
+        self.left_s = left_s / self._rate if self._rate > 0.0 and math.isfinite(left_s) else None
 
     def _mission_left_s(self, mission: Mission, state: VehicleState, mode: Mode) -> float:
         if mode in (Mode.RETURN, Mode.LAND):
