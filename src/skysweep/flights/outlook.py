@@ -8,6 +8,7 @@ import time
 import numpy as np
 
 from skysweep.arrays import F64
+from skysweep.mission.believable import has_place
 from skysweep.mission.mission import Mission
 from skysweep.planning.flight_plan import TAKE_OFF_LAG_S, landing_time_s, leg_time_s
 from skysweep.types import Mode, VehicleState
@@ -61,6 +62,8 @@ class Outlook:
         self.left_s = left_s / self._rate if self._rate > 0.0 and math.isfinite(left_s) else None
 
     def _mission_left_s(self, mission: Mission, state: VehicleState, mode: Mode) -> float:
+        if not has_place(state):
+            return math.nan
         if mode in (Mode.RETURN, Mode.LAND):
             return _landing_s(mission, state.position_enu_m[:2], state.position_enu_m[2])
         return self._search_left_s + self._landing_s
