@@ -9,6 +9,7 @@ from skysweep.flights import outlook as outlooks
 from skysweep.flights.build import build_mission
 from skysweep.flights.outlook import Outlook
 from skysweep.flights.rig import Rig
+from skysweep.geometry.camera import CameraPose
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
 from skysweep.scenarios.files import change_scenario, load_scenario
@@ -74,5 +75,6 @@ def test_a_vehicle_without_a_position_has_no_estimate(clock):
         for _ in range(3):
             clock.now_s += 1.0
             place = np.full(3, np.nan if mode == Mode.RETURN else 0.0)
-            outlook.look(state._replace(time_s=clock.now_s, position_enu_m=place), mode)
+            camera = CameraPose(place, state.camera.R_camera_to_enu)
+            outlook.look(state._replace(time_s=clock.now_s, position_enu_m=place, camera=camera), mode)
         assert (outlook.left_s is None) == (mode == Mode.RETURN)
