@@ -136,8 +136,9 @@ def detect_inspect(
             for name, box, sure in boxes_found
         ]
         record |= {"found": listed, "picture": str(out)}
-        for name, box, sure in (each.values() for each in listed):
-            lines.append(f"found: {name} {sure:.2f} at {', '.join(f'{side:.0f}' for side in box)}")
+        for each in listed:
+            sides = ", ".join(f"{side:.0f}" for side in each["box_xyxy_px"])
+            lines.append(f"found: {each['class']} {each['confidence']:.2f} at {sides}")
         lines.append(f"{len(found)} boxes drawn: {out}")
     answer(as_json, record, *lines)
 
