@@ -131,3 +131,12 @@ def test_mistakes_are_told_in_one_sentence(tmp_path):
     refused("leave them out", *search("--sidelap", 0.3))
     refused("--prior", "shore.yaml", "--budget-m", 500)
     assert not (tmp_path / "out").exists()
+
+
+def test_as_json_it_tells_what_it_wrote(tmp_path):
+    result = plan(*search("--json"))
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert [tmp_path / name for name in told["plans"]] == sorted((tmp_path / "out").glob("*.plan"))
+    written = json.loads((tmp_path / told["report"]).read_text())
+    assert {key: told[key] for key in written} == written

@@ -1,4 +1,5 @@
 import io
+import json
 from dataclasses import dataclass
 
 import cv2
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from skysweep.detection.training.evaluate import bin_of, evaluate, iou, match, tables
+from skysweep.detection.training.evaluate import bin_of, evaluate, iou, match, scores_json, tables
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.errors import UserError
 from skysweep.types import Detections
@@ -102,6 +103,16 @@ def test_tables_show_every_detector(tmp_path):
     text = console.export_text()
     for part in ("ours", "stock", "person", "8 to 12", "25 to 50", "buoy", "1.00", "0.00"):
         assert part in text
+
+
+def test_counts_are_told_as_numbers_with_their_bins(tmp_path):
+    data = dataset(tmp_path, ([((10, 10, 20, 20), "person")], [], [((50, 50, 60, 60), "buoy")], 30.0))
+    found = evaluate(Oracle([[((10, 10, 20, 20), 0.9, "person")]]), data)
+    told = json.loads(json.dumps(scores_json(found), allow_nan=False))
+    (person,) = (each for each in told["by_pixels"] if each["class"] == "person" and each["n_targets"])
+    assert (person["from"], person["to"], person["n_found"]) == (8.0, 12.0, 1)
+    (buoy,) = told["look_alikes"]
+    assert (buoy["class"], buoy["n"], buoy["n_taken"]) == ("buoy", 1, 0)
 
 
 def test_confident_detections_choose_first():

@@ -1,5 +1,7 @@
 """What ``skysweep detect inspect`` says of a model, and the boxes that it draws."""
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -51,6 +53,10 @@ def test_draws_the_boxes(tmp_path):
     code, said, text = inspected(model, tmp_path / "grey.png", "--out", out)
     assert code == 0, text
     assert said["found"] == "stop sign 0.81 at 100, 60, 140, 130"
+    (found,) = json.loads(inspected(model, tmp_path / "grey.png", "--out", out, "--json")[2])["found"]
+    assert found["class"] == "stop sign"
+    assert found["confidence"] == pytest.approx(0.81, abs=0.005)
+    assert found["box_xyxy_px"] == pytest.approx([100, 60, 140, 130], abs=0.5)
     changed = np.argwhere((cv2.imread(str(out)) != picture).any(axis=2))
     assert (changed[:, 0].max(), changed[:, 1].min()) == (131, 99)  # a line two pixels wide
 

@@ -11,9 +11,9 @@ from skysweep.experiments.paper.tables import (
     check_effects,
     compare_json,
     compare_rows,
+    comparison_tables,
     markdown_tables,
     paired_differences,
-    print_tables,
 )
 from skysweep.results.reporting.statistics import mean_ci95
 
@@ -151,7 +151,8 @@ def test_terminal_and_markdown_show_the_same_numbers():
     summaries = SUMMARIES + SCAN_ONLY
     rows = compare_rows(summaries)
     console = Console(file=io.StringIO(), width=80)
-    print_tables(console, rows, summaries)
+    for table in comparison_tables(rows, summaries):
+        console.print(table)
     for text in (console.file.getvalue(), markdown_tables(rows, summaries)):
         for shown in ("Table 1", "379.66", "390.0", "+2.7%", "one seed", "-40.0", "n_c = ∞"):
             assert shown in text

@@ -1,6 +1,7 @@
 """The Gymnasium environment: Gymnasium's checker, the same bits again, no truth in sight, and how it ends."""
 
 import hashlib
+import json
 import runpy
 import subprocess
 import sys
@@ -206,6 +207,10 @@ def test_the_command_prints_what_policies_that_learn_nothing_achieve():
     assert told.exit_code == 0
     for word in ("random", "scan-only", "scan-check", "steps/s"):
         assert word in told.stdout
+    told = CliRunner().invoke(app, ["gym", "sparse", "--episodes", "1", "--json"])
+    policies = json.loads(told.stdout)["policies"]
+    assert [each["policy"] for each in policies] == ["random", "scan-only", "scan-check"]
+    assert all(isinstance(each["steps_per_cpu_s"], float) for each in policies)
 
 
 def test_without_gymnasium_the_extra_is_named():

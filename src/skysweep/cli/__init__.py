@@ -9,6 +9,7 @@ from skysweep.cli import (
     benchmark,
     calibrate,
     detection,
+    doctor,
     export,
     fly,
     gym,
@@ -65,5 +66,6 @@ detect.command("evaluate")(detection.detect_evaluate)
 app.add_typer(detect, name="detect")
 app.add_typer(calibrate.app, name="calibrate")
 app.command()(bench.bench)
+app.command()(doctor.doctor)
 app.command()(gym.gym)
 app.add_typer(world.app, name="world")

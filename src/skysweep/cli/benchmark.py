@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import WorkersOption, bar, friendly, print_grid, tell
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer
+from skysweep.cli.common import WorkersOption, bar, friendly
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 def benchmark(
     strategy: Annotated[
         list[str] | None,
-        typer.Option(help="A strategy beside ours: its name, or MODULE:NAME; may be repeated."),
+        typer.Option(
+            help="A strategy beside ours: its name, or MODULE:NAME; may be repeated.",
+            autocompletion=completion.strategies,
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fly few seeds: a first look in minutes.")] = False,
     reference: Annotated[
@@ -42,7 +45,7 @@ def benchmark(
         Path | None, typer.Option(help="Folder of the results. Default: benchmarks/sar-1, or -break-even.")
     ] = None,
     workers: WorkersOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the JSON file instead of tables.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly the suite sar-1 with our strategies and yours; write tables, one JSON file and a page.
 
@@ -75,9 +78,9 @@ def benchmark(
     if break_even:
         seeds = suite.break_even.seeds.chosen(quick)
         flown = _fly(suite, pays.break_even_matrices(suite, strategy or (), seeds), folder, workers)
-        answer = pays.break_evens(suite, flown, strategy or ())
-        record = break_even_report.write_break_even(folder, suite, answer, seeds)
-        grids = [break_even_report.prices_grid(answer), break_even_report.cheapest_grid(answer)]
+        found_even = pays.break_evens(suite, flown, strategy or ())
+        record = break_even_report.write_break_even(folder, suite, found_even, seeds)
+        grids = [break_even_report.prices_grid(found_even), break_even_report.cheapest_grid(found_even)]
         page = folder / break_even_report.PAGE_FILE
     else:
         seeds = suite.seeds.chosen(quick)
@@ -86,12 +89,7 @@ def benchmark(
         record = report.write_benchmark(folder, suite, found, seeds, reference)
         grids = report.overview(found, with_intervals=False)
         page = folder / report.PAGE_FILE
-    if as_json:
-        sys.stdout.write(json.dumps(record, indent=1) + "\n")
-        return
-    for grid in grids:
-        print_grid(grid)
-    tell(f"report: {page}")
+    answer(as_json, record, *grids, f"report: {page}")
 
 
 def _fly(suite: Suite, matrices: Mapping[str, Matrix], folder: Path, workers: int | None) -> Flown:

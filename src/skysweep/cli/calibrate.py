@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
     MOST_SEEDS,
     SeedOption,
@@ -17,8 +19,6 @@ from skysweep.cli.common import (
     friendly,
     number_or_inf,
     say,
-    show,
-    tell,
     warn,
 )
 from skysweep.errors import UserError
@@ -38,10 +38,17 @@ FIRST_LOOK = 6000  # pictures below which a fit is rough
 @friendly
 def calibrate(
     context: typer.Context,
-    detector: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    detector: Annotated[
+        str, typer.Option("--model", "--detector", help="'skysweep' or the path of an ONNX file.")
+    ] = "skysweep",
     camera: Annotated[
         str,
-        typer.Option("--camera", "--camera-of", help="Scenario with the camera to fit: a name or a file."),
+        typer.Option(
+            "--camera",
+            "--camera-of",
+            help="Scenario with the camera to fit: a name or a file.",
+            autocompletion=completion.scenarios,
+        ),
     ] = "clusters",
     pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
@@ -49,6 +56,7 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(
         "sensor.yaml"
     ),
+    as_json: JsonOption = False,
 ) -> None:
     """Fit the statistical sensor to renders and a real detector, and print how well it fits.
 
@@ -58,7 +66,7 @@ def calibrate(
 
         skysweep calibrate --pictures 6000 --out sensor.yaml  # coarser
 
-        skysweep calibrate --detector mine.onnx --camera my-scenario.yaml
+        skysweep calibrate --model mine.onnx --camera my-scenario.yaml
 
         skysweep calibrate validate --seeds 30
     """
@@ -80,13 +88,15 @@ def calibrate(
     except KeyboardInterrupt:
         say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
-    _print_fit(model.held_out)
     if pictures < FIRST_LOOK:
         warn(
             f"{pictures} pictures are few: rarely seen cases are left out; "
             f"{FIRST_LOOK} are enough for a first look"
         )
-    tell(f"sensor model: {out}, picture: {out.with_suffix('.png')}")
+    picture = out.with_suffix(".png")
+    held_out = [h.model_dump() for h in model.held_out]
+    record = {"sensor_model": str(out), "picture": str(picture), "held_out": held_out}
+    answer(as_json, record, *_fit_tables(model.held_out), f"sensor model: {out}, picture: {picture}")
 
 
 def _refuse_unwritable(out: Path) -> None:
@@ -99,7 +109,7 @@ def _refuse_unwritable(out: Path) -> None:
             raise UserError(f"--out {out}: {path} is there and cannot be replaced; choose another name")
 
 
-def _print_fit(held_out: list[HeldOut]) -> None:
+def _fit_tables(held_out: list[HeldOut]) -> list[Table]:
     scores = Table("confidence ≥", "Brier", "of rates alone", "deviance explained", "calibration error")
     for h in held_out:
         brier = f"{h.brier:.4f}", f"{h.brier_of_rates:.4f}"
@@ -108,9 +118,7 @@ def _print_fit(held_out: list[HeldOut]) -> None:
     parts = Table("looks not seen by the fit", "looks", "reported", "drawn")
     for part in [part for h in held_out for part in h.parts]:
         parts.add_row(part.part, str(part.looks), f"{part.measured:.3f}", f"{part.drawn:.3f}")
-    for table in (parts, scores):
-        if table.row_count:
-            show(table)
+    return [table for table in (parts, scores) if table.row_count]
 
 
 @app.command()
@@ -121,7 +129,10 @@ def validate(
     ] = 30,
     scenario: Annotated[
         list[str] | None,
-        typer.Option(help="A name or a file; may be repeated. Default: clusters, abundance, sparse."),
+        typer.Option(
+            help="A name or a file; may be repeated. Default: clusters, abundance, sparse.",
+            autocompletion=completion.scenarios,
+        ),
     ] = None,
     n_c: Annotated[
         list[float] | None,
@@ -131,12 +142,16 @@ def validate(
     ] = None,
     strategy: Annotated[
         list[str] | None,
-        typer.Option(help="A strategy beside Algorithm 1; may be repeated. Default: belief."),
+        typer.Option(
+            help="A strategy beside Algorithm 1; may be repeated. Default: belief.",
+            autocompletion=completion.strategies,
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for missions, validate.json and validate.md.")] = Path(
         "validation"
     ),
     workers: WorkersOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly the same missions with pictures and without, and compare their means.
 
@@ -167,6 +182,6 @@ def validate(
     table = Table(*tiers.TIER_HEADER)
     for cell in cells:
         table.add_row(*cell.row)
-    show(table)
-    tell(tiers.validation_text(cells).splitlines()[0])
-    tell(f"written: {out / 'validate.json'}, {out / 'validate.md'}")
+    verdict = tiers.validation_text(cells).splitlines()[0]
+    written = f"written: {out / 'validate.json'}, {out / 'validate.md'}"
+    answer(as_json, {"means": tiers.tiers_json(cells), "verdict": verdict}, table, verdict, written)

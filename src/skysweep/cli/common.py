@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, ParamSpec, TypeVar
@@ -22,22 +23,21 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 from rich.text import Text
 
+from skysweep.cli import completion
 from skysweep.errors import UserError
 from skysweep.text import printable
 
 if TYPE_CHECKING:
-    from skysweep.results.reporting.html import Grid
     from skysweep.scenarios.model import Scenario
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 
 MOST_SEEDS = 10_000  # of one comparison: every mission's result is held until its end
 _MOST_PER_CORE = 8  # processes
-_WIDEST = 10_000  # characters of a table in a file
 
 
 class PlainConsole(Console):
@@ -107,6 +107,15 @@ def say(words: str) -> None:
     errors.print(printable(words), soft_wrap=True, highlight=False)
 
 
+def duration(seconds: float) -> str:
+    """A time for people."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} minutes"
+    return f"{seconds / 3600:,.1f} hours"
+
+
 def number_or_inf(text: str) -> float:
     """An option's number, which may be infinite. Raises typer.BadParameter for anything else, also nan."""
     try:
@@ -118,7 +127,12 @@ def number_or_inf(text: str) -> float:
     return value
 
 
-ScenarioArg = Annotated[str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")]
+ScenarioArg = Annotated[
+    str,
+    typer.Argument(
+        help="Name of a shipped scenario or path of a YAML file.", autocompletion=completion.scenarios
+    ),
+]
 SensorOption = Annotated[
     Literal["imaging", "statistical"],
     typer.Option(help="Rendered pictures and a real detector, or fast without pictures."),
@@ -185,29 +199,6 @@ def lon_lat_of(text: str, option: str) -> tuple[float, float]:
     return longitude, latitude
 
 
-def show(table: Table) -> None:
-    """Print a table without losing a character: a terminal folds wide cells, a file gets the full width."""
-    for column in table.columns:
-        column.overflow = "fold"
-    if console.is_terminal:
-        console.print(table)
-    else:
-        wide = PlainConsole(width=_WIDEST)
-        PlainConsole(width=wide.measure(table).maximum).print(table)
-
-
-def print_grid(grid: Grid) -> None:
-    """Print a report's table."""
-    from rich.box import SIMPLE_HEAD
-
-    table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    for k, column in enumerate(grid.header):
-        table.add_column(column, justify="left" if grid.words or k == 0 else "right")
-    for k, row in enumerate(grid.rows):
-        table.add_row(*row, style="bold" if k in grid.best else None)
-    show(table)
-
-
 def local_folder(address: str) -> Path | None:
     """The folder of a path or an fsspec URL, or None if it is not on this computer."""
     if "://" in address and not address.startswith(("file://", "local://")):
@@ -225,6 +216,31 @@ def bar() -> Progress:
     """A progress bar on standard error that counts and estimates the time left."""
     times = TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn()
     return Progress(description, BarColumn(), MofNCompleteColumn(), *times, console=errors)
+
+
+@contextmanager
+def counting(name: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar that is told how many steps are done, and of how many."""
+    with bar() as progress:
+        task = progress.add_task(name, total=None)
+        yield lambda done, of: progress.update(task, completed=done, total=of)
+
+
+@contextmanager
+def working(words: str) -> Iterator[None]:
+    """Show on a terminal what is going on for some seconds that nothing counts."""
+    if not errors.is_terminal:
+        yield
+        return
+    with spinner() as progress:
+        progress.add_task(words)
+        yield
+
+
+def bar_over(jobs: Iterable[T], name: str, total: int) -> Iterator[T]:
+    """The same, with a bar that counts them."""
+    with bar() as progress:
+        yield from progress.track(jobs, total=total, description=name)
 
 
 def status() -> Progress:

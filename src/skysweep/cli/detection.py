@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.progress import TaskID
 
-from skysweep.cli.common import SeedOption, WorkersOption, bar, console, friendly, tell
+from skysweep.cli.answers import JsonOption, answer
+from skysweep.cli.common import SeedOption, WorkersOption, bar, friendly, tell, working
 
 
 @friendly
 def dataset(
     out: Annotated[Path, typer.Argument(help="A new folder.")],
-    images: Annotated[int, typer.Option(min=1, max=1_000_000, help="How many pictures.")] = 6000,
+    images: Annotated[
+        int, typer.Option("--pictures", "--images", min=1, max=1_000_000, help="How many to render.")
+    ] = 6000,
     seed: SeedOption = 0,
     split: Annotated[Literal["train", "held-out"], typer.Option(help="Which assets to show.")] = "train",
     workers: WorkersOption = None,
@@ -23,9 +26,9 @@ def dataset(
 
     Examples:
 
-        skysweep dataset training --images 6000
+        skysweep dataset training --pictures 6000
 
-        skysweep dataset held-out --split held-out --images 1000 --seed 1
+        skysweep dataset held-out --split held-out --pictures 1000 --seed 1
     """
     from skysweep.detection.training.dataset import render_dataset
 
@@ -103,6 +106,7 @@ def detect_inspect(
     ] = 0.25,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """What is understood of a model: its input, pixels, outputs and classes; draws what it finds.
 
@@ -117,16 +121,26 @@ def detect_inspect(
     from skysweep.detection.training.evaluate import read_picture
     from skysweep.detection.yolo import YoloDetector
 
-    detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
-    for name, words in describe(detector.network).items():
-        tell(f"{name}: {words}")
+    with working(f"trying {model}"):
+        detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
+    understood = describe(detector.network)
+    lines = [f"{name}: {words}" for name, words in understood.items()]
+    record: dict[str, Any] = {"model": understood, "found": None, "picture": None}
     if picture is not None:
         image = read_picture(picture)
         found = ImageDetector(detector).detect(image)
         save_drawn(out, image, found)
-        for name, box, sure in zip(found.class_names, found.boxes_xyxy_px, found.confidences, strict=True):
-            tell(f"found: {name} {sure:.2f} at {', '.join(f'{side:.0f}' for side in box)}")
-        tell(f"{len(found)} boxes drawn: {out}")
+        boxes_found = zip(found.class_names, found.boxes_xyxy_px, found.confidences, strict=True)
+        listed: list[dict[str, Any]] = [
+            {"class": name, "confidence": float(sure), "box_xyxy_px": [float(side) for side in box]}
+            for name, box, sure in boxes_found
+        ]
+        record |= {"found": listed, "picture": str(out)}
+        for each in listed:
+            sides = ", ".join(f"{side:.0f}" for side in each["box_xyxy_px"])
+            lines.append(f"found: {each['class']} {each['confidence']:.2f} at {sides}")
+        lines.append(f"{len(found)} boxes drawn: {out}")
+    answer(as_json, record, *lines)
 
 
 @friendly
@@ -142,6 +156,7 @@ def detect_evaluate(
     tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Recall, precision and false positives by pixels on target and altitude.
 
@@ -151,7 +166,7 @@ def detect_evaluate(
 
         skysweep detect evaluate my-labelled-flights --model detector.onnx
     """
-    from skysweep.detection.training.evaluate import evaluate, tables
+    from skysweep.detection.training.evaluate import evaluate, scores_json, tables
     from skysweep.detection.training.labelled import read_dataset
     from skysweep.detection.yolo import YoloDetector
 
@@ -174,5 +189,5 @@ def detect_evaluate(
                 progress.update(task, completed=done)
 
             evaluations[name] = evaluate(detector, data, confidence_min=confidence, progress=show)
-    for table in tables(evaluations):
-        console.print(table)
+    record = {name: scores_json(evaluation) for name, evaluation in evaluations.items()}
+    answer(as_json, {"detectors": record}, *tables(evaluations))

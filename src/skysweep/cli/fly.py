@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import select
 import shlex
@@ -10,14 +9,15 @@ import signal
 import sys
 import time
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer, figures_table, mark, print_table
 from skysweep.cli.common import (
     FromSoundLinesOption,
     SeedOption,
@@ -29,7 +29,6 @@ from skysweep.cli.common import (
     refuse_unused_eye,
     say,
     status,
-    tell,
     warn,
 )
 from skysweep.cli.live import (
@@ -41,7 +40,7 @@ from skysweep.cli.live import (
     TilesOption,
     live_page,
 )
-from skysweep.cli.missions import free_folder, print_summary, tells_complete
+from skysweep.cli.missions import StatusLine, answer_mission, answers_complete, free_folder
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
 from skysweep.text import printable
@@ -61,7 +60,10 @@ _ENDING = (signal.SIGTERM, signal.SIGHUP) if hasattr(signal, "SIGHUP") else (sig
 def fly(
     source: Annotated[
         str,
-        typer.Argument(help="Scenario (name or YAML), QGroundControl .plan, or run folder to continue."),
+        typer.Argument(
+            help="Scenario (name or YAML), QGroundControl .plan, or run folder to continue.",
+            autocompletion=completion.scenarios_and_runs,
+        ),
     ],
     connection: Annotated[
         str, typer.Option(help="udpin://0.0.0.0:PORT, tcpout://HOST:PORT or serial:///dev/ttyUSB0:BAUD.")
@@ -96,6 +98,7 @@ def fly(
     port: PortOption = None,
     no_browser: NoBrowserOption = False,
     tiles: TilesOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly a mission on a PX4: a simulated one, or an aircraft.
 
@@ -120,6 +123,7 @@ def fly(
         skysweep fly field.plan --connection serial:///dev/ttyUSB0:57600 --camera rtsp://10.0.0.5/live
     """
     from skysweep.flights.on_px4 import Px4Flight
+    from skysweep.flights.outlook import Outlook
     from skysweep.flights.resume import begun_scenario
     from skysweep.flights.rig import Rig
     from skysweep.planning.plan_files import scenario_from_plan
@@ -129,7 +133,7 @@ def fly(
 
     begun = Path(source) if (Path(source) / CONFIG_FILE).is_file() else None
     if begun is not None:
-        if tells_complete(begun, from_sound_lines):
+        if answers_complete(as_json, begun, from_sound_lines):
             return
         chosen = begun_scenario(begun, from_sound_lines, warn)
     elif from_sound_lines:
@@ -150,7 +154,10 @@ def fly(
                 checks += (flight.rehearse(camera, renderer, _DETECTOR_THREADS),)
             _print_checks(checks)
             excused = _EXCUSED if begun is not None and flight.vehicle.state().airborne else ()
+            told = {"preflight": [asdict(check) for check in checks]}
             failed = [check for check in checks if check.passed is False and check.name not in excused]
+            if failed or dry_run:
+                answer(as_json, told | {"folder": None, "report": None, "summary": None})
             if failed:
                 raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
             if dry_run:
@@ -158,20 +165,15 @@ def fly(
             question = "Arm and take off?" if begun is None else "Go on with the mission?"
             if not yes and not typer.confirm(question, err=True):
                 raise typer.Exit(1)
-            orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
+            orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles, as_json))
             with status() as progress, _Operator(folder, live) as operator:
                 task = progress.add_task(chosen.name, doing="arming", total=None)
+                line = StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))
 
-                def watch(state: VehicleState, mode: Mode, _new: Any) -> None:
+                def watch(state: VehicleState, mode: Mode, new: Any) -> None:
                     operator.look(state)
-                    left = state.battery_remaining
-                    battery = "unknown" if math.isnan(left) else f"{left:4.0%}"
                     silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
-                    progress.update(
-                        task,
-                        doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                        f"battery {battery}   {operator.hint}{silent}",
-                    )
+                    line(state, mode, new, f"   {operator.hint}{silent}")
 
                 rig = Rig(
                     sensor,
@@ -180,14 +182,14 @@ def fly(
                     watch=watch,
                     operator=lambda: operator() or orders(),
                     say=say,
+                    prepare=line.prepare,
                     film=True,
                 )
                 if begun is not None:
                     summary = flight.resume(begun, camera, rig, from_sound_lines)
                 else:
                     summary = flight.fly(seed, folder, camera, rig)
-        print_summary(summary)
-        tell(f"report: {folder / 'report.html'}")
+        answer_mission(as_json, folder, summary, **told)
 
 
 class _Operator:
@@ -272,8 +274,7 @@ def _end(number: int, _frame: FrameType | None) -> None:
 
 
 def _print_checks(checks: tuple[Check, ...]) -> None:
-    marks = {True: Text("ok", "green"), None: Text("note", "yellow"), False: Text("no", "bold red")}
-    table = Table(show_header=False, box=None)
+    table = figures_table()
     for check in checks:
-        table.add_row(marks[check.passed], check.name, printable(check.said))
-    errors.print(table)
+        table.add_row(mark(check.passed), check.name, printable(check.said))
+    print_table(table, errors)

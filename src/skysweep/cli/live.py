@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import say, tell
+from skysweep.cli.common import say
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -42,7 +42,13 @@ TilesOption = Annotated[
 
 @contextmanager
 def live_page(
-    folder: Path, live: bool, host: str, port: int | None, no_browser: bool, tiles: str | None
+    folder: Path,
+    live: bool,
+    host: str,
+    port: int | None,
+    no_browser: bool,
+    tiles: str | None,
+    as_json: bool,
 ) -> Iterator[Callable[[], Order | None]]:
     """The page of the mission in ``folder``, and the orders given on it; nothing unless ``live``.
 
@@ -59,7 +65,7 @@ def live_page(
 
     page = LivePage(folder, Access(host, tiles=checked_tiles(tiles)), port)
     try:
-        tell(page.address)
+        (say if as_json else tell)(page.address)
         open_browser(page.address, no_browser)
         yield page.order
         if sys.stdin.isatty():

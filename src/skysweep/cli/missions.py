@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.table import Table
 
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer, figures_table
 from skysweep.cli.common import (
     MOST_SEEDS,
     FromSoundLinesOption,
@@ -21,13 +23,12 @@ from skysweep.cli.common import (
     WorkersOption,
     bar,
     changes_of,
-    console,
+    duration,
     friendly,
     number_or_inf,
     refuse_unused_eye,
     say,
     status,
-    tell,
     warn,
 )
 from skysweep.cli.live import (
@@ -46,7 +47,9 @@ from skysweep.errors import UserError
 
 if TYPE_CHECKING:
     from skysweep.experiments.matrix import MissionJob
+    from skysweep.flights.outlook import Outlook
     from skysweep.results.summary import RunSummary, Summary
+    from skysweep.types import Mode, VehicleState
     from skysweep.worlds.rendering.renderer import Backend
 
 
@@ -55,7 +58,10 @@ def run(
     scenario: ScenarioArg,
     strategy: Annotated[
         str | None,
-        typer.Option(help="scan-check, belief, scan-only, low-only, ... or your own: MODULE:NAME."),
+        typer.Option(
+            help="scan-check, belief, scan-only, low-only, ... or your own: MODULE:NAME.",
+            autocompletion=completion.strategies,
+        ),
     ] = None,
     n_c: Annotated[
         float | None,
@@ -93,6 +99,7 @@ def run(
     port: PortOption = None,
     no_browser: NoBrowserOption = False,
     tiles: TilesOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly one mission and write its run folder with report.html.
 
@@ -143,19 +150,32 @@ def run(
         _topic("pose", pose, "vehicle"),
     )
     refuse_other_mission(folder)
-    with live_page(folder, live, host, port, no_browser, tiles) as orders:
+    with live_page(folder, live, host, port, no_browser, tiles, as_json) as orders:
         with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
             vehicle, eye, finder = parts
-            rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, watch=watch, say=say)
-            rig = paced(replace(rig, operator=orders, film=True), speed or (LIVE_SPEED if live else None))
+            rig = Rig(
+                sensor,
+                engine,
+                vehicle=vehicle,
+                camera=eye,
+                detector=finder,
+                watch=watch,
+                operator=orders,
+                say=say,
+                prepare=watch.prepare,
+                film=True,
+            )
+            rig = paced(rig, speed or (LIVE_SPEED if live else None))
             summary = fly_to_folder(chosen, seed, folder, rig)
-        print_summary(summary)
-        tell(f"report: {folder / 'report.html'}")
+        answer_mission(as_json, folder, summary)
 
 
 @friendly
 def resume(
-    run_dir: Annotated[Path, typer.Argument(help="Run folder of a mission that was broken off.")],
+    run_dir: Annotated[
+        Path,
+        typer.Argument(help="Run folder of a mission that was broken off.", autocompletion=completion.runs),
+    ],
     from_sound_lines: FromSoundLinesOption = False,
     live: LiveOption = False,
     speed: SpeedOption = None,
@@ -163,6 +183,7 @@ def resume(
     port: PortOption = None,
     no_browser: NoBrowserOption = False,
     tiles: TilesOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Resume a mission that was killed, stopped, or ran out of disk space.
 
@@ -178,25 +199,26 @@ def resume(
     from skysweep.flights.resume import resume_folder
     from skysweep.flights.rig import Rig
 
-    if tells_complete(run_dir, from_sound_lines):
+    if answers_complete(as_json, run_dir, from_sound_lines):
         return
-    with live_page(run_dir, live, host, port, no_browser, tiles) as orders:
+    with live_page(run_dir, live, host, port, no_browser, tiles, as_json) as orders:
         with flying(run_dir.name, run_dir) as watch:
-            rig = Rig(watch=watch, say=say, operator=orders, film=True)
+            rig = Rig(watch=watch, operator=orders, say=say, prepare=watch.prepare, film=True)
             rig = paced(rig, speed or (LIVE_SPEED if live else None))
             summary = resume_folder(run_dir, rig, from_sound_lines)
-        print_summary(summary)
-        tell(f"report: {run_dir / 'report.html'}")
+        answer_mission(as_json, run_dir, summary)
 
 
-def tells_complete(folder: Path, from_sound_lines: bool) -> bool:
-    """Whether the mission of a run folder is complete; then it says so."""
+def answers_complete(as_json: bool, folder: Path, from_sound_lines: bool) -> bool:
+    """Whether the mission of a run folder is complete; then that is the answer."""
     from skysweep.results.run_folder import summary_of_complete
 
-    complete = summary_of_complete(folder, from_sound_lines) is not None
-    if complete:
-        tell(f"complete; nothing to do. Report: {folder / 'report.html'}")
-    return complete
+    summary = summary_of_complete(folder, from_sound_lines)
+    if summary is None:
+        return False
+    record = _record(folder, summary)
+    answer(as_json, record, f"complete; nothing to do. Report: {folder / 'report.html'}")
+    return True
 
 
 def _topic(option: str, value: str, *others: str) -> str:
@@ -209,24 +231,35 @@ def _topic(option: str, value: str, *others: str) -> str:
     return topic
 
 
+class StatusLine:
+    """The state of a mission in a line: a ``Watch`` that shows it, with the time left."""
+
+    def __init__(self, outlook: Outlook, show: Callable[[str], None]) -> None:
+        self._outlook, self._show = outlook, show
+        self.prepare = outlook.prepare
+
+    def __call__(self, state: VehicleState, mode: Mode, _new: Any, more: str = "") -> None:
+        self._outlook.look(state, mode)
+        charge, left_s = state.battery_remaining, self._outlook.left_s
+        battery = "unknown" if math.isnan(charge) else f"{charge:4.0%}"
+        left = "" if left_s is None else f"   about {duration(left_s)} left"
+        self._show(
+            f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+            f"battery {battery}{left}{more}"
+        )
+
+
 @contextmanager
-def flying(name: str, folder: Path) -> Iterator[Callable[[Any, str, Any], None]]:
+def flying(name: str, folder: Path) -> Iterator[StatusLine]:
     """A status line that watches a mission without blocking it; after Ctrl-C it says how to go on."""
+    from skysweep.flights.outlook import Outlook
     from skysweep.mission.journal import resume_command
     from skysweep.results.run_folder import JOURNAL_FILE
 
     with unblocked(), status() as progress:
         task = progress.add_task(name, doing="preparing", total=None)
-
-        def watch(state: Any, mode: str, _new: Any) -> None:
-            progress.update(
-                task,
-                doing=f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
-                f"battery {state.battery_remaining:4.0%}",
-            )
-
         try:
-            yield watch
+            yield StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))
         except KeyboardInterrupt:
             progress.stop()
             journal = folder / JOURNAL_FILE
@@ -243,8 +276,18 @@ def free_folder(parent: Path, name: str) -> Path:
     return next(c for c in candidates if not c.exists())
 
 
-def print_summary(summary: RunSummary) -> None:
-    """Print the figures of a mission as a table, without unknown ones."""
+def answer_mission(as_json: bool, folder: Path, summary: RunSummary, **more: Any) -> None:
+    """Answer with the figures of a mission and its report. ``more`` is said in JSON alone."""
+    record = _record(folder, summary) | more
+    answer(as_json, record, _summary_table(summary), f"report: {folder / 'report.html'}")
+
+
+def _record(folder: Path, summary: Mapping[str, Any] | RunSummary) -> dict[str, Any]:
+    return {"folder": str(folder), "report": str(folder / "report.html"), "summary": dict(summary)}
+
+
+def _summary_table(summary: RunSummary) -> Table:
+    """The figures of a mission, without unknown ones."""
     judged = summary["n_targets"] is not None
     confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
     search = "completed" if summary["completed"] else f"not completed ({summary['end_reason']})"
@@ -263,11 +306,11 @@ def print_summary(summary: RunSummary) -> None:
         ("Energy", _figure(summary["energy_wh"], "Wh", 1)),
         ("Speed", _figure(summary["real_time_factor"], "x real time", 1)),
     ]
-    table = Table(show_header=False, box=None)
+    table = figures_table()
     for name, figure in rows:
         if figure:
             table.add_row(name, figure)
-    console.print(table)
+    return table
 
 
 def _figure(value: float | None, unit: str, decimals: int = 0) -> str:
@@ -284,6 +327,7 @@ def compare_paper_command(
     ] = Path("paper-run"),
     workers: WorkersOption = None,
     change: SetOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.
 
@@ -301,7 +345,13 @@ def compare_paper_command(
     """
     from skysweep.experiments.paper.report import write_compare_report
     from skysweep.experiments.paper.run import N_ROWS, compare_paper, folder_of
-    from skysweep.experiments.paper.tables import choice, choice_of, print_tables
+    from skysweep.experiments.paper.tables import (
+        baselines_json,
+        choice,
+        choice_of,
+        compare_json,
+        comparison_tables,
+    )
 
     with bar() as progress:
         task = progress.add_task("missions", total=seeds * N_ROWS)
@@ -317,5 +367,6 @@ def compare_paper_command(
 
         summaries = compare_paper(seeds, sensor, out, workers, changes_of(change), on_done)
     rows = write_compare_report(out, summaries)
-    print_tables(console, rows, summaries)
-    tell(f"report: {out / 'report.html'}")
+    report = out / "report.html"
+    record = {"report": str(report), "rows": compare_json(rows), "baselines": baselines_json(rows)}
+    answer(as_json, record, *comparison_tables(rows, summaries), f"report: {report}")

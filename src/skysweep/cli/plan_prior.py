@@ -10,7 +10,8 @@ import numpy as np
 from rich.table import Table
 
 from skysweep.arrays import F64
-from skysweep.cli.common import console, lon_lat_of, warn
+from skysweep.cli.answers import answer, figures_table
+from skysweep.cli.common import counting, lon_lat_of, warn
 from skysweep.cli.searched import coverage_of_searches
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -46,12 +47,19 @@ class SearchOptions:
 
 
 def plan_with_prior(
-    options: SearchOptions, scenario: Scenario | None, changes: dict[str, float | None], out: Path
+    as_json: bool,
+    options: SearchOptions,
+    scenario: Scenario | None,
+    changes: dict[str, float | None],
+    out: Path,
 ) -> None:
-    """Plan a sortie over a map, within the area of a scenario where there is one; write and show it."""
+    """Plan a sortie over a map, within the area of a scenario where there is one; write and answer it."""
     cells = _map(options, scenario)
     start = _start(options, scenario, cells.frame)
-    sortie = plan_sortie(cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed)
+    with counting("paths") as count:
+        sortie = plan_sortie(
+            cells, start, options.budget_m, options.sweep_width_m, options.uavs, options.seed, count
+        )
     chosen = scenario or change_scenario(_scenario_of(options.prior, sortie), changes)
     plans = [f"{chosen.name}-{k + 1}.plan" for k in range(options.uavs)]
     with whole_files(out) as unfinished:
@@ -60,12 +68,17 @@ def plan_with_prior(
         draw_sortie(unfinished / f"{chosen.name}.png", chosen.name, sortie)
         write_map(unfinished / MAP_AFTER, sortie.after)
         (unfinished / REPORT).write_text(json.dumps(sortie.as_json(), indent=2) + "\n", encoding="utf-8")
-    console.print(_told(sortie, chosen.search.scan_speed_mps))
-    console.print(
-        f"plans: {', '.join(str(out / name) for name in plans)}\npicture: {out / chosen.name}.png\n"
-        f"report: {out / REPORT}\nmap if nothing is found: {out / MAP_AFTER}",
-        soft_wrap=True,
-        highlight=False,
+    paths = [str(out / name) for name in plans]
+    picture, report, after = f"{out / chosen.name}.png", str(out / REPORT), str(out / MAP_AFTER)
+    record = {"plans": paths, "picture": picture, "report": report, "map_after": after}
+    answer(
+        as_json,
+        record | sortie.as_json(),
+        _told(sortie, chosen.search.scan_speed_mps),
+        f"plans: {', '.join(paths)}",
+        f"picture: {picture}",
+        f"report: {report}",
+        f"map if nothing is found: {after}",
     )
 
 
@@ -118,7 +131,7 @@ def _told(sortie: PlannedSortie, speed_mps: float) -> Table:
         float(leg_time_s(np.linalg.norm(np.diff(path, axis=0), axis=1), speed_mps).sum())
         for path in sortie.paths_xy_m
     )
-    table = Table(show_header=False, box=None)
+    table = figures_table()
     table.add_row("sweep width", f"{sortie.sweep_width_m:.1f} m")
     table.add_row("paths", f"{len(sortie.paths_xy_m)}, {expected.length_m[-1]:.0f} m together")
     table.add_row("time", f"{longest_s / 60:.1f} min for the longest, without take-off and return")

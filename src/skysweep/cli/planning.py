@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
-from skysweep.cli.common import console, friendly, scenario_or_area, warn
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer, figures_table
+from skysweep.cli.common import friendly, scenario_or_area, warn, working
 from skysweep.files.writing import whole_files
 
 
@@ -16,7 +18,10 @@ from skysweep.files.writing import whole_files
 def plan(
     source: Annotated[
         str | None,
-        typer.Argument(help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan)."),
+        typer.Argument(
+            help="Scenario (name or YAML) or area (GeoJSON, KML, KMZ, QGroundControl .plan).",
+            autocompletion=completion.scenarios,
+        ),
     ] = None,
     altitude: Annotated[float | None, typer.Option(help="Scan altitude, m above ground.")] = None,
     sidelap: Annotated[float | None, typer.Option(help="Share of the swath that neighbours share.")] = None,
@@ -38,10 +43,14 @@ def plan(
     ] = None,
     searched: Annotated[
         list[Path] | None,
-        typer.Option(help="Run folder or .plan that was flown and found nothing; may be repeated."),
+        typer.Option(
+            help="Run folder or .plan that was flown and found nothing; may be repeated.",
+            autocompletion=completion.runs,
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
+    as_json: JsonOption = False,
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
 
@@ -86,7 +95,7 @@ def plan(
             warn(warning)
         width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
         options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], sweep_width_m, seed)
-        plan_with_prior(options, chosen, changes, out)
+        plan_with_prior(as_json, options, chosen, changes, out)
         return
     if budget_m is not None or sweep_width_m is not None or start is not None or searched or uavs != 1:
         raise UserError(
@@ -97,10 +106,10 @@ def plan(
     for warning in warnings_for_plan(chosen):
         warn(warning)
     coverage, estimate = plan_scenario(chosen)
-    with whole_files(out) as unfinished:
+    with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
         draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
         write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
-    table = Table(show_header=False, box=None)
+    table = figures_table()
     table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
@@ -109,7 +118,6 @@ def plan(
     table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
-    console.print(table)
-    console.print(
-        f"plan: {out / chosen.name}.plan\npicture: {out / chosen.name}.png", soft_wrap=True, highlight=False
-    )
+    written = {"plan": f"{out / chosen.name}.plan", "picture": f"{out / chosen.name}.png"}
+    record = {"scenario": chosen.name, **asdict(estimate), "heading_deg": coverage.heading_deg, **written}
+    answer(as_json, record, table, *(f"{what}: {path}" for what, path in written.items()))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import SeedOption, friendly, lon_lat_of, tell, warn
+from skysweep.cli import completion
+from skysweep.cli.common import SeedOption, friendly, lon_lat_of, tell, warn, working
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -229,7 +230,8 @@ def mix(
     from skysweep.planning.prior.rasters import on_one_grid
 
     given = [_with_numbers(text, "MAP:WEIGHT", "MAP:WEIGHT") for text in maps]
-    grids = on_one_grid([read_map(path) for path, _ in given])
+    with working("bringing the maps onto one grid"):
+        grids = on_one_grid([read_map(path) for path, _ in given])
     title = " + ".join(f"{weight:g} {path.stem}" for path, (weight,) in given)
     both = mixed(grids, [weight for _, (weight,) in given])
     _write(out, title, both, _mark(lkp, both))
@@ -240,7 +242,10 @@ def mix(
 def after(
     prior: Annotated[Path, typer.Argument(metavar="MAP", help="Map that was searched (.npz, .tif, .csv).")],
     searched: Annotated[
-        list[Path], typer.Option(help="Run folder or .plan that was flown; may be repeated.")
+        list[Path],
+        typer.Option(
+            help="Run folder or .plan that was flown; may be repeated.", autocompletion=completion.runs
+        ),
     ],
     sweep_width_m: Annotated[
         float | None,
@@ -281,7 +286,7 @@ def _write(
     if out.suffix.lower() != ".npz":
         raise UserError(f"--out {out}: is no .npz; write the name of one, a picture goes beside it")
     written = [out, out.with_suffix(".png")]
-    with whole_files(out.parent) as unfinished:
+    with working(f"writing {out}"), whole_files(out.parent) as unfinished:
         write_map(unfinished / out.name, cells)
         draw_map(unfinished / written[1].name, title, cells, last_known_xy_m, tracks or [])
         try:

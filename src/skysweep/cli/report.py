@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
-from skysweep.cli.common import bar, friendly, local_folder, tell, warn
-from skysweep.cli.missions import print_summary
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer
+from skysweep.cli.common import counting, friendly, local_folder, warn, working
+from skysweep.cli.missions import answer_mission
 from skysweep.errors import UserError
 
 
@@ -19,6 +21,7 @@ def report(
         typer.Argument(
             metavar="DIR",
             help="Run folder of a mission; folder or URL of a sweep or of a comparison with the paper.",
+            autocompletion=completion.runs,
         ),
     ],
     out: Annotated[
@@ -35,6 +38,7 @@ def report(
             "--from-sound-lines", help="Report the sound part of a damaged run folder; needs --out."
         ),
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Write the results of a mission from its journal, or report the statistics of a sweep.
 
@@ -68,7 +72,7 @@ def report(
 
     target, here = out, local_folder(folder)
     if here is not None and (here / JOURNAL_FILE).is_file():
-        _report_mission(here, out or here, from_sound_lines)
+        _report_mission(as_json, here, out or here, from_sound_lines)
         return
     if from_sound_lines:
         raise UserError(f"--from-sound-lines: {folder} is not the folder of one mission; leave it out")
@@ -80,19 +84,13 @@ def report(
             raise UserError(f"{folder}: is not on this computer; write the report's folder as --out")
         target = here / "report"
     missions = load_missions(folder, lambda spec: matrix_of(parse_spec(spec, f"{folder}/spec.yaml")).table())
-    with bar() as progress:
-        task = progress.add_task("report", total=None)
-
-        def on_step(done: int, of: int) -> None:
-            progress.update(task, completed=done, total=of)
-
-        sentences = write_sweep_report(missions, target, min_recall, on_step=on_step)
-    for sentence in sentences:
-        tell(sentence)
-    tell(f"report: {target / REPORT_FILE}")
+    with counting("report") as count:
+        sentences = write_sweep_report(missions, target, min_recall, on_step=count)
+    record = {"report": str(target / REPORT_FILE), "sentences": sentences}
+    answer(as_json, record, *sentences, f"report: {target / REPORT_FILE}")
 
 
-def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
+def _report_mission(as_json: bool, folder: Path, out: Path, from_sound_lines: bool) -> None:
     from skysweep.results.run_folder import is_older, load_run
     from skysweep.results.writing import write_results
 
@@ -112,6 +110,6 @@ def _report_mission(folder: Path, out: Path, from_sound_lines: bool) -> None:
         warn(f"{folder}: an older skysweep wrote it; some damage may go undetected")
     if not run.ended:
         warn(f"{folder}: the mission was interrupted or is still flying; these are the results so far")
-    summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
-    print_summary(summary)
-    tell(f"report: {out / 'report.html'}")
+    with working(f"writing {out}"):
+        summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
+    answer_mission(as_json, out, summary)

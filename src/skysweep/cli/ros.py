@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import os
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from skysweep.cli.common import SeedOption, SensorOption, SetOption, changes_of, friendly, say, spinner, tell
-from skysweep.cli.missions import flying, free_folder, print_summary
+from skysweep.cli.answers import JsonOption, answer
+from skysweep.cli.common import (
+    ScenarioArg,
+    SeedOption,
+    SensorOption,
+    SetOption,
+    changes_of,
+    friendly,
+    say,
+    spinner,
+)
+from skysweep.cli.missions import answer_mission, flying, free_folder
 
 app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
 
@@ -36,9 +47,7 @@ PatienceOption = Annotated[
 @friendly
 def ros_fly(
     context: typer.Context,
-    scenario: Annotated[
-        str, typer.Argument(help="Name of a shipped scenario or path of a YAML file.")
-    ] = "clusters",
+    scenario: ScenarioArg = "clusters",
     change: SetOption = None,
     seed: SeedOption = 0,
     sensor: SensorOption = "imaging",
@@ -50,6 +59,7 @@ def ros_fly(
     ] = "",
     pose: Annotated[str, typer.Option(help="Topic of odometry. Default: the vehicle's own.")] = "",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fly one mission with pictures, poses, paths, detections and targets on topics.
 
@@ -71,8 +81,10 @@ def ros_fly(
     folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
     settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
     with flying(folder.name, folder) as watch:
-        summary = fly_on_ros(settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, say)
-    print_summary(summary)
+        summary = fly_on_ros(
+            settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, say, watch.prepare
+        )
+    answer_mission(as_json, folder, summary)
 
 
 @app.command("detect", cls=_RosCommand)
@@ -80,8 +92,13 @@ def ros_fly(
 def ros_detect(
     context: typer.Context,
     images: Annotated[str, typer.Option(help="Topic of pictures.")] = "camera/image_raw",
-    model: Annotated[str, typer.Option(help="'skysweep' (ours) or the path of an ONNX file.")] = "skysweep",
-    confidence_min: Annotated[float, typer.Option(min=0.0, max=1.0, help="Boxes below are dropped.")] = 0.25,
+    model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    confidence: Annotated[
+        float,
+        typer.Option(
+            "--confidence", "--confidence-min", min=0.0, max=1.0, help="Detections below are dropped."
+        ),
+    ] = 0.25,
     threads: Annotated[int, typer.Option(min=1, max=256, help="Of the detector.")] = 1,
     patience: PatienceOption = 30.0,
 ) -> None:
@@ -97,7 +114,7 @@ def ros_detect(
     from skysweep.ros.detector_node import serve_detector
     from skysweep.ros.link import RosLink
 
-    finder = YoloDetector(model, confidence_min=confidence_min, threads=threads)
+    finder = YoloDetector(model, confidence_min=confidence, threads=threads)
     with (
         closing(RosLink("detector", arguments=context.meta[_ROS_ARGUMENTS])) as link,
         spinner() as progress,
@@ -122,6 +139,7 @@ def ros_measure(
     rate: Annotated[float, typer.Option(min=0.1, max=200, help="Pictures a second.")] = 10.0,
     seconds: Annotated[float, typer.Option(min=1.0, help="How long.")] = 20.0,
     patience: PatienceOption = 10.0,
+    as_json: JsonOption = False,
 ) -> None:
     """Publish pictures; say what that costs and how long another node's detections take.
 
@@ -139,9 +157,12 @@ def ros_measure(
     say(f"publishing for {seconds:g} s")
     with closing(RosLink("measure", arguments=context.meta[_ROS_ARGUMENTS])) as link:
         figures = measure(link, width, height, rate, seconds, patience)
-    tell(
+    record = asdict(figures) | {"cpu_cores": os.cpu_count(), "load": os.getloadavg()[0]}
+    answer(
+        as_json,
+        record,
         f"{width}x{height} at {rate:g} Hz: publishing takes {figures.core_share:.1%} of a core\n"
         f"{figures.answered} of {figures.pictures} pictures answered; from picture to detections "
         f"{figures.latency_median_s * 1e3:.0f} ms (median), {figures.latency_p95_s * 1e3:.0f} ms (95 %)\n"
-        f"machine: {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+        f"machine: {record['cpu_cores']} cores, load {record['load']:.1f}",
     )

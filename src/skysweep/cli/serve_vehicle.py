@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import SeedOption, SetOption, chosen_scenario, friendly, say, spinner, warn
+from skysweep.cli.common import (
+    ScenarioArg,
+    SeedOption,
+    SetOption,
+    chosen_scenario,
+    friendly,
+    say,
+    spinner,
+    warn,
+)
 
 if TYPE_CHECKING:
     from skysweep.vehicles.served.autopilot import Autopilot
@@ -15,9 +24,7 @@ if TYPE_CHECKING:
 
 @friendly
 def serve_vehicle(
-    scenario: Annotated[
-        str, typer.Argument(help="Where it flies: a shipped scenario's name or a YAML file.")
-    ] = "clusters",
+    scenario: ScenarioArg = "clusters",
     port: Annotated[
         int, typer.Option(min=1, max=65535, help="Where it sends to: MAVSDK's udpin://127.0.0.1:PORT.")
     ] = 14540,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from skysweep.cli.common import WorkersOption, bar, friendly, local_folder, say, warn
+from skysweep.cli.common import WorkersOption, bar, duration, friendly, local_folder, say, warn
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -76,14 +76,14 @@ def sweep(
 
         def confirm(outlook: Outlook) -> None:
             say(
-                f"about {_duration(outlook.seconds)} for {outlook.missions:,} missions on "
+                f"about {duration(outlook.seconds)} for {outlook.missions:,} missions on "
                 f"{outlook.workers} workers ({outlook.mission_s:.2g} s each)"
             )
             if outlook.seconds <= ASK_ABOVE_S or yes:
                 return
             if not sys.stdin.isatty():
                 raise UserError(
-                    f"the sweep would take about {_duration(outlook.seconds)}; add --yes to start it"
+                    f"the sweep would take about {duration(outlook.seconds)}; add --yes to start it"
                 )
             progress.stop()
             if not typer.confirm("Start?", err=True):
@@ -104,11 +104,3 @@ def sweep(
         raise typer.Exit(1)
     elsewhere = "" if local_folder(folder) else f" --out {wanted.name}-report"
     say(f"statistics: skysweep report {folder}{elsewhere}")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{max(1, round(seconds))} s"
-    if seconds < 5400:
-        return f"{seconds / 60:.0f} minutes"
-    return f"{seconds / 3600:,.1f} hours"

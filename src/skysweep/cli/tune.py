@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from skysweep.cli import completion
+from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
     MOST_SEEDS,
     SetOption,
@@ -15,21 +17,24 @@ from skysweep.cli.common import (
     bar,
     changes_of,
     friendly,
-    print_grid,
     say,
-    tell,
 )
 from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
+    from skysweep.experiments.tune.report import Tuned
     from skysweep.experiments.tune.run import Problem
     from skysweep.experiments.tune.study import Trial
+    from skysweep.results.reporting.html import Grid
 
 
 @friendly
 def tune(
-    scenarios: Annotated[list[str], typer.Argument(help="Shipped scenarios or YAML files.")],
+    scenarios: Annotated[
+        list[str],
+        typer.Argument(help="Shipped scenarios or YAML files.", autocompletion=completion.scenarios),
+    ],
     together: Annotated[
         bool, typer.Option("--together", help="One answer for all scenarios instead of one for each.")
     ] = False,
@@ -78,6 +83,7 @@ def tune(
     ] = None,
     workers: WorkersOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 0,
+    as_json: JsonOption = False,
 ) -> None:
     """Find good n_c, d_c, altitudes, speeds and sidelap by flying many missions without pictures.
 
@@ -96,6 +102,7 @@ def tune(
 
         skysweep tune clusters --storage postgresql://user@host/tuning   # on several machines
     """
+    from skysweep.experiments.tune import report
     from skysweep.experiments.tune.race import RaceRules
     from skysweep.experiments.tune.run import Problem, family_of
     from skysweep.experiments.tune.space import changed_space, default_space
@@ -132,6 +139,7 @@ def tune(
                 sampler_seed=seed,
             )
         )
+    answers: list[dict[str, Any]] = []
     try:
         for problem in problems:
             study_name = problem.name
@@ -140,12 +148,17 @@ def tune(
             folder = out / problem.name
             found = _search(problem, folder, storage, study_name, trials, minutes, workers)
             if validation_seeds:
-                _validate(problem, found, folder, validation_seeds, matters, workers)
+                tuned, recommended = _validate(problem, found, folder, validation_seeds, matters, workers)
+                record = {"folder": str(folder), "scenarios": list(map(str, recommended))}
+                answers.append(record | report.tuning_json(tuned))
+                if not as_json:
+                    answer(as_json, answers[-1], *_shown(tuned, folder, recommended))
             else:
                 say("searched only; give --validation-seeds for a recommendation")
     except KeyboardInterrupt:
         say(f"stopped; finished work is kept in {out}, and the same command continues it")
         raise typer.Exit(130) from None
+    answer(as_json, {"recommendations": answers})
 
 
 def _search(
@@ -181,7 +194,8 @@ def _search(
 
 def _validate(
     problem: Problem, found: list[Trial], folder: Path, seeds: int, matters: bool, workers: int | None
-) -> None:
+) -> tuple[Tuned, list[Path]]:
+    """Choose on fresh seeds, and write it: what was found, and the files of the recommended scenarios."""
     from skysweep.experiments.tune import report, validate
 
     make_folder(folder)
@@ -200,21 +214,24 @@ def _validate(
             cells_flown = validate.fly_candidates([scenario], cells, seeds, folder, workers, on_mission)
             tables[scenario.name] = validate.matters_table(cells, cells_flown, scenario)
     tuned = report.Tuned(problem, found, validate.standings(candidates, flown, problem.rules), tables)
-    recommended = report.write_tuning(tuned, folder)
-    print_grid(report.recommendation(tuned))
-    for sentence in (
+    return tuned, report.write_tuning(tuned, folder)
+
+
+def _shown(tuned: Tuned, folder: Path, recommended: list[Path]) -> list[Grid | str]:
+    from skysweep.experiments.tune import report
+
+    shown: list[Grid | str] = [
+        report.recommendation(tuned),
         report.recommendation_sentence(tuned),
-        report.recommendation_rule(problem.rules),
+        report.recommendation_rule(tuned.problem.rules),
         *report.how_sure(tuned),
-    ):
-        tell(sentence)
-    print_grid(report.standings_table(tuned))
-    for name, table in tables.items():
-        print_grid(report.matters_grid(name, table))
-        for sentence in report.matters_sentences(table):
-            tell(f"- {sentence}")
-    tell(f"fly it: skysweep run {recommended[0]}")
-    tell(f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}")
+        report.standings_table(tuned),
+    ]
+    for name, table in tuned.matters.items():
+        shown += [report.matters_grid(name, table), *(f"- {s}" for s in report.matters_sentences(table))]
+    shown.append(f"fly it: skysweep run {recommended[0]}")
+    shown.append(f"all of it: {folder / 'tuning.md'}, {folder / 'search.png'}")
+    return shown
 
 
 def _say_what_is_tuned(problem: Problem) -> None:

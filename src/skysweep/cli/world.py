@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 from rich.table import Table
-from rich.text import Text
 
+from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import (
     ScenarioArg,
     SeedOption,
     SetOption,
     bar,
     chosen_scenario,
-    console,
-    errors,
     friendly,
     tell,
+    working,
 )
-from skysweep.text import printable
 
 app = typer.Typer(no_args_is_help=True, help="Worlds for Gazebo.")
 
@@ -50,7 +49,7 @@ def world_export(
     from skysweep.gazebo.export import export_world
 
     chosen = chosen_scenario(scenario, change)
-    with errors.status(Text(printable(f"writing {out}"))):
+    with working(f"writing {out}"):
         path = export_world(chosen, seed, out, fmt)
     models = (out / "models").resolve()
     opens = {
@@ -67,6 +66,7 @@ def world_transfer(
     pictures: Annotated[int, typer.Option(min=1, max=100_000, help="Views at each of h_S and h_C.")] = 100,
     seed: SeedOption = 0,
     change: SetOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Print the detector's recall on Gazebo's pictures beside its recall on ours from the same places.
 
@@ -90,4 +90,5 @@ def world_transfer(
             likely = binomtest(count, s.n_targets).proportion_ci(method="wilson")
             shares.append(f"{count / s.n_targets:.1%} ({likely.low:.1%} to {likely.high:.1%})")
         table.add_row(f"{s.altitude_agl_m:g} m", s.renderer, str(s.n_targets), *shares, str(s.n_false))
-    console.print(table)
+    record = {"c_t": chosen.search.c_t, "scores": [asdict(s) | {"recall": s.recall} for s in scores]}
+    answer(as_json, record, table)

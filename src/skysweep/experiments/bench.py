@@ -34,6 +34,7 @@ _PICTURES = 60
 _BENCH_LENS = Lens(640, 360, 1.2)
 _MISSION_S = 400.0  # what statistical_mission_s is scaled to
 _MIX = ("clusters", "abundance", "sparse")
+MEASUREMENTS = 6  # that are reported
 _WARM_UP, _MEASURED = 12, 108  # missions of the mix
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -46,12 +46,13 @@ def fly_on_ros(
     arguments: tuple[str, ...] = (),
     watch: Watch = nothing,
     say: Say = nothing,
+    prepare: Callable[[Mission], None] = nothing,
 ) -> RunSummary:
     """Fly one mission with everything on topics; write its run folder and return its summary.
 
     ``changes`` are to the scenario's fields. ``arguments`` are ROS arguments; their parameters override
-    ``settings``. ``watch`` and ``say`` are as in ``Rig``. Raises UserError, before take-off, if a part is
-    missing or a setting is wrong.
+    ``settings``. ``watch``, ``say`` and ``prepare`` are as in ``Rig``. Raises UserError, before take-off, if
+    a part is missing or a setting is wrong.
     """
     with closing(RosLink("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
@@ -70,7 +71,8 @@ def fly_on_ros(
             watch(state, mode, new)
             pace.keep(state.time_s)
 
-        def prepare(mission: Mission) -> None:
+        def prepare_all(mission: Mission) -> None:
+            prepare(mission)
             face.prepare(mission)
             if not settings.autostart:
                 say(f"waiting for {link.node.get_fully_qualified_name()}/start")
@@ -86,7 +88,7 @@ def fly_on_ros(
             say=say,
             film=True,
             hear=face.note,
-            prepare=prepare,
+            prepare=prepare_all,
         )
         summary = fly_to_folder(scenario, settings.seed, folder, rig)
         face.end(summary["end_reason"])

@@ -18,6 +18,8 @@ from skysweep.strategies.scan_check import SCAN_ACCEPTANCE_M
 
 SCAN, CHECK = -1.0, 1.0
 _TILL_CHECK = 5  # open candidates, as n_c
+_POLICIES = (("velocity", ("random",)), ("waypoint", ("scan-only", "scan-check")))  # by their actions
+N_POLICIES = sum(len(names) for _, names in _POLICIES)
 
 
 class Policy(Protocol):
@@ -85,7 +87,7 @@ class Played:
 
 def play_all(scenario: str | Scenario, seeds: Sequence[int], **rules: Any) -> Iterator[Played]:
     """Play an episode of each policy for each seed. Raises UserError as ``SearchEnv``."""
-    for actions, names in (("velocity", ["random"]), ("waypoint", ["scan-only", "scan-check"])):
+    for actions, names in _POLICIES:
         env = SearchEnv(scenario, actions=actions, **rules)
         env.reset(seed=0)
         env.step(np.zeros(3))  # compiles; that is not measured

@@ -256,6 +256,21 @@ def test_a_damaged_map_is_read_or_refused(tmp_path_factory, kind, data):
     assert "\n" not in sentence
 
 
+@pytest.mark.parametrize("kind", ["npz", "csv"])
+@pytest.mark.parametrize("extent_deg", [1e-300, 1e-12])
+def test_a_map_of_no_extent_is_refused(tmp_path, kind, extent_deg):
+    """The outline has an area of 0, or one of rounding errors."""
+    path = lon_lat_file(tmp_path, kind, np.ones((3, 4)), (0.0, 0.0, extent_deg, extent_deg))
+    with pytest.raises(UserError, match=r"its cells are .* m wide, which no map resolves"):
+        read_map(path)
+
+
+def test_few_cells_that_are_very_long_do_not_become_millions(tmp_path):
+    path = lon_lat_file(tmp_path, "npz", np.ones((3, 4)), (22.0, 60.0, 23.0, 60.00000001))
+    with pytest.raises(UserError, match="much longer than wide"):
+        read_map(path)
+
+
 def test_maps_in_other_frames_come_onto_one_grid():
     near, far = (
         cells_of(gaussian(20, 40, 9)),

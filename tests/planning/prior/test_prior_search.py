@@ -250,3 +250,13 @@ def test_a_diagonal_path_covers_both_cells_of_each_pair_alike(rows, columns, see
         leg = place + 0.5 * pairs.pitch_m * np.outer([-1.0, 1.0], pairs.axes[rng.integers(2)])
         covered = coverage_of([leg], poa.shape, CELL_M, ORIGIN, CELL_M)
         assert np.sum(poa * covered) == pytest.approx(pairs.step * pairs.poa[tuple(node)])
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_steps_are_counted_to_their_end(n):
+    told = []
+    plan_search(
+        MAPS["three"], CELL_M, ORIGIN, INSIDE, 20_000, 10.0, n, on_step=lambda *step: told.append(step)
+    )
+    of = told[0][1]
+    assert told == [(done, of) for done in range(1, of + 1)]

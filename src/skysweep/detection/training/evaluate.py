@@ -8,8 +8,9 @@ rule). Pixels on target are the longer side of the box; a false positive counts 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -183,6 +184,28 @@ def _bin_label(lower: float, edges: Sequence[float]) -> str:
 
 def _share(part: int, whole: int) -> str:
     return f"{part / whole:.2f}" if whole else "-"
+
+
+def scores_json(evaluation: Evaluation) -> dict[str, Any]:
+    """The counts of an evaluation, as JSON has them. Bins are ``from`` to ``to``, null without an end."""
+    return {
+        "n_images": evaluation.n_images,
+        "confidence_min": evaluation.confidence_min,
+        "by_pixels": _counts_json(evaluation.by_pixels, PIXEL_BINS),
+        "by_altitude": _counts_json(evaluation.by_altitude, ALTITUDE_BINS_M),
+        "look_alikes": _counts_json(evaluation.decoys, PIXEL_BINS),
+    }
+
+
+def _counts_json(
+    counts: Mapping[tuple[str, float], Score | DecoyScore], edges: Sequence[float]
+) -> list[dict[str, Any]]:
+    ends = [None if np.isinf(edge) else float(edge) for edge in edges]
+    upper = dict(zip(map(float, edges), ends[1:], strict=False))
+    return [
+        {"class": name, "from": lower, "to": upper[lower], **asdict(counted)}
+        for (name, lower), counted in sorted(counts.items(), key=lambda item: item[0])
+    ]
 
 
 def tables(evaluations: Mapping[str, Evaluation]) -> list[Table]:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -128,12 +129,16 @@ def compare_tiers(
             )
             mean, ci95 = mean_ci95(with_pictures)
             cells.append(TierMeans(label, strategy, metric, seeds, mean, ci95, float(np.mean(without))))
-    records = [asdict(c) | {"difference_percent": c.difference_percent, "agrees": c.agrees} for c in cells]
     with whole_files(out) as unfinished:
-        text = json.dumps(plain(records), indent=1) + "\n"
+        text = json.dumps(plain(tiers_json(cells)), indent=1) + "\n"
         (unfinished / "validate.json").write_text(text, encoding="utf-8")
         (unfinished / "validate.md").write_text(validation_text(cells), encoding="utf-8")
     return cells
+
+
+def tiers_json(cells: Sequence[TierMeans]) -> list[dict[str, Any]]:
+    """The records of ``validate.json``."""
+    return [asdict(c) | {"difference_percent": c.difference_percent, "agrees": c.agrees} for c in cells]
 
 
 def validation_text(cells: Sequence[TierMeans]) -> str:

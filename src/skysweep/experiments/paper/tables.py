@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 from skysweep.results.reporting.html import Grid
@@ -286,15 +285,17 @@ def _check_cells(effect: CheckEffect) -> tuple[str, ...]:
     )
 
 
-def print_tables(console: Console, rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> None:
-    """All tables on a terminal."""
+def comparison_tables(rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> list[Table]:
+    """All tables for a terminal."""
+    made = []
     for grid in _all_grids(rows, summaries):
         table = Table(title=grid.caption, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False)
         for column in grid.header:
             table.add_column(column, justify="right", no_wrap=column != _CHECK_HEADER[-1])
         for row in grid.rows:
             table.add_row(*row)
-        console.print(table)
+        made.append(table)
+    return made
 
 
 def markdown_tables(rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> str:

@@ -61,7 +61,7 @@ def write_tuning(tuned: Tuned, folder: Path) -> list[Path]:
     """
     with whole_files(folder) as unfinished:
         recommended = _write_scenarios(tuned, unfinished)
-        text = json.dumps(plain(_as_json(tuned)), indent=1) + "\n"
+        text = json.dumps(plain(tuning_json(tuned)), indent=1) + "\n"
         (unfinished / "tuning.json").write_text(text, encoding="utf-8")
         (unfinished / "tuning.md").write_text(_markdown(tuned), encoding="utf-8")
         table = _trials_table(tuned.problem, tuned.trials)
@@ -327,7 +327,8 @@ def _markdown(tuned: Tuned) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _as_json(tuned: Tuned) -> dict[str, Any]:
+def tuning_json(tuned: Tuned) -> dict[str, Any]:
+    """The content of ``tuning.json``."""
     problem = tuned.problem
     recommended = change_scenario(problem.originals[0], tuned.best.candidate.changes)
     means = ("mission_time_s", "recall", "false_positives", "cost_s")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,6 +76,7 @@ def plan_sortie(
     sweep_width_m: float,
     n_uavs: int,
     seed: int = 0,
+    on_step: Callable[[int, int], None] = lambda done, of: None,
 ) -> PlannedSortie:
     """Plan a sortie, as ``plan_search`` does, over a map. Raises UserError as that does."""
     paths = plan_search(
@@ -87,6 +88,7 @@ def plan_sortie(
         sweep_width_m,
         n_uavs,
         seed,
+        on_step,
     )
     return PlannedSortie(
         cells,

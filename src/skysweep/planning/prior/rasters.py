@@ -20,6 +20,8 @@ from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap, grid_over
 _SAMPLES = 3  # along a cell's side
 _WGS84 = pyproj.Geod(ellps="WGS84")
 _BORDER = 50  # points along an edge
+_MOST_TIMES_CELLS = 100  # as many as a file has; only very long ones make more
+_SMALLEST_CELL_M = 1e-3  # below, differences of coordinates are lost in rounding
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,12 @@ class Raster:
         east, north = border.max(axis=0)
         outline = shapely.Polygon(np.concatenate([border[:_BORDER], border[_BORDER : 2 * _BORDER][::-1]]))
         cell_m = math.sqrt(outline.area / self.poa.size)
+        if cell_m < _SMALLEST_CELL_M:
+            raise UserError(
+                f"its cells are {cell_m:.2g} m wide, which no map resolves; check its coordinates"
+            )
         n_rows, n_columns = max(1, round((north - south) / cell_m)), max(1, round((east - west) / cell_m))
-        if n_rows * n_columns > 2 * MAX_CELLS:
+        if n_rows * n_columns > min(_MOST_TIMES_CELLS * self.poa.size, 2 * MAX_CELLS):
             raise UserError("its cells are much longer than wide; write cells that are about square")
         empty = ProbabilityMap(np.zeros((n_rows, n_columns)), cell_m, np.array([west, south]), frame)
         return self.onto(empty)

@@ -7,7 +7,9 @@ everywhere alike: moves, ways to other parts and shortcuts are made when what th
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,6 +46,7 @@ def plan_search(
     sweep_width_m: float,
     n_uavs: int,
     seed: int = 0,
+    on_step: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[F64]:
     """Paths from a start that find most, by exponential detection, of a target on a map.
 
@@ -56,6 +59,7 @@ def plan_search(
         sweep_width_m: of the sensor; a length L inside a cell covers it L * sweep width / cell area times.
         n_uavs: how many paths.
         seed: which of equally good paths.
+        on_step: gets how many steps are done, and of how many.
 
     Returns:
         One path (K, 2) in metres for each vehicle, K at least 2.
@@ -85,8 +89,10 @@ def plan_search(
     lattices = [lattice]
     if visits < _FEW_VISITS and cell_m / math.sqrt(2.0) <= width_m <= cell_m:  # it still sees the middles
         lattices.append(diagonal(lattice))
+    steps = len(lattices) * len(prices) * min(n, 2) * (1 + _REVISIONS)
+    done = itertools.count(1)
     plans = [
-        _flown(_planned(nodes, start - origin, each_m, n, price), each_m)
+        _flown(_planned(nodes, start - origin, each_m, n, price, lambda: on_step(next(done), steps)), each_m)
         for nodes in lattices
         for price in prices
     ]
@@ -102,19 +108,23 @@ def _flown(paths: Paths, each_m: float) -> list[F64]:
     return [xy_m if len(xy_m) > 1 else _straight(paths.lattice, xy_m[0], each_m) for xy_m in places]
 
 
-def _planned(lattice: Lattice, start_xy_m: F64, each_m: float, n: int, price: float) -> Paths:
+def _planned(
+    lattice: Lattice, start_xy_m: F64, each_m: float, n: int, price: float, step: Callable[[], None]
+) -> Paths:
     if n == 1:
         length_m = each_m
         paths = Paths.through(lattice, start_xy_m[None], each_m, [_NOWHERE])
     else:
         length_m = max(n * each_m - (n - 1) * _mean_way(lattice, start_xy_m, n * each_m), each_m)
-        paths = shared_out(_planned(lattice, start_xy_m, length_m, 1, price), n, each_m)
+        paths = shared_out(_planned(lattice, start_xy_m, length_m, 1, price, step), n, each_m)
     worth_per_m = least_worth(lattice.poa, lattice.step, length_m / lattice.pitch_m) / lattice.pitch_m
     best, worth_per_m = paths, _grow(paths, price * worth_per_m)
+    step()
     for _ in range(_REVISIONS):
         paths = take_shortcuts(paths, each_m, worth_per_m * _DEARER)
         worth_per_m = _grow(paths, worth_per_m * _DEARER)
         best = max(best, paths, key=lambda p: p.pos)
+        step()
     return best
 
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.vehicles.mavlink.dialect import mavlink as m
+from skysweep.vehicles.px4.serial_ports import serial_ports
 
 try:
     from mavsdk.component_type import ComponentType
@@ -314,6 +315,5 @@ def _serial_port(url: str) -> Path | None:
 
 
 def _ports() -> str:
-    patterns = "ttyUSB*", "ttyACM*", "ttyAMA*"
-    there = sorted(str(port) for pattern in patterns for port in Path("/dev").glob(pattern))
+    there = serial_ports()
     return f"write one of {', '.join(there)}" if there else "plug the radio in (none is there now)"

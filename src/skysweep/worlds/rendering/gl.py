@@ -201,6 +201,15 @@ class _Target:
         return np.asarray(cv2.cvtColor(self.read_rgba(), cv2.COLOR_RGBA2RGB))
 
 
+def gl_device() -> str:
+    """The name of the device that OpenGL draws with. Raises UserError if EGL is not available."""
+    context = _open_context()
+    try:
+        return str(context.info["GL_RENDERER"])
+    finally:
+        context.release()
+
+
 def _open_context() -> moderngl.Context:
     try:
         return moderngl.create_context(require=330, standalone=True, **{"backend": "egl"})  # type: ignore[arg-type]
