@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import say
+from skysweep.cli.common import say, tell
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
