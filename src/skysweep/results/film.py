@@ -1,0 +1,74 @@
+"""The film of a mission: pictures of the detector's camera, kept in flight, and what was found in them."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skysweep.results.run_folder import Record, Run
+from skysweep.text import printable
+from skysweep.types import F64
+
+FILM = "film"  # folder; its pictures are named by the time of their look's line in the journal: 12.4000.jpg
+_SAME_LOOK_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One look of the detector, with its picture where the film has it. Times count from the take-off."""
+
+    time_s: float  # when its answer came
+    exposed_s: float
+    boxes_xyxy_px: F64  # (N, 4)
+    labels: tuple[str, ...]  # (N,) class and confidence
+    picture: Path | None
+
+
+class Film:
+    """All looks of a mission, in order."""
+
+    def __init__(self, run: Run) -> None:
+        pictures = _pictures(run)
+        names_s = np.array([time_s for time_s, _ in pictures])
+        self.shots = tuple(_shot(run, look, pictures, names_s) for look in run.events("look"))
+        self._times_s = [shot.time_s for shot in self.shots]
+
+    @property
+    def has_pictures(self) -> bool:
+        return any(shot.picture is not None for shot in self.shots)
+
+    def at(self, time_s: float, pictured: bool = False) -> Shot | None:
+        """The newest look that was answered by then, only those with a picture if so wished; None: none."""
+        for k in range(bisect_right(self._times_s, time_s) - 1, -1, -1):
+            if not pictured or self.shots[k].picture is not None:
+                return self.shots[k]
+        return None
+
+
+def _pictures(run: Run) -> list[tuple[float, Path]]:
+    """The pictures by the journal's time."""
+    found = []
+    for path in (run.folder / FILM).glob("*.jpg") if run.folder is not None else ():
+        try:
+            found.append((float(path.stem), path))
+        except ValueError:
+            continue  # not one of ours
+    return sorted(found)
+
+
+def _shot(run: Run, look: Record, pictures: list[tuple[float, Path]], names_s: Any) -> Shot:
+    time_s = run.since_start(look)
+    k = int(np.searchsorted(names_s, look["t"] - _SAME_LOOK_S))
+    of_it = k < len(pictures) and abs(names_s[k] - look["t"]) <= _SAME_LOOK_S
+    words = zip(look.get("class_names", ()), look.get("confidences", ()), strict=True)
+    return Shot(
+        time_s,
+        time_s - run.scenario.camera.latency_s,
+        np.array(look.get("boxes_xyxy_px", []), dtype=float).reshape(-1, 4),
+        tuple(f"{printable(str(name))} {confidence:.2f}" for name, confidence in words),
+        pictures[k][1] if of_it else None,
+    )
