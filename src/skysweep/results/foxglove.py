@@ -60,16 +60,10 @@ def layout_json(has_film: bool) -> str:
 
 
 def _scene() -> dict[str, Any]:
-    view = {"perspective": True, "distance": 70, "phi": 55, "thetaOffset": 40, "target": [0, 0, 0]}
-    lens = {
-        "targetOffset": [0, 0, 0],
-        "targetOrientation": [0, 0, 0, 1],
-        "fovy": 45,
-        "near": 0.5,
-        "far": 5000,
-    }
+    view = {"perspective": True, "distance": 70, "phi": 55, "thetaOffset": 40, "fovy": 45}
+    aim = {"target": [0, 0, 0], "targetOffset": [0, 0, 0], "targetOrientation": [0, 0, 0, 1]}
     return {
-        "cameraState": view | lens,
+        "cameraState": view | aim | {"near": 0.5, "far": 5000},
         "followMode": "follow-position",
         "followTf": m.BASE,
         "scene": {"transforms": {"showLabel": False, "axisScale": 0}},

@@ -1,8 +1,8 @@
 """A mission as an MCAP file of ROS 2 messages, as rosbag2 writes it (profile ros2, CDR).
 
 ``ros2 bag``, ``rosbags``, Foxglove and Rerun can read it. Time in the file is seconds since the take-off
-command. The topics are those of ``skysweep ros``, and what only a recording has: area and truth, the vehicle's
-shape, pictures as JPEG, boxes and map as Foxglove draws them.
+command. The topics are those of ``skysweep ros``, and what only a recording has: area and truth, the
+vehicle's shape, pictures as JPEG, boxes and map as Foxglove draws them.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _film(run: Run) -> Iterable[Timed]:
         if shot.picture is not None:
             image = m.compressed_image(shot.exposed_s, shot.picture.read_bytes())
             yield shot.time_s, topics.COMPRESSED_IMAGE, image
-        boxes = m.annotations(shot.exposed_s, shot.boxes_xyxy_px, shot.labels, to_rgba(ORANGE))
+        boxes = m.image_annotations(shot.exposed_s, shot.boxes_xyxy_px, shot.labels, to_rgba(ORANGE))
         yield shot.time_s, topics.ANNOTATIONS, boxes
 
 
@@ -196,7 +196,7 @@ def _geojson(run: Run, shapes: Iterable[tuple[str, shapely.Geometry, str]]) -> s
     features = [
         {
             "type": "Feature",
-            "geometry": shapely.geometry.mapping(shapely.transform(shape, lon_lat_deg)),
+            "geometry": json.loads(shapely.to_geojson(shapely.transform(shape, lon_lat_deg))),
             "properties": {"name": name, "style": {"color": colour, "weight": 2, "fillOpacity": 0.1}},
         }
         for name, shape, colour in shapes

@@ -290,23 +290,15 @@ def standard_detections(found: Detections) -> Any:
     return make(MARKERS, markers=[{"header": of_picture, "action": _DELETE_ALL}, *boxes])
 
 
-def annotations(
+def image_annotations(
     time_s: float, boxes_xyxy_px: F64, labels: Sequence[str], rgba: tuple[float, float, float, float]
 ) -> Any:
     """``foxglove_msgs/ImageAnnotations``: boxes (N, 4) of the picture exposed at ``time_s``, with labels."""
-    colour, when = _colour(rgba), stamp(time_s)
-    outlines, texts = [], []
+    when, outlines, texts = stamp(time_s), [], []
     for (x0, y0, x1, y1), label in zip(boxes_xyxy_px.tolist(), labels, strict=True):
         corners = [{"x": x, "y": y} for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
-        outlines.append(
-            {
-                "timestamp": when,
-                "type": _LINE_LOOP,
-                "points": corners,
-                "outline_color": colour,
-                "thickness": 1.5,
-            }
-        )
+        outline = {"type": _LINE_LOOP, "points": corners, "outline_color": _colour(rgba), "thickness": 1.5}
+        outlines.append({"timestamp": when} | outline)
         texts.append(
             {
                 "timestamp": when,
