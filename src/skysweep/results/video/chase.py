@@ -1,0 +1,178 @@
+"""The 3-D view: the scenario as its renderer draws it, from behind and above the vehicle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skysweep.arrays import F64, U8
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.results.reporting.style import ORANGE
+from skysweep.results.video import pen
+from skysweep.results.video.pen import Label, Rgb, rgb
+from skysweep.results.video.story import MODE_COLOURS, OTHER_MODES, Moment, Story
+from skysweep.ros.targets import RGBA
+from skysweep.worlds.rendering.renderer import Painter
+
+_HFOV_RAD = 1.1
+_NEAR_M = 0.5
+_TRAIL = 240  # states
+_WHITE, _DARK = rgb("white"), rgb("0.12")
+_VEHICLE_PX = 46.0  # of its arms, on a view 800 pixels wide: drawn larger than life
+_ARMS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) / np.sqrt(2.0)
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
+
+
+class Chase:
+    """Draws the view; ``painter`` belongs to it alone, so that its shadows are kept from frame to frame."""
+
+    def __init__(self, story: Story, painter: Painter, width_px: int, height_px: int) -> None:
+        self._story, self._painter = story, painter
+        self._lens = Lens(width_px, height_px, _HFOV_RAD)
+        self._terrain = story.run.world.terrain
+        area = story.run.scenario.area_enu_m
+        self._borders = [self._on_ground(np.array(r.coords)) for r in (area.exterior, *area.interiors)]
+        self._flown, modes = story.flown_enu_m, story.flown_modes
+        self._colours = [rgb(MODE_COLOURS.get(mode, OTHER_MODES)) for mode in modes]
+
+    def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
+        """The view and its labels; ``scale`` is that of lines and letters."""
+        pose = self._pose(moment)
+        picture = self._painter.render(self._lens, pose, moment.time_s).copy()
+        view = _View(self._lens, pose)
+        for border in self._borders:
+            view.line(picture, border, _WHITE, 1.5 * scale)
+        self._draw_trail(picture, view, moment, scale)
+        self._draw_frustum(picture, view, moment, scale)
+        labels = self._draw_targets(picture, view, moment, scale)
+        self._draw_vehicle(picture, view, moment)
+        return picture, labels
+
+    def _pose(self, moment: Moment) -> CameraPose:
+        """Behind and above, farther back when the vehicle is high, so that the ground below stays in view."""
+        back_m = 9.0 + 0.95 * max(moment.altitude_agl_m, 0.0)
+        behind = np.array([np.cos(moment.heading_rad), np.sin(moment.heading_rad), 0.0])
+        aim = moment.position_enu_m - [0.0, 0.0, 0.5 * max(moment.altitude_agl_m, 0.0)]
+        eye = moment.position_enu_m - back_m * behind + [0.0, 0.0, 0.28 * back_m]
+        eye[2] = max(eye[2], self._terrain.height_at_m(*eye[:2].tolist()) + 2.0)
+        gaze = aim - eye
+        pitch_rad = float(np.arctan2(gaze[2], np.hypot(gaze[0], gaze[1])))
+        return CameraPose(eye, rotation_camera_to_enu(moment.heading_rad, pitch_rad))
+
+    def _draw_trail(self, picture: U8, view: _View, moment: Moment, scale: float) -> None:
+        first = max(moment.n_states - _TRAIL, 0)
+        track = np.vstack([self._flown[first : moment.n_states], moment.position_enu_m])
+        colours = [*self._colours[first + 1 : moment.n_states], self._colours[moment.n_states - 1]]
+        view.segments(picture, track, colours, 2.5 * scale)
+
+    def _draw_frustum(self, picture: U8, view: _View, moment: Moment, scale: float) -> None:
+        """The detector's camera: its picture on the ground, tinted, and the edges of its view."""
+        corners = self._story.footprint_enu_m(moment)
+        if corners is None:
+            return
+        footprint, colour = self._on_ground(corners), rgb(ORANGE)
+        view.area(picture, footprint, colour, 0.22)
+        view.line(picture, np.vstack([footprint, footprint[:1]]), colour, 2.0 * scale)
+        for corner in footprint:
+            view.line(picture, np.array([moment.camera.position_enu_m, corner]), colour, 1.0 * scale)
+
+    def _draw_targets(self, picture: U8, view: _View, moment: Moment, scale: float) -> list[Label]:
+        labels = []
+        for target in self._story.targets(moment.time_s):
+            colour = rgb(RGBA[target.standing])
+            x, y, _ = target.position_enu_m.tolist()
+            radius_m = max(target.radius_95_m, 0.8)
+            ring = np.array([x, y]) + radius_m * np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
+            ground = self._on_ground(np.vstack([ring, ring[:1]]))
+            view.area(picture, ground, colour, 0.25)
+            view.line(picture, ground, colour, 2.0 * scale)
+            if target.standing in ("confirmed", "rejected"):
+                top = ground[0] * [0, 0, 1] + [x, y, 0.12 * moment.altitude_agl_m + 1.5]
+                foot = np.array([x, y, ground[0, 2]])
+                view.line(picture, np.array([foot, top]), colour, 1.5 * scale)
+                place = view.pixel(top)
+                if place is not None:
+                    words = f"{target.id} {target.standing}"
+                    labels.append(Label(*place, words, 11 * scale, _WHITE, "ms", chip=True))
+        return labels
+
+    def _draw_vehicle(self, picture: U8, view: _View, moment: Moment) -> None:
+        """A quadrotor, its front rotors in another colour, larger than life."""
+        depth = view.depth(moment.position_enu_m)
+        arm = 0.5 * _VEHICLE_PX * self._lens.width_px / 800.0 * depth / self._lens.focal_px
+        top = moment.camera.R_camera_to_enu
+        ahead = -top[:, 1] + top[:, 2]
+        yaw = float(np.arctan2(ahead[1], ahead[0]))
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+
+        def level(xy: F64, up: float = 0.0) -> F64:
+            return np.column_stack([xy @ turn.T * arm, np.full(len(xy), up * arm)]) + moment.position_enu_m
+
+        for tip in _ARMS:
+            view.line(picture, level(np.array([[0.0, 0.0], tip])), _DARK, 0.16 * arm * self._lens.focal_px / depth)
+        rotor = 0.48 * np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
+        for tip in _ARMS:
+            disc = level(tip + rotor, 0.12)
+            view.area(picture, disc, rgb(ORANGE) if tip[0] > 0 else _WHITE, 0.75)
+            view.line(picture, np.vstack([disc, disc[:1]]), _DARK, 1.0)
+        view.area(picture, level(0.34 * np.column_stack([np.cos(_ROUND), 0.7 * np.sin(_ROUND)]), 0.1), _DARK, 1.0)
+
+    def _on_ground(self, xy_enu_m: F64) -> F64:
+        return np.column_stack([xy_enu_m, self._terrain.height_m(xy_enu_m) + 0.05])
+
+
+class _View:
+    """Draws shapes in ENU as a camera sees them, cut off at its near plane."""
+
+    def __init__(self, lens: Lens, pose: CameraPose) -> None:
+        self._f, self._centre = lens.focal_px, np.array([lens.width_px, lens.height_px]) / 2
+        self._pose = pose
+
+    def depth(self, point_enu_m: F64) -> float:
+        return max(float(self._seen(point_enu_m[None])[0, 2]), _NEAR_M)
+
+    def pixel(self, point_enu_m: F64) -> tuple[float, float] | None:
+        """Where a point is, or None if it is not in the picture."""
+        seen = self._seen(point_enu_m[None])
+        if seen[0, 2] < _NEAR_M:
+            return None
+        x, y = self._pixels(seen)[0].tolist()
+        inside = 0 <= x < 2 * self._centre[0] and 0 <= y < 2 * self._centre[1]
+        return (x, y) if inside else None
+
+    def line(self, picture: U8, points_enu_m: F64, colour: Rgb, width_px: float) -> None:
+        self.segments(picture, points_enu_m, [colour] * (len(points_enu_m) - 1), width_px)
+
+    def segments(self, picture: U8, points_enu_m: F64, colours: list[Rgb], width_px: float) -> None:
+        """A line through points (N, 3), whose pieces (N - 1) have colours of their own."""
+        seen = self._seen(points_enu_m)
+        for a, b, colour in zip(seen[:-1], seen[1:], colours, strict=True):
+            if a[2] < _NEAR_M and b[2] < _NEAR_M:
+                continue
+            ends = np.array([_cut(a, b), _cut(b, a)])
+            pen.line(picture, self._pixels(ends), colour, width_px)
+
+    def area(self, picture: U8, corners_enu_m: F64, colour: Rgb, opacity: float) -> None:
+        seen = self._seen(corners_enu_m)
+        cut = [
+            place
+            for a, b in zip(seen, np.roll(seen, -1, axis=0), strict=True)
+            if a[2] >= _NEAR_M or b[2] >= _NEAR_M
+            for place in (_cut(a, b), _cut(b, a))
+        ]
+        if cut:
+            pen.area(picture, self._pixels(np.array(cut)), colour, opacity)
+
+    def _seen(self, points_enu_m: F64) -> F64:
+        """Points (N, 3) in the camera's optical axes."""
+        return np.asarray((points_enu_m - self._pose.position_enu_m) @ self._pose.R_camera_to_enu)
+
+    def _pixels(self, seen: F64) -> F64:
+        return np.asarray(self._f * seen[:, :2] / seen[:, 2:] + self._centre)
+
+
+def _cut(a: F64, b: F64) -> F64:
+    """``a``, or where the way from it to ``b`` comes through the near plane."""
+    if a[2] >= _NEAR_M:
+        return a
+    return np.asarray(a + (b - a) * (_NEAR_M - a[2]) / (b[2] - a[2]))

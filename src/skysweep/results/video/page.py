@@ -1,0 +1,191 @@
+"""One frame of a video: 3-D view, map and detector's view, figures, altitude profile and the last events."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from typing import NamedTuple
+
+import numpy as np
+
+from skysweep.arrays import U8
+from skysweep.results.reporting.wording import clock
+from skysweep.results.video import pen
+from skysweep.results.video.chart import Chart
+from skysweep.results.video.chase import Chase
+from skysweep.results.video.eye import Eye
+from skysweep.results.video.pen import Label, rgb
+from skysweep.results.video.story import MODE_COLOURS, OTHER_MODES, Moment, Story
+from skysweep.ros.targets import KnownTarget
+from skysweep.types import EventKind, Mode
+from skysweep.worlds.rendering.renderer import Backend, make_renderer
+
+SMALLEST_PX = (320, 180)
+
+_DESIGNED_PX = (1280, 720)  # the size that all lengths below are for
+_INK, _SOFT, _TINT, _LINE = rgb("#1d2327"), rgb("#5b6670"), rgb("#f5f7f8"), rgb("#dde2e6")  # as in reports
+_WHITE = rgb("white")
+_EVENTS = 3  # last ones, shown
+_FRESH_S = 2.5  # of the video, that an event stands out
+
+
+class _Room(NamedTuple):
+    """A part of the frame, in pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    def show(self, frame: U8, picture: U8, labels: list[Label]) -> list[Label]:
+        """Put a picture into its middle, and return the labels moved there."""
+        height, width = picture.shape[:2]
+        x, y = self.left + (self.width - width) // 2, self.top + (self.height - height) // 2
+        frame[y : y + height, x : x + width] = picture
+        return [label._replace(x_px=label.x_px + x, y_px=label.y_px + y) for label in labels]
+
+
+class Page:
+    """Draws the frames of a story, whose moments must come in their order. Close it at the end.
+
+    Raises UserError if no renderer runs here.
+    """
+
+    def __init__(self, story: Story, width_px: int, height_px: int, renderer: Backend = "auto") -> None:
+        self._story = story
+        self._scale = scale = min(width_px / _DESIGNED_PX[0], height_px / _DESIGNED_PX[1])
+        self._stack = ExitStack()
+        self._lay_out(width_px, height_px)
+        with ExitStack() as stack:
+            painters = [make_renderer(story.run.world, renderer) for _ in range(2)]
+            for painter in painters:
+                stack.callback(painter.close)
+            self._chase = Chase(story, painters[0], self._scene.width, self._scene.height)
+            self._eye = Eye(story, painters[1], self._view.width, self._view.height)
+            self._chart = Chart(story, self._map.width, self._map.height, renderer)
+            self._close = stack.pop_all().close
+        self._blank = np.full((height_px, width_px, 3), 255, np.uint8)
+        for room in (self._view, *self._tiles):
+            self._fill(room)
+        self._profile_ahead, self._profile_flown = self._profiles(scale)
+
+    def close(self) -> None:
+        self._close()
+
+    def draw(self, moment: Moment) -> U8:
+        """The frame (H, W, 3) RGB of a moment."""
+        frame, scale = self._blank.copy(), self._scale
+        targets = self._story.targets(moment.time_s)
+        labels = self._scene.show(frame, *self._chase.draw(moment, scale))
+        labels += self._map.show(frame, *self._chart.draw(moment, scale))
+        labels += self._view.show(frame, *self._eye.draw(moment, scale))
+        rooms = (self._scene, "3-D view"), (self._map, "Map"), (self._view, self._eye.title)
+        for room, title in rooms:
+            x, y = room.left + 12 * scale, room.top + 10 * scale
+            labels.append(Label(x, y, title, 11 * scale, _WHITE, "la", chip=True, most_px=room.width - 24 * scale))
+        labels += self._titles() + self._figures(moment, targets) + self._events(moment)
+        self._draw_profile(frame, moment)
+        return pen.write(frame, labels)
+
+    def _lay_out(self, width: int, height: int) -> None:
+        def px(length: float) -> int:
+            return round(length * self._scale)
+
+        margin, gap = px(16), px(12)
+        top, low = px(48), height - px(162)
+        side = round(0.345 * width)
+        left_width = width - 2 * margin - gap - side
+        right = margin + left_width + gap
+        upper = (low - top - gap) * 53 // 100
+        self._scene = _Room(margin, top, left_width, low - top)
+        self._map = _Room(right, top, side, upper)
+        self._view = _Room(right, top + upper + gap, side, low - top - upper - gap)
+        tile = (width - 2 * margin - 6 * gap) // 7
+        tiles_top = low + gap
+        self._tiles = [_Room(margin + k * (tile + gap), tiles_top, tile, px(58)) for k in range(7)]
+        rest = tiles_top + px(58) + gap
+        self._profile = _Room(margin, rest, left_width, height - rest - px(14))
+        self._log = _Room(right, rest, side, height - rest - px(14))
+        self._width = width
+
+    def _fill(self, room: _Room) -> None:
+        self._blank[room.top : room.top + room.height, room.left : room.left + room.width] = _TINT
+
+    def _titles(self) -> list[Label]:
+        run, scale, y = self._story.run, self._scale, 31 * self._scale
+        search = run.scenario.search
+        how = f", n_c = {search.n_c:g}" if run.strategy == "scan-check" else ""
+        title = f"{run.scenario.name}: {run.strategy}{how}, seed {run.seed}"
+        speed = f"{self._story.speed:g} times as fast as flown"
+        right = self._width - 16 * scale
+        return [
+            Label(16 * scale, y, title, 17 * scale, _INK, "ls", bold=True, most_px=0.7 * self._width),
+            Label(right, y, speed, 12 * scale, _SOFT, "rs"),
+        ]
+
+    def _figures(self, moment: Moment, targets: tuple[KnownTarget, ...]) -> list[Label]:
+        standing = [target.standing for target in targets]
+        n_confirmed, n_rejected = standing.count(EventKind.CONFIRMED), standing.count(EventKind.REJECTED)
+        listed = n_confirmed + n_rejected + standing.count(EventKind.SCANNED)
+        battery = "–" if np.isnan(moment.battery) else f"{moment.battery:.0%}"
+        figures = {
+            "Time": clock(moment.time_s),
+            "Mode": moment.mode,
+            "Above ground": f"{max(moment.altitude_agl_m, 0.0):.1f} m",
+            "Battery": battery,
+            "Area seen": f"{self._chart.seen_share:.0%}",
+            "Candidates listed": f"{listed}",
+            "Confirmed, rejected": f"{n_confirmed}, {n_rejected}",
+        }
+        labels, scale = [], self._scale
+        for room, (name, value) in zip(self._tiles, figures.items(), strict=True):
+            x, y = room.left + 12 * scale, room.top
+            colour = _colour_of(moment.mode) if name == "Mode" else _INK
+            labels.append(Label(x, y + 31 * scale, value, 20 * scale, colour, "ls", bold=True))
+            labels.append(Label(x, y + 48 * scale, name, 11 * scale, _SOFT, "ls"))
+        return labels
+
+    def _events(self, moment: Moment) -> list[Label]:
+        scale, room = self._scale, self._log
+        labels = []
+        for k, (time_s, words) in enumerate(reversed(self._story.happened(moment.time_s)[-_EVENTS:])):
+            y = room.top + (k + 0.5) * room.height / _EVENTS
+            fresh = moment.time_s - time_s < _FRESH_S * self._story.speed
+            colour, size = (_INK if fresh else _SOFT), 13 * scale
+            labels.append(Label(room.left + 34 * scale, y, clock(time_s), size, _SOFT, "rm"))
+            x = room.left + 44 * scale
+            most_px = room.width - 44 * scale
+            labels.append(Label(x, y, words, size, colour, "lm", bold=fresh and k == 0, most_px=most_px))
+        return labels
+
+    def _profiles(self, scale: float) -> tuple[U8, U8]:
+        """The altitude over the whole mission: as it will be, pale, and as it was, in the colours of the modes."""
+        room, story = self._profile, self._story
+        pale = np.full((room.height, room.width, 3), 255, np.uint8)
+        points = np.column_stack([self._profile_x(story.states_s), self._profile_y(story)])
+        pen.line(pale, np.array([[0, room.height - 1], [room.width, room.height - 1]]), _LINE, 1.0)
+        flown = pale.copy()
+        pen.line(pale, points, _LINE, 2.0 * scale)
+        for k, mode in enumerate(story.flown_modes[1:]):
+            pen.line(flown, points[k : k + 2], _colour_of(mode), 2.0 * scale)
+        return pale, flown
+
+    def _draw_profile(self, frame: U8, moment: Moment) -> None:
+        room = self._profile
+        x = int(np.clip(self._profile_x(np.array([moment.time_s]))[0], 0, room.width - 1))
+        part = frame[room.top : room.top + room.height, room.left : room.left + room.width]
+        part[:, :x], part[:, x:] = self._profile_flown[:, :x], self._profile_ahead[:, x:]
+        part[:, x : x + max(1, round(self._scale))] = _INK
+
+    def _profile_x(self, times_s: np.ndarray) -> np.ndarray:
+        span_s = max(float(self._story.states_s[-1]), 1.0)
+        return np.asarray(times_s * ((self._profile.width - 1) / span_s))
+
+    def _profile_y(self, story: Story) -> np.ndarray:
+        flown = story.flown_enu_m
+        height = flown[:, 2] - story.run.world.terrain.height_m(flown[:, :2])
+        most = max(float(height.max()), 1.0)
+        return np.asarray(self._profile.height - 2 - (self._profile.height - 6) * np.maximum(height, 0) / most)
+
+
+def _colour_of(mode: str) -> pen.Rgb:
+    return rgb(MODE_COLOURS.get(Mode(mode), OTHER_MODES))
