@@ -20,6 +20,7 @@ from skysweep.cli import (
     serve_vehicle,
     sweep,
     tune,
+    video,
     world,
 )
 
@@ -48,6 +49,7 @@ compare.command("paper")(missions.compare_paper_command)
 app.add_typer(compare, name="compare")
 app.command()(sweep.sweep)
 app.command()(report.report)
+app.command()(video.video)
 app.command()(tune.tune)
 app.command()(benchmark.benchmark)
 app.command()(serve_vehicle.serve_vehicle)

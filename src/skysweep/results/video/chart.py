@@ -16,8 +16,7 @@ from skysweep.results.metrics import seen_footprints
 from skysweep.results.reporting.style import ORANGE, VERMILLION
 from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, rgb
-from skysweep.results.video.story import MODE_COLOURS, OTHER_MODES, Moment, Story
-from skysweep.ros.targets import RGBA
+from skysweep.results.video.story import STANDING_COLOURS, Moment, Story, mode_colour
 from skysweep.worlds.rendering.renderer import Backend, make_renderer
 from skysweep.worlds.world import World
 
@@ -49,7 +48,7 @@ class Chart:
         self._footprints = [self.pixels(corners) for corners in footprints]
         self._n_seen = 0
         self._path_px = self.pixels(story.flown_enu_m[:, :2])
-        modes = [rgb(MODE_COLOURS.get(mode, OTHER_MODES)) for mode in story.flown_modes]
+        modes = [mode_colour(mode) for mode in story.flown_modes]
         changes = [k for k in range(1, len(modes)) if modes[k] != modes[k - 1]]
         self._pieces = [(a, b, modes[a]) for a, b in zip([0, *changes], [*changes, len(modes)], strict=True)]
 
@@ -78,7 +77,9 @@ class Chart:
                 pen.line(picture, piece, colour, 2.0 * scale)
         self._draw_frustum(picture, moment, scale)
         for target in self._story.targets(moment.time_s):
-            self._draw_target(picture, target.standing, self.pixels(target.position_enu_m[None, :2])[0], scale)
+            self._draw_target(
+                picture, target.standing, self.pixels(target.position_enu_m[None, :2])[0], scale
+            )
         self._draw_vehicle(picture, here_px, moment.heading_rad, scale)
         return picture, [self._draw_scale(picture, scale)]
 
@@ -102,7 +103,7 @@ class Chart:
     def _draw_still_life(self, picture: U8) -> None:
         scenario = self._story.run.scenario
         for ring in (scenario.area_enu_m.exterior, *scenario.area_enu_m.interiors):
-            pen.line(picture, self.pixels(np.array(ring.coords)), _WHITE, 1.5, closed=True)
+            pen.line(picture, self.pixels(np.array(ring.coords)), _WHITE, 1.0, closed=True)
         for corners in scenario.safety.no_fly_enu_m:
             outline = self.pixels(np.array(corners, dtype=float))
             pen.area(picture, outline, rgb(VERMILLION), 0.3)
@@ -123,14 +124,14 @@ class Chart:
     @staticmethod
     def _draw_target(picture: U8, standing: str, place_px: F64, scale: float) -> None:
         """As on the report's map: a disc if confirmed, a cross if rejected, else a ring."""
-        colour = rgb(RGBA[standing])
+        colour = rgb(STANDING_COLOURS[standing])
         if standing == "confirmed":
             pen.disc(picture, place_px, 4.5 * scale, colour)
             pen.disc(picture, place_px, 4.5 * scale, _WHITE, 1)
         elif standing == "rejected":
             for slope in (1.0, -1.0):
                 arm = 4.5 * scale * np.array([1.0, slope])
-                pen.line(picture, np.array([place_px - arm, place_px + arm]), _WHITE, 4.0 * scale)
+                pen.line(picture, np.array([place_px - arm, place_px + arm]), _BLACK, 4.0 * scale)
                 pen.line(picture, np.array([place_px - arm, place_px + arm]), colour, 2.0 * scale)
         else:
             pen.disc(picture, place_px, 4.0 * scale, colour, max(1, round(2.0 * scale)))

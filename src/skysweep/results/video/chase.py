@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 
 from skysweep.arrays import F64, U8
 from skysweep.geometry.camera import CameraPose, Lens
@@ -10,17 +11,18 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.results.reporting.style import ORANGE
 from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, Rgb, rgb
-from skysweep.results.video.story import MODE_COLOURS, OTHER_MODES, Moment, Story
-from skysweep.ros.targets import RGBA
+from skysweep.results.video.story import STANDING_COLOURS, Moment, Story, mode_colour
 from skysweep.worlds.rendering.renderer import Painter
 
 _HFOV_RAD = 1.1
 _NEAR_M = 0.5
+_BORDER_STEP_M = 4.0  # a border follows the ground in such steps
 _TRAIL = 240  # states
 _WHITE, _DARK = rgb("white"), rgb("0.12")
 _VEHICLE_PX = 46.0  # of its arms, on a view 800 pixels wide: drawn larger than life
 _ARMS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) / np.sqrt(2.0)
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
+_CIRCLE = np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
 
 
 class Chase:
@@ -30,10 +32,10 @@ class Chase:
         self._story, self._painter = story, painter
         self._lens = Lens(width_px, height_px, _HFOV_RAD)
         self._terrain = story.run.world.terrain
-        area = story.run.scenario.area_enu_m
+        area = shapely.segmentize(story.run.scenario.area_enu_m, _BORDER_STEP_M)
         self._borders = [self._on_ground(np.array(r.coords)) for r in (area.exterior, *area.interiors)]
-        self._flown, modes = story.flown_enu_m, story.flown_modes
-        self._colours = [rgb(MODE_COLOURS.get(mode, OTHER_MODES)) for mode in modes]
+        self._flown = story.flown_enu_m
+        self._colours = [mode_colour(mode) for mode in story.flown_modes]
 
     def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
         """The view and its labels; ``scale`` is that of lines and letters."""
@@ -50,10 +52,11 @@ class Chase:
 
     def _pose(self, moment: Moment) -> CameraPose:
         """Behind and above, farther back when the vehicle is high, so that the ground below stays in view."""
-        back_m = 9.0 + 0.95 * max(moment.altitude_agl_m, 0.0)
+        up_m = max(moment.altitude_agl_m, 0.0)
+        back_m = 12.0 + 1.25 * up_m
         behind = np.array([np.cos(moment.heading_rad), np.sin(moment.heading_rad), 0.0])
-        aim = moment.position_enu_m - [0.0, 0.0, 0.5 * max(moment.altitude_agl_m, 0.0)]
-        eye = moment.position_enu_m - back_m * behind + [0.0, 0.0, 0.28 * back_m]
+        aim = moment.position_enu_m - [0.0, 0.0, 0.55 * up_m]
+        eye = moment.position_enu_m - back_m * behind + [0.0, 0.0, 0.3 * back_m]
         eye[2] = max(eye[2], self._terrain.height_at_m(*eye[:2].tolist()) + 2.0)
         gaze = aim - eye
         pitch_rad = float(np.arctan2(gaze[2], np.hypot(gaze[0], gaze[1])))
@@ -79,10 +82,10 @@ class Chase:
     def _draw_targets(self, picture: U8, view: _View, moment: Moment, scale: float) -> list[Label]:
         labels = []
         for target in self._story.targets(moment.time_s):
-            colour = rgb(RGBA[target.standing])
+            colour = rgb(STANDING_COLOURS[target.standing])
             x, y, _ = target.position_enu_m.tolist()
             radius_m = max(target.radius_95_m, 0.8)
-            ring = np.array([x, y]) + radius_m * np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
+            ring = np.array([x, y]) + radius_m * _CIRCLE
             ground = self._on_ground(np.vstack([ring, ring[:1]]))
             view.area(picture, ground, colour, 0.25)
             view.line(picture, ground, colour, 2.0 * scale)
@@ -108,14 +111,15 @@ class Chase:
         def level(xy: F64, up: float = 0.0) -> F64:
             return np.column_stack([xy @ turn.T * arm, np.full(len(xy), up * arm)]) + moment.position_enu_m
 
+        spar_px = 0.16 * arm * self._lens.focal_px / depth
+        rotor, body = 0.48 * _CIRCLE, _CIRCLE * [0.34, 0.24]
         for tip in _ARMS:
-            view.line(picture, level(np.array([[0.0, 0.0], tip])), _DARK, 0.16 * arm * self._lens.focal_px / depth)
-        rotor = 0.48 * np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
+            view.line(picture, level(np.array([[0.0, 0.0], tip])), _DARK, spar_px)
         for tip in _ARMS:
             disc = level(tip + rotor, 0.12)
             view.area(picture, disc, rgb(ORANGE) if tip[0] > 0 else _WHITE, 0.75)
             view.line(picture, np.vstack([disc, disc[:1]]), _DARK, 1.0)
-        view.area(picture, level(0.34 * np.column_stack([np.cos(_ROUND), 0.7 * np.sin(_ROUND)]), 0.1), _DARK, 1.0)
+        view.area(picture, level(body, 0.1), _DARK, 1.0)
 
     def _on_ground(self, xy_enu_m: F64) -> F64:
         return np.column_stack([xy_enu_m, self._terrain.height_m(xy_enu_m) + 0.05])

@@ -14,14 +14,14 @@ from skysweep.errors import MissingExtraError, UserError
 
 SUFFIXES = (".mp4", ".gif", ".webp")
 
-_QUALITY = {"crf": "21", "preset": "veryfast"}  # of x264
+_QUALITY = {"crf": "24", "preset": "veryfast"}  # of x264
 _WEBP_QUALITY = 55
 
 
 def refuse_unwritable(path: Path) -> None:
     """Raises UserError for another suffix, MissingExtraError for an MP4 without PyAV."""
     if path.suffix not in SUFFIXES:
-        raise UserError(f"--out {path}: is no kind of video that skysweep writes; end it with {', '.join(SUFFIXES)}")
+        raise UserError(f"--out {path}: is no video file; end it with {', '.join(SUFFIXES)}")
     if path.suffix == ".mp4":
         _av()
 

@@ -1,4 +1,4 @@
-"""The detector's view: the pictures of the film, or the scenario rendered from where the camera believed to be."""
+"""The detector's view: the pictures of the film, or the scenario rendered from the believed pose."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ class Eye:
         if picture is None:
             pose = self._story.camera(moment.time_s if shot is None else shot.exposed_s)
             picture = self._painter.render(self._lens, pose, moment.time_s).copy()
-        boxes, words = self._sighted(moment) if shot is None else (shot.boxes_xyxy_px * self._scale, shot.labels)
+        boxes, words = (
+            self._sighted(moment) if shot is None else (shot.boxes_xyxy_px * self._scale, shot.labels)
+        )
         labels = []
         for (x0, y0, x1, y1), text in zip(boxes.tolist(), words, strict=True):
             corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -71,13 +73,15 @@ class Eye:
         run = self._story.run
         if self._film.shots:
             return np.empty((0, 4)), ()
-        since_s = moment.time_s - max(1.0 / run.scenario.detector.rate_hz, self._story.speed / self._story.fps)
+        since_s = moment.time_s - max(
+            1.0 / run.scenario.detector.rate_hz, self._story.speed / self._story.fps
+        )
         boxes, words = [], []
         for sighting in self._sightings:
             if since_s < run.since_start(sighting) <= moment.time_s:
                 (centre,), (depth,) = project(self._lens, moment.camera, sighting["p"])
                 if depth > 0:
-                    half = 0.75 * run.scenario.smallest_target_m * self._lens.focal_px / depth
+                    half = self._scale * run.scenario.pixels_on_target(float(depth))
                     boxes.append([*(centre - half), *(centre + half)])
                     name = printable(str(sighting.get("class_name", "")))
                     words.append(f"{name} {sighting['confidence']:.2f}".strip())

@@ -14,16 +14,16 @@ from skysweep.results.video.encode import encode, refuse_unwritable
 from skysweep.results.video.page import SMALLEST_PX, Page
 from skysweep.results.video.story import Story
 
-SPEED, FPS, SIZE_PX = 10.0, 15, (1280, 720)
-MOST_FRAMES = 200_000
+_MOST_FRAMES = 200_000
+_LARGEST_PX = (3840, 2160)
 
 
 def write_video(
     run: Run,
     path: Path,
-    speed: float = SPEED,
-    size_px: tuple[int, int] = SIZE_PX,
-    fps: int = FPS,
+    speed: float = 10.0,
+    size_px: tuple[int, int] = (1280, 720),
+    fps: int = 15,
     on_frame: Callable[[int, int], None] = lambda done, of: None,
 ) -> Path:
     """Write an MP4, GIF or animated WebP, by the path's suffix, whole or not at all.
@@ -33,15 +33,16 @@ def write_video(
     renderer.
     """
     refuse_unwritable(path)
-    width_px, height_px = size_px
-    if width_px % 2 or height_px % 2 or width_px < SMALLEST_PX[0] or height_px < SMALLEST_PX[1]:
-        least = "x".join(map(str, SMALLEST_PX))
-        raise UserError(f"--size {width_px}x{height_px}: write even numbers of at least {least}, such as 1280x720")
+    for length, least, most in zip(size_px, SMALLEST_PX, _LARGEST_PX, strict=True):
+        if length % 2 or not least <= length <= most:
+            limits = " to ".join("x".join(map(str, limit)) for limit in (SMALLEST_PX, _LARGEST_PX))
+            size = "x".join(map(str, size_px))
+            raise UserError(f"--size {size}: write even numbers from {limits}, such as 1280x720")
     story = Story(run, speed, fps)
-    if len(story) > MOST_FRAMES:
+    if len(story) > _MOST_FRAMES:
         raise UserError(f"--speed {speed:g}: gives {len(story):,} frames, too many; write a greater speed")
-    with whole_files(path.parent) as unfinished, closing(Page(story, width_px, height_px)) as page:
-        encode(_frames(story, page, on_frame), unfinished / path.name, fps, width_px, height_px)
+    with whole_files(path.parent) as unfinished, closing(Page(story, *size_px)) as page:
+        encode(_frames(story, page, on_frame), unfinished / path.name, fps, *size_px)
     return path
 
 

@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skysweep.arrays import U8
+from skysweep.arrays import F64, U8
 from skysweep.results.reporting.wording import clock
 from skysweep.results.video import pen
 from skysweep.results.video.chart import Chart
 from skysweep.results.video.chase import Chase
 from skysweep.results.video.eye import Eye
 from skysweep.results.video.pen import Label, rgb
-from skysweep.results.video.story import MODE_COLOURS, OTHER_MODES, Moment, Story
+from skysweep.results.video.story import Moment, Story, mode_colour
 from skysweep.ros.targets import KnownTarget
-from skysweep.types import EventKind, Mode
+from skysweep.types import EventKind
 from skysweep.worlds.rendering.renderer import Backend, make_renderer
 
 SMALLEST_PX = (320, 180)
@@ -36,12 +36,15 @@ class _Room(NamedTuple):
     width: int
     height: int
 
-    def show(self, frame: U8, picture: U8, labels: list[Label]) -> list[Label]:
-        """Put a picture into its middle, and return the labels moved there."""
+    def show(self, frame: U8, picture: U8, labels: list[Label], title: str, scale: float) -> list[Label]:
+        """Put a picture into its middle, and return its labels, moved there, with its title."""
         height, width = picture.shape[:2]
-        x, y = self.left + (self.width - width) // 2, self.top + (self.height - height) // 2
-        frame[y : y + height, x : x + width] = picture
-        return [label._replace(x_px=label.x_px + x, y_px=label.y_px + y) for label in labels]
+        chip = Label(
+            12 * scale, 10 * scale, title, 11 * scale, _WHITE, "la", chip=True, most_px=width - 24 * scale
+        )
+        left, top = self.left + (self.width - width) // 2, self.top + (self.height - height) // 2
+        frame[top : top + height, left : left + width] = picture
+        return [label._replace(x_px=label.x_px + left, y_px=label.y_px + top) for label in (*labels, chip)]
 
 
 class Page:
@@ -75,13 +78,9 @@ class Page:
         """The frame (H, W, 3) RGB of a moment."""
         frame, scale = self._blank.copy(), self._scale
         targets = self._story.targets(moment.time_s)
-        labels = self._scene.show(frame, *self._chase.draw(moment, scale))
-        labels += self._map.show(frame, *self._chart.draw(moment, scale))
-        labels += self._view.show(frame, *self._eye.draw(moment, scale))
-        rooms = (self._scene, "3-D view"), (self._map, "Map"), (self._view, self._eye.title)
-        for room, title in rooms:
-            x, y = room.left + 12 * scale, room.top + 10 * scale
-            labels.append(Label(x, y, title, 11 * scale, _WHITE, "la", chip=True, most_px=room.width - 24 * scale))
+        labels = self._scene.show(frame, *self._chase.draw(moment, scale), "3-D view", scale)
+        labels += self._map.show(frame, *self._chart.draw(moment, scale), "Map", scale)
+        labels += self._view.show(frame, *self._eye.draw(moment, scale), self._eye.title, scale)
         labels += self._titles() + self._figures(moment, targets) + self._events(moment)
         self._draw_profile(frame, moment)
         return pen.write(frame, labels)
@@ -113,9 +112,10 @@ class Page:
     def _titles(self) -> list[Label]:
         run, scale, y = self._story.run, self._scale, 31 * self._scale
         search = run.scenario.search
-        how = f", n_c = {search.n_c:g}" if run.strategy == "scan-check" else ""
+        n_c = f"{search.n_c:g}".replace("inf", "∞")
+        how = f", n_c = {n_c}" if run.strategy == "scan-check" else ""
         title = f"{run.scenario.name}: {run.strategy}{how}, seed {run.seed}"
-        speed = f"{self._story.speed:g} times as fast as flown"
+        speed = f"{self._story.speed:g} × the speed of the flight"
         right = self._width - 16 * scale
         return [
             Label(16 * scale, y, title, 17 * scale, _INK, "ls", bold=True, most_px=0.7 * self._width),
@@ -139,7 +139,7 @@ class Page:
         labels, scale = [], self._scale
         for room, (name, value) in zip(self._tiles, figures.items(), strict=True):
             x, y = room.left + 12 * scale, room.top
-            colour = _colour_of(moment.mode) if name == "Mode" else _INK
+            colour = mode_colour(moment.mode) if name == "Mode" else _INK
             labels.append(Label(x, y + 31 * scale, value, 20 * scale, colour, "ls", bold=True))
             labels.append(Label(x, y + 48 * scale, name, 11 * scale, _SOFT, "ls"))
         return labels
@@ -158,7 +158,7 @@ class Page:
         return labels
 
     def _profiles(self, scale: float) -> tuple[U8, U8]:
-        """The altitude over the whole mission: as it will be, pale, and as it was, in the colours of the modes."""
+        """The altitude over the mission: still to come, pale, and flown, in the colours of the modes."""
         room, story = self._profile, self._story
         pale = np.full((room.height, room.width, 3), 255, np.uint8)
         points = np.column_stack([self._profile_x(story.states_s), self._profile_y(story)])
@@ -166,7 +166,7 @@ class Page:
         flown = pale.copy()
         pen.line(pale, points, _LINE, 2.0 * scale)
         for k, mode in enumerate(story.flown_modes[1:]):
-            pen.line(flown, points[k : k + 2], _colour_of(mode), 2.0 * scale)
+            pen.line(flown, points[k : k + 2], mode_colour(mode), 2.0 * scale)
         return pale, flown
 
     def _draw_profile(self, frame: U8, moment: Moment) -> None:
@@ -176,16 +176,14 @@ class Page:
         part[:, :x], part[:, x:] = self._profile_flown[:, :x], self._profile_ahead[:, x:]
         part[:, x : x + max(1, round(self._scale))] = _INK
 
-    def _profile_x(self, times_s: np.ndarray) -> np.ndarray:
+    def _profile_x(self, times_s: F64) -> F64:
         span_s = max(float(self._story.states_s[-1]), 1.0)
         return np.asarray(times_s * ((self._profile.width - 1) / span_s))
 
-    def _profile_y(self, story: Story) -> np.ndarray:
+    def _profile_y(self, story: Story) -> F64:
         flown = story.flown_enu_m
         height = flown[:, 2] - story.run.world.terrain.height_m(flown[:, :2])
         most = max(float(height.max()), 1.0)
-        return np.asarray(self._profile.height - 2 - (self._profile.height - 6) * np.maximum(height, 0) / most)
-
-
-def _colour_of(mode: str) -> pen.Rgb:
-    return rgb(MODE_COLOURS.get(Mode(mode), OTHER_MODES))
+        return np.asarray(
+            self._profile.height - 2 - (self._profile.height - 6) * np.maximum(height, 0) / most
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.typing import ColorType
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
 from skysweep.arrays import F64, U8
@@ -48,9 +49,9 @@ def area(picture: U8, points_px: F64, colour: Rgb, opacity: float) -> None:
     cv2.addWeighted(tinted, opacity, part, 1.0 - opacity, 0.0, dst=part)
 
 
-def disc(picture: U8, centre_px: Sequence[float], radius_px: float, colour: Rgb, width_px: int = -1) -> None:
+def disc(picture: U8, centre_px: ArrayLike, radius_px: float, colour: Rgb, width_px: int = -1) -> None:
     """Draw a disc, or a ring of ``width_px``."""
-    x, y = _fixed(np.array([centre_px]))[0]
+    x, y = _fixed(np.array([centre_px], dtype=float))[0]
     if max(abs(int(x)), abs(int(y))) < _FARTHEST_PX << _FRACTION_BITS:
         radius = round(radius_px * 2**_FRACTION_BITS)
         cv2.circle(picture, (int(x), int(y)), radius, colour, width_px, *_SMOOTH)

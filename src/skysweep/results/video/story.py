@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -18,18 +19,24 @@ from skysweep.geometry.camera import CameraPose, rays_enu
 from skysweep.results.reporting.style import BLUE, GREY, ORANGE, VERMILLION
 from skysweep.results.reporting.wording import safety_words
 from skysweep.results.run_folder import Run
-from skysweep.ros.targets import KnownTarget, TargetBoard
+from skysweep.results.video.pen import Rgb, rgb
+from skysweep.ros.targets import RGBA, KnownTarget, TargetBoard
 from skysweep.text import printable
 from skysweep.types import EventKind, Mode
 
-MODE_COLOURS = {Mode.SCAN: BLUE, Mode.CHECK: VERMILLION, Mode.HOLD: ORANGE}
-OTHER_MODES = GREY
+_MODE_COLOURS: dict[str, str] = {Mode.SCAN: BLUE, Mode.CHECK: VERMILLION, Mode.HOLD: ORANGE}
+STANDING_COLOURS = RGBA | {EventKind.REJECTED: "0.85"}  # its own colour is that of a check's path
 
 _LINGER_S = 2.0  # of the video, on the last moment
 _TURNS_S = 0.8  # of the video, that a view takes to turn after the vehicle
 _HOVERS_MPS = 0.5
 _LOW_M = 1.0  # a picture from lower shows nothing of the ground
 _FLATTEST = -0.05  # vertical part of a unit ray that still meets the ground nearby
+
+
+def mode_colour(mode: str) -> Rgb:
+    """The colour of a path flown in a mode."""
+    return rgb(_MODE_COLOURS.get(mode, GREY))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +64,10 @@ class Story:
         self.run, self.speed, self.fps = run, speed, fps
         if len(run.states) == 0:
             raise UserError(f"{run.folder}: its journal has no position of the vehicle yet; try again later")
-        times_s, kept = np.unique(run.states.time_s, return_index=True)
-        self._states_s = times_s
-        self._kept = kept
-        flown = np.arange(times_s[0], times_s[-1], speed / fps)
-        self._linger = round(_LINGER_S * fps)
-        self.times_s = np.append(flown, [times_s[-1]] * (1 + self._linger))
+        self._states_s, self._kept = np.unique(run.states.time_s, return_index=True)
+        end_s = max(float(self._states_s[-1]), run.last_s)
+        flown_s = np.arange(self._states_s[0], end_s, speed / fps)
+        self.times_s = np.append(flown_s, [end_s] * (1 + round(_LINGER_S * fps)))
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -86,7 +91,7 @@ class Story:
 
     def camera(self, time_s: float) -> CameraPose:
         """The believed pose of the camera at any time."""
-        inside = float(np.clip(time_s, self._states_s[0], self._states_s[-1]))
+        inside = float(self._inside(time_s))
         return CameraPose(self._camera_track(inside), self._attitudes(inside))
 
     def footprint_enu_m(self, moment: Moment) -> F64 | None:
@@ -124,6 +129,10 @@ class Story:
         """Time and words of all events so far, oldest first."""
         return self._told[: bisect_right(self._told, time_s, key=lambda told: told[0])]
 
+    def _inside(self, times_s: ArrayLike) -> F64:
+        """The same times, within those of the states."""
+        return np.clip(times_s, self._states_s[0], self._states_s[-1])
+
     @cached_property
     def _of_candidates(self) -> tuple[list[Mapping[str, Any]], TargetBoard]:
         return sorted(self.run.records, key=self.run.since_start, reverse=True), TargetBoard()
@@ -131,11 +140,13 @@ class Story:
     @cached_property
     def _told(self) -> list[tuple[float, str]]:
         told = [(self.run.since_start(r), words) for r in self.run.records if (words := event_words(r))]
+        if not self.run.ended:
+            told.append((self.run.last_s, "The journal ends here: broken off, or still flying"))
         return sorted(told, key=lambda event: event[0])
 
     @cached_property
     def _positions_enu_m(self) -> F64:
-        return _track(self._states_s, self.flown_enu_m)(self.times_s)
+        return np.asarray(_track(self._states_s, self.flown_enu_m)(self._inside(self.times_s)))
 
     @cached_property
     def _altitudes_m(self) -> F64:
@@ -157,8 +168,9 @@ class Story:
     @cached_property
     def _headings_rad(self) -> F64:
         """The direction of flight, as a view follows it: smoothly, and never while the vehicle hovers."""
-        step_s = self.speed / self.fps
-        velocity = np.gradient(self._positions_enu_m[:, :2], step_s, axis=0) if len(self) > 1 else np.zeros((1, 2))
+        if len(self) == 1:
+            return np.zeros(1)
+        velocity = np.gradient(self._positions_enu_m[:, :2], self.speed / self.fps, axis=0)
         pace = np.hypot(*velocity.T)
         moving = pace > _HOVERS_MPS
         towards = velocity[int(np.argmax(moving))] if moving.any() else np.array([1.0, 0.0])
@@ -193,9 +205,10 @@ def event_words(record: Mapping[str, Any]) -> str:
         EventKind.CONFIRMED: f"{who.capitalize()} confirmed",
         EventKind.REJECTED: f"{who.capitalize()} rejected",
         EventKind.UNCHECKED: f"{who.capitalize()} left unchecked",
-        EventKind.SCAN_RESUMED: "Climbing back to the scan",
+        EventKind.SCAN_RESUMED: "Check finished",
         EventKind.FINISHED: "Search finished",
         "landed": "Landed",
+        "end": f"Mission ended: {printable(str(record.get('reason')))}",
         "resumed": "Mission resumed",
         "operator": f"Operator: {printable(str(record.get('word')))}",
     }
