@@ -11,11 +11,10 @@ from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from skysweep.results.evidence import picture_name
-from skysweep.results.film import FILM
 from skysweep.results.foxglove import LAYOUT_FILE
 from skysweep.results.picture_files import write_picture
 from skysweep.results.recording import write_recording
-from skysweep.results.run_folder import PICTURES, load_run
+from skysweep.results.run_folder import FILM, PICTURES, load_run
 from skysweep.results.writing import write_results
 
 
@@ -38,8 +37,8 @@ def messages_of(path):
         ]
 
 
-def picture(grey):
-    return cv2.imencode(".jpg", np.full((320, 640, 3), grey, np.uint8))[1].tobytes()
+def picture(grey, width_px=640):
+    return cv2.imencode(".jpg", np.full((width_px // 2, width_px, 3), grey, np.uint8))[1].tobytes()
 
 
 @pytest.fixture
@@ -160,6 +159,16 @@ def test_pictures_have_the_time_and_boxes_of_their_look(filmed, tmp_path):
     assert text.text == "stop sign 0.75"
     ((t, evidence),) = of(messages, "/skysweep/evidence/compressed")
     assert (t, evidence.format) == (15.0, "jpeg")
+
+
+def test_boxes_and_camera_fit_pictures_that_were_kept_smaller(filmed, tmp_path):
+    for path in (filmed.folder / FILM).iterdir():
+        path.write_bytes(picture(90, 320))
+    messages = messages_of(write_recording(filmed, tmp_path / "mission.mcap"))
+    _, found = of(messages, "/skysweep/camera/annotations")[-1]
+    assert [(p.x, p.y) for p in found.points[0].points] == [(5, 10), (15, 10), (15, 25), (5, 25)]
+    ((_, info),) = of(messages, "/skysweep/camera/camera_info")
+    assert (info.width, info.height, info.k[2]) == (320, 160, 160)
 
 
 def test_map_has_the_area_at_its_place_and_every_verdict(messages):

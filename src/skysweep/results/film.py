@@ -1,19 +1,20 @@
-"""The film of a mission: pictures of the detector's camera, kept in flight, and what was found in them."""
+"""The looks of a mission's detector, with the pictures that its film kept of them."""
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from skysweep.results.run_folder import Record, Run
+from skysweep.results.run_folder import FILM, Record, Run
 from skysweep.text import printable
 from skysweep.types import F64
 
-FILM = "film"  # folder; its pictures are named by the time of their look's line in the journal: 12.4000.jpg
 _SAME_LOOK_S = 0.01
 
 
@@ -28,18 +29,28 @@ class Shot:
     picture: Path | None
 
 
-class Film:
-    """All looks of a mission, in order."""
+class FilmedLooks:
+    """All looks of a mission, in order. A picture is named by the time of its look's line: ``12.4000.jpg``."""
 
     def __init__(self, run: Run) -> None:
         pictures = _pictures(run)
         names_s = np.array([time_s for time_s, _ in pictures])
         self.shots = tuple(_shot(run, look, pictures, names_s) for look in run.events("look"))
+        self._lens = run.scenario.camera.lens
         self._times_s = [shot.time_s for shot in self.shots]
 
     @property
     def has_pictures(self) -> bool:
         return any(shot.picture is not None for shot in self.shots)
+
+    @cached_property
+    def picture_scale(self) -> float:
+        """Width of the pictures over that of the camera: large ones are kept smaller. 1 without pictures."""
+        for shot in self.shots:
+            image = None if shot.picture is None else cv2.imread(str(shot.picture))
+            if image is not None:
+                return float(image.shape[1] / self._lens.width_px)
+        return 1.0
 
     def at(self, time_s: float, pictured: bool = False) -> Shot | None:
         """The newest look that was answered by then, only those with a picture if so wished; None: none."""

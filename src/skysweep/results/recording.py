@@ -19,10 +19,10 @@ import shapely
 from matplotlib.colors import to_hex, to_rgba
 from mcap.writer import Writer
 
-from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_from_euler
 from skysweep.results.evidence import told_by_name
-from skysweep.results.film import Film
+from skysweep.results.film import FilmedLooks
 from skysweep.results.reporting.style import BLUE, GREY, ORANGE, VERMILLION
 from skysweep.results.reporting.wording import probability_of
 from skysweep.results.run_folder import Record, Run
@@ -63,13 +63,16 @@ def write_recording(run: Run, path: str | Path) -> Path:
 
 def _messages(run: Run) -> Iterable[Timed]:
     """All messages in the order of their times. Pictures are read when their turn comes."""
-    parts = (_beginning(run), _flight(run), _film(run), _evidence(run), _events(run))
+    looks = FilmedLooks(run)
+    parts = (_beginning(run, looks), _flight(run), _film(looks), _evidence(run), _events(run))
     return heapq.merge(*parts, key=itemgetter(0))
 
 
-def _beginning(run: Run) -> Iterable[Timed]:
+def _beginning(run: Run, looks: FilmedLooks) -> Iterable[Timed]:
+    lens, scale = run.scenario.camera.lens, looks.picture_scale
+    size = round(lens.width_px * scale), round(lens.height_px * scale)
     yield 0.0, topics.TF_STATIC, m.fixed_transforms()
-    yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, run.scenario.camera.lens)
+    yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, Lens(*size, lens.hfov_rad))
     yield 0.0, topics.WORLD, m.markers(0.0, _still_life(run))
     yield 0.0, topics.VEHICLE, m.markers(0.0, _vehicle())
     yield 0.0, topics.PLANNED_PATH, m.planned_path(run.plan_enu_m)
@@ -89,13 +92,14 @@ def _events(run: Run) -> Iterable[Timed]:
                 yield time_s, topics.GEOJSON, make(m.GEOJSON, geojson=_target_geojson(run, target))
 
 
-def _film(run: Run) -> Iterable[Timed]:
-    for shot in Film(run).shots:
+def _film(looks: FilmedLooks) -> Iterable[Timed]:
+    for shot in looks.shots:
         if shot.picture is not None:
             image = m.compressed_image(shot.exposed_s, shot.picture.read_bytes())
             yield shot.time_s, topics.COMPRESSED_IMAGE, image
-        boxes = m.image_annotations(shot.exposed_s, shot.boxes_xyxy_px, shot.labels, to_rgba(ORANGE))
-        yield shot.time_s, topics.ANNOTATIONS, boxes
+        boxes = shot.boxes_xyxy_px * looks.picture_scale
+        annotations = m.image_annotations(shot.exposed_s, boxes, shot.labels, to_rgba(ORANGE))
+        yield shot.time_s, topics.ANNOTATIONS, annotations
 
 
 def _evidence(run: Run) -> Iterable[Timed]:

@@ -32,6 +32,7 @@ CONFIG_FILE = "config.yaml"
 JOURNAL_FILE = "journal.jsonl"
 SUMMARY_FILE = "summary.json"
 PICTURES = "pictures"
+FILM = "film"  # pictures for the live page and the video, by the time of their look
 UNFINISHED = ".part"  # ends the name of a comparison's run folder until its mission is complete
 CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
 PLAN = "plan"  # and of ``search.plan``

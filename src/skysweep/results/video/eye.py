@@ -7,7 +7,7 @@ import numpy as np
 
 from skysweep.arrays import F64, U8
 from skysweep.geometry.camera import Lens, project
-from skysweep.results.film import Film, Shot
+from skysweep.results.film import FilmedLooks, Shot
 from skysweep.results.reporting.style import ORANGE
 from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, rgb
@@ -24,7 +24,7 @@ class Eye:
 
     def __init__(self, story: Story, painter: Painter, width_px: int, height_px: int) -> None:
         self._story, self._painter = story, painter
-        self._film = Film(story.run)
+        self._looks = FilmedLooks(story.run)
         lens = story.run.scenario.camera.lens
         self._scale = min(width_px / lens.width_px, height_px / lens.height_px)
         size = round(lens.width_px * self._scale), round(lens.height_px * self._scale)
@@ -33,15 +33,15 @@ class Eye:
 
     @property
     def title(self) -> str:
-        if self._film.has_pictures:
+        if self._looks.has_pictures:
             return "Detector's camera"
-        if self._film.shots:
+        if self._looks.shots:
             return "Detector's view, rendered from the believed pose"
         return "Camera's view, rendered: the sensor took no pictures"
 
     def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
         """The view with the detector's boxes, and labels; ``scale`` is that of lines and letters."""
-        shot = self._film.at(moment.time_s, pictured=self._film.has_pictures)
+        shot = self._looks.at(moment.time_s, pictured=self._looks.has_pictures)
         if shot is not None and moment.time_s - shot.time_s > _STALE_S:
             shot = None
         picture = None if shot is None or shot.picture is None else self._read(shot)
@@ -71,7 +71,7 @@ class Eye:
     def _sighted(self, moment: Moment) -> tuple[F64, tuple[str, ...]]:
         """Boxes (N, 4) around what a sensor without pictures has just reported."""
         run = self._story.run
-        if self._film.shots:
+        if self._looks.shots:
             return np.empty((0, 4)), ()
         since_s = moment.time_s - max(
             1.0 / run.scenario.detector.rate_hz, self._story.speed / self._story.fps
