@@ -30,7 +30,7 @@ class Shot:
 
 
 class FilmedLooks:
-    """All looks of a mission, in order. A picture is named by the time of its look's line: ``12.4000.jpg``."""
+    """All looks of a mission, in order. Pictures are named by the times of their lines: ``12.4000.jpg``."""
 
     def __init__(self, run: Run) -> None:
         pictures = _pictures(run)

@@ -24,11 +24,12 @@ SMALLEST_PX = (320, 180)
 _DESIGNED_PX = (1280, 720)  # the size that all lengths below are for
 _INK, _SOFT, _TINT, _LINE = rgb("#1d2327"), rgb("#5b6670"), rgb("#f5f7f8"), rgb("#dde2e6")  # as in reports
 _WHITE = rgb("white")
+_FIGURES = 7
 _EVENTS = 3  # last ones, shown
 _FRESH_S = 2.5  # of the video, that an event stands out
 
 
-class _Room(NamedTuple):
+class Room(NamedTuple):
     """A part of the frame, in pixels."""
 
     left: int
@@ -47,6 +48,44 @@ class _Room(NamedTuple):
         return [label._replace(x_px=label.x_px + left, y_px=label.y_px + top) for label in (*labels, chip)]
 
 
+class Layout(NamedTuple):
+    """Where everything is in a frame."""
+
+    scene: Room
+    map: Room
+    view: Room
+    tiles: tuple[Room, ...]  # of the figures
+    profile: Room
+    events: Room
+
+    @classmethod
+    def of(cls, width: int, height: int) -> Layout:
+        scale = scale_of(width, height)
+        margin, gap, tile_height = round(16 * scale), round(12 * scale), round(58 * scale)
+        top, low = round(48 * scale), height - round(162 * scale)
+        side = round(0.345 * width)
+        wide = width - 2 * margin - gap - side
+        right, upper = margin + wide + gap, (low - top - gap) * 53 // 100
+        tile = (width - 2 * margin - (_FIGURES - 1) * gap) // _FIGURES
+        rest = low + gap + tile_height + gap
+        last = height - rest - round(14 * scale)
+        return cls(
+            scene=Room(margin, top, wide, low - top),
+            map=Room(right, top, side, upper),
+            view=Room(right, top + upper + gap, side, low - top - upper - gap),
+            tiles=tuple(
+                Room(margin + k * (tile + gap), low + gap, tile, tile_height) for k in range(_FIGURES)
+            ),
+            profile=Room(margin, rest, wide, last),
+            events=Room(right, rest, side, last),
+        )
+
+
+def scale_of(width_px: int, height_px: int) -> float:
+    """Of all lengths and letters, in a frame of this size."""
+    return min(width_px / _DESIGNED_PX[0], height_px / _DESIGNED_PX[1])
+
+
 class Page:
     """Draws the frames of a story, whose moments must come in their order. Close it at the end.
 
@@ -54,22 +93,21 @@ class Page:
     """
 
     def __init__(self, story: Story, width_px: int, height_px: int, renderer: Backend = "auto") -> None:
-        self._story = story
-        self._scale = scale = min(width_px / _DESIGNED_PX[0], height_px / _DESIGNED_PX[1])
-        self._stack = ExitStack()
-        self._lay_out(width_px, height_px)
+        self._story, self._width_px = story, width_px
+        self._scale = scale_of(width_px, height_px)
+        self._layout = layout = Layout.of(width_px, height_px)
         with ExitStack() as stack:
             painters = [make_renderer(story.run.world, renderer) for _ in range(2)]
             for painter in painters:
                 stack.callback(painter.close)
-            self._chase = Chase(story, painters[0], self._scene.width, self._scene.height)
-            self._eye = Eye(story, painters[1], self._view.width, self._view.height)
-            self._chart = Chart(story, self._map.width, self._map.height, renderer)
+            self._chase = Chase(story, painters[0], layout.scene.width, layout.scene.height)
+            self._eye = Eye(story, painters[1], layout.view.width, layout.view.height)
+            self._chart = Chart(story, layout.map.width, layout.map.height, renderer)
             self._close = stack.pop_all().close
         self._blank = np.full((height_px, width_px, 3), 255, np.uint8)
-        for room in (self._view, *self._tiles):
+        for room in (layout.view, *layout.tiles):
             self._fill(room)
-        self._profile_ahead, self._profile_flown = self._profiles(scale)
+        self._profile_ahead, self._profile_flown = self._profiles()
 
     def close(self) -> None:
         self._close()
@@ -78,35 +116,14 @@ class Page:
         """The frame (H, W, 3) RGB of a moment."""
         frame, scale = self._blank.copy(), self._scale
         targets = self._story.targets(moment.time_s)
-        labels = self._scene.show(frame, *self._chase.draw(moment, scale), "3-D view", scale)
-        labels += self._map.show(frame, *self._chart.draw(moment, scale), "Map", scale)
-        labels += self._view.show(frame, *self._eye.draw(moment, scale), self._eye.title, scale)
+        labels = self._layout.scene.show(frame, *self._chase.draw(moment, scale), "3-D view", scale)
+        labels += self._layout.map.show(frame, *self._chart.draw(moment, scale), "Map", scale)
+        labels += self._layout.view.show(frame, *self._eye.draw(moment, scale), self._eye.title, scale)
         labels += self._titles() + self._figures(moment, targets) + self._events(moment)
         self._draw_profile(frame, moment)
         return pen.write(frame, labels)
 
-    def _lay_out(self, width: int, height: int) -> None:
-        def px(length: float) -> int:
-            return round(length * self._scale)
-
-        margin, gap = px(16), px(12)
-        top, low = px(48), height - px(162)
-        side = round(0.345 * width)
-        left_width = width - 2 * margin - gap - side
-        right = margin + left_width + gap
-        upper = (low - top - gap) * 53 // 100
-        self._scene = _Room(margin, top, left_width, low - top)
-        self._map = _Room(right, top, side, upper)
-        self._view = _Room(right, top + upper + gap, side, low - top - upper - gap)
-        tile = (width - 2 * margin - 6 * gap) // 7
-        tiles_top = low + gap
-        self._tiles = [_Room(margin + k * (tile + gap), tiles_top, tile, px(58)) for k in range(7)]
-        rest = tiles_top + px(58) + gap
-        self._profile = _Room(margin, rest, left_width, height - rest - px(14))
-        self._log = _Room(right, rest, side, height - rest - px(14))
-        self._width = width
-
-    def _fill(self, room: _Room) -> None:
+    def _fill(self, room: Room) -> None:
         self._blank[room.top : room.top + room.height, room.left : room.left + room.width] = _TINT
 
     def _titles(self) -> list[Label]:
@@ -116,9 +133,9 @@ class Page:
         how = f", n_c = {n_c}" if run.strategy == "scan-check" else ""
         title = f"{run.scenario.name}: {run.strategy}{how}, seed {run.seed}"
         speed = f"{self._story.speed:g} × the speed of the flight"
-        right = self._width - 16 * scale
+        right = self._width_px - 16 * scale
         return [
-            Label(16 * scale, y, title, 17 * scale, _INK, "ls", bold=True, most_px=0.7 * self._width),
+            Label(16 * scale, y, title, 17 * scale, _INK, "ls", bold=True, most_px=0.7 * self._width_px),
             Label(right, y, speed, 12 * scale, _SOFT, "rs"),
         ]
 
@@ -137,7 +154,7 @@ class Page:
             "Confirmed, rejected": f"{n_confirmed}, {n_rejected}",
         }
         labels, scale = [], self._scale
-        for room, (name, value) in zip(self._tiles, figures.items(), strict=True):
+        for room, (name, value) in zip(self._layout.tiles, figures.items(), strict=True):
             x, y = room.left + 12 * scale, room.top
             colour = mode_colour(moment.mode) if name == "Mode" else _INK
             labels.append(Label(x, y + 31 * scale, value, 20 * scale, colour, "ls", bold=True))
@@ -145,7 +162,7 @@ class Page:
         return labels
 
     def _events(self, moment: Moment) -> list[Label]:
-        scale, room = self._scale, self._log
+        scale, room = self._scale, self._layout.events
         labels = []
         for k, (time_s, words) in enumerate(reversed(self._story.happened(moment.time_s)[-_EVENTS:])):
             y = room.top + (k + 0.5) * room.height / _EVENTS
@@ -157,9 +174,9 @@ class Page:
             labels.append(Label(x, y, words, size, colour, "lm", bold=fresh and k == 0, most_px=most_px))
         return labels
 
-    def _profiles(self, scale: float) -> tuple[U8, U8]:
+    def _profiles(self) -> tuple[U8, U8]:
         """The altitude over the mission: still to come, pale, and flown, in the colours of the modes."""
-        room, story = self._profile, self._story
+        room, story, scale = self._layout.profile, self._story, self._scale
         pale = np.full((room.height, room.width, 3), 255, np.uint8)
         points = np.column_stack([self._profile_x(story.states_s), self._profile_y(story)])
         pen.line(pale, np.array([[0, room.height - 1], [room.width, room.height - 1]]), _LINE, 1.0)
@@ -170,7 +187,7 @@ class Page:
         return pale, flown
 
     def _draw_profile(self, frame: U8, moment: Moment) -> None:
-        room = self._profile
+        room = self._layout.profile
         x = int(np.clip(self._profile_x(np.array([moment.time_s]))[0], 0, room.width - 1))
         part = frame[room.top : room.top + room.height, room.left : room.left + room.width]
         part[:, :x], part[:, x:] = self._profile_flown[:, :x], self._profile_ahead[:, x:]
@@ -178,12 +195,12 @@ class Page:
 
     def _profile_x(self, times_s: F64) -> F64:
         span_s = max(float(self._story.states_s[-1]), 1.0)
-        return np.asarray(times_s * ((self._profile.width - 1) / span_s))
+        return np.asarray(times_s * ((self._layout.profile.width - 1) / span_s))
 
     def _profile_y(self, story: Story) -> F64:
         flown = story.flown_enu_m
         height = flown[:, 2] - story.run.world.terrain.height_m(flown[:, :2])
         most = max(float(height.max()), 1.0)
         return np.asarray(
-            self._profile.height - 2 - (self._profile.height - 6) * np.maximum(height, 0) / most
+            self._layout.profile.height - 2 - (self._layout.profile.height - 6) * np.maximum(height, 0) / most
         )
