@@ -39,7 +39,7 @@ class FilmedLooks:
         self._lens = run.scenario.camera.lens
         self._times_s = [shot.time_s for shot in self.shots]
 
-    @property
+    @cached_property
     def has_pictures(self) -> bool:
         return any(shot.picture is not None for shot in self.shots)
 

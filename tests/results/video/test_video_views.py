@@ -64,9 +64,9 @@ def test_ground_lightens_as_the_camera_sees_it(story):
 
 def test_map_marks_candidates_by_their_standing(story):
     chart = Chart(story, *SIZE, "auto")
-    x, y = chart.pixels(np.array([[20.5, 10.0]]))[0].astype(int)
-    before = chart.draw(at(story, 43), 1.0)[0][y, x]
-    after = chart.draw(at(story, 50), 1.0)[0][y, x]
+    x, y = chart.pixels(np.array([[28.0, 4.0]]))[0].astype(int)
+    before = chart.draw(at(story, 49), 1.0)[0][y, x]
+    after = chart.draw(at(story, 51), 1.0)[0][y, x]
     assert after.tolist() == pytest.approx([0, 158, 115], abs=2)
     assert before.tolist() != after.tolist()
 

@@ -23,8 +23,8 @@ from skysweep.worlds.world import World
 _MARGIN = 0.05  # of the map's larger side
 _CLEAR_AIR_M = 1e7
 _SIDES_ABOVE, _HIGHEST_M = 8.0, 5000.0  # from where the ground is drawn
-_UNSEEN = 0.42  # brightness of ground not seen yet
-_OUTSIDE = 0.62  # and of ground outside the area
+_UNSEEN = 0.5  # brightness of ground not seen yet
+_OUTSIDE = 0.7  # and of ground outside the area
 _WHITE, _BLACK = rgb("white"), rgb("black")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import groupby
+
 import numpy as np
 import shapely
 
@@ -150,11 +152,16 @@ class _View:
     def segments(self, picture: U8, points_enu_m: F64, colours: list[Rgb], width_px: float) -> None:
         """A line through points (N, 3), whose pieces (N - 1) have colours of their own."""
         seen = self._seen(points_enu_m)
-        for a, b, colour in zip(seen[:-1], seen[1:], colours, strict=True):
-            if a[2] < _NEAR_M and b[2] < _NEAR_M:
-                continue
-            ends = np.array([_cut(a, b), _cut(b, a)])
-            pen.line(picture, self._pixels(ends), colour, width_px)
+        in_front = (seen[:, 2] >= _NEAR_M).tolist()
+        alike = groupby(range(len(colours)), lambda k: (colours[k], in_front[k], in_front[k + 1]))
+        for (colour, begins, ends), pieces in alike:
+            first, *others = pieces
+            run = seen[first : first + len(others) + 2]
+            if begins and ends:
+                pen.line(picture, self._pixels(run), colour, width_px)
+            elif begins or ends:  # one piece, as the next begins on the other side
+                a, b = run
+                pen.line(picture, self._pixels(np.array([_cut(a, b), _cut(b, a)])), colour, width_px)
 
     def area(self, picture: U8, corners_enu_m: F64, colour: Rgb, opacity: float) -> None:
         seen = self._seen(corners_enu_m)
