@@ -11,6 +11,7 @@ from skysweep.results.video.chart import Chart
 from skysweep.results.video.chase import Chase
 from skysweep.results.video.eye import Eye
 from skysweep.results.video.story import Story
+from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.rendering.renderer import make_renderer
 
 SIZE = 400, 300
@@ -76,7 +77,7 @@ def test_chase_shows_vehicle_and_what_it_looks_at(story, painter):
     chase = Chase(story, painter, *SIZE)
     moment = at(story, 33)
     picture, _ = chase.draw(moment, 1.0)
-    plain = painter.render(chase._lens, chase._pose(moment), moment.time_s)
+    plain = painter.render(chase._lens, chase._pose(moment, np.radians(17.0)), moment.time_s)
     rows, columns = np.nonzero(np.abs(picture.astype(int) - plain).max(axis=2) > 100)
     assert len(rows) > 50
     dark = picture.max(axis=2) < 60
@@ -126,3 +127,22 @@ def test_a_sensor_without_pictures_shows_what_it_reported(story, painter):
     _, labels = eye.draw(at(story, 11), 1.0)
     assert [label.text for label in labels] == ["0.40"]
     assert eye.draw(at(story, 25), 1.0)[1] == []
+
+
+def test_chase_looks_down_past_a_building(tmp_path, painter):
+    """On its way east the vehicle comes from behind a building: the view from behind rises above it."""
+    building = {"position_enu_m": [-20.0, 10.0], "size_m": [10.0, 16.0], "height_m": 14.0}
+    run = load_run(write_run(tmp_path / "run", tiny_records(), buildings=[building]))
+    story = Story(run, speed=10.0, fps=10)
+    chase = Chase(story, painter, *SIZE)
+    obstacles = Obstacles(run.world.terrain, run.world.trees, run.world.buildings)
+    steepest, elevations = 0.0, []
+    for k in range(len(story)):
+        moment = story.moment(k)
+        elevations.append(chase._elevation_rad[k])
+        eye = chase._pose(moment, elevations[-1]).position_enu_m
+        assert not obstacles.hide(moment.position_enu_m, eye)
+        steepest = max(steepest, elevations[-1])
+    assert steepest > np.radians(30)
+    assert min(elevations) == pytest.approx(np.radians(17))
+    assert np.abs(np.diff(elevations)).max() < np.radians(10)

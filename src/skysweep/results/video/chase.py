@@ -6,6 +6,7 @@ from itertools import groupby
 
 import numpy as np
 import shapely
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from skysweep.arrays import F64, U8
 from skysweep.geometry.camera import CameraPose, Lens
@@ -14,10 +15,14 @@ from skysweep.results.reporting.style import ORANGE
 from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, Rgb, rgb
 from skysweep.results.video.story import STANDING_COLOURS, Moment, Story, mode_colour
+from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.rendering.renderer import Painter
 
 _HFOV_RAD = 1.1
 _NEAR_M = 0.5
+_NEAREST_M, _AWAY = 12.5, 1.3  # distance from the vehicle on the ground, and more for each metre of height
+_ELEVATIONS_RAD = tuple(np.radians([17.0, 25.0, 35.0, 45.0, 55.0, 65.0, 75.0, 85.0]).tolist())
+_RISES_S = 0.6  # of the video, before and after something that is in the way
 _BORDER_STEP_M = 4.0  # a border follows the ground in such steps
 _TRAIL = 240  # states
 _WHITE, _DARK = rgb("white"), rgb("0.12")
@@ -36,12 +41,13 @@ class Chase:
         self._terrain = story.run.world.terrain
         area = shapely.segmentize(story.run.scenario.area_enu_m, _BORDER_STEP_M)
         self._borders = [self._on_ground(np.array(r.coords)) for r in (area.exterior, *area.interiors)]
+        self._elevation_rad = self._elevations()
         self._flown = story.flown_enu_m
         self._colours = [mode_colour(mode) for mode in story.flown_modes]
 
     def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
         """The view and its labels; ``scale`` is that of lines and letters."""
-        pose = self._pose(moment)
+        pose = self._pose(moment, float(self._elevation_rad[moment.index]))
         picture = self._painter.render(self._lens, pose, moment.time_s).copy()
         view = _View(self._lens, pose)
         for border in self._borders:
@@ -52,17 +58,34 @@ class Chase:
         self._draw_vehicle(picture, view, moment)
         return picture, labels
 
-    def _pose(self, moment: Moment) -> CameraPose:
+    def _pose(self, moment: Moment, elevation_rad: float) -> CameraPose:
         """Behind and above, farther back when the vehicle is high, so that the ground below stays in view."""
         up_m = max(moment.altitude_agl_m, 0.0)
-        back_m = 12.0 + 1.25 * up_m
-        behind = np.array([np.cos(moment.heading_rad), np.sin(moment.heading_rad), 0.0])
-        aim = moment.position_enu_m - [0.0, 0.0, 0.55 * up_m]
-        eye = moment.position_enu_m - back_m * behind + [0.0, 0.0, 0.3 * back_m]
+        ahead = np.array([np.cos(moment.heading_rad), np.sin(moment.heading_rad), 0.0])
+        away = np.sin(elevation_rad) * np.array([0.0, 0.0, 1.0]) - np.cos(elevation_rad) * ahead
+        eye = moment.position_enu_m + (_NEAREST_M + _AWAY * up_m) * away
         eye[2] = max(eye[2], self._terrain.height_at_m(*eye[:2].tolist()) + 2.0)
-        gaze = aim - eye
+        gaze = moment.position_enu_m - [0.0, 0.0, 0.55 * up_m] - eye
         pitch_rad = float(np.arctan2(gaze[2], np.hypot(gaze[0], gaze[1])))
         return CameraPose(eye, rotation_camera_to_enu(moment.heading_rad, pitch_rad))
+
+    def _elevations(self) -> F64:
+        """(K,) how steeply each moment is looked down on: as flat as crowns and buildings leave it in sight.
+
+        The view rises before something comes between, and moves smoothly.
+        """
+        world = self._story.run.world
+        obstacles = Obstacles(world.terrain, world.trees, world.buildings)
+        flattest = np.full(len(self._story), _ELEVATIONS_RAD[0])
+        if not obstacles.exist:
+            return flattest
+        for k in range(len(flattest)):
+            moment = self._story.moment(k)
+            eyes = ((e, self._pose(moment, e).position_enu_m) for e in _ELEVATIONS_RAD)
+            free = (e for e, eye in eyes if not obstacles.hide(moment.position_enu_m, eye))
+            flattest[k] = next(free, _ELEVATIONS_RAD[-1])
+        around = 2 * round(_RISES_S * self._story.fps) + 1
+        return np.asarray(uniform_filter1d(maximum_filter1d(flattest, around), around, mode="nearest"))
 
     def _draw_trail(self, picture: U8, view: _View, moment: Moment, scale: float) -> None:
         first = max(moment.n_states - _TRAIL, 0)
