@@ -56,6 +56,7 @@ def test_run_writes_the_whole_run_folder(tmp_path, scenario):
     assert {p.name for p in out.iterdir()} >= {
         "config.yaml",
         "journal.jsonl",
+        "foxglove-layout.json",
         "mission.mcap",
         "summary.json",
         "targets.geojson",

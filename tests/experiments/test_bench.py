@@ -24,6 +24,7 @@ def test_bench_gives_one_flat_json_object_of_plausible_numbers():
         "worker_memory_mb",
         "render_fps_640x360",
         "detector_ms_640x360",
+        "video_rtf",
     }
     assert min(rates.values()) > 0
     assert rates["vehicle_rtf"] > rates["statistical_mission_rtf"] > rates["rendered_mission_rtf"]

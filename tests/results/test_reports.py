@@ -65,6 +65,7 @@ def test_run_folder_gets_everything(tiny_folder):
         "pictures",
         "summary.json",
         "map.png",
+        "foxglove-layout.json",
         "mission.mcap",
         "report.html",
         *(f"targets.{suffix}" for suffix in ("geojson", "kml", "gpx", "csv")),

@@ -22,6 +22,7 @@ from skysweep.cli import (
     serve_vehicle,
     sweep,
     tune,
+    video,
     view,
     world,
 )
@@ -53,6 +54,7 @@ app.add_typer(compare, name="compare")
 app.command()(sweep.sweep)
 app.command()(report.report)
 app.command()(export.export)
+app.command()(video.video)
 app.command()(tune.tune)
 app.command()(benchmark.benchmark)
 app.command()(serve_vehicle.serve_vehicle)

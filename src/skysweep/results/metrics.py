@@ -187,14 +187,20 @@ def travelled_m(positions_enu_m: F64) -> tuple[float, float]:
 def seen_area(run: Run) -> shapely.Geometry:
     """The part of the search area that the camera pictured while looks were answered.
 
-    Each believed camera pose gives one footprint at the level of the ground below it. A picture counts in
-    every mode of a search, if it was taken from low enough to find the smallest target.
+    A picture counts in every mode of a search, if it was taken from low enough to find the smallest target.
+    """
+    _, footprints = seen_footprints(run)
+    return shapely.union_all(shapely.polygons(footprints)).intersection(run.scenario.area_enu_m)
+
+
+def seen_footprints(run: Run) -> tuple[F64, F64]:
+    """Times (K,) since take-off and footprints (K, 4, 2) ENU metres that ``seen_area`` is made of.
+
+    Each believed camera pose gives one footprint at the level of the ground below it.
     """
     states, lens = run.states, run.scenario.camera.lens
     looking = looking_states(run)
     eye = states.camera_position_enu_m[looking]
-    if not len(eye):
-        return shapely.Polygon()
     u, v = lens.width_px / (2 * lens.focal_px), lens.height_px / (2 * lens.focal_px)
     R = states.R_camera_to_enu[looking]
     height = eye[:, 2] - run.world.terrain.height_m(eye[:, :2])
@@ -206,8 +212,7 @@ def seen_area(run: Run) -> shapely.Geometry:
     rays = np.einsum("nij,nkj->nki", R, corners)
     good = (rays[..., 2] < _FLATTEST_VIEW).all(axis=1) & (height > 0) & (top < v)
     reach = height[good, None] / -rays[good, :, 2]
-    ground = eye[good, None, :2] + reach[..., None] * rays[good, :, :2]
-    return shapely.union_all(shapely.polygons(ground)).intersection(run.scenario.area_enu_m)
+    return states.time_s[looking][good], eye[good, None, :2] + reach[..., None] * rays[good, :, :2]
 
 
 def seen_m2_of(run: Run) -> float:

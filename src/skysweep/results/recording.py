@@ -1,32 +1,39 @@
 """A mission as an MCAP file of ROS 2 messages, as rosbag2 writes it (profile ros2, CDR).
 
 ``ros2 bag``, ``rosbags``, Foxglove and Rerun can read it. Time in the file is seconds since the take-off
-command. The topics are those of ``skysweep ros``, and ``/skysweep/world`` with area, home and the truth.
+command. The topics are those of ``skysweep ros``, and what only a recording has: area and truth, the
+vehicle's shape, pictures as JPEG, boxes and map as Foxglove draws them.
 """
 
 from __future__ import annotations
 
+import heapq
+import json
 from collections.abc import Iterable
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_hex, to_rgba
 from mcap.writer import Writer
 
-from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_from_euler
 from skysweep.mission.notes import LOOKED
 from skysweep.mission.orders import ORDER
+from skysweep.results.film import FilmedLooks
+from skysweep.results.picture_files import told_by_name
+from skysweep.results.reporting.style import BLUE, GREY, ORANGE, VERMILLION
 from skysweep.results.reporting.wording import order_words, probability_of
 from skysweep.results.run_folder import Record, Run
 from skysweep.ros import messages as m
 from skysweep.ros import topics
-from skysweep.ros.interfaces import definition, to_cdr, type_hash
-from skysweep.ros.targets import TargetBoard
+from skysweep.ros.interfaces import definition, make, to_cdr, type_hash
+from skysweep.ros.targets import RGBA, KnownTarget, TargetBoard
 from skysweep.ros.topics import Topic
-from skysweep.types import F64
+from skysweep.types import F64, SETTLING
 
 Timed = tuple[float, Topic, Any]
 
@@ -42,7 +49,7 @@ def write_recording(run: Run, path: str | Path) -> Path:
         writer.start(profile="ros2", library="skysweep")
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
-        for time_s, topic, message in sorted(_messages(run), key=lambda timed: timed[0]):
+        for time_s, topic, message in _messages(run):
             if topic.type_name not in schemas:
                 text = definition(topic.type_name).encode()
                 schemas[topic.type_name] = writer.register_schema(topic.type_name, "ros2msg", text)
@@ -57,18 +64,52 @@ def write_recording(run: Run, path: str | Path) -> Path:
 
 
 def _messages(run: Run) -> Iterable[Timed]:
+    """All messages in the order of their times. Pictures are read when their turn comes."""
+    looks = FilmedLooks(run)
+    parts = (_beginning(run, looks), _flight(run), _film(looks), _evidence(run), _events(run))
+    return heapq.merge(*parts, key=itemgetter(0))
+
+
+def _beginning(run: Run, looks: FilmedLooks) -> Iterable[Timed]:
+    lens, scale = run.scenario.camera.lens, looks.picture_scale
+    size = round(lens.width_px * scale), round(lens.height_px * scale)
     yield 0.0, topics.TF_STATIC, m.fixed_transforms()
-    yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, run.scenario.camera.lens)
+    yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, Lens(*size, lens.hfov_rad))
     yield 0.0, topics.WORLD, m.markers(0.0, _still_life(run))
+    yield 0.0, topics.VEHICLE, m.markers(0.0, _vehicle())
     yield 0.0, topics.PLANNED_PATH, m.planned_path(run.plan_enu_m)
-    yield from _flight(run)
+    yield 0.0, topics.GEOJSON, make(m.GEOJSON, geojson=_plan_geojson(run))
+
+
+def _events(run: Run) -> Iterable[Timed]:
     board = TargetBoard()
-    for record in run.records:
+    for record in sorted(run.records, key=run.since_start):
         time_s = run.since_start(record)
         if record["kind"] not in _QUIET_KINDS:
             yield time_s, topics.ROSOUT, m.log(time_s, _words(record))
         if board.note(record):
             yield time_s, topics.TARGETS, m.markers(time_s, board.marks(), clear=True)
+            target = board.targets[record["candidate"]]
+            if target.standing in SETTLING:
+                yield time_s, topics.GEOJSON, make(m.GEOJSON, geojson=_target_geojson(run, target))
+
+
+def _film(looks: FilmedLooks) -> Iterable[Timed]:
+    for shot in looks.shots:
+        if shot.picture is not None:
+            image = m.compressed_image(shot.exposed_s, shot.picture.read_bytes())
+            yield shot.time_s, topics.COMPRESSED_IMAGE, image
+        boxes = shot.boxes_xyxy_px * looks.picture_scale
+        annotations = m.image_annotations(shot.exposed_s, boxes, shot.labels, to_rgba(ORANGE))
+        yield shot.time_s, topics.ANNOTATIONS, annotations
+
+
+def _evidence(run: Run) -> Iterable[Timed]:
+    """The pictures kept of candidates; boxes are drawn in them."""
+    told = [(named, path) for path in run.pictures if (named := told_by_name(path)) is not None]
+    for (_, named_s), path in sorted(told, key=lambda told: told[0][1]):
+        time_s = named_s - float(run.start["t"])
+        yield time_s, topics.EVIDENCE, m.compressed_image(time_s, path.read_bytes(), "")
 
 
 def _flight(run: Run) -> Iterable[Timed]:
@@ -76,7 +117,7 @@ def _flight(run: Run) -> Iterable[Timed]:
     if not len(states):
         return
     fixes = run.scenario.frame.geodetic_from_enu(states.position_enu_m)
-    times = states.time_s.tolist()
+    times, altitudes_m = states.time_s.tolist(), run.altitudes_agl_m
     flown: list[Any] = []
     mode = None
     for k, time_s in enumerate(times):
@@ -87,6 +128,7 @@ def _flight(run: Run) -> Iterable[Timed]:
         flown.append(m.pose_stamped(time_s, position, R))
         yield time_s, topics.POSE, flown[-1]
         yield time_s, topics.FIX, m.fix(time_s, fixes[k])
+        yield time_s, topics.ALTITUDE, make(topics.ALTITUDE.type_name, data=float(altitudes_m[k]))
         yield time_s, topics.BATTERY, m.battery(time_s, float(states.battery[k]))
         if states.mode[k] != mode:
             mode = states.mode[k]
@@ -117,6 +159,55 @@ def _still_life(run: Run) -> list[m.Mark]:
         above = position + np.array([0.0, 0.0, 1.0])
         marks.append(m.Mark("truth labels", k, m.TEXT, above, (0.0, 0.0, 1.0), colour, thing.kind))
     return marks
+
+
+def _vehicle() -> list[m.Mark]:
+    """A quadrotor, forward arms in another colour."""
+    dark, front = to_rgba("0.15"), to_rgba(ORANGE)
+    marks = [m.Mark("vehicle", 0, m.CUBE, np.zeros(3), (0.3, 0.2, 0.12), dark, frame=m.BASE)]
+    for k, (x, y) in enumerate(((0.25, 0.25), (0.25, -0.25), (-0.25, 0.25), (-0.25, -0.25)), start=1):
+        place = np.array([x, y, 0.06])
+        colour = front if x > 0 else dark
+        marks.append(m.Mark("vehicle", k, m.CYLINDER, place, (0.3, 0.3, 0.02), colour, frame=m.BASE))
+    return marks
+
+
+def _plan_geojson(run: Run) -> str:
+    """Search area, no-fly areas, fence, home and the waypoints F on Foxglove's map."""
+    scenario = run.scenario
+    fence = scenario.geofence_enu_m
+    shapes: list[tuple[str, shapely.Geometry, str]] = [
+        ("search area", scenario.area_enu_m, BLUE),
+        *(("no-fly area", shapely.Polygon(ring), VERMILLION) for ring in scenario.safety.no_fly_enu_m),
+        *(() if fence is None else (("fence", shapely.LinearRing(fence), VERMILLION),)),
+        ("home", shapely.Point(scenario.home.position_enu_m).buffer(1.0), GREY),
+    ]
+    if len(run.plan_enu_m) > 1:
+        shapes.append(("planned path", shapely.LineString(run.plan_enu_m[:, :2]), GREY))
+    return _geojson(run, shapes)
+
+
+def _target_geojson(run: Run, target: KnownTarget) -> str:
+    disc = shapely.Point(target.position_enu_m[:2]).buffer(max(target.radius_95_m, 1.0))
+    return _geojson(run, [(target.label, disc, to_hex(RGBA[target.standing]))])
+
+
+def _geojson(run: Run, shapes: Iterable[tuple[str, shapely.Geometry, str]]) -> str:
+    """Features with the name and the style (Leaflet's) that Foxglove's map panel shows."""
+
+    def lon_lat_deg(xy_enu_m: F64) -> F64:
+        on_the_ground = np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))])
+        return np.round(run.scenario.frame.geodetic_from_enu(on_the_ground)[:, 1::-1], 7)
+
+    features = [
+        {
+            "type": "Feature",
+            "geometry": json.loads(shapely.to_geojson(shapely.transform(shape, lon_lat_deg))),
+            "properties": {"name": name, "style": {"color": colour, "weight": 2, "fillOpacity": 0.1}},
+        }
+        for name, shape, colour in shapes
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": features})
 
 
 def _words(record: Record) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 from skysweep.files.writing import whole_files
 from skysweep.results.exports import write_exports
 from skysweep.results.figures import run_map
+from skysweep.results.film import FilmedLooks
+from skysweep.results.foxglove import LAYOUT_FILE, layout_json
 from skysweep.results.metrics import whole_summary
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import SUMMARY_FILE, Run
@@ -27,6 +29,7 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> RunS
         run_map(run, unfinished / "map.png")
         write_exports(run, unfinished)
         write_recording(run, unfinished / "mission.mcap")
+        (unfinished / LAYOUT_FILE).write_text(layout_json(FilmedLooks(run).has_pictures), encoding="utf-8")
         write_run_report(run, summary, unfinished)
     with whole_files(out) as unfinished:
         write_summary(unfinished / SUMMARY_FILE, summary, run.seal)

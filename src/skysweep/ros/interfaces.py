@@ -1,7 +1,8 @@
 """ROS 2 message types and their wire format, without ROS.
 
 A message is a dataclass of ``rosbags``, which knows the definitions that all distributions since Humble share
-and serialises them to CDR. ``vision_msgs`` (version 4), which no base installation has, is added.
+and serialises them to CDR. ``vision_msgs`` (version 4) and the types of ``foxglove_msgs`` (version 3) that
+recordings use, which no base installation has, are added.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-_VISION = "vision_msgs/msg"
+_VISION, _FOXGLOVE = "vision_msgs/msg", "foxglove_msgs/msg"
 _VISION_TYPES = {
     "Point2D": "float64 x\nfloat64 y",
     "Pose2D": f"{_VISION}/Point2D position\nfloat64 theta",
@@ -29,14 +30,37 @@ _VISION_TYPES = {
     ),
     "Detection2DArray": f"std_msgs/msg/Header header\n{_VISION}/Detection2D[] detections",
 }
+_TIMESTAMP = "builtin_interfaces/msg/Time timestamp"
+_FOXGLOVE_TYPES = {
+    "Point2": "float64 x\nfloat64 y",
+    "Color": "float64 r\nfloat64 g\nfloat64 b\nfloat64 a",
+    "CircleAnnotation": (
+        f"{_TIMESTAMP}\n{_FOXGLOVE}/Point2 position\nfloat64 diameter\nfloat64 thickness\n"
+        f"{_FOXGLOVE}/Color fill_color\n{_FOXGLOVE}/Color outline_color"
+    ),
+    "PointsAnnotation": (
+        f"{_TIMESTAMP}\nuint8 type\n{_FOXGLOVE}/Point2[] points\n{_FOXGLOVE}/Color outline_color\n"
+        f"{_FOXGLOVE}/Color[] outline_colors\n{_FOXGLOVE}/Color fill_color\nfloat64 thickness"
+    ),
+    "TextAnnotation": (
+        f"{_TIMESTAMP}\n{_FOXGLOVE}/Point2 position\nstring text\nfloat64 font_size\n"
+        f"{_FOXGLOVE}/Color text_color\n{_FOXGLOVE}/Color background_color"
+    ),
+    "ImageAnnotations": (
+        f"{_FOXGLOVE}/CircleAnnotation[] circles\n{_FOXGLOVE}/PointsAnnotation[] points\n"
+        f"{_FOXGLOVE}/TextAnnotation[] texts"
+    ),
+    "GeoJSON": "string geojson",
+}
 
 
 @cache
 def typestore() -> Typestore:
     """All known message types."""
     store = get_typestore(Stores.ROS2_KILTED)
-    for name, text in _VISION_TYPES.items():
-        store.register(get_types_from_msg(text, f"{_VISION}/{name}"))
+    for package, types in ((_VISION, _VISION_TYPES), (_FOXGLOVE, _FOXGLOVE_TYPES)):
+        for name, text in types.items():
+            store.register(get_types_from_msg(text, f"{package}/{name}"))
     return store
 
 

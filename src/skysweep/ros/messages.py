@@ -24,8 +24,11 @@ Fields = dict[str, Any]
 
 MAP, ODOM, BASE, GIMBAL, CAMERA = "map", "odom", "base_link", "gimbal", "camera"
 
+ANNOTATIONS = "foxglove_msgs/msg/ImageAnnotations"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 DETECTIONS = "vision_msgs/msg/Detection2DArray"
+GEOJSON = "foxglove_msgs/msg/GeoJSON"
 IMAGE = "sensor_msgs/msg/Image"
 LOG = "rcl_interfaces/msg/Log"
 MARKERS = "visualization_msgs/msg/MarkerArray"
@@ -39,21 +42,23 @@ CUBE, SPHERE, CYLINDER, LINE_STRIP, TEXT = 1, 2, 3, 4, 9
 _DELETE_ALL = 3
 _DISCHARGING = 2
 _INFO = 20
+_LINE_LOOP = 2
 _UNKNOWN_VARIANCE = 1e6
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A shape to draw in ``map``. Lines have points (N, 3), all others a position (3,)."""
+    """A shape to draw in a frame. Lines have points (N, 3), all others a position (3,)."""
 
     namespace: str
     id: int
     kind: int  # CUBE, SPHERE, CYLINDER, LINE_STRIP or TEXT
-    where_enu_m: F64
+    where_m: F64
     size_m: tuple[float, float, float]
     rgba: tuple[float, float, float, float]
     text: str = ""
+    frame: str = MAP
 
 
 def stamp(time_s: float) -> Any:
@@ -202,6 +207,12 @@ def image(frame: Frame) -> Any:
     )
 
 
+def compressed_image(time_s: float, jpeg: bytes, frame_id: str = CAMERA) -> Any:
+    """``sensor_msgs/CompressedImage`` of a JPEG."""
+    data = np.frombuffer(jpeg, np.uint8)
+    return make(COMPRESSED_IMAGE, header=header(time_s, frame_id), format="jpeg", data=data)
+
+
 def read_image(message: Any, source: str) -> U8:
     """The picture (H, W, 3) RGB. Raises UserError for an unsupported encoding or an inconsistent size."""
     channels = _CHANNELS.get(message.encoding)
@@ -279,6 +290,28 @@ def standard_detections(found: Detections) -> Any:
     return make(MARKERS, markers=[{"header": of_picture, "action": _DELETE_ALL}, *boxes])
 
 
+def image_annotations(
+    time_s: float, boxes_xyxy_px: F64, labels: Sequence[str], rgba: tuple[float, float, float, float]
+) -> Any:
+    """``foxglove_msgs/ImageAnnotations``: boxes (N, 4) of the picture exposed at ``time_s``, with labels."""
+    when, outlines, texts = stamp(time_s), [], []
+    for (x0, y0, x1, y1), label in zip(boxes_xyxy_px.tolist(), labels, strict=True):
+        corners = [{"x": x, "y": y} for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
+        outline = {"type": _LINE_LOOP, "points": corners, "outline_color": _colour(rgba), "thickness": 1.5}
+        outlines.append({"timestamp": when} | outline)
+        texts.append(
+            {
+                "timestamp": when,
+                "position": corners[0],
+                "text": label,
+                "font_size": 8.0,
+                "text_color": _colour((1.0, 1.0, 1.0, 1.0)),
+                "background_color": _colour((0.0, 0.0, 0.0, 0.6)),
+            }
+        )
+    return make(ANNOTATIONS, points=outlines, texts=texts)
+
+
 def detections_stamp(message: Any) -> float | None:
     """Time of the picture that a message of either form answers; None if it carries no time."""
     if message.__msgtype__ == DETECTIONS:
@@ -320,7 +353,7 @@ def read_detections(message: Any, frame: Frame, source: str) -> Detections:
 
 
 def markers(time_s: float, marks: Iterable[Mark], clear: bool = False) -> Any:
-    """``visualization_msgs/MarkerArray`` in ``map``; ``clear`` removes what was drawn before."""
+    """``visualization_msgs/MarkerArray``; ``clear`` removes what was drawn before."""
     drawn = [_marker(time_s, mark) for mark in marks]
     start = [{"header": header(time_s, MAP), "action": _DELETE_ALL}] if clear else []
     return make(MARKERS, markers=[*start, *drawn])
@@ -329,15 +362,16 @@ def markers(time_s: float, marks: Iterable[Mark], clear: bool = False) -> Any:
 def _marker(time_s: float, mark: Mark) -> Fields:
     line = mark.kind == LINE_STRIP
     return {
-        "header": header(time_s, MAP),
+        "header": header(time_s, mark.frame),
         "ns": mark.namespace,
         "id": mark.id,
         "type": mark.kind,
-        "pose": _level((0.0, 0.0, 0.0) if line else mark.where_enu_m),
+        "pose": _level((0.0, 0.0, 0.0) if line else mark.where_m),
         "scale": _xyz(mark.size_m),
         "color": _colour(mark.rgba),
-        "points": [_xyz(point) for point in mark.where_enu_m] if line else [],
+        "points": [_xyz(point) for point in mark.where_m] if line else [],
         "text": mark.text,
+        "frame_locked": True,
     }
 
 

@@ -12,7 +12,7 @@ from skysweep.ros.messages import CYLINDER, TEXT, Mark
 from skysweep.text import printable
 from skysweep.types import F64
 
-_RGBA = {
+RGBA = {
     "seen": (0.94, 0.89, 0.26, 0.6),
     "scanned": (0.90, 0.62, 0.0, 0.7),
     "confirmed": (0.0, 0.62, 0.45, 0.8),
@@ -32,6 +32,10 @@ class KnownTarget:
     radius_95_m: float
     by_operator: bool = False  # decided
 
+    @property
+    def label(self) -> str:
+        return f"{self.id} {self.class_name} {self.standing}{' by the operator' * self.by_operator}"
+
 
 class TargetBoard:
     """Collects the targets from the records of a journal."""
@@ -43,7 +47,7 @@ class TargetBoard:
         """Take in one record; True if a target is new or its standing changed."""
         kind, identity, place = record["kind"], record.get("candidate"), record.get("p")
         standing = "seen" if kind == "sighting" else kind
-        if identity is None or standing not in _RGBA:
+        if identity is None or standing not in RGBA:
             return False
         known = self.targets.get(identity)
         if known is None:
@@ -67,12 +71,11 @@ class TargetBoard:
         """A disc of the 95 % radius and a label for every target."""
         marks = []
         for t in self.targets.values():
-            rgba = _RGBA[t.standing]
+            rgba = RGBA[t.standing]
             size = (2 * t.radius_95_m, 2 * t.radius_95_m, 0.2)
             marks.append(Mark(t.standing, t.id, CYLINDER, t.position_enu_m, size, rgba))
-            label = f"{t.id} {t.class_name} {t.standing}{' by the operator' * t.by_operator}"
             above = t.position_enu_m + np.array([0.0, 0.0, 2.0])
-            marks.append(Mark("labels", t.id, TEXT, above, (0.0, 0.0, 1.5), (1.0, 1.0, 1.0, 1.0), label))
+            marks.append(Mark("labels", t.id, TEXT, above, (0.0, 0.0, 1.5), (1.0, 1.0, 1.0, 1.0), t.label))
         return marks
 
 

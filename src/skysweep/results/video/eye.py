@@ -1,0 +1,88 @@
+"""The detector's view: the pictures of the film, or the scenario rendered from the believed pose."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from skysweep.arrays import F64, U8
+from skysweep.geometry.camera import Lens, project
+from skysweep.results.film import FilmedLooks, Shot
+from skysweep.results.reporting.style import ORANGE
+from skysweep.results.video import pen
+from skysweep.results.video.pen import Label, rgb
+from skysweep.results.video.story import Moment, Story
+from skysweep.text import printable
+from skysweep.worlds.rendering.renderer import Painter
+
+_STALE_S = 3.0  # a look that old no longer belongs to the moment
+_WHITE = rgb("white")
+
+
+class Eye:
+    """Draws the view; ``painter`` belongs to it alone, so that its shadows are kept from frame to frame."""
+
+    def __init__(self, story: Story, painter: Painter, width_px: int, height_px: int) -> None:
+        self._story, self._painter = story, painter
+        self._looks = FilmedLooks(story.run)
+        lens = story.run.scenario.camera.lens
+        self._scale = min(width_px / lens.width_px, height_px / lens.height_px)
+        size = round(lens.width_px * self._scale), round(lens.height_px * self._scale)
+        self._lens = Lens(*size, lens.hfov_rad)
+        self._sightings = sorted(story.run.events("sighting"), key=story.run.since_start)
+
+    @property
+    def title(self) -> str:
+        if self._looks.has_pictures:
+            return "Detector's camera"
+        if self._looks.shots:
+            return "Detector's view, rendered from the believed pose"
+        return "Camera's view, rendered: the sensor took no pictures"
+
+    def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
+        """The view with the detector's boxes, and labels; ``scale`` is that of lines and letters."""
+        shot = self._looks.at(moment.time_s, pictured=self._looks.has_pictures)
+        if shot is not None and moment.time_s - shot.time_s > _STALE_S:
+            shot = None
+        picture = None if shot is None or shot.picture is None else self._read(shot)
+        if picture is None:
+            pose = self._story.camera(moment.time_s if shot is None else shot.exposed_s)
+            picture = self._painter.render(self._lens, pose, moment.time_s).copy()
+        boxes, words = (
+            self._sighted(moment) if shot is None else (shot.boxes_xyxy_px * self._scale, shot.labels)
+        )
+        labels = []
+        for (x0, y0, x1, y1), text in zip(boxes.tolist(), words, strict=True):
+            corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+            pen.line(picture, corners, rgb(ORANGE), 2.0 * scale, closed=True)
+            above = y0 > 18.0 * scale
+            place = (x0, y0 - 5.0 * scale, "ls") if above else (x0, y1 + 5.0 * scale, "la")
+            labels.append(Label(place[0], place[1], text, 10 * scale, _WHITE, place[2], chip=True))
+        return picture, labels
+
+    def _read(self, shot: Shot) -> U8 | None:
+        """The picture of a shot in the view's size; None where it cannot be read."""
+        image = cv2.imread(str(shot.picture))
+        if image is None:
+            return None
+        size = self._lens.width_px, self._lens.height_px
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1].copy(), np.uint8)
+
+    def _sighted(self, moment: Moment) -> tuple[F64, tuple[str, ...]]:
+        """Boxes (N, 4) around what a sensor without pictures has just reported."""
+        run = self._story.run
+        if self._looks.shots:
+            return np.empty((0, 4)), ()
+        since_s = moment.time_s - max(
+            1.0 / run.scenario.detector.rate_hz, self._story.speed / self._story.fps
+        )
+        boxes, words = [], []
+        for sighting in self._sightings:
+            if since_s < run.since_start(sighting) <= moment.time_s:
+                (centre,), (depth,) = project(self._lens, moment.camera, sighting["p"])
+                if depth > 0:
+                    half = self._scale * run.scenario.pixels_on_target(float(depth))
+                    boxes.append([*(centre - half), *(centre + half)])
+                    name = printable(str(sighting.get("class_name", "")))
+                    words.append(f"{name} {sighting['confidence']:.2f}".strip())
+        return np.array(boxes).reshape(-1, 4), tuple(words)
