@@ -13,7 +13,7 @@ QUICK = {  # None: a flag
     "run": {"--sensor": "statistical"},
     "compare paper": {"--sensor": "statistical", "--seeds": "2"},
     "benchmark": {"--quick": None},
-    "tune": {"--trials": "2", "--seeds": "2", "--validation-seeds": "2", "--no-matters": None},
+    "tune": {"--trials": "2", "--seeds": "4", "--validation-seeds": "2", "--no-matters": None},
     "dataset": {"--images": "6"},
     "gym": {"--episodes": "1"},
 }
