@@ -1,13 +1,13 @@
-"""What the documentation site takes from outside docs/: the root's pages, the commands, links into the sources."""
+"""What the documentation site takes from outside docs/: the root's pages, the commands, links to sources."""
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from collections.abc import Iterator
 from inspect import cleandoc
 from pathlib import Path
+from posixpath import dirname, join, normpath, relpath
 from types import ModuleType
 from typing import Any
 
@@ -30,7 +30,10 @@ COMMANDS = "reference/cli.md"
 
 LINK = re.compile(r"(!?\[[^\]]*\]\()([^)#\s]*)(#[^)\s]*)?\)")
 FENCE = re.compile(r"(^```.*?^```)", re.MULTILINE | re.DOTALL)
-LOADED = re.compile(r"<(?:script|img|iframe|source|link(?! rel=\"?(?:canonical|edit)))[^>]*(?:src|href)=\"?((?:https?:)?//[^\"\s>]+)")
+LOADED = re.compile(
+    r"<(?:script|img|iframe|source|link(?! rel=\"?(?:canonical|edit)))[^>]*"
+    r"(?:src|href)=\"?((?:https?:)?//[^\"\s>]+)"
+)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -55,18 +58,18 @@ def on_post_build(config: MkDocsConfig) -> None:
 
 
 def with_links(markdown: str, source: str, page: str) -> str:
-    """A page's text with its links for the site. ``source`` is its path from the root, ``page`` from docs/."""
+    """A page's text with links for the site. ``source`` is its path from the root, ``page`` from docs/."""
 
     def mended(link: re.Match[str]) -> str:
         before, target, anchor = link[1], link[2], link[3] or ""
         if not target or "://" in target or target.startswith("mailto:"):
             return link[0]
-        path = os.path.normpath(os.path.join(os.path.dirname(source), target))
+        path = normpath(join(dirname(source), target))
         if path.startswith("docs/data/") or (not path.startswith("docs/") and path not in PAGES):
             exists = (ROOT / path).exists()
             return f"{before}{REPOSITORY}/{path}{anchor})" if exists else link[0]
         inside = PAGES.get(path, path.removeprefix("docs/"))
-        return f"{before}{os.path.relpath(inside, os.path.dirname(page) or '.')}{anchor})"
+        return f"{before}{relpath(inside, dirname(page) or '.')}{anchor})"
 
     pieces = FENCE.split(markdown)
     pieces[::2] = [LINK.sub(mended, text) for text in pieces[::2]]
@@ -104,8 +107,6 @@ def _row(parameter: Any) -> str:
     else:
         name = f"`{parameter.metavar or parameter.name.upper()}`"
     default = parameter.default
-    if parameter.required:
-        shown = "required"
-    else:
-        shown = "" if default in (None, False, (), []) else f"`{default}`"
-    return f"| {name} | {shown} | {(parameter.help or '').replace('|', chr(92) + '|')} |"
+    shown = "" if default in (None, False, (), []) else f"`{default}`"
+    meaning = (parameter.help or "").replace("|", "\\|")
+    return f"| {name} | {'required' if parameter.required else shown} | {meaning} |"

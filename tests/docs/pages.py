@@ -8,12 +8,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted(p.relative_to(ROOT) for p in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+PAGES = sorted(
+    p.relative_to(ROOT)
+    for p in [*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+)
 FENCE = re.compile(r"^( *)```(\S*)(?: title=\"([^\"]+)\")?$\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
 
 
 class Block(NamedTuple):
-    """A fenced block. ``title`` is what the page shows above it: a file's name, or why it is not run in CI."""
+    """A fenced block. ``title`` is what the page shows above it: a file's name, or why it is not run."""
 
     line: int
     language: str

@@ -11,9 +11,9 @@ from skysweep.cli import app
 
 QUICK = {  # None: a flag
     "run": {"--sensor": "statistical"},
-    "compare paper": {"--sensor": "statistical", "--seeds": "2"},
+    "compare paper": {"--sensor": "statistical", "--seeds": "1"},
     "benchmark": {"--quick": None},
-    "tune": {"--trials": "2", "--seeds": "4", "--validation-seeds": "2", "--no-matters": None},
+    "tune": {"--trials": "1", "--seeds": "4", "--validation-seeds": "0", "--no-matters": None},
     "dataset": {"--images": "6"},
     "gym": {"--episodes": "1"},
 }
@@ -26,7 +26,9 @@ def quick(arguments: list[str]) -> list[str]:
     for command, options in QUICK.items():
         words = command.split()
         if arguments[: len(words)] == words and "--help" not in arguments:
-            added = [word for option, value in options.items() for word in (option, value) if word is not None]
+            added = [
+                word for option, value in options.items() for word in (option, value) if word is not None
+            ]
             return [*arguments, *added]
     return arguments
 

@@ -54,7 +54,9 @@ def test_blocks_that_are_not_run_are_counted():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in PAGES if any(b.language in RUN for b in blocks(page))], ids=str)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if any(b.language in RUN for b in blocks(page))], ids=str
+)
 def test_blocks_run(page, tmp_path, monkeypatch):
     shutil.copytree(OWN_FILES, tmp_path, dirs_exist_ok=True)
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
@@ -86,7 +88,11 @@ def run_bash(script: str, where: str, commands: Path) -> None:
         (commands / name).chmod(0o755)
     environment = {**os.environ, "PATH": f"{commands}:{os.environ['PATH']}", "COLUMNS": "120"}
     ended = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", script], env=environment, capture_output=True, text=True, timeout=600
+        ["bash", "-euo", "pipefail", "-c", script],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
     )
     assert ended.returncode == 0, f"{where}\n{ended.stdout[-2000:]}\n{ended.stderr[-2000:]}"
 
@@ -98,6 +104,10 @@ def check_yaml(text: str) -> None:
         Path("sweep-of-the-page.yaml").write_text(text, "utf-8")
         load_spec("sweep-of-the-page.yaml")
         return
-    around = {} if "name" in content else {"name": "page", "area": {"polygon_enu_m": [[0, 0], [80, 0], [80, 80], [0, 80]]}}
+    around = (
+        {}
+        if "name" in content
+        else {"name": "page", "area": {"polygon_enu_m": [[0, 0], [80, 0], [80, 80], [0, 80]]}}
+    )
     Path("scenario-of-the-page.yaml").write_text(yaml.safe_dump({**around, **content}), "utf-8")
     ss.load_scenario("scenario-of-the-page.yaml")

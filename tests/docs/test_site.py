@@ -22,7 +22,12 @@ REPOSITORY = "https://github.com/skysweep/skysweep/blob/main"
         ("docs/sweeps.md", "sweeps.md", "../examples/belief.yaml", f"{REPOSITORY}/examples/belief.yaml"),
         ("docs/tutorials/area.md", "tutorials/area.md", "../scenarios.md", "../scenarios.md"),
         ("docs/tutorials/area.md", "tutorials/area.md", "../../README.md", "../index.md"),
-        ("docs/sweeps.md", "sweeps.md", "../examples/missing.yaml", "../examples/missing.yaml"),  # mkdocs refuses it
+        (
+            "docs/sweeps.md",
+            "sweeps.md",
+            "../examples/missing.yaml",
+            "../examples/missing.yaml",
+        ),  # mkdocs refuses it
         ("docs/sweeps.md", "sweeps.md", "https://example.org/a.md", "https://example.org/a.md"),
         ("docs/sweeps.md", "sweeps.md", "#the-spec", "#the-spec"),
     ],
@@ -61,5 +66,7 @@ def test_every_command_is_in_the_reference():
 
 def test_every_public_name_is_in_the_reference():
     page = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
-    missing = [name for name in ss.__all__ if f"::: skysweep.{name}\n" not in page and f"`{name}`" not in page]
+    missing = [
+        name for name in ss.__all__ if f"::: skysweep.{name}\n" not in page and f"`{name}`" not in page
+    ]
     assert missing == []

@@ -248,7 +248,7 @@ def compare_paper_command(
     workers: WorkersOption = None,
     change: SetOption = None,
 ) -> None:
-    """Fly the 8 rows of the paper's Tables 1-3, scan-only and belief, and print them beside the paper's numbers.
+    """Fly the 8 rows of the paper's Tables 1-3, scan-only and belief, and print the paper's numbers beside.
 
     scan-only flies the same transects and never descends: the difference shows the cost and benefit of closer
     looks. belief is flown where the detector has a sensor model. The report also shows

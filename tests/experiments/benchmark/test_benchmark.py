@@ -25,7 +25,9 @@ OWN = "my_strategy:SeenTwice"
 def in_folder(tmp_path_factory):
     """A working folder with the strategy of the docs, and the small suite in place of the whole one."""
     folder = tmp_path_factory.mktemp("own")
-    code = re.search(r'```python title="my_strategy.py"\n(.*?)```', DOCS.read_text("utf-8"), flags=re.DOTALL)[1]
+    code = re.search(r'```python title="my_strategy.py"\n(.*?)```', DOCS.read_text("utf-8"), flags=re.DOTALL)[
+        1
+    ]
     (folder / "my_strategy.py").write_text(code)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

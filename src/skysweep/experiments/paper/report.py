@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -40,7 +41,8 @@ def write_compare_report(folder: str | Path, summaries: Sequence[Summary]) -> li
     """Write ``compare.json``, ``baselines.json``, ``compare.md``, figures and ``report.html``.
 
     Trajectories are drawn from the run folders below ``folder/runs``, the lowest seed of each row. Missions
-    with pictures are those in ``folder/pictures/SCENARIO``. Returns the rows of the tables. Raises UserError where ``folder`` cannot be written to.
+    with pictures are those in ``folder/pictures/SCENARIO``. Returns the rows of the tables. Raises UserError
+    where ``folder`` cannot be written to.
     """
     with whole_files(Path(folder)) as unfinished:
         return _write(unfinished, summaries, Path(folder))
@@ -163,21 +165,24 @@ def _missions_with_pictures(folder: Path, rows: Sequence[CompareRow]) -> Section
     means = {(row.scenario, row.n_c): row for row in rows}
     lines, maps = [], []
     for name in CAPTIONS:
-        s = summary_of_complete(folder / name)
-        if s is None:
+        found = summary_of_complete(folder / name)
+        if found is None:
             continue
+        s = cast(Summary, found)
         row = means.get((name, choice_of(s)))
         mean = "-" if row is None else f"{row.mission_time_mean_s:.0f} ({interval(row.mission_time_ci95_s)})"
-        found = f"{s['n_confirmed']} of {s['n_targets']}"
+        right = f"{s['n_confirmed']} of {s['n_targets']}"
         time_s = f"{s['mission_time_s']:.0f}"
-        lines.append((name, choice(choice_of(s)), time_s, mean, found, str(s["false_positives"])))
+        lines.append((name, choice(choice_of(s)), time_s, mean, right, str(s["false_positives"])))
         maps.append(picture(folder / name / "map.png", f"{name}: more in {folder.name}/{name}/report.html"))
     if not lines:
         return None
     header = ("Scenario", "Strategy", "Time (s)", "Mean of all seeds (95 % CI)", "Found", "False pos.")
     return Section(
         "Missions with pictures",
-        paragraphs=["One mission each with rendered pictures and the detector. Each has a report of its own."],
+        paragraphs=[
+            "One mission each with rendered pictures and the detector. Each has a report of its own."
+        ],
         grids=[Grid(header, lines)],
         pictures=maps,
     )
