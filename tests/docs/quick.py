@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -9,18 +10,19 @@ import yaml
 
 from skysweep.cli import app
 
+PORT = os.environ["PAGE_PORT"]  # a free one: other tests serve vehicles, too
 QUICK = {  # None: a flag
     "run": {"--sensor": "statistical"},
     "compare paper": {"--sensor": "statistical", "--seeds": "1"},
-    "benchmark": {"--quick": None},
     "tune": {"--trials": "1", "--seeds": "4", "--validation-seeds": "0", "--no-matters": None},
     "dataset": {"--images": "6"},
-    "gym": {"--episodes": "1"},
+    "serve-vehicle": {"--port": PORT, "--local-port": "0"},
+    "fly": {"--connection": f"udpin://127.0.0.1:{PORT}"},
 }
 
 
 def quick(arguments: list[str]) -> list[str]:
-    """The arguments with the quick form's options. Options after the first count, so that these win."""
+    """The arguments with the quick form's options; the last of two counts."""
     if arguments[:1] == ["sweep"]:
         return ["sweep", _quick_sweep(Path(arguments[1])), *arguments[2:]]
     for command, options in QUICK.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
 import subprocess
 import sys
 from collections import Counter
@@ -86,7 +87,15 @@ def run_bash(script: str, where: str, commands: Path) -> None:
     for name, call in (("skysweep", Path(__file__).with_name("quick.py")), ("python", "")):
         (commands / name).write_text(f'#!/bin/sh\nexec "{sys.executable}" {call} "$@"\n', "utf-8")
         (commands / name).chmod(0o755)
-    environment = {**os.environ, "PATH": f"{commands}:{os.environ['PATH']}", "COLUMNS": "120"}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    environment = {
+        **os.environ,
+        "PAGE_PORT": port,
+        "PATH": f"{commands}:{os.environ['PATH']}",
+        "COLUMNS": "120",
+    }
     ended = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", script],
         env=environment,
