@@ -11,6 +11,7 @@ tools/setup.sh dev train
 .venv/bin/python -m mypy
 .venv/bin/lint-imports --no-logo --no-cache
 .venv/bin/vermin --quiet --no-tips --target=3.10- --violations src tests tools examples
+NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict
 export OMP_NUM_THREADS=1  # one core for each of pytest's workers
 [ $# -eq 0 ] || exec .venv/bin/python -m pytest -n 2 "$@"
 

@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from skysweep.errors import UserError
-from skysweep.experiments.paper.report import drawn_runs
+from skysweep.experiments.paper.report import drawn_runs, write_compare_report
 from skysweep.experiments.paper.run import fly_paper_job, folder_of, paper_matrices
 from skysweep.experiments.paper.tables import PAPER, compare_rows
 from skysweep.experiments.store import MissionStore
@@ -68,9 +68,9 @@ def test_eight_rows_scan_only_three_tables_and_a_report(whole):
     assert "379.66" in stdout.replace(" ", "") or "379.7" in stdout
     baselines = rows(out, "baselines")
     assert [(r["scenario"], r["strategy"], r["n_seeds"]) for r in baselines] == [
-        (scenario, "scan-only", 1) for scenario in SCENARIOS
+        (scenario, strategy, 1) for strategy in ("scan-only", "belief") for scenario in SCENARIOS
     ]
-    for scenario, row in zip(SCENARIOS, baselines, strict=True):
+    for scenario, row in zip(SCENARIOS, baselines[:3], strict=True):
         assert (
             0.0
             < row["mission_time_mean_s"]
@@ -99,7 +99,7 @@ def test_killed_and_continued_it_ends_with_the_same_rows(whole, tmp_path):
     before = wall_times_s(out)
     subprocess.run([*COMMAND, "--workers", "1", "--out", str(out)], check=True, capture_output=True)
     after = wall_times_s(out)
-    assert 0 < len(before) < len(after) == 11
+    assert 0 < len(before) < len(after) == 14
     assert before.items() <= after.items(), "finished missions are not flown again"
     assert rows(out) == rows(whole[0])
     assert rows(out, "baselines") == rows(whole[0], "baselines")
@@ -115,13 +115,34 @@ def jobs_of(seeds, changes=None):
     return [job for matrix in paper_matrices(seeds, "statistical", changes) for job in matrix.jobs()]
 
 
+def scan_only_in_sparse():
+    return [job for job in jobs_of(1) if job.scenario.search.strategy == "scan-only"][-1]
+
+
+def test_belief_is_left_out_where_the_detector_has_no_sensor_model(tmp_path):
+    model = tmp_path / "mine.onnx"
+    model.write_bytes(b"its content is read in flight only")
+    flown = {job.scenario.search.strategy for job in jobs_of(1, {"detector.model": str(model)})}
+    assert flown == {"scan-check", "scan-only"}
+
+
+def test_missions_with_pictures_stand_in_the_report_beside_the_mean_of_their_row(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path / "out")
+    shutil.copytree(whole[0] / "runs" / "sparse-ncinf-seed0", tmp_path / "out" / "pictures" / "sparse")
+    write_compare_report(tmp_path / "out", [*MissionStore(Folder(tmp_path / "out")).summaries().values()])
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Missions with pictures" in page
+    assert "pictures/sparse/report.html" in page
+    assert "Missions with pictures" not in (whole[0] / "report.html").read_text()
+
+
 def test_scan_only_keeps_the_rows_settings_and_the_keys_of_the_others():
     jobs = jobs_of(2, {"wind.mean_speed_mps": 4.0})
-    assert len(jobs) == len({job.config_hash for job in jobs}) == 22
+    assert len(jobs) == len({job.config_hash for job in jobs}) == 28
     only = [job.scenario for job in jobs if job.scenario.search.strategy == "scan-only"]
     assert [scenario.name for scenario in only] == 2 * SCENARIOS
     assert {scenario.wind.mean_speed_mps for scenario in only} == {4.0}
-    others = [job for job in jobs if job.scenario not in only and job.seed == 0]
+    others = [job for job in jobs if job.scenario.search.strategy == "scan-check" and job.seed == 0]
     assert [(job.label, job.scenario.search.n_c) for job in others] == [(r.scenario, r.n_c) for r in PAPER]
 
 
@@ -136,7 +157,7 @@ def test_missions_along_another_plan_are_flown_again(tmp_path):
 
 def test_on_a_full_disk_nothing_is_left_of_a_mission(tmp_path):
     """A limit on the size of files is what a full disk looks like to one process."""
-    job = jobs_of(1)[-1]
+    job = scan_only_in_sparse()
     folder = folder_of(job, tmp_path)
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, unlimited[1]))
@@ -149,7 +170,7 @@ def test_on_a_full_disk_nothing_is_left_of_a_mission(tmp_path):
 
 
 def test_what_a_kill_leaves_of_a_mission_is_not_drawn(tmp_path):
-    summary = fly_paper_job(jobs_of(1)[-1], tmp_path)
+    summary = fly_paper_job(scan_only_in_sparse(), tmp_path)
     killed = tmp_path / "runs" / "sparse-scan-only-seed0-x.part"
     shutil.copytree(tmp_path / "runs" / "sparse-scan-only-seed0", killed)
     (killed / "journal.jsonl").write_bytes(b"")

@@ -103,7 +103,7 @@ def test_json_has_the_agreed_keys_and_no_infinity():
 
 def test_scan_only_has_rows_of_its_own_and_leaves_the_papers_as_they_are():
     alone, both = compare_rows(SUMMARIES), compare_rows(SUMMARIES + SCAN_ONLY)
-    assert [(r.scenario, r.n_c) for r in both[-1:]] == [("clusters", None)]
+    assert [(r.scenario, r.n_c) for r in both[-1:]] == [("clusters", "scan-only")]
     assert both[:-1] == alone
     assert compare_json(both) == compare_json(alone)
     assert paired_differences(SUMMARIES + SCAN_ONLY) == paired_differences(SUMMARIES)
@@ -127,7 +127,7 @@ def test_scan_only_has_rows_of_its_own_and_leaves_the_papers_as_they_are():
 
 def test_what_check_costs_and_brings_is_over_common_seeds():
     (effect,) = check_effects(SUMMARIES + SCAN_ONLY)
-    assert (effect.scenario, effect.n_c, effect.n_pairs) == ("clusters", 5, 3)
+    assert (effect.scenario, effect.choice, effect.n_pairs) == ("clusters", 5, 3)
     assert effect.mission_time_s[0] == pytest.approx(209)  # 200, 209, 218; seed 9 has no partner
     assert effect.recall[0] == pytest.approx(0.15)  # 0.2, 0.1, 0.15: interval 0.026 to 0.274
     assert effect.false_positives[0] == pytest.approx(-1)  # 0, -2, -1: interval -3.5 to 1.5
@@ -135,7 +135,7 @@ def test_what_check_costs_and_brings_is_over_common_seeds():
 
 
 @pytest.mark.parametrize(
-    ("seeds", "brings"), [(1, "not shown"), (3, "nothing that shows")], ids=["one seed", "ties"]
+    ("seeds", "brings"), [(1, "one seed"), (3, "nothing clear")], ids=["one seed", "ties"]
 )
 def test_check_brings_nothing_where_nothing_differs(seeds, brings):
     flown = [summary("sparse", "inf", seed, 318) for seed in range(seeds)]
@@ -144,7 +144,7 @@ def test_check_brings_nothing_where_nothing_differs(seeds, brings):
     assert effect.brings == brings
     fewer = [s | {"false_positives": 2 + s["seed"]} if s["strategy"] == "scan-only" else s for s in flown]
     (effect,) = check_effects(fewer)
-    assert effect.brings == ("not shown" if seeds == 1 else "fewer false positives")
+    assert effect.brings == ("one seed" if seeds == 1 else "fewer false pos.")
 
 
 def test_terminal_and_markdown_show_the_same_numbers():

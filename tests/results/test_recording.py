@@ -10,9 +10,8 @@ from results_data import tiny_records, write_run
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from skysweep.results.picture_files import picture_name
 from skysweep.results.foxglove import LAYOUT_FILE
-from skysweep.results.picture_files import write_picture
+from skysweep.results.picture_files import picture_name, write_picture
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import FILM, PICTURES, load_run
 from skysweep.results.writing import write_results

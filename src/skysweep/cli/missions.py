@@ -329,9 +329,11 @@ def compare_paper_command(
     change: SetOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Fly the 8 rows of the paper's Tables 1-3, and scan-only, and print them beside the paper's numbers.
+    """Fly the 8 rows of the paper's Tables 1-3, scan-only and belief, and print the paper's numbers beside.
 
-    scan-only flies the same transects and never descends: the difference shows the cost and benefit of CHECK.
+    scan-only flies the same transects and never descends: the difference shows the cost and benefit of closer
+    looks. belief is flown where the detector has a sensor model. The report also shows
+    missions with pictures that lie in OUT/pictures/SCENARIO.
 
     The same command continues an interrupted comparison.
 
@@ -344,7 +346,7 @@ def compare_paper_command(
         skysweep compare paper --sensor statistical --seeds 30 --set camera.gimbal.lag_s=0.06 --out lag-60
     """
     from skysweep.experiments.paper.report import write_compare_report
-    from skysweep.experiments.paper.run import N_ROWS, compare_paper, folder_of
+    from skysweep.experiments.paper.run import compare_paper, folder_of, paper_matrices
     from skysweep.experiments.paper.tables import (
         baselines_json,
         choice,
@@ -353,8 +355,10 @@ def compare_paper_command(
         comparison_tables,
     )
 
+    changes = changes_of(change)
     with bar() as progress:
-        task = progress.add_task("missions", total=seeds * N_ROWS)
+        missions = sum(len(list(matrix.jobs())) for matrix in paper_matrices(seeds, sensor, changes))
+        task = progress.add_task("missions", total=missions)
 
         def on_done(job: MissionJob, summary: Summary) -> None:
             progress.advance(task)
@@ -365,7 +369,7 @@ def compare_paper_command(
                     f"picture {folder / 'map.png'}"
                 )
 
-        summaries = compare_paper(seeds, sensor, out, workers, changes_of(change), on_done)
+        summaries = compare_paper(seeds, sensor, out, workers, changes, on_done)
     rows = write_compare_report(out, summaries)
     report = out / "report.html"
     record = {"report": str(report), "rows": compare_json(rows), "baselines": baselines_json(rows)}

@@ -17,7 +17,7 @@ from skysweep.experiments.benchmark import suite as suites
 from skysweep.experiments.benchmark.run import fly_matrices
 from skysweep.experiments.benchmark.suite import OURS, contenders, suite_matrices
 
-DOCS = Path(__file__).parents[3] / "docs/benchmark.md"
+DOCS = Path(__file__).parents[3] / "docs/tutorials/strategy.md"
 OWN = "my_strategy:SeenTwice"
 
 
@@ -25,7 +25,9 @@ OWN = "my_strategy:SeenTwice"
 def in_folder(tmp_path_factory):
     """A working folder with the strategy of the docs, and the small suite in place of the whole one."""
     folder = tmp_path_factory.mktemp("own")
-    code = re.search(r"```python\n(.*?)```", DOCS.read_text("utf-8"), flags=re.DOTALL)[1]
+    code = re.search(r'```python title="my_strategy.py"\n(.*?)```', DOCS.read_text("utf-8"), flags=re.DOTALL)[
+        1
+    ]
     (folder / "my_strategy.py").write_text(code)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 
 from skysweep.experiments.paper.tables import (
     CAPTIONS,
+    OTHERS,
     by_seed,
     choice,
     compare_rows,
@@ -71,7 +72,7 @@ def _most_false_scans(summaries: Sequence[Summary]) -> Iterator[Claim]:
     counts = by_seed(summaries, "false_scans")
     for scenario in CAPTIONS:
         one = counts.get((scenario, 1), {})
-        others = {c: mine for (name, c), mine in counts.items() if name == scenario and c not in (1, None)}
+        others = {c: mine for (name, c), mine in counts.items() if name == scenario and c not in (1, *OTHERS)}
         more = {c: mean_ci95(pairs) for c, mine in others.items() if (pairs := paired(one, mine))}
         if more:
             shown = [f"minus that of {choice(c)}: {_text(found, '+.2f')}" for c, found in more.items()]
@@ -82,7 +83,7 @@ def _most_false_scans(summaries: Sequence[Summary]) -> Iterator[Claim]:
 
 def _recall(summaries: Sequence[Summary]) -> Iterator[Claim]:
     recalls = by_seed(summaries, "recall")
-    means = {key: mean_ci95(list(v.values())) for key, v in recalls.items() if key[1] is not None}
+    means = {key: mean_ci95(list(v.values())) for key, v in recalls.items() if key[1] not in OTHERS}
     if means:
         least = min(means, key=lambda key: means[key][0])
         yield (

@@ -6,19 +6,24 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from skysweep.experiments.paper.claims import claims
 from skysweep.experiments.paper.tables import (
     BASELINE,
+    CAPTIONS,
+    OTHERS,
     Choice,
     CompareRow,
     baselines_json,
     check_grid,
+    choice,
     choice_of,
     compare_json,
     compare_rows,
+    interval,
     markdown_tables,
     paired_grid,
     scenario_grids,
@@ -27,7 +32,7 @@ from skysweep.files.writing import whole_files
 from skysweep.results.figures import n_c_label, panels, pos_curves
 from skysweep.results.reporting.html import Grid, Picture, Section, picture, write_page
 from skysweep.results.reporting.wording import counted, definitions, parameters
-from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run
+from skysweep.results.run_folder import JOURNAL_FILE, UNFINISHED, Run, load_run, summary_of_complete
 from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.model import Scenario
 
@@ -35,20 +40,21 @@ from skysweep.scenarios.model import Scenario
 def write_compare_report(folder: str | Path, summaries: Sequence[Summary]) -> list[CompareRow]:
     """Write ``compare.json``, ``baselines.json``, ``compare.md``, figures and ``report.html``.
 
-    Trajectories are drawn from the run folders below ``folder/runs``, the lowest seed of each row. Returns
-    the rows of the tables. Raises UserError where ``folder`` cannot be written to.
+    Trajectories are drawn from the run folders below ``folder/runs``, the lowest seed of each row. Missions
+    with pictures are those in ``folder/pictures/SCENARIO``. Returns the rows of the tables. Raises UserError
+    where ``folder`` cannot be written to.
     """
     with whole_files(Path(folder)) as unfinished:
-        return _write(unfinished, summaries, Path(folder) / "runs")
+        return _write(unfinished, summaries, Path(folder))
 
 
-def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> list[CompareRow]:
+def _write(folder: Path, summaries: Sequence[Summary], flown: Path) -> list[CompareRow]:
     rows = compare_rows(summaries)
     for name, records in (("compare", compare_json(rows)), ("baselines", baselines_json(rows))):
         text = json.dumps(records, indent=1) + "\n"
         (folder / f"{name}.json").write_text(text, encoding="utf-8")
     (folder / "compare.md").write_text(markdown_tables(rows, summaries), encoding="utf-8")
-    runs = drawn_runs(runs_folder, rows)
+    runs = drawn_runs(flown / "runs", rows)
     sections = [
         Section("Are the paper's findings confirmed?", grids=[claims(summaries)]),
         Section(
@@ -70,16 +76,18 @@ def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> lis
             grids=[replace(paired_grid(summaries), caption="")],
         ),
     ]
+    if shown := _missions_with_pictures(flown / "pictures", rows):
+        sections.insert(0, shown)
     check = check_grid(summaries)
     if check.rows:
         sections.append(
             Section(
-                "What CHECK costs and brings",
+                "What closer looks cost and bring",
                 paragraphs=[
                     f"{BASELINE} flies the same transects and never descends. It confirms targets that it "
                     "is sure of from the scan altitude. The table shows the mean of the paper's best choice "
-                    "minus that of scan-only in the same world with the same wind, with its 95 % confidence "
-                    "interval. Above zero in time is slower, above zero in recall finds more."
+                    "and of belief, minus that of scan-only in the same world with the same wind, with its "
+                    "95 % confidence interval. Above zero in time is slower, above zero in recall finds more."
                 ],
                 grids=[replace(check, caption="")],
             )
@@ -97,7 +105,7 @@ def _write(folder: Path, summaries: Sequence[Summary], runs_folder: Path) -> lis
     seeds_flown = len({s["seed"] for s in summaries})
     sensors = ", ".join(sorted({str(s["sensor"]) for s in summaries if s.get("sensor")})) or "unknown"
     lead = (
-        f"{len(summaries)} missions: the rows of the paper's tables and {BASELINE}, each flown with "
+        f"{len(summaries)} missions: the rows of the paper's tables{_others(rows)}, each flown with "
         f"{counted(seeds_flown, 'seed')}, sensor: {sensors}."
     )
     unfinished = sum(not s["completed"] for s in summaries)
@@ -114,7 +122,7 @@ def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[
     shown = []
     for scenario in dict.fromkeys(row.scenario for row in rows):
         curves = {
-            BASELINE if row.n_c is None else n_c_label(float(row.n_c)): [
+            str(row.n_c) if row.n_c in OTHERS else n_c_label(float(row.n_c)): [
                 np.array(s["pos_curve"])
                 for s in summaries
                 if (s["scenario"], choice_of(s)) == (scenario, row.n_c) and s.get("pos_curve")
@@ -139,12 +147,45 @@ def drawn_runs(folder: Path, rows: Sequence[CompareRow]) -> list[Run]:
         if journal.parent.suffix == UNFINISHED:
             continue
         run = load_run(journal.parent)
-        n_c = None if run.strategy == BASELINE else finite_or_inf(run.scenario.search.n_c)
+        n_c = run.strategy if run.strategy in OTHERS else finite_or_inf(run.scenario.search.n_c)
         known = found.setdefault((run.scenario.name, n_c), run)
         if run.seed < known.seed:
             found[run.scenario.name, n_c] = run
     keys = [(row.scenario, row.n_c) for row in rows]
     return [found[key] for key in keys if key in found]
+
+
+def _others(rows: Sequence[CompareRow]) -> str:
+    flown = {row.n_c for row in rows}
+    return "".join(f", {name}" for name in OTHERS if name in flown)
+
+
+def _missions_with_pictures(folder: Path, rows: Sequence[CompareRow]) -> Section | None:
+    """The complete missions in ``folder``, each beside the mean of its row; None if there are none."""
+    means = {(row.scenario, row.n_c): row for row in rows}
+    lines, maps = [], []
+    for name in CAPTIONS:
+        found = summary_of_complete(folder / name)
+        if found is None:
+            continue
+        s = cast(Summary, found)
+        row = means.get((name, choice_of(s)))
+        mean = "-" if row is None else f"{row.mission_time_mean_s:.0f} ({interval(row.mission_time_ci95_s)})"
+        right = f"{s['n_confirmed']} of {s['n_targets']}"
+        time_s = f"{s['mission_time_s']:.0f}"
+        lines.append((name, choice(choice_of(s)), time_s, mean, right, str(s["false_positives"])))
+        maps.append(picture(folder / name / "map.png", f"{name}: more in {folder.name}/{name}/report.html"))
+    if not lines:
+        return None
+    header = ("Scenario", "Strategy", "Time (s)", "Mean of all seeds (95 % CI)", "Found", "False pos.")
+    return Section(
+        "Missions with pictures",
+        paragraphs=[
+            "One mission each with rendered pictures and the detector. Each has a report of its own."
+        ],
+        grids=[Grid(header, lines)],
+        pictures=maps,
+    )
 
 
 def _assumptions(runs: Sequence[Run]) -> Section:

@@ -1,4 +1,4 @@
-"""Flies the paper's Tables 1-3, and scan-only beside them: many seeds, one set of parameters."""
+"""Flies the paper's Tables 1-3, and scan-only and belief beside them: many seeds, one set of parameters."""
 
 from __future__ import annotations
 
@@ -13,32 +13,50 @@ from typing import Any
 from skysweep.errors import UserError
 from skysweep.experiments.flying import OnDone, fly_job, fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
-from skysweep.experiments.paper.tables import BASELINE, CAPTIONS, PAPER
+from skysweep.experiments.paper.tables import CAPTIONS, OTHERS, PAPER, Choice
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.results.run_folder import UNFINISHED
 from skysweep.results.summary import Summary, finite_or_inf
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.statistical.model import model_for
+from skysweep.strategies import strategy_spec
 
 SWEPT = "search.n_c"
-N_ROWS = len(PAPER) + len(CAPTIONS)
 
 
-def row_scenario(name: str, n_c: float | None, changes: Mapping[str, Any]) -> tuple[str, Scenario]:
-    """A row's label and scenario. ``n_c`` None is scan-only; d_c is infinite in all rows of the paper."""
-    row: dict[str, Any] = {"search.strategy": BASELINE}
-    if n_c is not None:
+def row_scenario(name: str, n_c: Choice, changes: Mapping[str, Any]) -> tuple[str, Scenario]:
+    """A row's label and scenario. d_c is infinite in all rows of the paper."""
+    row: dict[str, Any] = {"search.strategy": n_c}
+    if n_c not in OTHERS:
         row = {"search.strategy": "scan-check", SWEPT: n_c, "search.d_c_m": math.inf}
     scenario = change_scenario(load_scenario(name), {**changes, **row})
     return scenario.name, scenario
 
 
 def paper_matrices(seeds: int, sensor: str, changes: Mapping[str, Any] | None = None) -> list[Matrix]:
-    """The paper's rows and those of scan-only, which has no n_c, with each seed."""
+    """The paper's rows and those of the other strategies, which have no n_c, with each seed.
+
+    belief is left out where the detector has no sensor model.
+    """
     papers = [row_scenario(row.scenario, row.n_c, changes or {}) for row in PAPER]
-    only = [row_scenario(name, None, changes or {}) for name in CAPTIONS]
-    return [Matrix.of(rows, range(seeds), sensor, fields) for rows, fields in ((papers, [SWEPT]), (only, []))]
+    matrices = [Matrix.of(papers, range(seeds), sensor, [SWEPT])]
+    for strategy in OTHERS:
+        rows = [row_scenario(name, strategy, changes or {}) for name in CAPTIONS]
+        if all(_can_fly(scenario) for _, scenario in rows):
+            matrices.append(Matrix.of(rows, range(seeds), sensor, []))
+    return matrices
+
+
+def _can_fly(scenario: Scenario) -> bool:
+    if not strategy_spec(scenario.search.strategy).needs_sensor_model:
+        return True
+    try:
+        model_for(scenario)
+    except UserError:
+        return False
+    return True
 
 
 def folder_of(job: MissionJob, out: Path) -> Path | None:
@@ -46,7 +64,7 @@ def folder_of(job: MissionJob, out: Path) -> Path | None:
     if job.sensor == "statistical" and job.seed > 0:
         return None
     search = job.scenario.search
-    how = BASELINE if search.strategy == BASELINE else f"nc{finite_or_inf(search.n_c)}"
+    how = search.strategy if search.strategy in OTHERS else f"nc{finite_or_inf(search.n_c)}"
     return out / "runs" / f"{job.label}-{how}-seed{job.seed}"
 
 

@@ -1,4 +1,4 @@
-"""Missions over many seeds beside the paper's Tables 1-3, and Algorithm 1 beside scan-only."""
+"""Missions over many seeds beside the paper's Tables 1-3, and Algorithm 1 beside scan-only and belief."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from skysweep.results.reporting.symbols import number
 from skysweep.results.reporting.tables import markdown
 from skysweep.results.summary import Limit, Summary, finite_or_inf, value_of
 
-Choice = Limit | None  # of a row: n_c of Algorithm 1, None: scan-only
+Choice = Limit  # of a row: n_c of Algorithm 1, or the name of another strategy
 
 BASELINE = "scan-only"  # the same transects without a descent, as a reference for Algorithm 1
+OTHERS = (BASELINE, "belief")  # flown beside Algorithm 1; the paper has neither
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +90,10 @@ class PairedDifference:
 
 @dataclass(frozen=True, slots=True)
 class CheckEffect:
-    """The paper's best choice minus scan-only, over the seeds that both flew."""
+    """The paper's best choice or belief, minus scan-only, over the seeds that both flew."""
 
     scenario: str
-    n_c: Limit
+    choice: Choice
     n_pairs: int
     mission_time_s: MeanCI
     recall: MeanCI
@@ -100,16 +101,16 @@ class CheckEffect:
 
     @property
     def brings(self) -> str:
-        """The metrics in which Algorithm 1 differs from scan-only, where the whole interval says so."""
+        """The metrics in which it differs from scan-only, where the whole interval says so."""
         shown = [
             f"{more if ci95[0] > 0 else less} {what}"
             for what, more, less, (_, ci95) in (
                 ("recall", "more", "less", self.recall),
-                ("false positives", "more", "fewer", self.false_positives),
+                ("false pos.", "more", "fewer", self.false_positives),
             )
             if ci95[0] > 0 or ci95[1] < 0
         ]
-        return " and ".join(shown) or ("nothing that shows" if self.n_pairs > 1 else "not shown")
+        return " and ".join(shown) or ("nothing clear" if self.n_pairs > 1 else "one seed")
 
 
 def compare_rows(summaries: Iterable[Summary]) -> list[CompareRow]:
@@ -155,14 +156,15 @@ def paired_differences(summaries: Iterable[Summary]) -> list[PairedDifference]:
 
 
 def check_effects(summaries: Sequence[Summary]) -> list[CheckEffect]:
-    """The paper's best choice of each scenario against scan-only, in the same worlds and wind."""
+    """The paper's best choice of each scenario and belief against scan-only, in the same worlds and wind."""
     metrics = [by_seed(summaries, key) for key in ("mission_time_s", "recall", "false_positives")]
     effects = []
     for scenario in CAPTIONS:
-        best = _paper_order(scenario)[0]
-        pairs = [paired(m.get((scenario, best), {}), m.get((scenario, None), {})) for m in metrics]
-        if pairs[0]:
-            effects.append(CheckEffect(scenario, best, len(pairs[0]), *map(mean_ci95, pairs)))
+        only = [m.get((scenario, BASELINE), {}) for m in metrics]
+        for tried in (_paper_order(scenario)[0], *(name for name in OTHERS if name != BASELINE)):
+            pairs = [paired(m.get((scenario, tried), {}), o) for m, o in zip(metrics, only, strict=True)]
+            if pairs[0]:
+                effects.append(CheckEffect(scenario, tried, len(pairs[0]), *map(mean_ci95, pairs)))
     return effects
 
 
@@ -181,8 +183,8 @@ def paired(a: Mapping[int, float], b: Mapping[int, float]) -> list[float]:
 
 
 def choice_of(summary: Summary) -> Choice:
-    """n_c of a mission of Algorithm 1; None for scan-only."""
-    return None if summary["strategy"] == BASELINE else summary["n_c"]
+    """n_c of a mission of Algorithm 1, or its other strategy."""
+    return summary["strategy"] if summary["strategy"] in OTHERS else summary["n_c"]
 
 
 def _paper_order(scenario: str) -> list[Limit]:
@@ -194,18 +196,18 @@ def _paper_order(scenario: str) -> list[Limit]:
 
 def compare_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
     """The rows of Algorithm 1 for ``compare.json``. Bounds that a single seed leaves open are None."""
-    return [asdict(row) | _time_ci95(row) for row in rows if row.n_c is not None]
+    return [asdict(row) | _time_ci95(row) for row in rows if row.n_c not in OTHERS]
 
 
 def baselines_json(rows: Iterable[CompareRow]) -> list[dict[str, Any]]:
-    """The rows of scan-only for ``baselines.json``."""
+    """The rows of scan-only and belief for ``baselines.json``."""
     kept = ("mission_time_mean_s", "recall_mean", "false_positives_mean", "n_seeds")
     return [
-        {"scenario": row.scenario, "strategy": BASELINE}
+        {"scenario": row.scenario, "strategy": row.n_c}
         | {key: getattr(row, key) for key in kept}
         | _time_ci95(row)
         for row in rows
-        if row.n_c is None
+        if row.n_c in OTHERS
     ]
 
 
@@ -218,7 +220,7 @@ _HEADER = (
     *("False\nscans", "False\npos.", "Paper\nf. p.", "Recall", "Seeds"),
 )
 _PAIRED_HEADER = ("Scenario", "Paper's best", "Against", "Difference (s)", "95 % CI", "Pairs", "Faster?")
-_CHECK_HEADER = ("Scenario", "n_c", "Time (s)", "Recall", "False positives", "CHECK brings")
+_CHECK_HEADER = ("Scenario", "Strategy", "Time (s)", "Recall", "False positives", "Brings")
 
 
 def scenario_grids(rows: Iterable[CompareRow]) -> list[Grid]:
@@ -228,7 +230,7 @@ def scenario_grids(rows: Iterable[CompareRow]) -> list[Grid]:
         groups.setdefault(CAPTIONS.get(row.scenario, row.scenario), []).append(row)
     grids = []
     for caption, group in groups.items():
-        ours = [k for k, row in enumerate(group) if row.n_c is not None]
+        ours = [k for k, row in enumerate(group) if row.n_c not in OTHERS]
         fastest = sorted(ours, key=lambda k: group[k].mission_time_mean_s)[:1]
         grids.append(Grid(_HEADER, [_cells(row) for row in group], caption, best=fastest))
     return grids
@@ -241,16 +243,16 @@ def paired_grid(summaries: Iterable[Summary]) -> Grid:
 
 
 def check_grid(summaries: Sequence[Summary]) -> Grid:
-    """The paper's best choices against scan-only."""
-    caption = "What CHECK costs and brings: the paper's best choice minus scan-only, paired over seeds"
+    """The paper's best choices and belief against scan-only."""
+    caption = "What closer looks cost and bring: minus scan-only, paired over seeds"
     return Grid(_CHECK_HEADER, [_check_cells(effect) for effect in check_effects(summaries)], caption)
 
 
 def _cells(row: CompareRow) -> tuple[str, ...]:
     return (
-        BASELINE if row.n_c is None else number(float(row.n_c)),
+        _label(row.n_c),
         f"{row.mission_time_mean_s:.1f}",
-        _interval(row.mission_time_ci95_s),
+        interval(row.mission_time_ci95_s),
         "-" if row.paper_time_s is None else f"{row.paper_time_s:.2f}",
         "-" if row.difference is None else f"{row.difference:+.1%}",
         f"{row.false_scans_mean:.2f}",
@@ -268,7 +270,7 @@ def _paired_cells(difference: PairedDifference) -> tuple[str, ...]:
         choice(difference.best),
         choice(difference.other),
         f"{difference.mean_s:+.1f}",
-        _interval((low, high)),
+        interval((low, high)),
         str(difference.n_pairs),
         "yes" if difference.holds else "no: slower" if low > 0 else "not shown",
     )
@@ -277,7 +279,7 @@ def _paired_cells(difference: PairedDifference) -> tuple[str, ...]:
 def _check_cells(effect: CheckEffect) -> tuple[str, ...]:
     return (
         effect.scenario,
-        number(float(effect.n_c)),
+        choice(effect.choice),
         _difference(effect.mission_time_s, 1),
         _difference(effect.recall, 3),
         _difference(effect.false_positives, 2),
@@ -309,10 +311,15 @@ def _all_grids(rows: Sequence[CompareRow], summaries: Sequence[Summary]) -> list
 
 def choice(n_c: Choice) -> str:
     """The strategy of a row, for a reader."""
-    return BASELINE if n_c is None else f"n_c = {number(float(n_c))}"
+    return str(n_c) if n_c in OTHERS else f"n_c = {_label(n_c)}"
 
 
-def _interval(bounds: tuple[float, float]) -> str:
+def _label(n_c: Choice) -> str:
+    return str(n_c) if n_c in OTHERS else number(float(n_c))
+
+
+def interval(bounds: tuple[float, float]) -> str:
+    """A 95 % interval in seconds, for a reader."""
     return f"{bounds[0]:.1f} to {bounds[1]:.1f}" if math.isfinite(bounds[0]) else "one seed"
 
 
