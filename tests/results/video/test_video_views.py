@@ -7,6 +7,7 @@ from results_data import tiny_records, write_run
 
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import FILM, load_run
+from skysweep.results.video import pen
 from skysweep.results.video.chart import Chart
 from skysweep.results.video.chase import Chase
 from skysweep.results.video.eye import Eye
@@ -110,6 +111,21 @@ def test_the_film_is_shown_with_the_boxes_of_its_look(filmed, painter):
     assert picture[20, 20].tolist() == pytest.approx([0, 0, 200], abs=6)
     assert picture[80, 80].tolist() == pytest.approx([230, 159, 0], abs=6)  # left edge of the box
     assert [label.text for label in labels] == ["stop sign 0.70"]
+
+
+@pytest.mark.parametrize("box", [[0, 0, 30, 30], [600, 0, 640, 40], [600, 290, 640, 320], [-5, 280, 20, 330]])
+def test_labels_of_boxes_at_the_edge_stay_in_the_view(box, tmp_path, painter):
+    records = sorted([*tiny_records(), look(12.0) | {"boxes_xyxy_px": [box]}], key=lambda r: r["t"])
+    story = Story(load_run(write_run(tmp_path / "run", records)), 10.0, 10)
+    picture, labels = Eye(story, painter, 400, 300).draw(at(story, 12.5), 1.0)
+    wide = np.zeros((600, 800, 3), np.uint8)
+    drawn = pen.write(
+        wide, [label._replace(x_px=label.x_px + 200, y_px=label.y_px + 200) for label in labels]
+    )
+    rows, columns = np.nonzero(drawn.max(axis=2))
+    height, width = picture.shape[:2]
+    assert 200 <= columns.min() < columns.max() <= 200 + width
+    assert 200 <= rows.min() < rows.max() <= 200 + height
 
 
 def test_without_film_the_scenario_is_rendered_and_the_title_says_so(filmed, painter):

@@ -55,10 +55,19 @@ class Eye:
         for (x0, y0, x1, y1), text in zip(boxes.tolist(), words, strict=True):
             corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
             pen.line(picture, corners, rgb(ORANGE), 2.0 * scale, closed=True)
-            above = y0 > 18.0 * scale
-            place = (x0, y0 - 5.0 * scale, "ls") if above else (x0, y1 + 5.0 * scale, "la")
-            labels.append(Label(place[0], place[1], text, 10 * scale, _WHITE, place[2], chip=True))
+            labels.append(self._label((x0, y0, x1, y1), text, scale))
         return picture, labels
+
+    def _label(self, box: tuple[float, float, float, float], text: str, scale: float) -> Label:
+        """Above its box or below, towards the middle of the view, so that it stays within."""
+        x0, y0, x1, y1 = box
+        gap = 6.0 * scale
+        y, upright = (y0 - gap, "s") if y0 > 18.0 * scale else (max(y1, 0.0) + gap, "a")
+        if x0 < self._lens.width_px / 2:
+            x, side = max(x0, gap), "l"
+        else:
+            x, side = min(x1, self._lens.width_px - gap), "r"
+        return Label(x, y, text, 10 * scale, _WHITE, side + upright, chip=True)
 
     def _read(self, shot: Shot) -> U8 | None:
         """The picture of a shot in the view's size; None where it cannot be read."""
