@@ -17,6 +17,9 @@ from skysweep.worlds.rendering.renderer import Painter
 
 _STALE_S = 3.0  # a look that old no longer belongs to the moment
 _WHITE = rgb("white")
+_FILMED = "Detector's camera"
+_RENDERED = "Detector's view, rendered from the believed pose"
+_NO_PICTURES = "Camera's view, rendered: the sensor took no pictures"
 
 
 class Eye:
@@ -31,20 +34,16 @@ class Eye:
         self._lens = Lens(*size, lens.hfov_rad)
         self._sightings = sorted(story.run.events("sighting"), key=story.run.since_start)
 
-    @property
-    def title(self) -> str:
-        if self._looks.has_pictures:
-            return "Detector's camera"
-        if self._looks.shots:
-            return "Detector's view, rendered from the believed pose"
-        return "Camera's view, rendered: the sensor took no pictures"
+    def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label], str]:
+        """The view with the detector's boxes, its labels, and what it is.
 
-    def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
-        """The view with the detector's boxes, and labels; ``scale`` is that of lines and letters."""
+        ``scale`` is that of lines and letters.
+        """
         shot = self._looks.at(moment.time_s, pictured=self._looks.has_pictures)
         if shot is not None and moment.time_s - shot.time_s > _STALE_S:
             shot = None
         picture = None if shot is None or shot.picture is None else self._read(shot)
+        title = _FILMED if picture is not None else _RENDERED if self._looks.shots else _NO_PICTURES
         if picture is None:
             pose = self._story.camera(moment.time_s if shot is None else shot.exposed_s)
             picture = self._painter.render(self._lens, pose, moment.time_s).copy()
@@ -56,7 +55,7 @@ class Eye:
             corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
             pen.line(picture, corners, rgb(ORANGE), 2.0 * scale, closed=True)
             labels.append(self._label((x0, y0, x1, y1), text, scale))
-        return picture, labels
+        return picture, labels, title
 
     def _label(self, box: tuple[float, float, float, float], text: str, scale: float) -> Label:
         """Above its box or below, towards the middle of the view, so that it stays within."""
