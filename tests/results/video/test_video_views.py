@@ -7,6 +7,7 @@ from results_data import tiny_records, write_run
 
 from skysweep.results.metrics import seen_area
 from skysweep.results.run_folder import FILM, load_run
+from skysweep.results.video import pen
 from skysweep.results.video.chart import Chart
 from skysweep.results.video.chase import Chase
 from skysweep.results.video.eye import Eye
@@ -15,6 +16,7 @@ from skysweep.worlds.obstacles import Obstacles
 from skysweep.worlds.rendering.renderer import make_renderer
 
 SIZE = 400, 300
+RENDERED = "Detector's view, rendered from the believed pose"
 
 
 @pytest.fixture
@@ -104,27 +106,44 @@ def filmed(tmp_path):
 
 def test_the_film_is_shown_with_the_boxes_of_its_look(filmed, painter):
     eye = Eye(filmed, painter, 320, 240)
-    assert eye.title == "Detector's camera"
-    picture, labels = eye.draw(at(filmed, 12.5), 1.0)
+    picture, labels, title = eye.draw(at(filmed, 12.5), 1.0)
+    assert title == "Detector's camera"
     assert picture.shape == (160, 320, 3)
     assert picture[20, 20].tolist() == pytest.approx([0, 0, 200], abs=6)
     assert picture[80, 80].tolist() == pytest.approx([230, 159, 0], abs=6)  # left edge of the box
     assert [label.text for label in labels] == ["stop sign 0.70"]
+    _, labels, title = eye.draw(at(filmed, 30), 1.0)  # long after it
+    assert (labels, title) == ([], RENDERED)
+
+
+@pytest.mark.parametrize("box", [[0, 0, 30, 30], [600, 0, 640, 40], [600, 290, 640, 320], [-5, 280, 20, 330]])
+def test_labels_of_boxes_at_the_edge_stay_in_the_view(box, tmp_path, painter):
+    records = sorted([*tiny_records(), look(12.0) | {"boxes_xyxy_px": [box]}], key=lambda r: r["t"])
+    story = Story(load_run(write_run(tmp_path / "run", records)), 10.0, 10)
+    picture, labels, _ = Eye(story, painter, 400, 300).draw(at(story, 12.5), 1.0)
+    wide = np.zeros((600, 800, 3), np.uint8)
+    drawn = pen.write(
+        wide, [label._replace(x_px=label.x_px + 200, y_px=label.y_px + 200) for label in labels]
+    )
+    rows, columns = np.nonzero(drawn.max(axis=2))
+    height, width = picture.shape[:2]
+    assert 200 <= columns.min() < columns.max() <= 200 + width
+    assert 200 <= rows.min() < rows.max() <= 200 + height
 
 
 def test_without_film_the_scenario_is_rendered_and_the_title_says_so(filmed, painter):
     (filmed.run.folder / FILM / "12.0000.jpg").unlink()
     eye = Eye(filmed, painter, 320, 240)
-    assert "rendered from the believed pose" in eye.title
-    picture, labels = eye.draw(at(filmed, 12.5), 1.0)
+    picture, labels, title = eye.draw(at(filmed, 12.5), 1.0)
+    assert title == RENDERED
     assert picture[20, 20, 1] > picture[20, 20, 2]  # grass
     assert len(labels) == 1
 
 
 def test_a_sensor_without_pictures_shows_what_it_reported(story, painter):
     eye = Eye(story, painter, 320, 240)
-    assert "took no pictures" in eye.title
-    _, labels = eye.draw(at(story, 11), 1.0)
+    _, labels, title = eye.draw(at(story, 11), 1.0)
+    assert "took no pictures" in title
     assert [label.text for label in labels] == ["0.40"]
     assert eye.draw(at(story, 25), 1.0)[1] == []
 

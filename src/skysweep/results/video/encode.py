@@ -14,7 +14,8 @@ from skysweep.errors import MissingExtraError, UserError
 
 SUFFIXES = (".mp4", ".gif", ".webp")
 
-_QUALITY = {"crf": "24", "preset": "veryfast"}  # of x264
+_COLOURS = "colorprim=bt709:transfer=iec61966-2-1:colormatrix=smpte170m"  # sRGB, converted as in BT.601
+_QUALITY = {"crf": "24", "preset": "veryfast", "x264-params": _COLOURS}
 _WEBP_QUALITY = 55
 
 

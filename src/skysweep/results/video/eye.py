@@ -17,6 +17,9 @@ from skysweep.worlds.rendering.renderer import Painter
 
 _STALE_S = 3.0  # a look that old no longer belongs to the moment
 _WHITE = rgb("white")
+_FILMED = "Detector's camera"
+_RENDERED = "Detector's view, rendered from the believed pose"
+_NO_PICTURES = "Camera's view, rendered: the sensor took no pictures"
 
 
 class Eye:
@@ -31,20 +34,16 @@ class Eye:
         self._lens = Lens(*size, lens.hfov_rad)
         self._sightings = sorted(story.run.events("sighting"), key=story.run.since_start)
 
-    @property
-    def title(self) -> str:
-        if self._looks.has_pictures:
-            return "Detector's camera"
-        if self._looks.shots:
-            return "Detector's view, rendered from the believed pose"
-        return "Camera's view, rendered: the sensor took no pictures"
+    def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label], str]:
+        """The view with the detector's boxes, its labels, and what it is.
 
-    def draw(self, moment: Moment, scale: float) -> tuple[U8, list[Label]]:
-        """The view with the detector's boxes, and labels; ``scale`` is that of lines and letters."""
+        ``scale`` is that of lines and letters.
+        """
         shot = self._looks.at(moment.time_s, pictured=self._looks.has_pictures)
         if shot is not None and moment.time_s - shot.time_s > _STALE_S:
             shot = None
         picture = None if shot is None or shot.picture is None else self._read(shot)
+        title = _FILMED if picture is not None else _RENDERED if self._looks.shots else _NO_PICTURES
         if picture is None:
             pose = self._story.camera(moment.time_s if shot is None else shot.exposed_s)
             picture = self._painter.render(self._lens, pose, moment.time_s).copy()
@@ -55,10 +54,19 @@ class Eye:
         for (x0, y0, x1, y1), text in zip(boxes.tolist(), words, strict=True):
             corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
             pen.line(picture, corners, rgb(ORANGE), 2.0 * scale, closed=True)
-            above = y0 > 18.0 * scale
-            place = (x0, y0 - 5.0 * scale, "ls") if above else (x0, y1 + 5.0 * scale, "la")
-            labels.append(Label(place[0], place[1], text, 10 * scale, _WHITE, place[2], chip=True))
-        return picture, labels
+            labels.append(self._label((x0, y0, x1, y1), text, scale))
+        return picture, labels, title
+
+    def _label(self, box: tuple[float, float, float, float], text: str, scale: float) -> Label:
+        """Above its box or below, towards the middle of the view, so that it stays within."""
+        x0, y0, x1, y1 = box
+        gap = 6.0 * scale
+        y, upright = (y0 - gap, "s") if y0 > 18.0 * scale else (max(y1, 0.0) + gap, "a")
+        if x0 < self._lens.width_px / 2:
+            x, side = max(x0, gap), "l"
+        else:
+            x, side = min(x1, self._lens.width_px - gap), "r"
+        return Label(x, y, text, 10 * scale, _WHITE, side + upright, chip=True)
 
     def _read(self, shot: Shot) -> U8 | None:
         """The picture of a shot in the view's size; None where it cannot be read."""

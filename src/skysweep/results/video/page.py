@@ -118,7 +118,7 @@ class Page:
         targets = self._story.targets(moment.time_s)
         labels = self._layout.scene.show(frame, *self._chase.draw(moment, scale), "3-D view", scale)
         labels += self._layout.map.show(frame, *self._chart.draw(moment, scale), "Map", scale)
-        labels += self._layout.view.show(frame, *self._eye.draw(moment, scale), self._eye.title, scale)
+        labels += self._layout.view.show(frame, *self._eye.draw(moment, scale), scale)
         labels += self._titles() + self._figures(moment, targets) + self._events(moment)
         self._draw_profile(frame, moment)
         return pen.write(frame, labels)
