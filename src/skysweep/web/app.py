@@ -18,7 +18,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from skysweep.errors import UserError
-from skysweep.results.evidence import told_by_name
+from skysweep.results.picture_files import told_by_name
 from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
 from skysweep.web.entries import entries, has_end, report_of, thumbnail_of
 from skysweep.web.feed import Feed, Place

@@ -10,8 +10,8 @@ from threading import Lock
 from typing import Any
 
 from skysweep.files.line_file import scan_lines
-from skysweep.results.evidence import told_by_name
 from skysweep.results.journal_lines import can_be_told
+from skysweep.results.picture_files import told_by_name
 from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
 from skysweep.web.coverage import Coverage
 from skysweep.web.versions import newer_version
