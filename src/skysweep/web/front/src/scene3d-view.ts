@@ -143,6 +143,7 @@ export class View3D {
     free(this.scene);
     this.picture?.dispose();
     this.renderer.dispose();
+    this.renderer.forceContextLoss(); // a browser allows only a few contexts
   }
 
   /** Everything anew, in the colours of the theme. */
