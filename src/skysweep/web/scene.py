@@ -20,7 +20,7 @@ from skysweep.web.versions import newer_version
 from skysweep.worlds.world import TerrainSurface, World, build_terrain, build_world
 
 _MOST_HEIGHTS = 200  # a side
-_HEAD_BYTES = 1 << 16  # of a journal: more than its first lines have
+_HEAD_BYTES = 1 << 13  # of a journal: more than its first two lines have
 _MOST_OBJECTS = 20_000
 
 
