@@ -381,17 +381,19 @@ def test_a_live_mission_is_ordered_about_and_watched_to_its_end(tmp_path, open_p
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.get_by_role("tab", name="Events").click()
     page.locator(".events li", has_text="Operator: look here").wait_for(timeout=20_000)
+    orders.get_by_text("Hold").click()
+    seen("HOLD")
     page.reload()
     page.get_by_text("Live", exact=True).first.wait_for()
+    seen("HOLD")
     orders.get_by_text("Return home").click()
     page.get_by_role("dialog").get_by_text("Return home").click()
     page.get_by_text("Replay", exact=True).wait_for(timeout=120_000)
     assert figure(page, "Mode") == "LAND"
     mission.said_at_its_end()
     journal = (flown / "journal.jsonl").read_text()
-    assert [w for w in re.findall(r'"kind": ?"operator", ?"word": ?"([a-z ]+)"', journal)] == [
-        "hold", "continue", "reject", "look", "return"
-    ]  # fmt: skip
+    words = re.findall(r'"kind": ?"operator", ?"word": ?"([a-z ]+)"', journal)
+    assert words == ["hold", "continue", "reject", "look", "hold", "return"]
 
 
 def test_the_page_is_small_and_soon_there(server, open_page):
