@@ -150,7 +150,7 @@ def test_a_run_is_replayed_and_scrubbed(replay):
     assert count(after, SCAN_BLUE) > count(before, SCAN_BLUE) + 30  # the flown path has grown
     replay.keyboard.press("0")
     replay.keyboard.press("Space")
-    replay.wait_for_function("document.querySelector('[role=slider]').ariaValueNow > 20")
+    replay.wait_for_function("() => document.querySelector('[role=slider]').ariaValueNow > 20")
     replay.keyboard.press("End")
     replay.wait_for_timeout(1500)
     assert figure(replay, "Confirmed") == "1"
@@ -202,14 +202,37 @@ def test_the_coverage_grows_as_the_camera_sweeps(replay):
 
 def test_the_view_in_three_dimensions_is_drawn(replay):
     replay.get_by_role("button", name="3-D", exact=True).click()
-    replay.wait_for_timeout(2500)
-    picture = pixels(replay.locator(".view3d"))
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
+    view = replay.locator(".view3d")
+    drawn = []
+    for share in (0.02, 0.9):
+        go_to(replay, share)
+        replay.wait_for_timeout(2500)
+        drawn.append(pixels(view))
+    before, after = drawn
+    assert len(np.unique(after.reshape(-1, 3), axis=0)) > 500  # the ground's picture
+    assert count(after, SCAN_BLUE) > count(before, SCAN_BLUE) + 100  # the flown path has grown
+    assert count(after, CONFIRMED_GREEN) > 30
+    view.get_by_role("button", name="Top").click()
+    replay.wait_for_timeout(1500)
+    assert np.abs(pixels(view) - after).mean() > 5  # seen from elsewhere
     replay.get_by_role("button", name="Both", exact=True).click()
     replay.wait_for_timeout(1000)
     assert pixels(replay.locator(".map")).std() > 20
     assert pixels(replay.locator(".view3d")).std() > 10
     assert not replay.complaints
+
+
+def test_a_browser_without_webgl_says_so_in_place_of_the_3d_view(replay):
+    replay.evaluate("""() => {
+        const get = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+            return kind.startsWith("webgl") ? null : get.call(this, kind, ...rest);
+        };
+    }""")
+    replay.get_by_role("button", name="3-D", exact=True).click()
+    replay.locator(".view3d").get_by_text("needs WebGL").wait_for()
+    replay.get_by_role("button", name="Map", exact=True).click()
+    assert pixels(replay.locator(".map")).std() > 20
 
 
 def test_places_are_copied_with_one_key(server, open_page):
@@ -342,9 +365,8 @@ def test_a_live_mission_is_ordered_about_and_watched_to_its_end(tmp_path, open_p
     orders = page.get_by_role("group", name="Orders to the mission")
 
     def seen(mode: str) -> None:
-        page.wait_for_function(
-            f"document.querySelector('.figures .mode').innerText === '{mode}'", timeout=60_000
-        )
+        is_shown = "mode => document.querySelector('.figures .mode').innerText === mode"
+        page.wait_for_function(is_shown, arg=mode, timeout=60_000)
 
     seen("SCAN")
     orders.get_by_text("Hold").click()
@@ -359,17 +381,19 @@ def test_a_live_mission_is_ordered_about_and_watched_to_its_end(tmp_path, open_p
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.get_by_role("tab", name="Events").click()
     page.locator(".events li", has_text="Operator: look here").wait_for(timeout=20_000)
+    orders.get_by_text("Hold").click()
+    seen("HOLD")
     page.reload()
     page.get_by_text("Live", exact=True).first.wait_for()
+    seen("HOLD")
     orders.get_by_text("Return home").click()
     page.get_by_role("dialog").get_by_text("Return home").click()
     page.get_by_text("Replay", exact=True).wait_for(timeout=120_000)
     assert figure(page, "Mode") == "LAND"
     mission.said_at_its_end()
     journal = (flown / "journal.jsonl").read_text()
-    assert [w for w in re.findall(r'"kind": ?"operator", ?"word": ?"([a-z ]+)"', journal)] == [
-        "hold", "continue", "reject", "look", "return"
-    ]  # fmt: skip
+    words = re.findall(r'"kind": ?"operator", ?"word": ?"([a-z ]+)"', journal)
+    assert words == ["hold", "continue", "reject", "look", "hold", "return"]
 
 
 def test_the_page_is_small_and_soon_there(server, open_page):

@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from urllib.parse import quote
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -101,7 +102,7 @@ class App:
         identity = request.path_params["id"]
         ended = (folder / JOURNAL_FILE).is_file() and has_end(folder / JOURNAL_FILE)
         scene = await run_in_threadpool(scene_of, folder, ended)
-        address = f"/api/runs/{identity}"
+        address = f"/api/runs/{quote(identity)}"
         scene["live"] = identity == self._live and not ended
         scene["controls"] = scene["live"] and self._give is not None
         scene["ground"] = {

@@ -6,12 +6,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-import mgrs
 import numpy as np
 import shapely
 
 from skysweep.errors import UserError
 from skysweep.files.line_file import scan_lines
+from skysweep.geometry.grids import utm_of
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, digest_of_config
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
@@ -20,7 +20,7 @@ from skysweep.web.versions import newer_version
 from skysweep.worlds.world import TerrainSurface, World, build_terrain, build_world
 
 _MOST_HEIGHTS = 200  # a side
-_HEAD_BYTES = 1 << 16  # of a journal: more than its first lines have
+_HEAD_BYTES = 1 << 13  # of a journal: more than its first two lines have
 _MOST_OBJECTS = 20_000
 
 
@@ -168,10 +168,8 @@ def _targets(world: World) -> list[dict[str, Any]]:
 
 def _utm_zone(latitude_deg: float, longitude_deg: float) -> dict[str, Any] | None:
     """None near the poles, where there is no UTM."""
-    if not -80.0 <= latitude_deg < 84.0:
-        return None
-    text = mgrs.MGRS().toMGRS(latitude_deg, longitude_deg, MGRSPrecision=0)
-    return {"zone": int(text[:-3]), "letter": text[-3]}
+    place = utm_of(latitude_deg, longitude_deg)
+    return None if place is None else {"zone": int(place[:2]), "letter": place[2]}
 
 
 def _ring(ring: shapely.LinearRing) -> list[list[float]]:

@@ -8,6 +8,8 @@ import type { CandidateAt, Store } from "./store";
 import { clockTime } from "./words";
 
 const CROP_PX = 72; // of its side on the page
+const MARK_PX = 20;
+const CHART = { width: 84, height: 56 };
 const LEAST_PX = 28; // of the camera's picture in a crop
 
 export interface CandidateEvents {
@@ -23,8 +25,8 @@ interface Row {
   facts: HTMLElement;
   reason: HTMLElement;
   chart: HTMLCanvasElement;
-  verdicts: HTMLButtonElement[];
   drawn: string;
+  isInSight: boolean;
 }
 
 export class CandidateList {
@@ -32,6 +34,14 @@ export class CandidateList {
   private readonly rows = new Map<number, Row>();
   private readonly empty = h("p", { class: "empty" }, "No candidate yet.");
   private theme = "";
+  private readonly sight = new IntersectionObserver((seen) => {
+    for (const { target, isIntersecting } of seen) {
+      const row = this.rows.get(Number((target as HTMLElement).dataset.candidate));
+      if (row) row.isInSight = isIntersecting;
+    }
+    this.redraw();
+  });
+  private redraw = () => {};
 
   constructor(
     private readonly id: string,
@@ -49,12 +59,13 @@ export class CandidateList {
   }
 
   show(t: number, candidates: readonly CandidateAt[], selected: number | null): void {
+    this.redraw = () => this.show(t, candidates, selected);
     this.empty.hidden = candidates.length > 0;
     const known = new Set<number>();
     for (const candidate of candidates) {
       known.add(candidate.id);
       const row = this.rows.get(candidate.id) ?? this.add(candidate);
-      this.update(row, candidate, t, candidate.id === selected);
+      if (row.isInSight) this.update(row, candidate, t, candidate.id === selected);
     }
     for (const [id, row] of this.rows) row.element.hidden = !known.has(id);
   }
@@ -83,13 +94,14 @@ export class CandidateList {
     );
     const element = h(
       "li",
-      {},
+      { "data-candidate": candidate.id },
       crop,
       h("div", { class: "what" }, select, facts, reason, verdicts.length ? h("div", { class: "verdicts" }, ...verdicts) : null),
       chart,
     );
-    const row = { element, crop, mark, title, facts, reason, chart, verdicts, drawn: "" };
+    const row = { element, crop, mark, title, facts, reason, chart, drawn: "", isInSight: false };
     this.rows.set(candidate.id, row);
+    this.sight.observe(element);
     this.element.append(element);
     return row;
   }
@@ -97,7 +109,7 @@ export class CandidateList {
   private update(row: Row, candidate: CandidateAt, t: number, selected: boolean): void {
     const picture = this.store.pictures[candidate.id];
     const key = [candidate.status, candidate.by_operator, candidate.looks, candidate.probability, candidate.reason, selected,
-      picture, this.store.film.length, this.theme, row.chart.clientWidth].join("|");
+      picture, this.store.film.length, this.theme].join("|");
     if (key === row.drawn) return;
     row.drawn = key;
     row.element.classList.toggle("selected", selected);
@@ -109,9 +121,9 @@ export class CandidateList {
     setText(row.reason, candidate.reason ?? `first seen at ${clockTime(candidate.first_s)}`);
     const costs = candidate.alternatives.map(([what, cost_s]) => `${what}: ${cost_s.toFixed(0)} s`).join("; ");
     row.reason.title = costs ? `Expected cost: ${costs}` : "";
-    const mark = fitCanvas(row.mark);
-    mark.clearRect(0, 0, 20, 20);
-    drawStatus(mark, candidate.status, 10, 10);
+    const mark = fitCanvas(row.mark, MARK_PX, MARK_PX);
+    mark.clearRect(0, 0, MARK_PX, MARK_PX);
+    drawStatus(mark, candidate.status, MARK_PX / 2, MARK_PX / 2);
     this.drawChart(row.chart, candidate, t);
     this.showCrop(row.crop, candidate.id, t);
   }
@@ -133,9 +145,9 @@ export class CandidateList {
   }
 
   private drawChart(canvas: HTMLCanvasElement, candidate: CandidateAt, t: number): void {
-    const context = fitCanvas(canvas);
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    const style = getComputedStyle(canvas);
+    const { width, height } = CHART;
+    const context = fitCanvas(canvas, width, height);
+    const style = getComputedStyle(document.documentElement);
     context.clearRect(0, 0, width, height);
     const points = this.store.confidencesOf(candidate.id, t);
     const v = (confidence: number) => 3 + (1 - confidence) * (height - 6);

@@ -24,15 +24,23 @@ export function setText(element: Element, text: string): void {
   if (element.textContent !== text) element.textContent = text;
 }
 
-/** A canvas that fills its parent, sharp on dense screens. */
-export function fitCanvas(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
+/**
+ * A canvas as large as it is shown, sharp on dense screens; asking for that size costs a layout, so small ones say it.
+ *
+ * It is drawn by the processor: thousands of short strokes take long on a graphics card that is only emulated.
+ */
+export function fitCanvas(
+  canvas: HTMLCanvasElement,
+  shownWidth = canvas.clientWidth,
+  shownHeight = canvas.clientHeight,
+): CanvasRenderingContext2D {
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
-  const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+  const [width, height] = [Math.round(shownWidth * ratio), Math.round(shownHeight * ratio)];
   if (canvas.width !== width || canvas.height !== height) {
     canvas.width = width;
     canvas.height = height;
   }
-  const context = canvas.getContext("2d")!;
+  const context = canvas.getContext("2d", { willReadFrequently: true })!;
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   return context;
 }

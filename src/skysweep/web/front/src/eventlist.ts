@@ -10,7 +10,7 @@ export class EventList {
   readonly node: HTMLElement;
   private readonly list = h("ol", { class: "events", "aria-label": "Events" });
   private readonly rows: { event: MissionEvent; element: HTMLElement }[] = [];
-  private shownVersion = -1;
+  private nLines = -1;
   private current: HTMLElement | null = null;
 
   constructor(
@@ -28,8 +28,8 @@ export class EventList {
   }
 
   show(t: number): void {
-    if (this.shownVersion !== this.store.version) {
-      this.shownVersion = this.store.version;
+    if (this.nLines !== this.store.lines.length) {
+      this.nLines = this.store.lines.length;
       this.update();
     }
     const row = this.rows[this.store.events.count(t) - 1]?.element ?? null;
@@ -43,7 +43,7 @@ export class EventList {
   /** Scrolls to the newest event, where it is out of sight. */
   reveal(): void {
     const row = this.current;
-    if (!row || !this.node.offsetParent) return;
+    if (!row || this.node.hidden) return;
     const [top, bottom] = [this.node.scrollTop, this.node.scrollTop + this.node.clientHeight];
     const place = row.offsetTop;
     if (place < top + 20 || place > bottom - 50) this.node.scrollTop = place - this.node.clientHeight / 2;

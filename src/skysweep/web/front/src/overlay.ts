@@ -5,6 +5,7 @@ import { ellipse95, footprint } from "./footprint";
 import type { Projection } from "./projection";
 import { Rows } from "./series";
 import type { CandidateAt, StateAt, Store } from "./store";
+import { thinned } from "./thin";
 import type { Grid, XY } from "./types";
 import { metres } from "./words";
 
@@ -29,7 +30,7 @@ export interface Shown {
   measured: XY[];
 }
 
-const SHORTEST_PX = 0.8; // of a stretch of the path that is drawn
+const TOLERANCE_PX = 0.4; // of the flown path
 const HALO = "rgb(255 255 255 / 0.85)";
 const INK = "#10161d";
 
@@ -129,22 +130,16 @@ export class Overlay {
     }
     const n = store.countStates(t);
     if (n === 0) return;
-    const keys: (string | number)[] = [];
-    const points: number[] = [];
-    const highest = store.scene.search.scan_altitude_agl_m;
-    let last: XY = [Infinity, Infinity];
-    const put = (place: XY, row: number) => {
-      last = place;
-      points.push(place[0], place[1]);
-      keys.push(colour === "mode" ? store.mode(row) : altitudeStep(store.position(row)[2], 1.1 * highest));
-    };
-    for (let row = 0; row < n; row++) {
-      const place = this.projection.ofFlat(this.flats.get(row, 0), this.flats.get(row, 1));
-      if (row + 1 < n && Math.abs(place[0] - last[0]) + Math.abs(place[1] - last[1]) < SHORTEST_PX) continue;
-      put(place, row);
-    }
+    const highest = 1.1 * store.scene.search.scan_altitude_agl_m;
+    const keyOf = (row: number) => (colour === "mode" ? store.mode(row) : altitudeStep(store.position(row)[2], highest));
+    const all = new Float64Array(2 * n);
+    for (let row = 0; row < n; row++) all.set(this.projection.ofFlat(this.flats.get(row, 0), this.flats.get(row, 1)), 2 * row);
+    const rows = thinned(all, keyOf, TOLERANCE_PX);
+    const keys = rows.map(keyOf);
+    const points = rows.flatMap((row) => [all[2 * row]!, all[2 * row + 1]!]);
     const now = store.stateAt(t)!;
-    put(this.projection.px(now.position_enu_m[0], now.position_enu_m[1]), n - 1);
+    points.push(...this.projection.px(now.position_enu_m[0], now.position_enu_m[1]));
+    keys.push(keys[keys.length - 1]!);
     context.beginPath();
     for (let k = 0; k < keys.length; k++) context.lineTo(points[2 * k]!, points[2 * k + 1]!);
     stroke(context, HALO, 5.5);

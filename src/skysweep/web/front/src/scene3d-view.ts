@@ -22,7 +22,7 @@ import type { Store } from "./store";
 
 const FOV_DEG = 38;
 const MOST_PIXEL_RATIO = 2;
-const MARGIN = 0.9; // of the picture, for what is fitted into it
+const MARGIN_PX = 46; // around what is fitted into the picture, where labels are
 const FITTINGS = 6; // until the middle is found
 const TURN_RAD = Math.PI / 24; // by one key
 const ZOOM = 0.85; // by one key
@@ -143,6 +143,7 @@ export class View3D {
     free(this.scene);
     this.picture?.dispose();
     this.renderer.dispose();
+    this.renderer.forceContextLoss(); // a browser allows only a few contexts
   }
 
   /** Everything anew, in the colours of the theme. */
@@ -164,7 +165,7 @@ export class View3D {
     };
     this.parts.path.colourBy(this.what);
     this.scene.add(world, this.parts.path, this.parts.vehicle, this.parts.candidates);
-    if (isFirst) this.lookFrom("reset");
+    if (isFirst) this.resize();
   }
 
   /** Puts the camera where it sees the whole area from this direction. */
@@ -173,9 +174,6 @@ export class View3D {
     this.direction = direction;
     const back = DIRECTIONS[direction];
     const { middle, distance_m } = this.fitted(back);
-    this.camera.near = distance_m / 200;
-    this.camera.far = distance_m * 20;
-    this.camera.updateProjectionMatrix();
     this.camera.position.copy(middle).addScaledVector(back, distance_m);
     this.controls.maxDistance = 4 * distance_m;
     this.controls.target.copy(middle);
@@ -191,8 +189,13 @@ export class View3D {
     this.camera.lookAt(0, 0, 0);
     const right = new Vector3(1, 0, 0).applyQuaternion(this.camera.quaternion);
     const up = new Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion);
-    const high = MARGIN * Math.tan((FOV_DEG * Math.PI) / 360);
-    const axes = [{ axis: right, tangent: high * this.camera.aspect }, { axis: up, tangent: high }];
+    const perPixel = this.perPixel();
+    const { clientWidth, clientHeight } = this.element;
+    const tangent = (side_px: number) => perPixel * Math.max(side_px / 2 - MARGIN_PX, side_px / 8);
+    const axes = [
+      { axis: right, tangent: tangent(clientWidth) },
+      { axis: up, tangent: tangent(clientHeight) },
+    ];
     let distance_m = 0;
     for (let k = 0; k < FITTINGS; k++) {
       const offsets = corners.map((corner) => corner.clone().sub(middle));
@@ -277,10 +280,17 @@ export class View3D {
     this.frame = 0;
     const { clientWidth, clientHeight } = this.element;
     if (!this.parts || !clientWidth || !clientHeight) return;
-    const perPixel = (2 * Math.tan((FOV_DEG * Math.PI) / 360)) / clientHeight;
-    this.parts.vehicle.fit(this.camera, perPixel);
+    this.camera.near = this.controls.getDistance() / 50;
+    this.camera.far = this.camera.near + 3 * this.controls.maxDistance;
+    this.camera.updateProjectionMatrix();
+    this.parts.vehicle.fit(this.camera, this.perPixel());
     this.renderer.render(this.scene, this.camera);
     this.drawMarks(this.parts);
+  }
+
+  /** Size at distance 1 of what is seen in a CSS pixel. */
+  private perPixel(): number {
+    return (2 * Math.tan((FOV_DEG * Math.PI) / 360)) / this.element.clientHeight;
   }
 
   private drawMarks({ fixed, candidates, vehicle }: Parts): void {

@@ -53,7 +53,7 @@ export class Timeline {
 
   /** Shows time `t`; what does not change with it is drawn when something has been added. */
   show(t: number): void {
-    const key = `${this.store.version} ${this.canvas.clientWidth}`;
+    const key = `${this.store.lines.length} ${this.store.heights !== null} ${this.canvas.clientWidth}`;
     if (key !== this.drawn && this.canvas.clientWidth > 0) {
       this.drawn = key;
       this.draw();
