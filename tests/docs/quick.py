@@ -12,7 +12,8 @@ from skysweep.cli import app
 
 PORT = os.environ["PAGE_PORT"]  # a free one: other tests serve vehicles, too
 QUICK = {  # None: a flag
-    "run": {"--sensor": "statistical"},
+    "run": {"--sensor": "statistical", "--speed": "1000"},
+    "video": {"--size": "320x180", "--fps": "2"},
     "compare paper": {"--sensor": "statistical", "--seeds": "1"},
     "tune": {"--trials": "1", "--seeds": "4", "--validation-seeds": "0", "--no-matters": None},
     "dataset": {"--images": "6"},
