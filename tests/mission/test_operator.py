@@ -190,6 +190,26 @@ def test_what_a_strategy_says_of_a_decided_candidate_is_left_out():
     assert any(line["kind"] == "rejected" for line in journal.lines if line.get("candidate") == 2)
 
 
+@pytest.mark.parametrize("strategy", ["scan-check", "belief", "scan-only"])
+def test_a_candidate_that_the_strategy_never_heard_of_can_be_confirmed(strategy):
+    """It lies outside the searched area."""
+    outside = {"class": "stop sign", "position_enu_m": [66, 30], "size_m": 0.9}
+
+    def answers(line):
+        if line["kind"] == "sighting" and line["p"][0] > 63.0 and not confirmed:
+            confirmed.append(line["candidate"])
+            return [Order("confirm", line["candidate"])]
+        return None
+
+    confirmed = []
+    flown = flown_by(answers, targets=[*SCENARIO["targets"], outside], search=search(strategy))
+    assert flown.reason == "completed"
+    assert [line["candidate"] for line in flown.of_kind("confirmed") if "by" in line] == confirmed
+    assert confirmed
+    assert [line for line in flown.of_kind("unchecked") if line["candidate"] in confirmed] == []
+    flown.assert_found()
+
+
 @pytest.mark.parametrize(
     ("order", "sentence"),
     [
@@ -383,6 +403,16 @@ def test_under_a_tree_it_looks_from_beside():
     (seen,) = flown.of_kind("looked")
     there = min(flown.of_kind("state"), key=lambda s: abs(s["t"] - seen["t"]))
     assert math.dist(there["p"][:2], PLACE) > 4.0
+    assert flown.of_kind("clearance")[0]["collisions"] == 0
+
+
+def test_a_detour_that_began_above_a_high_tree_ends_where_it_began():
+    """There the vehicle was higher than the scan, which it need not be again."""
+    trees = [{"position_enu_m": [x, 30.0], "height_m": 38.0, "crown_radius_m": 3.0} for x in range(2, 60, 6)]
+    over_s = next(s["t"] for s in Flown(trees=trees).of_kind("state") if s["p"][2] > 35.0)
+    flown = looked((round(10 * over_s), Order("look", None, PLACE)), trees=trees)
+    assert len(flown.of_kind("looked")) == 1
+    assert flown.reason == "completed"
     assert flown.of_kind("clearance")[0]["collisions"] == 0
 
 
