@@ -150,10 +150,10 @@ def test_kmz_has_a_picture_of_each_target_that_is_cut_out_around_it(tmp_path):
         crop = cv2.imdecode(np.frombuffer(archive.read("pictures/candidate-1.jpg"), np.uint8), 1)
     assert '<img src="pictures/candidate-1.jpg"' in first.findtext(f"{KML}description")
     assert not any("<img" in p.findtext(f"{KML}description") for p in others)
-    assert crop.shape[:2] == (384, 384)  # 0.15 of the width on each side
+    assert crop.shape[:2] == (256, 256)  # 0.1 of the width on each side
     red = crop[..., 2] > 128
-    assert np.argwhere(red).mean(axis=0) == pytest.approx([192, 192], abs=3)
-    assert red.mean() == pytest.approx((80 / 384) ** 2, rel=0.1)
+    assert np.argwhere(red).mean(axis=0) == pytest.approx([128, 128], abs=3)
+    assert red.mean() == pytest.approx((80 / 256) ** 2, rel=0.1)
     assert kmz(run) == kmz(run)
 
 

@@ -12,7 +12,7 @@ from skysweep.results.picture_files import SAME_LOOK_S, told_by_name
 from skysweep.results.run_folder import Record, Run
 
 _AROUND = 2.0  # times the box, on each side of its middle
-_LEAST_SHARE = 0.15  # of the picture's width, on each side of the box's middle
+_LEAST_SHARE = 0.1  # of the picture's width, on each side of the box's middle
 
 
 def picture_of(run: Run, candidate: int) -> Path | None:
