@@ -6,7 +6,7 @@ import pytest
 from starlette.websockets import WebSocketDisconnect
 
 from skysweep.scenarios.files import load_scenario, write_scenario
-from skysweep.web.security import COOKIE, Access, is_loopback
+from skysweep.web.security import Access, is_loopback
 
 OWN = "127.0.0.1:8765"
 BEARER = {"authorization": "Bearer the-token"}
@@ -71,7 +71,8 @@ def test_a_session_shows_pictures_and_the_websocket_but_does_not_control(root, c
     answer = client.post("/api/session", headers=BEARER)
     assert answer.status_code == 200
     cookie = answer.headers["set-cookie"].lower()
-    assert COOKIE in cookie
+    assert Access("0.0.0.0", "the-token").cookie in cookie
+    assert Access("0.0.0.0", "another").cookie not in cookie
     assert "httponly" in cookie
     assert "samesite=strict" in cookie
     assert client.get("/api/folder").status_code == 200

@@ -27,7 +27,7 @@ from skysweep.web.ground import ground_picture
 from skysweep.web.orders import Told, checked_order
 from skysweep.web.places import Places
 from skysweep.web.scene import head_of, heights_of, scenario_of, scene_of
-from skysweep.web.security import COOKIE, Access, Guard
+from skysweep.web.security import Access, Guard
 
 STATIC = Path(__file__).parent / "static"  # the built front end
 _PERIOD_S = 0.2  # between looks at a journal
@@ -90,7 +90,7 @@ class App:
         if not self._access.has_token(request):
             return _refused(401, "The token is not that of this server.")
         answer = JSONResponse({"controls": self._give is not None})
-        answer.set_cookie(COOKIE, self._access.token, httponly=True, samesite="strict")
+        answer.set_cookie(self._access.cookie, self._access.token, httponly=True, samesite="strict")
         return answer
 
     async def _folder(self, _request: Request) -> Response:

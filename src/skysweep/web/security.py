@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import hmac
 import ipaddress
 import secrets
@@ -13,7 +14,6 @@ from starlette.requests import HTTPConnection
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-COOKIE = "skysweep-session"
 _OPEN = ("/api/session",)  # checks the token itself
 _REFUSED = 1008  # code of a closed websocket: policy violation
 
@@ -35,6 +35,11 @@ class Access:
         """Whether only this computer can reach the server."""
         return is_loopback(self.host)
 
+    @property
+    def cookie(self) -> str:
+        """The name of the cookie of a session: browsers do not tell servers on two ports apart."""
+        return f"skysweep-{hashlib.sha256(self.token.encode()).hexdigest()[:8]}"
+
     def has_token(self, connection: HTTPConnection) -> bool:
         """Whether a request shows the token as its bearer."""
         scheme, _, given = connection.headers.get("authorization", "").partition(" ")
@@ -42,7 +47,7 @@ class Access:
 
     def may_see(self, connection: HTTPConnection) -> bool:
         """Whether a request may read."""
-        given = connection.cookies.get(COOKIE, "")
+        given = connection.cookies.get(self.cookie, "")
         return self.is_loopback or self.has_token(connection) or self._is_token(given)
 
     def is_expected(self, connection: HTTPConnection) -> bool:
@@ -88,7 +93,8 @@ class Guard:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers.setdefault("content-security-policy", self._access.policy)
-                headers.setdefault("cache-control", "no-store")
+                is_data = scope["path"].startswith("/api/")
+                headers.setdefault("cache-control", "no-store" if is_data else "no-cache")
                 headers["x-content-type-options"] = "nosniff"
                 headers["referrer-policy"] = "no-referrer"
                 headers["cross-origin-resource-policy"] = "same-origin"

@@ -31,10 +31,10 @@ export class MapTools {
   constructor(
     private readonly map: MissionMap,
     private readonly scene: Scene,
-    follows: (on: boolean) => void,
+    private readonly told: { follows(on: boolean): void; coloured(colour: PathColour): void },
   ) {
     this.measure = toggle("Measure", "Measure a distance (R)", false, (on) => this.setMeasuring(on));
-    this.follow = toggle("Follow", "Keep the vehicle in the middle (C)", false, follows);
+    this.follow = toggle("Follow", "Keep the vehicle in the middle (C)", false, (on) => told.follows(on));
     this.element = h(
       "div",
       { class: "tools" },
@@ -102,6 +102,7 @@ export class MapTools {
       radio.checked = colour === this.map.shown.colour;
       radio.addEventListener("change", () => {
         this.map.setColour(colour);
+        this.told.coloured(colour);
         this.drawLegend(colour);
       });
       return h("label", {}, radio, `by ${colour}`);

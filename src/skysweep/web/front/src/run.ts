@@ -92,7 +92,10 @@ class RunPage {
       selected: (candidate) => this.select(candidate, false),
       placed: (place) => this.lookAt(place),
     });
-    this.tools = new MapTools(this.map, scene, (on) => (this.follows = on));
+    this.tools = new MapTools(this.map, scene, {
+      follows: (on) => (this.follows = on),
+      coloured: (colour) => this.scene3d?.colourBy(colour),
+    });
     this.views.append(this.tools.element, this.tools.coordinates, this.tools.legend);
     this.views.append(this.trouble);
     this.listen();
@@ -255,6 +258,7 @@ class RunPage {
         const { Scene3D } = await import("./scene3d");
         this.scene3d ??= new Scene3D(this.element3d, this.store);
         this.scene3d.setTheme(this.theme.dark);
+        this.scene3d.colourBy(this.map.shown.colour);
       } catch (error) {
         this.say(`The 3-D view cannot be shown: ${(error as Error).message}`);
       }
