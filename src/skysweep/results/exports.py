@@ -141,9 +141,8 @@ def probability_words(target: FoundTarget) -> str:
 def _description(target: FoundTarget) -> str:
     parts = ["not checked: have a look"]
     if target.confirmed_s is not None:
-        parts = [
-            f"confirmed{' by the operator' * target.by_operator} {target.confirmed_s:.0f} s after take-off"
-        ]
+        by = " by the operator" * target.by_operator
+        parts = [f"confirmed{by} {target.confirmed_s:.0f} s after take-off"]
     if target.probability is not None:
         parts.append(probability_words(target))
     if target.confidence is not None:
