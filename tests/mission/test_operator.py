@@ -198,7 +198,10 @@ def test_what_a_strategy_says_of_a_decided_candidate_is_left_out():
         (Order("look"), "The order to look has no place; give east and north in metres from home."),
         (Order("look", None, (math.nan, 3.0)), "The order to look has no place"),
         (Order("look", None, (1e300, 3.0)), "The order to look has no place"),
-        (Order("look", None, (300.0, 20.0)), "The place 300 m east, 20 m north is not looked at: it lies outside"),
+        (
+            Order("look", None, (300.0, 20.0)),
+            "The place 300 m east, 20 m north is not looked at: it lies outside",
+        ),
         (Order("jump"), "There is no order 'jump'; write hold, continue"),
     ],
 )
@@ -304,9 +307,7 @@ def test_what_is_seen_at_the_place_is_told_at_once_and_decided_later():
             none = {"boxes_xyxy_px": np.zeros((0, 4)), "confidences": np.zeros(0), "class_names": ()}
             return replace(found, **none)
 
-    flown = looked(
-        (250, Order("look", None, tuple(SECOND))), sensor=lambda inner: NearSighted(inner, 1e9)
-    )
+    flown = looked((250, Order("look", None, tuple(SECOND))), sensor=lambda inner: NearSighted(inner, 1e9))
     (seen,) = flown.of_kind("looked")
     sightings = flown.of_kind("sighting")
     assert sightings
@@ -324,7 +325,9 @@ def test_a_place_asked_for_during_take_off_is_the_first():
 
 
 def test_return_ends_a_look_and_says_what_was_not_looked_at():
-    flown = looked((300, Order("look", None, PLACE)), (310, Order("look", None, (10, 50))), (320, Order("return")))
+    flown = looked(
+        (300, Order("look", None, PLACE)), (310, Order("look", None, (10, 50))), (320, Order("return"))
+    )
     assert flown.reason == "operator"
     assert flown.of_kind("looked") == []
     sentences = [line["sentence"] for line in flown.of_kind("safety")]
@@ -336,14 +339,16 @@ def test_return_ends_a_look_and_says_what_was_not_looked_at():
 
 
 def test_the_battery_ends_a_look():
-    flown = looked(*((k, Order("look", None, PLACE)) for k in range(300, 1000, 10)), battery_wh=18.0)
+    asked = [Order("look", None, place) for place in (PLACE, (10.0, 60.0)) * 20]
+    flown = looked(*enumerate(asked, start=300), battery_wh=15.0)
     assert flown.reason in ("low battery", "return energy")
+    assert 0 < len(flown.of_kind("looked")) < len(asked)
     flown.assert_landed_at_home()
 
 
 def test_a_place_for_which_the_energy_is_lacking_is_refused():
     wide = {"polygon_enu_m": [[0, 0], [150, 0], [150, 100], [0, 100]]}
-    flown = looked((250, Order("look", None, (145.0, 95.0))), battery_wh=11.0, area=wide)
+    flown = looked((250, Order("look", None, (145.0, 95.0))), battery_wh=10.0, area=wide)
     assert "with the way home it takes" in flown.of_kind("safety")[0]["sentence"]
     assert flown.of_kind("looked") == []
     flown.assert_landed_at_home()
@@ -373,7 +378,7 @@ def test_a_look_is_flown_round_a_no_fly_area():
 
 
 def test_under_a_tree_it_looks_from_beside():
-    tree = {"position_enu_m": [*PLACE], "height_m": 12.0, "crown_diameter_m": 5.0}
+    tree = {"position_enu_m": [*PLACE], "height_m": 12.0, "crown_radius_m": 2.5}
     flown = looked((300, Order("look", None, (PLACE[0] + 2.5, PLACE[1]))), trees=[tree])
     (seen,) = flown.of_kind("looked")
     there = min(flown.of_kind("state"), key=lambda s: abs(s["t"] - seen["t"]))
@@ -404,7 +409,9 @@ def test_while_somebody_else_flies_it_and_on_the_way_home_a_look_is_refused():
 
 
 def test_a_look_goes_on_after_somebody_else_has_flown_it():
-    flown = Flown(vehicle=lambda inner: Taken(inner, 31.0), operator=ordering((295, Order("look", None, PLACE))))
+    flown = Flown(
+        vehicle=lambda inner: Taken(inner, 31.0), operator=ordering((295, Order("look", None, PLACE)))
+    )
     assert len(flown.of_kind("looked")) == 1
     assert flown.reason == "completed"
     flown.assert_found()
