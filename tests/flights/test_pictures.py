@@ -83,6 +83,13 @@ def test_a_candidate_rejected_without_a_detection_from_low_is_shown_from_low(boo
     assert book.names() == ["candidate-7-20.0s.jpg", "candidate-8-30.0s.jpg"]
 
 
+def test_a_candidate_that_the_operator_rejects_from_anywhere_keeps_its_picture(book):
+    book.see(1.0, 30.0, 0.6)
+    book.eye.last_look = look(20.0, 4.0)
+    book.write(20.3, "rejected", candidate=7, by="operator")
+    assert book.names() == ["candidate-7-1.0s.jpg"]
+
+
 def test_no_candidate_is_dropped(book):
     for k in range(60):
         book.see(float(k), 4.0, 0.8, candidate=k)

@@ -39,7 +39,8 @@ ORDERS = {
     20.0: Order("continue"),
     34.0: Order("reject", 1),
     36.0: Order("confirm", 1),
-    37.0: Order("reject", 2),
+    39.0: Order("look", None, (8.0, 9.0)),
+    58.0: Order("reject", 2),
 }
 
 
@@ -89,7 +90,7 @@ def whole(tmp_path_factory):
 def test_every_order_has_its_line_and_what_follows_from_it(whole):
     lines = read_journal(whole / "journal.jsonl")
     assert [line["word"] for line in lines if line["kind"] == "operator"] == [o.word for o in ORDERS.values()]
-    assert sum(line["kind"] == "looked" for line in lines) == 2
+    assert sum(line["kind"] == "looked" for line in lines) == 3
     assert [line["kind"] for line in lines if line.get("by") == "operator"] == [
         "rejected",
         "confirmed",
@@ -182,19 +183,8 @@ def broken_off(folder, until):
     return vehicle
 
 
-def at_order(word, number=1):
-    """At the line of an order."""
-    met = []
-
-    def until(line):
-        met.extend([line] if line["kind"] == "operator" and line["word"] == word else [])
-        return len(met) == number
-
-    return until
-
-
 def at(kind, number=1, **fields):
-    """At a line of a kind that says all of ``fields``."""
+    """At a line of a kind that says all of ``fields``: what ``broken_off`` needs."""
     met = []
 
     def until(line):
@@ -207,17 +197,18 @@ def at(kind, number=1, **fields):
 
 @pytest.mark.parametrize("stays_up", [True, False])
 @pytest.mark.parametrize(
-    "until",
+    "line",
     [
-        *(at_order("look", n) for n in (1, 2, 3)),
-        *(at("state", n, mode="LOOK") for n in (1, 12)),
-        *(at("looked", n) for n in (1, 2)),
-        at("scanned"),
+        *(("operator", n, {"word": "look"}) for n in (1, 2, 3)),
+        *(("state", n, {"mode": "LOOK"}) for n in (1, 12)),
+        *(("looked", n, {}) for n in (1, 2, 3)),
+        ("scanned", 1, {}),
     ],
 )
-def test_places_that_were_asked_for_are_looked_at_after_all(tmp_path, until, stays_up):
+def test_places_that_were_asked_for_are_looked_at_after_all(tmp_path, line, stays_up):
     folder = tmp_path / "run"
-    vehicle = broken_off(folder, until)
+    kind, number, says = line
+    vehicle = broken_off(folder, at(kind, number, **says))
     before = read_journal(folder / "journal.jsonl")
     asked = [line["p"] for line in before if line["kind"] == "operator" and line["word"] == "look"]
     resume_folder(folder, Rig(vehicle=vehicle if stays_up else embedded_vehicle(scenario(), 1)))
@@ -229,21 +220,22 @@ def test_places_that_were_asked_for_are_looked_at_after_all(tmp_path, until, sta
 
 
 @pytest.mark.parametrize(
-    "until",
+    "line",
     [
-        at_order("reject"),
-        at("rejected", by="operator"),
-        at_order("confirm", 2),
-        at("confirmed", by="operator"),
-        at_order("reject", 2),
-        at("rejected", 2, by="operator"),
-        at("waypoint_reached", 2),
-        at("end"),
+        ("operator", 1, {"word": "reject"}),
+        ("rejected", 1, {"by": "operator"}),
+        ("operator", 2, {"word": "confirm"}),
+        ("confirmed", 1, {"by": "operator"}),
+        ("operator", 2, {"word": "reject"}),
+        ("rejected", 2, {"by": "operator"}),
+        ("waypoint_reached", 2, {}),
+        ("end", 1, {}),
     ],
 )
-def test_verdicts_outlive_a_kill(tmp_path, until):
+def test_verdicts_outlive_a_kill(tmp_path, line):
     folder = tmp_path / "run"
-    vehicle = broken_off(folder, until)
+    kind, number, says = line
+    vehicle = broken_off(folder, at(kind, number, **says))
     before = read_journal(folder / "journal.jsonl")
     resume_folder(folder, Rig(vehicle=vehicle))
     words = {"confirm": "confirmed", "reject": "rejected"}
@@ -262,7 +254,7 @@ def test_verdicts_outlive_a_kill(tmp_path, until):
 
 def test_the_scan_goes_on_where_it_was_left_for_the_look(tmp_path):
     folder = tmp_path / "run"
-    broken_off(folder, at("looked", 2))
+    broken_off(folder, at("looked", 3))
     before = [line for line in read_journal(folder / "journal.jsonl") if line["kind"] == "state"]
     left = [line["p"] for line in before if line["mode"] == "SCAN"][-1]
     resume_folder(folder, Rig(vehicle=embedded_vehicle(scenario(), 1)))

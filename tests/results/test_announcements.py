@@ -142,3 +142,14 @@ def test_a_folder_that_holds_a_mission_says_nothing(tmp_path):
     with pytest.raises(UserError):
         fly_to_folder(Scenario.model_validate(SIGNS), 0, folder, Rig("statistical", say=said.append))
     assert said == []
+
+
+def test_the_operators_verdicts_are_said_to_be_theirs():
+    records = [
+        sighting(2.0, 3, 0.6),
+        confirmed(5.0, 3) | {"by": "operator"},
+        confirmed(6.0, 3) | {"kind": "rejected", "by": "operator"},
+    ]
+    found, rejected = told(records)
+    assert found.startswith("confirmed by the operator: stop sign 1 at 60.4494083, 22.2968245")
+    assert rejected.startswith("rejected by the operator: candidate 3 (stop sign) at 60.4494083, 22.2968245")

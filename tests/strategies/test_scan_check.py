@@ -12,7 +12,7 @@ from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import Search
 from skysweep.strategies.baselines import SingleAltitude
 from skysweep.strategies.scan_check import ScanCheck
-from skysweep.types import Candidate, Look, Observation, Sighting, VehicleState, Waypoint
+from skysweep.types import Candidate, EventKind, Look, Observation, Sighting, VehicleState, Waypoint
 
 H_S, H_C = 30.0, 4.0
 F = [(0.0, 0.0), (100.0, 0.0), (100.0, 30.0)]
@@ -428,3 +428,65 @@ def test_a_close_look_that_is_demanded_is_one_from_low_enough():
     with pytest.raises(UserError, match=r"is 20, and scan-only looks from 30 m alone; write null"):
         SingleAltitude(context_of(F, strategy="scan-only", confirm_height_max_m=20.0), 30.0)
     assert SingleAltitude(context_of(F, confirm_height_max_m=20.0), 4.0)
+
+
+def test_the_operators_verdict_takes_a_candidate_out_of_s():
+    p = Player(n_c=2)
+    p.put(1, 20, 0)
+    p.put(2, 30, 0)
+    p.at(10, 0, sees=[1])
+    rejected = {1: EventKind.REJECTED}
+    assert p.at(11, 0, sees=[2], verdicts=rejected).mode == "SCAN", "one is left of the two"
+    assert kinds(p.at(12, 0, sees=[1], verdicts=rejected)) == [], "it is not scanned again"
+
+
+def test_the_operators_verdict_on_the_goal_turns_to_the_next_one():
+    p = Player(n_c=2)
+    p.put(1, 20, 0)
+    p.put(2, 30, 0)
+    p.at(10, 0, sees=[1, 2])
+    command = p.at(12, 0, verdicts={1: EventKind.CONFIRMED}, refused="geofence")
+    assert kinds(command) == [], "what was refused was the way to the first one"
+    assert command.waypoint.xy_enu_m == (30.0, 0.0)
+    both = {1: EventKind.CONFIRMED, 2: EventKind.REJECTED}
+    assert kinds(p.at(13, 0, verdicts=both)) == ["scan_resumed"]
+
+
+def test_the_operators_verdict_on_another_one_leaves_the_check_as_it_is():
+    p = Player(n_c=2)
+    p.put(1, 20, 0)
+    p.put(2, 30, 0)
+    p.at(10, 0, sees=[1, 2])
+    p.at(20, 0, z=H_C)
+    p.at(20, 0, z=H_C, dt=0.5, verdicts={2: EventKind.REJECTED})
+    assert kinds(p.at(20, 0, z=H_C, dt=0.6, verdicts={2: EventKind.REJECTED})) == ["rejected", "scan_resumed"]
+
+
+def test_the_operators_verdict_may_change_and_outlives_a_snapshot():
+    p = Player(n_c=1)
+    p.put(1, 20, 0)
+    p.at(10, 0, sees=[1])
+    p.at(11, 0, verdicts={1: EventKind.REJECTED})
+    assert p.strategy.snapshot()["rejected"] == [1]
+    p.at(12, 0, verdicts={1: EventKind.CONFIRMED})
+    assert (p.strategy.snapshot()["rejected"], p.strategy.snapshot()["confirmed"]) == ([], [1])
+    p.strategy.restore(p.strategy.snapshot())
+    assert kinds(p.at(13, 0, sees=[1], verdicts={1: EventKind.CONFIRMED})) == []
+
+
+def test_looks_from_elsewhere_are_no_looks_from_above():
+    p = Player(n_c=1)
+    p.put(1, 20, 0)
+    p.at(10, 0, sees=[1])
+    p.at(20, 0, z=H_C)
+    p.at(20, 0, z=H_C, dt=30.0, looked_s=20.0, elsewhere=True)
+    assert kinds(p.at(20, 0, z=H_C)) == [], "one look from above is too few"
+    assert kinds(p.at(20, 0, z=H_C, dt=1.0)) == ["rejected", "scan_resumed"]
+
+
+def test_a_single_altitude_says_nothing_of_what_the_operator_decided():
+    p = Player()
+    p.strategy = SingleAltitude(context_of(F, 1.0, scan_altitude_agl_m=H_S, check_altitude_agl_m=H_C), H_S)
+    p.put(1, 20, 0)
+    assert kinds(p.at(10, 0, sees=[1], confidence=0.9, verdicts={1: EventKind.REJECTED})) == []
+    assert kinds(p.at(10, 0, sees=[1], confidence=0.9)) == ["scanned", "confirmed"]

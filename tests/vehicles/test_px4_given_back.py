@@ -36,22 +36,22 @@ def small() -> Scenario:
 
 
 class Flight:
-    """A mission on the look-alike; ``happens`` is asked at every step and may give the operator's word."""
+    """A mission on the look-alike; ``happens`` is asked at every step and may give the operator's order."""
 
     def __init__(self, happens, on_loss=5):
         self.there = LookAlike(on_loss, small(), BOOTED_S)
         mission = build_mission(small(), 0, Rig("statistical", vehicle=self.there.vehicle))
-        journal, self.states, self._word = MemoryJournal(), [], None
+        journal, self.states, self._order = MemoryJournal(), [], None
 
         def watch(state, mode, _new):
             self.states.append((state.time_s, mode, state.position_enu_m, bool(state.taken_over)))
-            self._word = happens(self.there, state, mode)
+            self._order = happens(self.there, state, mode)
 
         def operator():
-            word, self._word = self._word, None
-            if word == TAKE_BACK:  # as Px4Flight does
+            order, self._order = self._order, None
+            if order == Order(TAKE_BACK):  # as Px4Flight does
                 self.there.vehicle.regain()
-            return None if word is None else Order(word)
+            return order
 
         self.reason = fly(mission, journal, watch, operator)
         self.lines = journal.lines
@@ -88,7 +88,7 @@ class Pilot:
             assert there.flown()[0] == POSITION
         elif state.taken_over:
             there.sticks(moving=False)
-            return TAKE_BACK
+            return Order(TAKE_BACK)
         return None
 
 
@@ -144,7 +144,7 @@ def test_a_ground_station_that_holds_it_is_not_overruled_for_ever():
             held.append(state.time_s)
             there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
         if held and state.time_s > held[0] + 300.0:
-            return TAKE_BACK if state.taken_over else None
+            return Order(TAKE_BACK) if state.taken_over else None
         assert not held or there.flown()[0] == HOLD
 
     flight = Flight(happens)
@@ -245,10 +245,10 @@ def test_the_operator_is_heard_while_px4_lands():
             return None
         if not held and state.position_enu_m[2] < 10.0:
             held.append(state.time_s)
-            return "hold"
+            return Order("hold")
         if held and state.time_s > held[0] + 15.0:
             held.append(state.time_s)
-            return TAKE_BACK
+            return Order(TAKE_BACK)
         return None
 
     flight = Flight(happens)
