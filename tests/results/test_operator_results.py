@@ -62,6 +62,14 @@ def test_the_teams_figures_hold_them(run, tmp_path):
     assert after["n_by_operator"] == 2
 
 
+def test_a_verdict_on_the_way_home_is_in_the_curve_when_it_was_said(tmp_path):
+    late = [order(75, "confirm", 6), event(75, "confirmed", 6, [35, 11, 0]) | OPERATOR]
+    records = tiny_records()
+    summary = compute_summary(load_run(write_run(tmp_path, [*records[:-3], *late, *records[-3:]])))
+    assert summary["mission_time_s"] == 60
+    assert summary["pos_curve"][-2:] == [[75, 1.0], [75, 1.0]]
+
+
 def test_report_and_exports_say_by_the_operator(run):
     summary = write_results(run, run.folder)
     assert summary["n_by_operator"] == 2

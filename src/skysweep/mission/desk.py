@@ -86,9 +86,14 @@ class Desk:
 
     # ---- places to look at -------------------------------------------------------------------------------
 
+    @property
+    def has_places(self) -> bool:
+        """Whether places are still to be looked at."""
+        return self._n_seen < len(self._places)
+
     def goal(self, state: VehicleState, altitude_agl_m: float, new: Detections | None) -> Waypoint | None:
         """Where to fly for the operator now; None: no place is left. ``new`` are the newest detections."""
-        while self._n_seen < len(self._places):
+        while self.has_places:
             xy = self._places[self._n_seen]
             if self._goal is None:
                 self._goal, why = self._judge(xy, state, altitude_agl_m)

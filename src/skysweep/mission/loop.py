@@ -501,10 +501,11 @@ class Flight:
 
     def _looks_for_operator(self, state: VehicleState, new: Detections | None) -> bool:
         """Whether it flies to, or is at, a place that the operator asked for."""
+        if self._desk.has_places or self._mode is Mode.LOOK:
+            self._tell(state)
         goal = self._desk.goal(state, self._altitude_agl_m(state), new)
         if goal is None:
             return False
-        self._tell(state)
         self._mode = Mode.LOOK
         self._interrupted = self._going_back = True
         self._m.vehicle.command(self._setpoint(state, goal))

@@ -123,7 +123,7 @@ def compute_summary(
         "time_to_confirm_s": [_rounded(t) for t in confirmed_s],
         "pos_curve": [[0.0, 0.0]]
         + [[round(t, 3), (k + 1) / len(targets)] for k, t in enumerate(times)]
-        + [[round(mission_time_s, 3), len(times) / len(targets) if targets else 0.0]],
+        + [[round(max([mission_time_s, *times[-1:]]), 3), len(times) / len(targets) if targets else 0.0]],
         "n_scanned": len({r["candidate"] for r in run.events(EventKind.SCANNED)}),
         "n_checks": len(run.events(EventKind.CHECK_STARTED)),
         "n_checked": sum(c.verdict is not None for c in run.candidates),
