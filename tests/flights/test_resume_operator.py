@@ -108,10 +108,10 @@ def test_killed_anywhere_a_simulated_mission_repeats_the_orders(whole, tmp_path,
     near = {
         k + away
         for k, line in enumerate(lines)
-        for away in (0, 1, 2)
+        for away in (0, 1)
         if line["kind"] in ("operator", "looked", "safety") or "by" in line
     }
-    for k in sorted(near | set(range(1, len(lines), 12))):
+    for k in sorted(near | set(range(1, len(lines), 25))):
         folder = killed(whole, tmp_path / f"killed-{k}", k)
         resume_scripted(folder)
         assert (folder / "journal.jsonl").read_bytes() == expected, f"killed at line {k}"
@@ -145,7 +145,7 @@ TENTHS = st.integers(1, 700).map(lambda tenths: tenths / 10)
     share=st.floats(0.02, 0.98),
     strategy=st.sampled_from(["scan-check", "belief", "scan-only"]),
 )
-@settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 def test_whatever_is_ordered_it_is_repeated(told, share, strategy, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     search = SMALL["search"] | {"strategy": strategy}

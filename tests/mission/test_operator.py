@@ -386,6 +386,16 @@ def test_under_a_tree_it_looks_from_beside():
     assert flown.of_kind("clearance")[0]["collisions"] == 0
 
 
+def test_a_detour_that_began_above_a_high_tree_ends_where_it_began():
+    """There the vehicle was higher than the scan, which it need not be again."""
+    trees = [{"position_enu_m": [x, 30.0], "height_m": 38.0, "crown_radius_m": 3.0} for x in range(2, 60, 6)]
+    over_s = next(s["t"] for s in Flown(trees=trees).of_kind("state") if s["p"][2] > 35.0)
+    flown = looked((round(10 * over_s), Order("look", None, PLACE)), trees=trees)
+    assert len(flown.of_kind("looked")) == 1
+    assert flown.reason == "completed"
+    assert flown.of_kind("clearance")[0]["collisions"] == 0
+
+
 def test_while_somebody_else_flies_it_and_on_the_way_home_a_look_is_refused():
     flies = []
 

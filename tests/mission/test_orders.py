@@ -26,6 +26,6 @@ def test_the_journal_gives_an_order_back_as_it_was_obeyed(word, candidate_id, xy
 
 
 def test_a_place_that_is_none_is_left_out():
-    for xy in ((math.nan, 0.0), (0.0, math.inf), (1e5, 0.0)):
+    for xy in ((math.nan, 0.0), (0.0, math.inf), (1e5, 0.0), (0.0, -99999.99999)):
         assert Order("look", None, xy).as_recorded() == Order("look")
     assert Order("look", None, (1.23456, -7)).as_recorded().xy_enu_m == (1.2346, -7.0)

@@ -520,7 +520,8 @@ class Flight:
         away_m = math.dist(state.position_enu_m[:2].tolist(), (x, y))
         limit_m = _BACK_M if self._going_back else _DISPLACED_M
         covered = self._m.covers_from(z - self._m.ground_at_m(x, y))
-        too_low = self._going_back and z - state.position_enu_m.item(2) > _BACK_M
+        below_m = self._m.cover_altitude_agl_m - self._altitude_agl_m(state)
+        too_low = self._going_back and below_m > _BACK_M
         self._going_back = self._interrupted = covered and (away_m > limit_m or too_low)
         if self._going_back:
             speed_mps = self._m.scenario.vehicle.cruise_speed_mps

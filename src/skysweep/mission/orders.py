@@ -26,11 +26,11 @@ class Order(NamedTuple):
 
     def as_recorded(self) -> Order:
         """The order as the journal gives it back: its place rounded to a tenth of a millimetre, or none."""
-        place = self.xy_enu_m
-        if place is None or not all(math.isfinite(v) and abs(v) < _FARTHEST_M for v in place):
-            return self._replace(xy_enu_m=None)
-        x, y = place
-        return self._replace(xy_enu_m=(round(float(x), 4), round(float(y), 4)))
+        if self.xy_enu_m is None:
+            return self
+        x, y = (round(float(v), 4) for v in self.xy_enu_m)
+        is_place = math.isfinite(x + y) and max(abs(x), abs(y)) < _FARTHEST_M
+        return self._replace(xy_enu_m=(x, y) if is_place else None)
 
     @classmethod
     def of_line(cls, line: Mapping[str, Any]) -> Order:
