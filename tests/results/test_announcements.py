@@ -150,6 +150,8 @@ def test_the_operators_verdicts_are_said_to_be_theirs():
         confirmed(5.0, 3) | {"by": "operator"},
         confirmed(6.0, 3) | {"kind": "rejected", "by": "operator"},
     ]
-    found, rejected = told(records)
+    looked = line(9.0, "looked", p=[12.3, 45.6, 0.0])
+    found, rejected, seen = told([*records, looked])
+    assert seen == "Looked at 12 m east, 46 m north for the operator."
     assert found.startswith("confirmed by the operator: stop sign 1 at 60.4494083, 22.2968245")
     assert rejected.startswith("rejected by the operator: candidate 3 (stop sign) at 60.4494083, 22.2968245")
