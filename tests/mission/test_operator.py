@@ -190,6 +190,26 @@ def test_what_a_strategy_says_of_a_decided_candidate_is_left_out():
     assert any(line["kind"] == "rejected" for line in journal.lines if line.get("candidate") == 2)
 
 
+@pytest.mark.parametrize("strategy", ("scan-check", "belief", "scan-only"))
+def test_a_candidate_that_the_strategy_never_heard_of_can_be_confirmed(strategy):
+    """It lies outside the searched area."""
+    outside = {"class": "stop sign", "position_enu_m": [66, 30], "size_m": 0.9}
+
+    def answers(line):
+        if line["kind"] == "sighting" and line["p"][0] > 63.0 and not confirmed:
+            confirmed.append(line["candidate"])
+            return [Order("confirm", line["candidate"])]
+        return None
+
+    confirmed = []
+    flown = flown_by(answers, targets=[*SCENARIO["targets"], outside], search=search(strategy))
+    assert flown.reason == "completed"
+    assert [line["candidate"] for line in flown.of_kind("confirmed") if "by" in line] == confirmed
+    assert confirmed
+    assert [line for line in flown.of_kind("unchecked") if line["candidate"] in confirmed] == []
+    flown.assert_found()
+
+
 @pytest.mark.parametrize(
     ("order", "sentence"),
     [
