@@ -190,7 +190,7 @@ def test_what_a_strategy_says_of_a_decided_candidate_is_left_out():
     assert any(line["kind"] == "rejected" for line in journal.lines if line.get("candidate") == 2)
 
 
-@pytest.mark.parametrize("strategy", ("scan-check", "belief", "scan-only"))
+@pytest.mark.parametrize("strategy", ["scan-check", "belief", "scan-only"])
 def test_a_candidate_that_the_strategy_never_heard_of_can_be_confirmed(strategy):
     """It lies outside the searched area."""
     outside = {"class": "stop sign", "position_enu_m": [66, 30], "size_m": 0.9}
