@@ -262,13 +262,13 @@ def test_comparison_shows_scan_only_beside_the_rows(comparison):
         run = write_run(folder / f"runs/sparse-scan-only-seed{seed}", records, name="sparse")
         summaries.append(compute_summary(load_run(run)))
     rows = write_compare_report(folder, summaries)
-    assert [(r.n_c, r.n_seeds) for r in rows] == [(1, 2), ("inf", 2), (None, 2)]
+    assert [(r.n_c, r.n_seeds) for r in rows] == [(1, 2), ("inf", 2), ("scan-only", 2)]
     assert [r["n_c"] for r in json.loads((folder / "compare.json").read_text())] == [1, "inf"]
     (baseline,) = json.loads((folder / "baselines.json").read_text())
     assert baseline["mission_time_mean_s"] == 60
     page = read_page(folder / "report.html")
-    assert "What CHECK costs and brings" in page.text
-    assert "sparse ∞ -0.5" in page.text
+    assert "What closer looks cost and bring" in page.text
+    assert "sparse n_c = ∞ -0.5" in page.text
     assert "the same in all rows" in page.text
     for figure in ("trajectories.svg", "pos-sparse.svg"):
         assert "scan-only" in (folder / figure).read_text(), figure
