@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import say, tell
+from skysweep.cli.common import say
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def live_page(
 
     page = LivePage(folder, Access(host, tiles=checked_tiles(tiles)), port)
     try:
-        tell(page.address)
+        say(page.address)
         open_browser(page.address, no_browser)
         yield page.order
         if sys.stdin.isatty():
