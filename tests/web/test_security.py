@@ -96,7 +96,7 @@ def test_a_page_loads_nothing_from_elsewhere_but_the_tiles_that_were_given(root,
     assert "default-src 'none'" in policy
     assert "http" not in policy
     assert "unsafe-eval" not in policy
-    assert "script-src 'self';" in policy
+    assert "script-src 'self'; style-src 'self';" in policy
     tiles = client_of(root, tiles="https://tiles.example/{z}/{x}/{y}.png")
     policy = tiles.get("/api/folder").headers["content-security-policy"]
     assert policy.count("https://") == policy.count("https://tiles.example") == 2

@@ -165,7 +165,7 @@ def fly(
             question = "Arm and take off?" if begun is None else "Go on with the mission?"
             if not yes and not typer.confirm(question, err=True):
                 raise typer.Exit(1)
-            orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles, as_json))
+            orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
             with status() as progress, _Operator(folder, live) as operator:
                 task = progress.add_task(chosen.name, doing="arming", total=None)
                 line = StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))

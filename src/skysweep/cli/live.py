@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from skysweep.cli.common import say, tell
+from skysweep.cli.common import say
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ def live_page(
     port: int | None,
     no_browser: bool,
     tiles: str | None,
-    as_json: bool,
 ) -> Iterator[Callable[[], Order | None]]:
     """The page of the mission in ``folder``, and the orders given on it; nothing unless ``live``.
 
@@ -65,7 +64,7 @@ def live_page(
 
     page = LivePage(folder, Access(host, tiles=checked_tiles(tiles)), port)
     try:
-        (say if as_json else tell)(page.address)
+        say(page.address)
         open_browser(page.address, no_browser)
         yield page.order
         if sys.stdin.isatty():

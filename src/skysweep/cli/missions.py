@@ -150,7 +150,7 @@ def run(
         _topic("pose", pose, "vehicle"),
     )
     refuse_other_mission(folder)
-    with live_page(folder, live, host, port, no_browser, tiles, as_json) as orders:
+    with live_page(folder, live, host, port, no_browser, tiles) as orders:
         with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
             vehicle, eye, finder = parts
             rig = Rig(
@@ -201,7 +201,7 @@ def resume(
 
     if answers_complete(as_json, run_dir, from_sound_lines):
         return
-    with live_page(run_dir, live, host, port, no_browser, tiles, as_json) as orders:
+    with live_page(run_dir, live, host, port, no_browser, tiles) as orders:
         with flying(run_dir.name, run_dir) as watch:
             rig = Rig(watch=watch, operator=orders, say=say, prepare=watch.prepare, film=True)
             rig = paced(rig, speed or (LIVE_SPEED if live else None))

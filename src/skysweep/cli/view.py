@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -54,4 +55,5 @@ def view(
     tell(where)
     say("Ctrl-C ends it")
     open_browser(where, no_browser)
-    serve(folder, listener, access)
+    with suppress(KeyboardInterrupt):
+        serve(folder, listener, access)

@@ -66,9 +66,9 @@ class Access:
         """The content security policy of the page."""
         tiles = f" {_origin_of(self.tiles)}" if self.tiles else ""
         return (
-            "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; font-src 'self'; "
-            f"img-src 'self' data: blob:{tiles}; connect-src 'self'{tiles}; worker-src 'self' blob:; "
-            "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            "default-src 'none'; script-src 'self'; style-src 'self'; style-src-attr 'unsafe-inline'; "
+            f"font-src 'self'; img-src 'self' data: blob:{tiles}; connect-src 'self'{tiles}; "
+            "worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
 
     def _is_token(self, given: str) -> bool:

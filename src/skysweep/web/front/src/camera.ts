@@ -45,10 +45,11 @@ export class CameraPanel {
     if (key === this.drawn) return;
     this.drawn = key;
     this.draw(look);
-    const when = look ? `${clockTime(look.t)}: ${look.confidences.length || "no"} ${look.confidences.length === 1 ? "box" : "boxes"}` : "no look";
-    const failure = newest?.failure ? `; the newest look failed: ${newest.failure}` : "";
-    const source = shown ? "" : this.store.film.length ? ", no picture yet" : ", no pictures were kept";
-    setText(this.words, `Detector at ${when}${source}${failure}`);
+    const boxes = look && `${look.confidences.length || "no"} ${look.confidences.length === 1 ? "box" : "boxes"}`;
+    const parts = [look ? `Look at ${clockTime(look.t)}: ${boxes}` : "No look now"];
+    if (!shown) parts.push(this.store.film.length ? "no picture yet" : "no pictures were kept");
+    if (newest?.failure) parts.push(`the newest look failed: ${newest.failure}`);
+    setText(this.words, parts.join("; "));
   }
 
   /** Loads the newest wanted picture; those wanted meanwhile are skipped. */

@@ -39,6 +39,9 @@ export class MissionMap {
     shown: Shown,
     private readonly events: MapEvents,
   ) {
+    if (!document.createElement("canvas").getContext("webgl2")) {
+      throw new Error("The map needs WebGL 2, which this browser does not have or has switched off.");
+    }
     this.shown = shown;
     this.projection = new Projection(store.scene);
     this.overlay = new Overlay(store, this.projection);

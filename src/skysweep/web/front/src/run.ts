@@ -120,7 +120,7 @@ class RunPage {
     const side = this.sidePanels();
     return h(
       "div",
-      { class: "run" },
+      { class: scene.live ? "run live" : "run" },
       h(
         "header",
         {},
@@ -130,7 +130,7 @@ class RunPage {
         this.chip,
         h("span", { class: "space" }),
         h("div", { class: "segments", role: "group", "aria-label": "View" }, ...viewButtons),
-        h("a", { href: `${runPath(this.id)}/report`, class: "button quiet", target: "_blank", rel: "noopener" }, "Report"),
+        h("a", { href: `${runPath(this.id)}/report`, class: "button quiet report", target: "_blank", rel: "noopener" }, "Report"),
         this.theme.button,
         h("button", { type: "button", class: "quiet", title: "Keys (?)", onclick: () => this.help.showModal() }, "Keys"),
       ),
