@@ -91,6 +91,8 @@ can_render() {
     .venv/bin/python -c 'import moderngl; moderngl.create_context(standalone=True, backend="egl")' 2>/dev/null
 }
 
+has_chromium() { command -v chromium || command -v chromium-browser || command -v google-chrome; }
+
 # The wheel of a release holds the page; a checkout builds it.
 wants_page() { [[ " $* " =~ \ (dev|web)\  ]]; }
 
@@ -98,6 +100,9 @@ make_venv
 install_package "$@"
 if wants_page "$@" && ! tools/web.sh; then
     say "the live page is missing (skysweep view, --live); everything else works"
+fi
+if [[ " $* " == *" dev "* ]] && ! has_chromium >/dev/null && ! apt_install chromium; then
+    say "no Chromium: the tests of the live page in a browser are skipped"
 fi
 if ! can_render; then
     mapfile -t missing < <(missing_packages "${PICTURE_NEEDS[@]}")
