@@ -1,12 +1,16 @@
 """Missions to be shown, and a page's view of the server."""
 
+import json
 import shutil
+import zlib
+from itertools import cycle
 
 import pytest
 from starlette.testclient import TestClient
 
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
+from skysweep.mission.journal import read_journal
 from skysweep.scenarios.model import Scenario
 from skysweep.web.app import App
 from skysweep.web.places import Places
@@ -63,3 +67,30 @@ def client_of():
 @pytest.fixture
 def client(root, client_of):
     return client_of(root)
+
+
+@pytest.fixture
+def long_run(run, tmp_path):
+    """Makes a run folder whose journal has that many seconds of ten looks and two states each."""
+
+    def make(duration_s):
+        folder = tmp_path / f"lasts-{duration_s}-s"
+        folder.mkdir()
+        shutil.copy(run / "config.yaml", folder)
+        records = read_journal(run / "journal.jsonl")
+        states = cycle([r for r in records if r["kind"] == "state" and r["mode"] in ("SCAN", "CHECK")])
+        looks = cycle([r for r in records if r["kind"] == "look"])
+        whole = [r for r in records if r["kind"] in ("setup", "start", "plan")]
+        for k in range(10 * duration_s):
+            whole.append(next(looks) | {"t": k / 10})
+            if k % 5 == 0:
+                whole.append(next(states) | {"t": k / 10})
+        whole.append({"t": float(duration_s), "kind": "end", "reason": "completed"})
+        seal, lines = 0, []
+        for text in map(json.dumps, whole):
+            seal = zlib.crc32(text.encode(), seal)
+            lines.append(f'{text[:-1]}, "chain": "{seal:08x}"}}\n')
+        (folder / "journal.jsonl").write_text("".join(lines))
+        return folder
+
+    return make

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 import urllib.request
-import zlib
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -279,32 +278,8 @@ def test_view_serves_a_folder_until_ctrl_c(root):
     assert token not in output + errors
 
 
-@pytest.fixture
-def an_hour(run, tmp_path):
-    """A run folder whose journal has an hour of ten looks a second."""
-    folder = tmp_path / "hour"
-    folder.mkdir()
-    shutil.copy(run / "config.yaml", folder)
-    records = read_journal(run / "journal.jsonl")
-    state = next(r for r in records if r["kind"] == "state" and r["mode"] == "SCAN")
-    look = next(r for r in records if r["kind"] == "look" and r["confidences"])
-    first = [r for r in records if r["kind"] in ("setup", "start", "plan")]
-    whole = list(first)
-    for k in range(36_000):
-        whole.append(look | {"t": k / 10})
-        if k % 5 == 0:
-            whole.append(state | {"t": k / 10})
-    whole.append({"t": 3600.0, "kind": "end", "reason": "completed"})
-    seal, lines = 0, []
-    for text in map(json.dumps, whole):
-        seal = zlib.crc32(text.encode(), seal)
-        lines.append(f'{text[:-1]}, "chain": "{seal:08x}"}}\n')
-    (folder / "journal.jsonl").write_text("".join(lines))
-    return folder
-
-
-def test_viewers_that_do_not_read_hold_up_nobody_and_nothing_is_kept_for_them(an_hour):
-    page = LivePage(an_hour, Access("127.0.0.1"))
+def test_viewers_that_do_not_read_hold_up_nobody_and_nothing_is_kept_for_them(long_run):
+    page = LivePage(long_run(3600), Access("127.0.0.1"))
     try:
         memory_mb = Path(f"/proc/{page._server.pid}/status")
         with ExitStack() as idle:
