@@ -203,7 +203,7 @@ class App:
             listens.cancel()
 
     def _is_in_time(self, word: str) -> bool:
-        """Whether another order of this word may be given now, so that orders cannot pile up before a mission.
+        """Whether one more order of this word may be given now: orders must not pile up before a mission.
 
         Each word is counted alone: a flood of looks leaves room for a hold.
         """

@@ -39,7 +39,7 @@ def checked_order(given: Any) -> tuple[Told, str]:
 
 
 def _place(given: Any) -> tuple[float, float]:
-    if isinstance(given, list) and len(given) == 2:
-        if all(type(v) in (int, float) and abs(v) < _FARTHEST_M for v in given):
-            return float(given[0]), float(given[1])
+    is_pair = isinstance(given, list) and len(given) == 2
+    if is_pair and all(type(v) in (int, float) and abs(v) < _FARTHEST_M for v in given):
+        return float(given[0]), float(given[1])
     raise UserError("position_enu_m: write [east, north] in metres from the origin.")
