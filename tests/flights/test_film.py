@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from skysweep.flights import film
 from skysweep.flights.film import PERIOD_S, film_name
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import resume_folder
@@ -51,6 +52,13 @@ def test_a_picture_shows_what_the_detector_saw(flown):
     _, green, red = cv2.split(picture.astype(int))
     redder = red - green
     assert redder[y0:y1, x0:x1].mean() > np.median(redder) + 20
+
+
+def test_the_film_leaves_room_for_the_journal(tmp_path, monkeypatch):
+    monkeypatch.setattr(film, "_LEFT_FREE_BYTES", 2 * shutil.disk_usage(tmp_path).total)
+    folder = fly(tmp_path / "run")
+    assert not (folder / "film").exists()
+    assert json.loads((folder / "journal.jsonl").read_text().splitlines()[-1])["reason"] == "completed"
 
 
 def test_looks_more_often_than_the_film_leave_some_out(tmp_path):

@@ -155,9 +155,32 @@ def test_what_is_no_order_is_refused(root, client_of):
         {"word": "look", "position_enu_m": [1, None]},
         {"word": "look", "position_enu_m": [1e300, 0]},
         {"word": "hold" * 2000},
+        {"word": ["hold"]},
+        {"word": {}},
+        {"word": "look", "position_enu_m": [10**400, 0]},
     )
-    assert codes == [422] * 10
+    assert codes == [422] * 13
     assert got == []
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"\xff", b"[" * 4000, b'{"word": "look", "position_enu_m": [NaN, 1e999]}']
+)
+def test_what_is_no_json_is_refused(root, client_of, body):
+    got = []
+    (root / "short" / "journal.jsonl").write_bytes(b"")
+    client = client_of(root / "short", live="_", give=got.append)
+    assert client.post("/api/runs/_/operator", content=body, headers=BEARER).status_code == 422
+    assert got == []
+
+
+def test_a_flood_of_orders_does_not_pile_up_before_the_mission_and_leaves_room_to_hold(root, client_of):
+    looks = [{"word": "look", "position_enu_m": [4, k]} for k in range(300)]
+    got, codes = orders(root, client_of, *looks, {"word": "hold"})
+    assert set(codes) == {202, 429}
+    assert codes[-1] == 202
+    assert len(got) <= 21
+    assert got[-1][0] == "hold"
 
 
 def test_a_replay_and_a_mission_that_has_ended_take_no_orders(client, root, client_of):

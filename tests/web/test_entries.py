@@ -20,6 +20,30 @@ def figures(entry):
     return {figure["label"]: figure["value"] for figure in entry["figures"]}
 
 
+def start(run, fields):
+    """A journal with nothing but its start."""
+    (run / "journal.jsonl").write_text(f'{{"t": 0, "kind": "start", {fields}}}\n')
+
+
+def test_a_journal_that_is_a_pipe_holds_up_nobody(root, run):
+    (run / "journal.jsonl").unlink()
+    os.mkfifo(run / "journal.jsonl")
+    assert told(root)["short"]["kind"] == "run"
+
+
+def test_a_folder_whose_name_is_no_text_hides_no_other(root, run):
+    shutil.copytree(run, root / os.fsdecode(b"bad\xff"))
+    assert set(told(root)) == {"short"}
+
+
+def test_links_in_a_run_are_not_followed(root, run):
+    for name in ("journal.jsonl", "config.yaml"):
+        (run / name).rename(root.parent / name)
+        (run / name).symlink_to(root.parent / name)
+        assert f"{name} is a link" in told(root)["short"]["error"]
+        (root.parent / name).replace(run / name)
+
+
 def test_a_mission_is_listed_with_its_figures_map_and_report(root, run):
     entry = told(root)["short"]
     assert entry["kind"] == "run"
@@ -76,6 +100,8 @@ def test_a_damaged_table_is_one_sentence(root):
         (lambda run: (run / "journal.jsonl").unlink(), "broken off", "broken off before take-off"),
         (lambda run: (run / "summary.json").write_text("{}"), "ended", "is damaged"),
         (lambda run: (run / "journal.jsonl").write_bytes(b'{"t": 0'), "broken off", "broken off before"),
+        (lambda run: start(run, '"seed": "x"'), "broken off", "not written by a mission"),
+        (lambda run: start(run, '"seed": 0, "scenario": NaN'), "broken off", "not written by a mission"),
     ],
 )
 def test_a_broken_folder_is_listed_with_one_sentence(root, run, change, state, words):

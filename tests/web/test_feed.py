@@ -139,6 +139,30 @@ def test_what_no_mission_wrote_is_not_shown(run):
     assert told["status"][-1]["error"] == "Line 2 of journal.jsonl was not written by a mission."
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"t": 1.0, "kind": "state", "p": [1e999, 0, 0]}',
+        '{"t": 1.0, "kind": "other", "v": NaN}',
+        '{"t": 1.0, "kind": "look", "doubt": 3}',
+    ],
+)
+def test_a_line_that_no_browser_can_read_is_not_sent(run, line):
+    journal = run / "journal.jsonl"
+    journal.write_text('{"t": 0.0, "kind": "start", "seed": 0}\n' + line + "\n")
+    told = all_news(Feed(run))
+    assert len(lines_of(told)) == 1
+    assert told["status"][-1]["error"] == "Line 2 of journal.jsonl was not written by a mission."
+
+
+def test_a_journal_that_is_a_link_is_not_followed(run):
+    (run / "journal.jsonl").rename(run.parent / "elsewhere")
+    (run / "journal.jsonl").symlink_to(run.parent / "elsewhere")
+    told = all_news(Feed(run))
+    assert lines_of(told) == []
+    assert "is a link" in told["status"][-1]["error"]
+
+
 def test_a_mission_of_a_later_skysweep_gives_one_sentence(run):
     journal = run / "journal.jsonl"
     journal.unlink()

@@ -19,7 +19,17 @@ def test_this_computer_may_see_without_a_token(client, host):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8765", "192.168.0.7:8765", "127.0.0.1.evil.example", ""]
+    "host",
+    [
+        "evil.example",
+        "evil.example:8765",
+        "192.168.0.7:8765",
+        "127.0.0.1.evil.example",
+        "",
+        "[",
+        "[x]:1",
+        "a]",
+    ],
 )
 def test_another_name_that_leads_here_is_refused(client, host):
     answer = client.get("/api/folder", headers={"host": host})
@@ -35,7 +45,7 @@ def test_a_websocket_for_another_name_is_refused(client):
         pass
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:9999"])
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:9999", "http://["])
 def test_another_pages_request_is_refused(client, origin):
     assert client.get("/api/folder", headers={"origin": origin}).status_code == 403
     with (

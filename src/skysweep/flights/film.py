@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,14 @@ PERIOD_S = 0.4  # between pictures: every look at the detector's usual rate
 _WIDEST_PX = 1280
 _QUALITY = 70
 _TOLERANCE_S = 1e-6
+_LEFT_FREE_BYTES = 64 << 20  # for the journal and the results
 
 
 class Film:
     """A journal that keeps one picture of ``PERIOD_S`` in ``folder``, named by the time of its ``look`` line.
 
-    Frames of a mission flown again are empty: their pictures exist. A full disk costs the picture. Implements
-    ``mission.journal.Journal``.
+    Frames of a mission flown again are empty: their pictures exist. A disk that is nearly full costs the
+    picture, so that the journal has room. Implements ``mission.journal.Journal``.
     """
 
     def __init__(self, journal: Journal, folder: Path, sensor: PictureSensor) -> None:
@@ -41,7 +43,8 @@ class Film:
         assert self._sensor.last_look is not None
         image, path = self._sensor.last_look[0].image, self._folder / film_name(time_s)
         with suppress(OSError):
-            if image.size and not path.exists():
+            has_room = shutil.disk_usage(self._folder.parent).free > _LEFT_FREE_BYTES
+            if image.size and not path.exists() and has_room:
                 self._folder.mkdir(exist_ok=True)
                 replace_file(path, _jpeg(image))
 

@@ -142,6 +142,7 @@ _KNOWN: dict[str, type[_Line]] = {
     "safety": _Safety,
     ORDER: _Order,
     LOOKED: _Looked,
+    "look": _Look,
     "unsearched": _Unsearched,
     "end": _Reason,
     "clock": _Clock,
@@ -149,7 +150,7 @@ _KNOWN: dict[str, type[_Line]] = {
     EventKind.MISFIT: _Reason,
     **dict.fromkeys(OF_A_CANDIDATE, _OfCandidate),
 }
-_GONE_ON_WITH = _KNOWN | {"setup": _Setup, "look": _Look, "snapshot": _Snapshot}
+_GONE_ON_WITH = _KNOWN | {"setup": _Setup, "snapshot": _Snapshot}
 
 
 def can_be_told(record: Mapping[str, Any]) -> bool:

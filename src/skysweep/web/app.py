@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from urllib.parse import quote
@@ -33,6 +34,7 @@ STATIC = Path(__file__).parent / "static"  # the built front end
 _PERIOD_S = 0.2  # between looks at a journal
 _BEGINS_S = 120.0  # a mission of this process needs no longer to be prepared
 _LONGEST_ORDER = 4096  # bytes
+_MOST_ORDERS, _WITHIN_S = 20, 10.0  # of one word
 _KEPT = 4  # feeds without a viewer
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 _PICTURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; sandbox"
@@ -52,6 +54,7 @@ class App:
     ) -> None:
         self._places, self._access, self._live, self._give = places, access, live, give
         self._feeds: dict[Path, Feed] = {}
+        self._given_s: dict[str, deque[float]] = {}  # times of the newest orders, by word
         self._drawing = asyncio.Lock()
 
     def asgi(self) -> Starlette:
@@ -165,8 +168,10 @@ class App:
             order, said = checked_order(json.loads(body))
         except UserError as error:
             return _refused(422, str(error))
-        except ValueError:
+        except (ValueError, RecursionError):
             return _refused(422, "The order is not JSON.")
+        if not self._is_in_time(order[0]):
+            return _refused(429, f"Too many orders to {order[0]} at once; wait {_WITHIN_S:.0f} s.")
         self._give(order)
         return JSONResponse({"said": said}, 202)
 
@@ -196,6 +201,17 @@ class App:
             pass
         finally:
             listens.cancel()
+
+    def _is_in_time(self, word: str) -> bool:
+        """Whether one more order of this word may be given now: orders must not pile up before a mission.
+
+        Each word is counted alone: a flood of looks leaves room for a hold.
+        """
+        now_s, given_s = time.monotonic(), self._given_s.setdefault(word, deque(maxlen=_MOST_ORDERS))
+        if len(given_s) == _MOST_ORDERS and now_s - given_s[0] < _WITHIN_S:
+            return False
+        given_s.append(now_s)
+        return True
 
     def _asked(self, request: Request) -> Path:
         return self._places.folder(request.path_params["id"])

@@ -56,7 +56,7 @@ def _found(root: Path) -> Iterator[tuple[Path, str]]:
     n = 0
     for name, folders, files in os.walk(root):
         folder = Path(name)
-        folders[:] = sorted(f for f in folders if not f.startswith(".") and not (folder / f).is_symlink())
+        folders[:] = sorted(f for f in folders if _is_shown(folder / f))
         if len(folder.relative_to(root).parts) >= _DEEPEST:
             folders.clear()
         if JOURNAL_FILE in files or CONFIG_FILE in files:
@@ -69,6 +69,12 @@ def _found(root: Path) -> Iterator[tuple[Path, str]]:
             n += 1
         if n >= _MOST:
             return
+
+
+def _is_shown(folder: Path) -> bool:
+    """Links are not followed, and an address has only names that are text."""
+    is_text = not any("\ud800" <= c <= "\udfff" for c in folder.name)
+    return is_text and not folder.name.startswith(".") and not folder.is_symlink()
 
 
 def _entry(places: Places, folder: Path, kind: str, live: str | None) -> dict[str, Any]:

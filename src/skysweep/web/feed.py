@@ -9,11 +9,13 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+from skysweep.errors import UserError
 from skysweep.files.line_file import scan_lines
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import told_by_name
 from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
 from skysweep.web.coverage import Coverage
+from skysweep.web.places import refuse_link
 from skysweep.web.versions import newer_version
 
 BATCH_BYTES = 1 << 18  # of a message
@@ -88,6 +90,8 @@ class Feed:
             return more
         except FileNotFoundError:
             self._unread = None if self.is_live else f"There is no {JOURNAL_FILE}: the mission has not begun."
+        except UserError as error:
+            self._unread = str(error)
         except OSError as error:
             self._unread = f"{JOURNAL_FILE} cannot be read ({error.strerror})."
         return False
@@ -110,6 +114,7 @@ class Feed:
 
     def _read(self) -> bool:
         path = self.folder / JOURNAL_FILE
+        refuse_link(path)
         stat = path.stat()
         self._unread = None
         self._written_s = stat.st_mtime
@@ -146,7 +151,7 @@ class Feed:
             return
         if number == 1 and (newer := newer_version(record)) is not None:
             self._error = newer
-        elif not can_be_told(record):
+        elif not (can_be_told(record) and is_finite(record)):
             self._error = f"Line {number} of {JOURNAL_FILE} was not written by a mission."
         elif record["kind"] != "snapshot":
             self._ended = self._ended or record["kind"] == _END
@@ -204,6 +209,15 @@ class Feed:
             place.status = status
             messages.append(_message("status", flying=status.flying, ended=status.ended, error=status.error))
         return messages
+
+
+def is_finite(record: dict[str, Any]) -> bool:
+    """Whether a line has neither infinities nor NaN, which no mission writes and no browser reads."""
+    try:
+        json.dumps(record, allow_nan=False)
+    except ValueError:
+        return False
+    return True
 
 
 def _message(kind: str, **fields: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, TypeAlias
 
 from skysweep.errors import UserError
@@ -24,7 +23,7 @@ def checked_order(given: Any) -> tuple[Told, str]:
     """An order from the JSON that a page sent, and what to say to it. Raises UserError if it is none."""
     if not isinstance(given, dict):
         raise UserError("The order is no JSON object.")
-    word = given.get("word")
+    word = str(given.get("word"))
     if word in _STEERING:
         return (word, None, None), _STEERING[word]
     if word in _VERDICTS:
@@ -40,8 +39,7 @@ def checked_order(given: Any) -> tuple[Told, str]:
 
 
 def _place(given: Any) -> tuple[float, float]:
-    if isinstance(given, list) and len(given) == 2:
-        x, y = (float(v) if type(v) in (int, float) else math.nan for v in given)
-        if abs(x) < _FARTHEST_M and abs(y) < _FARTHEST_M:
-            return x, y
+    is_pair = isinstance(given, list) and len(given) == 2
+    if is_pair and all(type(v) in (int, float) and abs(v) < _FARTHEST_M for v in given):
+        return float(given[0]), float(given[1])
     raise UserError("position_enu_m: write [east, north] in metres from the origin.")

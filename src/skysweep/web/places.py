@@ -10,6 +10,12 @@ from skysweep.errors import UserError
 ITSELF = "_"  # id of the served folder
 
 
+def refuse_link(path: Path) -> None:
+    """Raises UserError if a file is a link."""
+    if path.is_symlink():
+        raise UserError(f"{path.name} is a link, and links are not followed; put the file itself there.")
+
+
 class Places:
     """Finds files in a served folder, and none outside of it."""
 

@@ -12,10 +12,13 @@ import shapely
 from skysweep.errors import UserError
 from skysweep.files.line_file import scan_lines
 from skysweep.geometry.grids import utm_of
+from skysweep.results.journal_lines import can_be_told
 from skysweep.results.run_folder import CONFIG_FILE, JOURNAL_FILE, digest_of_config
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.web.coverage import grid_of
+from skysweep.web.feed import is_finite
+from skysweep.web.places import refuse_link
 from skysweep.web.versions import newer_version
 from skysweep.worlds.world import TerrainSurface, World, build_terrain, build_world
 
@@ -27,8 +30,13 @@ _MOST_OBJECTS = 20_000
 def head_of(folder: Path) -> dict[str, Any]:
     """The fields of a journal's first line and of its ``start``; empty where there are none yet.
 
-    Raises UserError if a later skysweep wrote them, or the configuration is not that of the journal.
+    Raises UserError if a later skysweep wrote them, they are no mission's, or the configuration is not that
+    of the journal.
     """
+    for name in (JOURNAL_FILE, CONFIG_FILE):
+        refuse_link(folder / name)
+    if not (folder / JOURNAL_FILE).is_file():
+        return {}
     try:
         with (folder / JOURNAL_FILE).open("rb") as file:
             records = scan_lines(file.read(_HEAD_BYTES)).records
@@ -38,6 +46,8 @@ def head_of(folder: Path) -> dict[str, Any]:
     for record in records:
         if record.get("kind") in ("setup", "start"):
             head |= record
+            if not (can_be_told(record) and is_finite(record)):
+                raise UserError(f"{JOURNAL_FILE} was not written by a mission.")
     newer = newer_version(head)
     if newer is not None:
         raise UserError(newer)

@@ -55,11 +55,12 @@ class Access:
 
         The host is checked because another name may be made to lead here (DNS rebinding).
         """
-        host = connection.headers.get("host", "")
-        if self.is_loopback and not is_loopback(_name_of(host)):
+        host, origin = connection.headers.get("host", ""), connection.headers.get("origin")
+        try:
+            is_here = not self.is_loopback or is_loopback(_name_of(host))
+            return is_here and (origin is None or (origin != "null" and urlsplit(origin).netloc == host))
+        except ValueError:  # no address
             return False
-        origin = connection.headers.get("origin")
-        return origin is None or (origin != "null" and urlsplit(origin).netloc == host)
 
     @property
     def policy(self) -> str:

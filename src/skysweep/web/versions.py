@@ -18,4 +18,4 @@ def newer_version(setup: Mapping[str, Any]) -> str | None:
 
 
 def _parts(version: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", version)[:3])
+    return tuple(int(part) for part in re.findall(r"\d{1,9}", version)[:3])
