@@ -168,7 +168,7 @@ def test_a_comparison_is_told_with_open_bounds_as_null(tmp_path):
     compared = told("compare", "paper", "--seeds", "1", *FAST, "--out", tmp_path / "paper", "--json")
     assert len(compared["rows"]) == 8
     assert compared["rows"][0]["mission_time_ci95_s"] == [None, None]
-    assert len(compared["baselines"]) == 3
+    assert len(compared["baselines"]) == 6  # scan-only and belief in three scenarios
 
 
 def test_an_error_leaves_standard_output_empty():

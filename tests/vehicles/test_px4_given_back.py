@@ -222,7 +222,8 @@ def test_a_flight_goes_on_from_the_sound_lines_of_its_journal(tmp_path):
     summary = resume_folder(folder, Rig(vehicle=there.vehicle), from_sound_lines=True)
     assert (folder / "journal.jsonl.damaged").read_bytes() == damaged
     after = read_journal(journal)
-    resumed = next(k for k, r in enumerate(after) if r["kind"] == "resumed")
+    resumed = next(k for k, r in enumerate(after) if r["kind"] == "resumed") - 1
+    assert after[resumed]["kind"] == "clock"
     assert after[:resumed] == before[:resumed]
     assert resumed < number
     assert summary["completed"]
