@@ -6,7 +6,7 @@ import socket
 from contextlib import closing
 from pathlib import Path
 
-from skysweep.errors import MissingExtraError, UserError
+from skysweep.errors import UserError
 
 try:
     import uvicorn
