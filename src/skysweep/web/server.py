@@ -6,16 +6,12 @@ import socket
 from contextlib import closing
 from pathlib import Path
 
+import uvicorn
+
 from skysweep.errors import UserError
-
-try:
-    import uvicorn
-
-    from skysweep.web.app import App, Give
-    from skysweep.web.places import Places
-    from skysweep.web.security import Access
-except ImportError as error:  # pragma: no cover
-    raise MissingExtraError("The live page", "web") from error
+from skysweep.web.app import App, Give
+from skysweep.web.places import Places
+from skysweep.web.security import Access
 
 PORT = 8765
 _TRIES = 20  # ports after that
