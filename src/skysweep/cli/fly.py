@@ -106,9 +106,9 @@ def fly(
     goes on, and a second Ctrl-C returns home and lands. A pilot, a ground station or a failsafe that takes
     the vehicle over keeps it until Enter is pressed. However this program ends, it leaves its vehicle in
     Hold; if it is killed outright, PX4 does what COM_OBL_RC_ACT says. With --live it can be watched and
-    steered in the browser, too. Given the run folder of an interrupted
-    flight, it continues from where the vehicle is; only --connection, --system-id, --signing-key, --camera
-    and --from-sound-lines count then.
+    steered in the browser, too. Given the run folder of an interrupted flight, it continues from where the
+    vehicle is; only --connection, --system-id, --signing-key, --camera and --from-sound-lines count then,
+    and the options of the live page.
 
     Examples:
 
