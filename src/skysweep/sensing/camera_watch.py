@@ -40,6 +40,7 @@ _ROUGH = 0.2  # relief
 _WAVES_MPS = 1.5
 _OFF_M, _OFF_SHARE = 0.5, 0.03  # explained by GNSS, and by attitude as a share of the height
 _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # explained drift: with time, and with the way
+_FORGIVEN = 2
 _JUMP = 4.0  # times that, which a gimbal explains in one look
 _CHANGE_MPS, _PROOF_S = 1.5, 2.0  # a change of velocity that late pictures would not follow
 _PLAIN = 3.0  # times what is explained: such a fault would be seen
@@ -221,9 +222,8 @@ def _unlit(grey: U8) -> str:
 def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     """How the pictures differ from the estimated way; None: they do not.
 
-    Sums the last step, the last two, three ... In a hard manoeuvre the believed attitude lags: a picture
-    lies beside its place, the next one does not. A median of three sums leaves that out, wherever it is
-    followed by its way back. For a lag at an end, the step that explains most of each sum is forgiven.
+    Sums the last step, the last two, three ... and forgives the worst of each sum, for a gimbal that lags in
+    a hard manoeuvre.
     """
     if not steps:
         return None
@@ -232,10 +232,9 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     off_m = np.array([s.moved.excess_m for s in back])
     way_m = np.array([s.moved.believed_m for s in back])
     off_each_m, way_each_m = np.hypot(*off_m.T), np.hypot(*way_m.T)
-    off_in_all_m, covered_m = _medians(np.cumsum(off_m, axis=0)), np.cumsum(way_m, axis=0)
-    smooth_m = np.diff(off_in_all_m, axis=0, prepend=0.0)
-    rests_m = [off_in_all_m[k] - smooth_m[: k + 1] for k in range(len(back))]
-    adds_up_m = np.array([rest_m[np.argmin(np.hypot(*rest_m.T))] for rest_m in rests_m])
+    forgiven_m = [off_m[np.argsort(off_each_m[: k + 1])[-_FORGIVEN:]].sum(axis=0) for k in range(len(back))]
+    adds_up_m = np.cumsum(off_m, axis=0) - forgiven_m
+    covered_m = np.cumsum(way_m, axis=0)
     ahead = covered_m / np.maximum(np.hypot(*covered_m.T), 1e-6)[:, None]
     along_m = np.abs((adds_up_m * ahead).sum(axis=1))
     across_m = np.abs(adds_up_m[:, 0] * ahead[:, 1] - adds_up_m[:, 1] * ahead[:, 0])
@@ -248,7 +247,7 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     if not false.any():
         return None
     k = int(np.argmax(false))
-    off_mps, believed_mps = off_in_all_m[k] / lasted_s[k], covered_m[k] / lasted_s[k]
+    off_mps, believed_mps = off_m[: k + 1].sum(axis=0) / lasted_s[k], covered_m[k] / lasted_s[k]
     seen_mps = believed_mps + off_mps
     return _Fault(
         f"sees the ground pass at {_velocity(seen_mps)}, not at {_velocity(believed_mps)}: "
@@ -257,12 +256,6 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
         math.hypot(*off_mps) / max(math.hypot(*believed_mps), 1e-6),
         math.hypot(*off_mps),
     )
-
-
-def _medians(sums_m: F64) -> F64:
-    """(N, 2): the median of each sum with the one before, at first 0, and the next; the last as it is."""
-    at_m = np.vstack([np.zeros((1, 2)), sums_m])
-    return np.vstack([np.median([at_m[:-2], at_m[1:-1], at_m[2:]], axis=0), at_m[-1:]])
 
 
 def _velocity(of_camera_mps: F64) -> str:
