@@ -109,6 +109,22 @@ def test_a_broken_folder_gives_one_sentence(run, client, broken, words):
     assert client.get("/api/folder").status_code == 200
 
 
+def test_what_the_system_refuses_is_one_sentence(run, client, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("skysweep.web.app.heights_of", refuse)
+    answer = client.get("/api/runs/short/heights")
+    assert answer.status_code == 500
+    assert answer.json()["error"] == "The folder cannot be read (Permission denied)."
+
+
+@pytest.mark.parametrize("given", ["abc", "-1", "1e3", "9" * 5000])
+def test_a_line_to_begin_at_that_is_none_is_one_sentence(client, given):
+    with client.websocket_connect(f"ws://127.0.0.1:8765/api/runs/short/follow?from={given}") as socket:
+        assert socket.receive_json()["error"] == "from: is no line of a journal; write 0 or more."
+
+
 def orders(root, client_of, *given):
     """What the mission gets, and the answers' codes."""
     got = []

@@ -31,6 +31,14 @@ def test_a_journal_that_is_a_pipe_holds_up_nobody(root, run):
     assert told(root)["short"]["kind"] == "run"
 
 
+def test_a_run_that_is_deleted_meanwhile_hides_no_other(root, monkeypatch):
+    found = [(root / "gone", "run"), (root / "short", "run")]
+    monkeypatch.setattr("skysweep.web.entries._found", lambda _root: found)
+    listed = told(root)
+    assert "cannot be read" in listed["gone"]["error"]
+    assert listed["short"]["error"] is None
+
+
 def test_a_folder_whose_name_is_no_text_hides_no_other(root, run):
     shutil.copytree(run, root / os.fsdecode(b"bad\xff"))
     assert set(told(root)) == {"short"}

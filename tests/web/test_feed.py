@@ -155,6 +155,17 @@ def test_a_line_that_no_browser_can_read_is_not_sent(run, line):
     assert told["status"][-1]["error"] == "Line 2 of journal.jsonl was not written by a mission."
 
 
+def test_a_line_without_end_is_not_read_to_its_end(run, monkeypatch):
+    monkeypatch.setattr(feeds, "_READ_BYTES", 1 << 12)
+    monkeypatch.setattr(feeds, "_LONGEST_LINE_BYTES", 1 << 16)
+    journal = run / "journal.jsonl"
+    kept = b"".join(journal.read_bytes().splitlines(keepends=True)[:20])
+    journal.write_bytes(kept + b" " * (1 << 20))
+    told = all_news(Feed(run))
+    assert len(lines_of(told)) == 20
+    assert told["status"][-1]["error"] == "Line 21 of journal.jsonl is longer than any that a mission writes."
+
+
 def test_a_journal_that_is_a_link_is_not_followed(run):
     (run / "journal.jsonl").rename(run.parent / "elsewhere")
     (run / "journal.jsonl").symlink_to(run.parent / "elsewhere")

@@ -131,6 +131,11 @@ def test_a_port_that_is_taken_is_one_sentence():
         each.close()
 
 
+def test_a_host_that_is_none_is_one_sentence():
+    with pytest.raises(UserError, match="--host a..b: is no name or address of this computer"):
+        listen("a..b", None)
+
+
 def test_the_token_is_where_no_log_sees_it():
     listener = listen("127.0.0.1", None)
     access = Access("127.0.0.1")

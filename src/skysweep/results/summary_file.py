@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
+from skysweep.files.reading import read_limited
 from skysweep.files.writing import replace_file
 
 _SEAL = ',\n "crc": "%08x"\n}\n'
 _SEAL_LENGTH = len(_SEAL % 0)
+_MAX_BYTES = 1 << 24
 
 
 def write_summary(path: Path, summary: Mapping[str, Any], journal: int) -> None:
@@ -28,7 +30,7 @@ def write_summary(path: Path, summary: Mapping[str, Any], journal: int) -> None:
 
 def read_summary(path: Path) -> tuple[dict[str, Any], int]:
     """A summary and the checksum of its journal's last line. Raises UserError where it is damaged."""
-    data = path.read_bytes()
+    data = read_limited(path, _MAX_BYTES)
     text = data[:-_SEAL_LENGTH]
     if data[-_SEAL_LENGTH:] != (_SEAL % zlib.crc32(text)).encode():
         raise UserError(f"{path}: is damaged; delete it, and 'skysweep report {path.parent}' writes it anew")

@@ -181,8 +181,8 @@ class App:
         try:
             folder = self._places.root if identity == self._live else self._places.folder(identity)
             feed = self._feed(folder)
-            place = Place(line=max(0, int(socket.query_params.get("from", "0"))))
-        except (UserError, ValueError) as error:
+            place = Place(line=_line(socket.query_params.get("from", "0")))
+        except UserError as error:
             await socket.send_json({"type": "status", "flying": False, "ended": False, "error": str(error)})
             await socket.close()
             return
@@ -239,19 +239,27 @@ class App:
 
 
 def _told(answer: Answer) -> Answer:
-    """Answers a user's error with its sentence."""
+    """Answers a user's error with its sentence, and one of the system with its reason."""
 
     async def told(request: Request) -> Response:
         try:
             return await answer(request)
         except UserError as error:
             return _refused(404, str(error))
+        except OSError as error:
+            return _refused(500, f"The folder cannot be read ({error.strerror}).")
 
     return told
 
 
 def _refused(code: int, sentence: str) -> Response:
     return JSONResponse({"error": sentence}, code)
+
+
+def _line(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 10):
+        raise UserError("from: is no line of a journal; write 0 or more.")
+    return int(text)
 
 
 async def _body(request: Request) -> bytes:

@@ -86,13 +86,14 @@ def _entry(places: Places, folder: Path, kind: str, live: str | None) -> dict[st
         "name": folder.name,
         **dict.fromkeys(("scenario", "strategy", "seed", "sensor")),
         "state": "ended",
-        "modified_unix_s": folder.stat().st_mtime,
+        "modified_unix_s": 0.0,
         "figures": [],
         "thumbnail": f"{address}/thumbnail" if thumbnail_of(folder) else None,
         "report": f"{address}/report" if report_of(folder) else None,
         "error": None,
     }
     try:
+        entry["modified_unix_s"] = folder.stat().st_mtime
         entry |= _run(folder, identity == live) if kind == "run" else _study(folder)
     except UserError as error:
         entry["error"] = str(error)

@@ -20,6 +20,7 @@ from skysweep.web.versions import newer_version
 
 BATCH_BYTES = 1 << 18  # of a message
 _READ_BYTES = 1 << 19  # at a time, so that others are served in between
+_LONGEST_LINE_BYTES = 1 << 25  # a snapshot with thousands of candidates has less
 FLYING_S = 10.0  # since the journal's last line: it may still fly
 _COVER_S, _COVER_LINES = 0.1, 50  # of coverage at a time
 _LOOK_S = 0.5  # between looks into the folders of pictures
@@ -137,6 +138,9 @@ class Feed:
         if not new:
             is_cut = len(data) == self._chunk
             self._chunk *= 2
+            if is_cut and self._error is None and self._chunk > _LONGEST_LINE_BYTES:
+                number = self._n_lines + 1
+                self._error = f"Line {number} of {JOURNAL_FILE} is longer than any that a mission writes."
             return is_cut and self._error is None
         self._chunk = _READ_BYTES
         self._n_lines += len(new)
