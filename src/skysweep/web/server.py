@@ -28,7 +28,7 @@ def listen(host: str, port: int | None) -> socket.socket:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((host, number))
-        except UnicodeError:
+        except (TypeError, UnicodeError):  # of its encoding
             listener.close()
             raise UserError(f"--host {host}: is no name or address of this computer") from None
         except (OSError, OverflowError) as error:
