@@ -101,6 +101,17 @@ def test_what_gnss_and_gimbal_get_wrong_is_no_reason():
     assert whys(doubts(believed, pictures(poses))) == set()
 
 
+def test_an_attitude_that_lags_and_is_right_again_is_no_reason():
+    """In a hard manoeuvre, as from a scan into a check: away in two looks, back in one, twice."""
+    poses = there_and_back()
+    off_m = np.zeros(len(poses))
+    off_m[[20, 21, 30, 31]] = 1.0, 2.0, 1.0, 2.0
+    believed = [
+        pose_at(p.position_enu_m[0] + e, p.position_enu_m[1]) for p, e in zip(poses, off_m, strict=True)
+    ]
+    assert whys(doubts(believed, pictures(poses))) == set()
+
+
 @pytest.mark.parametrize("ground", [0.0, 0.02])
 def test_without_texture_nothing_is_told(ground):
     """As on open water in fog."""

@@ -222,8 +222,8 @@ def _unlit(grey: U8) -> str:
 def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     """How the pictures differ from the estimated way; None: they do not.
 
-    Sums the last step, the last two, three ... and forgives the worst of each sum, for a gimbal that lags in
-    a hard manoeuvre.
+    Sums the last step, the last two, three ... For a gimbal or an attitude that lags in a hard manoeuvre, the
+    worst steps of each sum are forgiven, unless that makes it larger: they were ways back.
     """
     if not steps:
         return None
@@ -232,12 +232,13 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     off_m = np.array([s.moved.excess_m for s in back])
     way_m = np.array([s.moved.believed_m for s in back])
     off_each_m, way_each_m = np.hypot(*off_m.T), np.hypot(*way_m.T)
+    sums_m = np.cumsum(off_m, axis=0)
     forgiven_m = [off_m[np.argsort(off_each_m[: k + 1])[-_FORGIVEN:]].sum(axis=0) for k in range(len(back))]
-    adds_up_m = np.cumsum(off_m, axis=0) - forgiven_m
+    both_m = np.stack([sums_m, sums_m - forgiven_m])
     covered_m = np.cumsum(way_m, axis=0)
     ahead = covered_m / np.maximum(np.hypot(*covered_m.T), 1e-6)[:, None]
-    along_m = np.abs((adds_up_m * ahead).sum(axis=1))
-    across_m = np.abs(adds_up_m[:, 0] * ahead[:, 1] - adds_up_m[:, 1] * ahead[:, 0])
+    along_m = np.abs((both_m * ahead).sum(axis=-1)).min(axis=0)
+    across_m = np.abs(both_m[..., 0] * ahead[:, 1] - both_m[..., 1] * ahead[:, 0]).min(axis=0)
     flown_m, lasted_s = np.cumsum(way_each_m), np.cumsum(elapsed_s)
     explained_m = max(s.off_m for s in back) + (_OFF_MPS + back[0].drift_mps) * lasted_s
     relief_m = np.cumsum(way_each_m * [s.relief for s in back])
@@ -247,7 +248,7 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     if not false.any():
         return None
     k = int(np.argmax(false))
-    off_mps, believed_mps = off_m[: k + 1].sum(axis=0) / lasted_s[k], covered_m[k] / lasted_s[k]
+    off_mps, believed_mps = sums_m[k] / lasted_s[k], covered_m[k] / lasted_s[k]
     seen_mps = believed_mps + off_mps
     return _Fault(
         f"sees the ground pass at {_velocity(seen_mps)}, not at {_velocity(believed_mps)}: "
