@@ -14,9 +14,10 @@ import shapely
 from numba import njit
 from numpy.typing import ArrayLike
 
-from skysweep.arrays import F64
+from skysweep.arrays import F64, U8
 from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
 from skysweep.worlds.places import Ground, generate_positions, scattered
+from skysweep.worlds.rasters import GroundPicture
 
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
@@ -58,12 +59,39 @@ class WorldBuilding:
 
 
 @dataclass(frozen=True)
+class GroundCover:
+    """What covers the ground, cell by cell over a regular grid; beyond its edges as at the edge."""
+
+    codes: U8  # (rows south to north, columns west to east), indices of names
+    bounds_enu_m: tuple[float, float, float, float]  # west, south, east, north
+    names: tuple[str, ...]  # surfaces, as in terrain.surface
+
+    def codes_at(self, xy_enu_m: ArrayLike) -> U8:
+        """Indices (N,) into ``names`` at points (N, 2)."""
+        xy = np.atleast_2d(np.asarray(xy_enu_m, dtype=float))
+        west, south, east, north = self.bounds_enu_m
+        rows, columns = self.codes.shape
+        i = np.clip((xy[:, 1] - south) / (north - south) * rows, 0, rows - 1).astype(int)
+        j = np.clip((xy[:, 0] - west) / (east - west) * columns, 0, columns - 1).astype(int)
+        return np.asarray(self.codes[i, j])
+
+    def name_at(self, x_m: float, y_m: float) -> str:
+        """The surface at one point."""
+        return self.names[int(self.codes_at((x_m, y_m))[0])]
+
+
+@dataclass(frozen=True)
 class TerrainSurface:
     """Ground height over a regular grid, bilinear in between, flat beyond the edges."""
 
     heights_m: F64  # (rows south to north, columns west to east)
     bounds_enu_m: tuple[float, float, float, float]  # west, south, east, north
-    surface: str
+    surface: str  # where there is no cover
+    cover: GroundCover | None = None
+
+    def surface_at(self, x_m: float, y_m: float) -> str:
+        """What covers the ground at one point."""
+        return self.surface if self.cover is None else self.cover.name_at(x_m, y_m)
 
     @property
     def is_flat(self) -> bool:
@@ -125,6 +153,7 @@ class World:
     buildings: tuple[WorldBuilding, ...]
     light: Light
     seed: int  # of textures and other looks
+    ground_picture: GroundPicture | None = None
 
     @property
     def targets(self) -> tuple[WorldObject, ...]:
