@@ -180,7 +180,7 @@ class Terrain(Model):
     land_cover_classes: list[LandClass] | None = Field(
         None,
         min_length=1,
-        max_length=256,
+        max_length=255,
         description="What the classes of land_cover are; default: those of ESA WorldCover",
     )
     orthophoto: str | None = Field(

@@ -153,7 +153,14 @@ class Growth:
     crown_radius_m: F64
     is_conifer: NDArray[np.bool_]
     variant: I64
-    wanted: int  # trees that the classes would have
+
+
+def wanted_trees(cover: LandCover, classes: Sequence[LandClass]) -> F64:
+    """Trees (N,) that the cells of each class have."""
+    west, south, east, north = cover.bounds_enu_m
+    cell_ha = (east - west) * (north - south) / cover.classes.size / 1e4
+    held = np.bincount(cover.classes.ravel(), minlength=_NO_CLASS)[: len(classes)]
+    return np.asarray(held * [c.trees_per_hectare for c in classes] * cell_ha)
 
 
 def growth(cover: LandCover, classes: Sequence[LandClass], most: int, seed: int) -> Growth:
@@ -161,8 +168,7 @@ def growth(cover: LandCover, classes: Sequence[LandClass], most: int, seed: int)
     west, south, east, north = cover.bounds_enu_m
     rows, columns = cover.classes.shape
     across, along = (east - west) / columns, (north - south) / rows
-    held = np.bincount(cover.classes.ravel(), minlength=256)[: len(classes)]
-    wanted = held * [c.trees_per_hectare for c in classes] * across * along / 1e4
+    wanted = wanted_trees(cover, classes)
     thinned = wanted * min(1.0, most / max(wanted.sum(), 1.0))
     stands = []
     for k, c in enumerate(classes):
@@ -182,4 +188,4 @@ def growth(cover: LandCover, classes: Sequence[LandClass], most: int, seed: int)
             )
         )
     x, y, height, radius, conifer, variant = (np.concatenate(each) for each in zip(*stands, strict=True))
-    return Growth(np.column_stack([x, y]), height, radius, conifer, variant, round(wanted.sum()))
+    return Growth(np.column_stack([x, y]), height, radius, conifer, variant)

@@ -55,6 +55,11 @@ class Box:
     eaves_m: float  # above the ground
     is_flat: bool  # its roof; else a gable that rises by half the width at most
 
+    @property
+    def top_m(self) -> float:
+        """Of the ridge at most, above the ground."""
+        return self.eaves_m + (0.0 if self.is_flat else self.size_m[1] / 2)
+
     def outline(self) -> shapely.Polygon:
         """Its walls, seen from above."""
         (x, y), (length, width) = self.position_enu_m, self.size_m

@@ -6,6 +6,7 @@ Only simulated sensors and results may look at it.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,6 +23,7 @@ from skysweep.scenarios.model import (
     MARGIN_M,
     MAX_TREES,
     Forest,
+    LandClass,
     Light,
     Scenario,
 )
@@ -209,8 +211,13 @@ def land_cover_of(scenario: Scenario) -> LandCover | None:
     map_file, roads_file = files.get("terrain.land_cover"), files.get("roads_file")
     if map_file is None and roads_file is None:
         return None
-    classes, bounds = terrain.land_cover_classes or WORLDCOVER, ground_bounds(scenario)
-    return land_cover(map_file, roads_file, classes, terrain.surface, scenario.frame, bounds)
+    frame, bounds = scenario.frame, ground_bounds(scenario)
+    return land_cover(map_file, roads_file, classes_of(scenario), terrain.surface, frame, bounds)
+
+
+def classes_of(scenario: Scenario) -> Sequence[LandClass]:
+    """What the classes of ``terrain.land_cover`` are."""
+    return scenario.terrain.land_cover_classes or WORLDCOVER
 
 
 def ground_picture_of(scenario: Scenario) -> GroundPicture | None:
@@ -344,8 +351,7 @@ def _grown(scenario: Scenario, terrain: TerrainSurface, most: int) -> list[World
     cover = land_cover_of(scenario)
     if cover is None:
         return []
-    classes = scenario.terrain.land_cover_classes or WORLDCOVER
-    g = growth(cover, classes, most, scenario.terrain.seed)
+    g = growth(cover, classes_of(scenario), most, scenario.terrain.seed)
     clear = shapely.Point(scenario.home.position_enu_m).buffer(_CLEAR_AT_HOME_M)
     in_the_way = shapely.union_all([clear, *(box.outline() for box in mapped_buildings(scenario))])
     shapely.prepare(in_the_way)
