@@ -354,8 +354,12 @@ class Flight:
     def _asks_for_battery(self, end: Alarm) -> bool:
         """Whether the search ends for its battery alone, and another one would let it go on."""
         is_for_battery = end.action is Action.RETURN and end.cause in (LOW_BATTERY, RETURN_ENERGY)
-        there_is_one = self._sortie < self._m.scenario.vehicle.batteries
-        return is_for_battery and there_is_one and self._gets_on and not self._guard.calls_home
+        return is_for_battery and self._has_another_battery and self._gets_on
+
+    @property
+    def _has_another_battery(self) -> bool:
+        is_wanted = not self._guard.calls_home
+        return is_wanted and self._sortie < self._m.scenario.vehicle.batteries
 
     def _leave_for_battery(self) -> None:
         """Keep in mind from where on the ground was perhaps not looked at."""
@@ -571,10 +575,13 @@ class Flight:
             self._refusal = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, waypoint, self._flown_to)
             if self._refusal is not None:
                 end = replace(self._refusal, action=Action.RETURN)
-                if self._asks_for_battery(end):
+                if self._asks_for_battery(end) and waypoint.to_look:
                     self._notes.safety(seen.time_s, end)
                     return end
-                self._notes.safety(seen.time_s, self._refusal)
+                if self._refusal.cause == RETURN_ENERGY and self._has_another_battery and not waypoint.to_look:
+                    self._refusal = None  # what is covered on the way counts, as far as the battery lasts
+                else:
+                    self._notes.safety(seen.time_s, self._refusal)
         elif self._refusal is not None:
             end = replace(self._refusal, action=Action.RETURN)
             self._notes.safety(seen.time_s, end)
