@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from skysweep.planning.flight_plan import RESERVE
 from skysweep.planning.qgc import QgcPlan
 from skysweep.planning.surroundings import fence_words
 from skysweep.vehicles.mavlink.dialect import mavlink as m
@@ -16,6 +15,7 @@ from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
 GIMBAL_S = 5.0  # on the wall, until it has turned
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
+RESERVE = 0.2  # of a battery that is still there after the plan
 _MAX_STD_M = 5.0
 _FIXES = {2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
 _OFFBOARD_LOST = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold"}
