@@ -112,9 +112,7 @@ def plans_tried(
         raise UserError(f"altitude_agl_m: {altitude_agl_m:g} is not above ground; write a number above 0")
     width, height = lens.footprint_m(altitude_agl_m)
     headings = [heading_deg] if heading_deg is not None else _promising_headings(area, width, sidelap)
-    return [
-        plan_rows(area, h, rows_of(area, h, width, sidelap), width, height, start) for h in headings
-    ]
+    return [plan_rows(area, h, rows_of(area, h, width, sidelap), width, height, start) for h in headings]
 
 
 def footprints(plan: CoveragePlan, lens: Lens, altitude_agl_m: float) -> shapely.Geometry:

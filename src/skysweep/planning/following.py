@@ -1,7 +1,7 @@
 """How high and how fast a vehicle flies along transects over hilly ground.
 
-Along a transect it is at least as high above the ground as it scans from, and as high as it takes to see every
-cell that is nearest to this transect: up a slope a picture is narrower, and ridges hide. It climbs before it
+Along a transect it is at least as high above the ground as it scans from, and as high as it takes to see the
+cells beside it that would be missed: up a slope a picture is narrower, and ridges hide. It climbs before it
 has to and cannot sink faster than it does; where it would therefore fly much higher than it scans from, it
 slows down.
 """
@@ -95,17 +95,20 @@ def profiles_of(
     scenario: Scenario,
     altitude_agl_m: float,
     terrain: TerrainSurface,
-    cells: GroundCells | None = None,
+    to_see: GroundCells | None = None,
 ) -> tuple[LegProfile, ...]:
-    """A profile for each transect (2, 2); with ``cells``, from which all of them are seen.
+    """A profile for each transect (2, 2), from which each of the cells ``to_see`` is seen.
 
     It stays below ``safety.altitude_max_agl_m``, also where more would be needed.
     """
-    vehicle, scan_mps = scenario.vehicle, min(scenario.search.scan_speed_mps, scenario.vehicle.cruise_speed_mps)
+    vehicle, scan_mps = (
+        scenario.vehicle,
+        min(scenario.search.scan_speed_mps, scenario.vehicle.cruise_speed_mps),
+    )
     grounds = [ground_along(leg, terrain) for leg in transects]
     needs = [ground + altitude_agl_m for ground in grounds]
-    if cells is not None and len(transects):
-        _raise_for_cells(needs, transects, heading_deg, scenario, altitude_agl_m, terrain, cells)
+    if to_see is not None:
+        _raise_for_cells(needs, transects, heading_deg, scenario, altitude_agl_m, terrain, to_see)
     profiles = []
     for leg, ground, need in zip(transects, grounds, needs, strict=True):
         highest = ground + scenario.safety.altitude_max_agl_m
@@ -134,7 +137,7 @@ def _raise_for_cells(
 ) -> None:
     """Raise the heights so that every cell is seen from its foot point on the nearest transect."""
     lens, legs = scenario.camera.lens, np.array(transects)
-    nearest = nearest_transects(cells, legs, max(lens.footprint_m(altitude_agl_m)) / 2.0)
+    nearest = nearest_transects(cells, legs, math.hypot(*lens.footprint_m(altitude_agl_m)))
     near = np.flatnonzero(nearest >= 0)
     places, legs = cells.centres_enu_m[near], legs[nearest[near]]
     way = legs[:, 1] - legs[:, 0]
@@ -158,14 +161,13 @@ def _speeds_and_heights(
     step_m = length_m / max(len(need_m) - 1, 1)
     rates = _RATE_SHARE * vehicle.climb_speed_mps, _RATE_SHARE * vehicle.descent_speed_mps
     speeds = np.full(len(need_m), scan_mps)
-    height = _envelope(need_m, speeds, step_m, *rates)
-    if (height <= allowed_m + _EPS_M).all():
-        return speeds, height
     ladder = scan_mps * np.geomspace(1.0, _SLOWEST, _SPEEDS)
     slowest = _envelope(need_m, np.full(len(need_m), ladder[-1]), step_m, *rates)
-    limit = np.maximum(allowed_m, slowest) + _EPS_M
-    for faster, slower in zip(ladder[:-1], ladder[1:], strict=True):
-        too_high = _envelope(need_m, np.full(len(need_m), faster), step_m, *rates) > limit
+    limit_m = np.maximum(allowed_m, slowest) + _EPS_M
+    for slower in ladder[1:]:
+        too_high = _envelope(need_m, speeds, step_m, *rates) > limit_m
+        if not too_high.any():
+            break
         speeds[too_high] = slower
     for direction in (1, -1):
         _brake(speeds[::direction], step_m)
@@ -191,9 +193,7 @@ def _brake(speeds: F64, step: float) -> None:
 
 
 @njit(cache=True)
-def _highest_between(
-    heights: F64, bounds: tuple[float, float, float, float], leg: F64, pieces: int
-) -> F64:
+def _highest_between(heights: F64, bounds: tuple[float, float, float, float], leg: F64, pieces: int) -> F64:
     """The highest ground (pieces,) of each piece of a leg (2, 2).
 
     Within a cell of the grid the ground along a line is a parabola, known from three of its points.

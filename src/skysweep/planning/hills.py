@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from skysweep.geometry.areas import heading_axes
 from skysweep.planning.coverage import CoveragePlan, Rows, cost_m, plan_rows, plans_tried, rows_of
-from skysweep.planning.following import HIGHER, profiles_of
-from skysweep.planning.sight import ground_cells
-from skysweep.scenarios.model import Scenario
+from skysweep.planning.following import HIGHER, LegProfile, profiles_of
+from skysweep.planning.proof import prove
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M, Scenario
 from skysweep.worlds.world import TerrainSurface
 
 _MOST_HIGHER = 0.1  # of a transect
 _HALVED_TIMES = 2  # at most
+_ROUNDS = 6  # where it flies slower for the sake of one cell, it is lower elsewhere and may miss others
 _EPS_M = 1e-6
 
 
@@ -51,14 +52,28 @@ def plan_over_hills(scenario: Scenario, altitude_agl_m: float, terrain: TerrainS
 def with_profiles(
     plan: CoveragePlan, scenario: Scenario, altitude_agl_m: float, terrain: TerrainSurface
 ) -> CoveragePlan:
-    """The plan with the profiles of its transects; without any where constant height and speed will do."""
-    cells = ground_cells(scenario.area_enu_m, terrain, plan.swath_m)
-    profiles = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain, cells)
-    alike = all(
-        (p.height_m <= p.ground_m + altitude_agl_m + _EPS_M).all() and np.ptp(p.speed_mps) == 0.0
-        for p in profiles
-    )
-    return replace(plan, profiles=() if alike else profiles)
+    """The plan with the profiles of its transects; without any where constant height and speed will do.
+
+    They are no higher than it takes to see every cell from some transect.
+    """
+    profiles = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain)
+    proof = prove(replace(plan, profiles=profiles), scenario, terrain)
+    if proof.seen.all() and all(_is_plain(p, altitude_agl_m) for p in profiles):
+        return plan
+    to_see = ~proof.seen
+    for _ in range(_ROUNDS):
+        if proof.seen.all():
+            break
+        to_see |= ~proof.seen
+        cells = proof.cells.only(to_see)
+        profiles = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain, cells)
+        proof = prove(replace(plan, profiles=profiles), scenario, terrain)
+    return replace(plan, profiles=profiles)
+
+
+def _is_plain(profile: LegProfile, altitude_agl_m: float) -> bool:
+    highest_m = profile.ground_m + altitude_agl_m + ALTITUDE_TOLERANCE_M
+    return bool((profile.height_m <= highest_m).all() and np.ptp(profile.speed_mps) == 0.0)
 
 
 def _crowded(

@@ -49,6 +49,11 @@ class GroundCells(NamedTuple):
     south_m: float  # of the middles of the first row
     size_m: float
 
+    def only(self, kept: NDArray[np.bool_]) -> GroundCells:
+        """Those that are marked (N,)."""
+        starts = np.concatenate([[0], np.cumsum(kept)])[self.row_starts]
+        return self._replace(centres_enu_m=self.centres_enu_m[kept], row_starts=starts)
+
 
 def ground_cells(area: shapely.Polygon, terrain: TerrainSurface, swath_m: float) -> GroundCells:
     """The cells whose middles lie in the area: ``CELLS_ACROSS`` a swath, or as many as can be handled."""
@@ -70,16 +75,15 @@ def nearest_transects(cells: GroundCells, legs_xy_enu_m: F64, reach_m: float) ->
     return nearest
 
 
-def least_heights(
-    terrain: TerrainSurface, view: View, places_enu_m: F64, stations_xy_enu_m: F64
-) -> F64:
+def least_heights(terrain: TerrainSurface, view: View, places_enu_m: F64, stations_xy_enu_m: F64) -> F64:
     """Heights ENU (N,) above stations (N, 2) from which places (N, 3) on the ground are seen."""
     return _least_heights(
-        terrain.heights_m, terrain.bounds_enu_m, _ray_step_m(terrain), view, places_enu_m, stations_xy_enu_m
+        terrain.heights_m, terrain.bounds_enu_m, ray_step_m(terrain), view, places_enu_m, stations_xy_enu_m
     )
 
 
-def _ray_step_m(terrain: TerrainSurface) -> float:
+def ray_step_m(terrain: TerrainSurface) -> float:
+    """Between the samples of a line of sight."""
     west, south, east, north = terrain.bounds_enu_m
     rows, columns = terrain.heights_m.shape
     return min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST
