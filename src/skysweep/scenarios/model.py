@@ -25,6 +25,7 @@ from pydantic import (
 
 from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
+from skysweep.scenarios.leeway import LEEWAY
 
 MAX_AREA_KM2 = 25.0
 MAX_DISTANCE_FROM_HOME_KM = 50.0
@@ -35,13 +36,23 @@ MAX_HOVER_H = 48.0
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
 ALTITUDE_TOLERANCE_M = 0.8  # within which a height is kept: PX4 NAV_MC_ALT_RAD
+MAX_CURRENT_MPS = 10.0
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
 TargetClass = Literal["stop sign", "person", "boat"]
-DistractorClass = Literal["red bucket", "red round sign", "rock", "stump", "clothing", "buoy"]
-ObjectPose = Literal["face-up", "standing", "lying", "floating"]
+DistractorClass = Literal[
+    "red bucket", "red round sign", "rock", "stump", "clothing", "buoy", "sheep", "deer", "dog"
+]
+ObjectPose = Literal[
+    "face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"
+]
+Clothing = Literal[
+    "bright", "muted", "black", "blue", "brown", "green", "grey", "orange", "red", "white", "yellow"
+]
+Age = Literal["child", "teenager", "adult"]
 
-# Size means: across the flats (sign), body height (person), length (boat, clothing), diameter (the rest).
+# Size means: across the flats (sign), body height (person), length (boat, clothing, animals), diameter (the
+# rest).
 DEFAULT_SIZE_M: dict[str, float] = {
     "stop sign": 0.75,
     "person": 1.75,
@@ -52,7 +63,11 @@ DEFAULT_SIZE_M: dict[str, float] = {
     "stump": 0.6,
     "clothing": 0.9,
     "buoy": 0.6,
+    "sheep": 1.2,
+    "deer": 1.6,
+    "dog": 0.9,
 }
+SIZE_OF_AGE_M: dict[Age, float] = {"child": 1.2, "teenager": 1.55, "adult": 1.75}  # 6, 13 years; grown up
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
 
 _OF_FILES = {
@@ -66,6 +81,7 @@ _OF_FILES = {
 }
 
 PointXY = tuple[float, float]
+ObjectSpeed = Annotated[float, Field(gt=0, le=20, description="A walking adult: 1.4")]
 Speed = Annotated[float, Field(ge=0.01, le=20)]
 TreeHeight = Annotated[float, Field(gt=0.3, le=60)]
 CrownRadius = Annotated[float, Field(gt=0.1, le=15)]
@@ -253,7 +269,74 @@ class Building(Model):
     yaw_deg: float = Field(0.0, description="Of the length, counter-clockwise from east")
 
 
-class Target(Model):
+class PathMotion(Model):
+    """Along straight lines, from where the object is placed through the waypoints."""
+
+    kind: Literal["path"]
+    waypoints_enu_m: list[PointXY] = Field(
+        min_length=1, max_length=1000, description="East and north of the origin, in this order"
+    )
+    speed_mps: ObjectSpeed = 1.4
+    at_end: Literal["stop", "loop"] = Field(
+        "stop", description="loop: back to where it was placed, and round again"
+    )
+
+
+class WalkMotion(Model):
+    """A correlated random walk, another one for each object and mission seed.
+
+    Straight stretches, exponentially distributed in time, with a normally distributed turn after each.
+    """
+
+    kind: Literal["walk"]
+    speed_mps: ObjectSpeed = 1.4
+    straight_s: float = Field(20.0, ge=1, le=3600, description="Mean time of a stretch")
+    turn_deg: float = Field(
+        60.0, ge=0, le=180, description="Standard deviation of the turn between stretches"
+    )
+    rest_share: float = Field(0.0, ge=0, lt=1, description="Share of the time spent standing still")
+    stays_in_area: bool = Field(True, description="Whether it turns at the edge of the area if it starts in it")
+
+
+class DriftMotion(Model):
+    """Adrift in the water: the current and, in the scenario's mean wind, leeway with an error of its own."""
+
+    kind: Literal["drift"]
+    current_mps: PointXY = Field((0.0, 0.0), description="Surface current, east and north, where it flows to")
+    leeway: str = Field("PIW-1", description="Class of Allen and Plourde: docs/prior.md")
+
+    @field_validator("current_mps")
+    @classmethod
+    def _flows(cls, current: PointXY) -> PointXY:
+        if math.hypot(*current) > MAX_CURRENT_MPS:
+            raise ValueError(f"is faster than {MAX_CURRENT_MPS:g} m/s; write east and north in m/s")
+        return current
+
+    @field_validator("leeway")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in LEEWAY:
+            raise ValueError(f"'{name}' is not in the table; write one of {', '.join(LEEWAY)}")
+        return name
+
+
+Motion = Annotated[PathMotion | WalkMotion | DriftMotion, Field(discriminator="kind")]
+
+
+class _Placed(Model):
+    """What moves, or is dressed. A file that does not use these has the same keys as before they existed."""
+
+    motion: Motion | None = Field(None, description="How it moves from mission time 0; default: not at all")
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if k not in _OPEN_UNLESS_TOLD or v is not None}
+
+
+_OPEN_UNLESS_TOLD = ("motion", "clothing", "ages", "near")
+
+
+class Target(_Placed):
     """Something to find."""
 
     kind: TargetClass = Field(alias="class")
@@ -261,11 +344,12 @@ class Target(Model):
     yaw_deg: float = Field(0.0, description="Counter-clockwise from east")
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     pose: ObjectPose | None = Field(None, description="Default depends on the class")
+    clothing: Clothing | None = Field(None, description="Of a person; default: any")
 
     model_config = ConfigDict(populate_by_name=True)
 
 
-class Distractor(Model):
+class Distractor(_Placed):
     """Something that resembles a target from above but not up close."""
 
     kind: DistractorClass = Field(alias="class")
@@ -278,7 +362,7 @@ class Distractor(Model):
     model_config = ConfigDict(populate_by_name=True)
 
 
-class Generator(Model):
+class Generator(_Placed):
     """Places objects at random, the same ones for the same seed.
 
     ``uniform``: anywhere in the area; ``clustered``: around ``clusters`` centres with a standard deviation of
@@ -301,9 +385,32 @@ class Generator(Model):
     )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     poses: list[ObjectPose] | None = Field(None, description="Poses to draw from, one for each object")
+    clothing: list[Clothing] | None = Field(
+        None, min_length=1, description="Of persons, to draw from; default: any"
+    )
+    ages: list[Age] | None = Field(
+        None, min_length=1, description="Of persons without size_m, to draw from; default: adult"
+    )
+    near: Literal["trees"] | None = Field(
+        None, description="Moves each object to the crown of the nearest tree, which hides a part of it"
+    )
     seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
 
     model_config = ConfigDict(populate_by_name=True)
+
+    @property
+    def sizes_m(self) -> list[float | None]:
+        """The sizes of its objects; None is the default of the class."""
+        return [SIZE_OF_AGE_M[age] for age in self.ages] if self.ages else [self.size_m]
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Generator:
+        if self.ages and self.size_m is not None:
+            raise ValueError("ages: size_m gives the size already; delete one of them")
+        for name in ("ages", "clothing"):
+            if getattr(self, name) and self.kind != "person":
+                raise ValueError(f"{name}: only a person has one; delete it from the {self.kind}")
+        return self
 
 
 class Wind(Model):
@@ -789,7 +896,7 @@ class Scenario(Model):
         found: dict[str, tuple[float, float]] = {}
         for kind in self.target_classes:
             told = [t.size_m for t in self.targets if t.kind == kind]
-            told += [g.size_m for g in self.generators if g.kind == kind]
+            told += [size for g in self.generators if g.kind == kind for size in g.sizes_m]
             sizes = [size or DEFAULT_SIZE_M[kind] for size in told] or [DEFAULT_SIZE_M[kind]]
             found[kind] = min(sizes), max(sizes)
         return found

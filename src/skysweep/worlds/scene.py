@@ -19,7 +19,7 @@ from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
 PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
-UPRIGHT_POSES = ("standing", "sitting", "floating")
+UPRIGHT_POSES = ("standing", "sitting", "floating", "crouching", "walking", "waving")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def make_sun(light: Light) -> Sun:
 
 
 def _placed(terrain: TerrainSurface, thing: WorldObject) -> Mesh:
-    mesh = object_mesh(thing.kind, thing.size_m, thing.pose, thing.variant)
+    mesh = object_mesh(thing.kind, thing.size_m, thing.pose, thing.variant, thing.clothing)
     R = yaw_rotation(thing.yaw_rad)
     if thing.pose not in UPRIGHT_POSES and not terrain.is_flat:
         R = tilt_rotation(_slope_normal(terrain, thing.position_enu_m[:2], 0.5 * thing.size_m)) @ R

@@ -50,6 +50,7 @@ class WorldObject:
     pose: str
     is_target: bool
     variant: int
+    clothing: str | None = None  # as ``scenarios.model.Clothing``; None: any, by the variant
 
 
 @dataclass(frozen=True, slots=True)
