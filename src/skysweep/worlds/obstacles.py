@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Mode
+from skysweep.worlds.grid import Grid, around
 from skysweep.worlds.world import (
     TerrainSurface,
     WorldBuilding,
@@ -38,6 +39,7 @@ _STATION_M = 0.5  # between two samples of a leg
 _GROUND_STATION_M = 1.0
 _GROUND_PLACES = 9  # in each row of the ground samples around a place
 _TRACK_STEP_M = 0.1
+_BLOCK = 64  # steps of a track
 _NEAR_PLACE_M = 1.5  # from the place; its position is not known better, so nothing nearer hides it
 
 
@@ -60,6 +62,7 @@ class Obstacles:
             top = z + b.height_m + (0.0 if b.flat_roof else width / 2)
             rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, top))
         self.solids = np.array(rows, dtype=float).reshape(-1, 9)
+        self._grid = Grid.of(self.solids[:, :2], self.solids[:, 4:7].sum(axis=1))
         self._relief_m = float(np.ptp(terrain.heights_m))
 
     @property
@@ -82,7 +85,7 @@ class Obstacles:
 
     def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:
         """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf if none."""
-        return _top_within(self.solids, xy_enu_m, distance_m)
+        return _top_within(self.solids, self._grid, xy_enu_m, distance_m)
 
     def heights_within_m(self, xy_enu_m: XY, distance_m: float) -> tuple[float, float]:
         """Heights ENU of the lowest ground and the highest top or ground within a horizontal distance."""
@@ -103,7 +106,7 @@ class Obstacles:
         ``keep_m`` beside the leg stays ``keep_ground_m`` below.
         """
         terrain = self.terrain
-        aim_m, least_m = _solids_along(self.solids, *here, *to, keep_m, near_m, slope)
+        aim_m, least_m = _solids_along(self.solids, self._grid, *here, *to, keep_m, near_m, slope)
         if terrain.is_flat:
             return aim_m, least_m
         farthest_m = near_m + self._relief_m / slope
@@ -114,7 +117,7 @@ class Obstacles:
 
     def hide(self, place_enu_m: F64, eye_enu_m: F64) -> bool:
         """Whether a crown or building hides a place (3,), known to a metre or so, from an eye (3,)."""
-        return bool(_hides(self.solids, place_enu_m, eye_enu_m))
+        return bool(_hides(self.solids, self._grid, place_enu_m, eye_enu_m))
 
     def clearances_m(self, track_enu_m: F64, over_ground: NDArray[np.bool_]) -> F64:
         """Smallest distances (N + 1,) between a track (K, 3), straight from point to point, and each solid.
@@ -177,11 +180,12 @@ def _is_far(solid: F64, x: float, y: float, to_x: float, to_y: float, margin: fl
 
 
 @njit(cache=True)
-def _top_within(solids: F64, xy: F64, distance: float) -> F64:
+def _top_within(solids: F64, grid: Grid, xy: F64, distance: float) -> F64:
     tops = np.full(len(xy), -np.inf)
     for k in range(len(xy)):
         x, y = xy[k]
-        for solid in solids:
+        for n in around(grid, x, y, x, y, distance):
+            solid = solids[n]
             near = not _is_far(solid, x, y, x, y, distance) and _beside(solid, x, y) <= distance
             if near and solid[8] > tops[k]:
                 tops[k] = solid[8]
@@ -190,12 +194,21 @@ def _top_within(solids: F64, xy: F64, distance: float) -> F64:
 
 @njit(cache=True)
 def _solids_along(
-    solids: F64, x: float, y: float, to_x: float, to_y: float, keep: float, near: float, slope: float
+    solids: F64,
+    grid: Grid,
+    x: float,
+    y: float,
+    to_x: float,
+    to_y: float,
+    keep: float,
+    near: float,
+    slope: float,
 ) -> tuple[float, float]:
     aim, least = -np.inf, -np.inf
     length = math.hypot(to_x - x, to_y - y)
     east, north = (to_x - x) / max(length, 1e-9), (to_y - y) / max(length, 1e-9)
-    for solid in solids:
+    for n in around(grid, x, y, to_x, to_y, keep):
+        solid = solids[n]
         dx, dy = solid[0] - x, solid[1] - y
         reach, along = _reach(solid) + keep, dx * east + dy * north
         if abs(dx * north - dy * east) > reach or along < -reach or along > length + reach:
@@ -243,10 +256,11 @@ def _ground_along(
 
 
 @njit(cache=True)
-def _hides(solids: F64, place: F64, eye: F64) -> bool:
+def _hides(solids: F64, grid: Grid, place: F64, eye: F64) -> bool:
     ray = eye - place
     length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
-    for solid in solids:
+    for n in around(grid, place[0], place[1], eye[0], eye[1], 0.0):
+        solid = solids[n]
         if _is_far(solid, place[0], place[1], eye[0], eye[1], 0.0):
             continue
         s = _NEAR_PLACE_M
@@ -260,24 +274,56 @@ def _hides(solids: F64, place: F64, eye: F64) -> bool:
 
 @njit(cache=True)
 def _write_clearances(clearances: F64, solids: F64, track: F64) -> None:
-    """Clearance of each solid. A step is sampled only if it may come nearer than every place before."""
+    """Clearance of each solid. Of the track, in blocks, only what may come nearer than the rest is sampled."""
     last = len(track) - 1
+    boxes = _boxes(track)
     for n in range(len(solids)):
         solid, best, reach = solids[n], np.inf, _reach(solids[n])
-        for k in range(len(track)):
-            x, y, z = track[k]
-            to = min(k + 1, last)
-            dx, dy, dz = track[to, 0] - x, track[to, 1] - y, track[to, 2] - z
-            step = math.sqrt(dx * dx + dy * dy + dz * dz)
-            far = best + reach + step
-            if (x - solid[0]) ** 2 + (y - solid[1]) ** 2 > far * far:
+        nearest, nearest_m = 0, np.inf
+        for i in range(len(boxes)):
+            away_m = _from_box(boxes[i], solid[0], solid[1])
+            if away_m < nearest_m:
+                nearest, nearest_m = i, away_m
+        for j in range(-1, len(boxes)):
+            i = nearest if j < 0 else j
+            if j == nearest or _from_box(boxes[i], solid[0], solid[1]) > best + reach:
                 continue
-            distance = math.hypot(_beside(solid, x, y), max(z - solid[8], 0.0))
-            best = min(best, distance)
-            s = _TRACK_STEP_M
-            while distance - step < best and s < step:
-                f = s / step
-                above = max(z + f * dz - solid[8], 0.0)
-                best = min(best, math.hypot(_beside(solid, x + f * dx, y + f * dy), above))
-                s += _TRACK_STEP_M
+            for k in range(i * _BLOCK, min((i + 1) * _BLOCK, len(track))):
+                best = min(best, _clearance_of_step(solid, track[k], track[min(k + 1, last)], best, reach))
         clearances[n] = best
+
+
+@njit(cache=True)
+def _clearance_of_step(solid: F64, here: F64, to: F64, best: float, reach: float) -> float:
+    """Clearance of a straight step, or a larger one where it cannot be below ``best``."""
+    x, y, z = here
+    dx, dy, dz = to[0] - x, to[1] - y, to[2] - z
+    step = math.sqrt(dx * dx + dy * dy + dz * dz)
+    far = best + reach + step
+    if (x - solid[0]) ** 2 + (y - solid[1]) ** 2 > far * far:
+        return best
+    distance = math.hypot(_beside(solid, x, y), max(z - solid[8], 0.0))
+    best = min(best, distance)
+    s = _TRACK_STEP_M
+    while distance - step < best and s < step:
+        f = s / step
+        above = max(z + f * dz - solid[8], 0.0)
+        best = min(best, math.hypot(_beside(solid, x + f * dx, y + f * dy), above))
+        s += _TRACK_STEP_M
+    return best
+
+
+@njit(cache=True)
+def _boxes(track: F64) -> F64:
+    """West, south, east and north of each block of steps, with the end of the last step."""
+    n = (len(track) + _BLOCK - 1) // _BLOCK
+    boxes = np.empty((n, 4))
+    for i in range(n):
+        points = track[i * _BLOCK : min((i + 1) * _BLOCK + 1, len(track))]
+        boxes[i] = points[:, 0].min(), points[:, 1].min(), points[:, 0].max(), points[:, 1].max()
+    return boxes
+
+
+@njit(cache=True)
+def _from_box(box: F64, x: float, y: float) -> float:
+    return math.hypot(max(box[0] - x, 0.0, x - box[2]), max(box[1] - y, 0.0, y - box[3]))
