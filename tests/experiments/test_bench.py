@@ -4,11 +4,25 @@ import json
 
 import pytest
 
+from skysweep.experiments import bench as benches
 from skysweep.experiments.bench import MEASUREMENTS, bench
+from skysweep.scenarios.model import Scenario
+
+SMALL = Scenario.model_validate(
+    {
+        "name": "small",
+        "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 20], [0, 20]]},
+        "home": {"position_enu_m": [-5, -5]},
+        "targets": [{"class": "stop sign", "position_enu_m": [20, 10]}],
+    }
+)
 
 
 @pytest.mark.slow
-def test_bench_gives_one_flat_json_object_of_plausible_numbers():
+def test_bench_gives_one_flat_json_object_of_plausible_numbers(monkeypatch):
+    monkeypatch.setattr(benches, "load_scenario", lambda _name: SMALL)
+    for of, less in (("_WARM_UP", 2), ("_MEASURED", 12), ("_VEHICLE_S", 60.0), ("_FILMED_S", 30.0)):
+        monkeypatch.setattr(benches, of, less)
     told = []
     result = bench(told.append)
     assert json.loads(json.dumps(result)) == result
