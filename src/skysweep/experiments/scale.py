@@ -44,10 +44,11 @@ def scale(
 ) -> dict[str, Any]:
     """Measure each part at each size, in seconds and megabytes.
 
-    ``rows`` has one mapping for each size: ``path_km`` of the plan; ``plan_s``; ``statistical_s`` of a whole
-    mission; ``rendered_look_s``, the mean of a look with a picture, in ``_LOOKS`` of the scan; ``..._mb``.
-    ``slopes`` are those of the logarithm of the time over that of the path; for missions with pictures the
-    time is that of a look times the path. Raises MissingExtraError without the extra ``geo``.
+    ``rows`` has one mapping for each size: ``planned_km`` and ``plan_s``; ``flown_km`` and ``statistical_s``
+    of a whole mission; ``rendered_look_s``, the mean of a look with a picture and all around it, in
+    ``_LOOKS`` of the scan; ``..._mb``, the peak memory of each. ``slopes`` are those of the logarithm of the
+    time over that of the path; with pictures the time is that of a look times the planned path. Raises
+    MissingExtraError without the extra ``geo``.
     """
     rows = []
     for size in hectares:
@@ -57,12 +58,11 @@ def scale(
             with multiprocessing.get_context("spawn").Pool(1) as own:
                 row |= own.apply(_measure, (part, size))
         rows.append(row)
-    path_km = [row["path_km"] for row in rows]
-    looks_s = [row["rendered_look_s"] * row["path_km"] for row in rows]
+    planned_km = [row["planned_km"] for row in rows]
     slopes = {
-        "plan": _slope(path_km, [row["plan_s"] for row in rows]),
-        "statistical": _slope(path_km, [row["statistical_s"] for row in rows]),
-        "rendered": _slope(path_km, looks_s),
+        "plan": _slope(planned_km, [row["plan_s"] for row in rows]),
+        "statistical": _slope([row["flown_km"] for row in rows], [row["statistical_s"] for row in rows]),
+        "rendered": _slope(planned_km, [row["rendered_look_s"] * row["planned_km"] for row in rows]),
     }
     return {"rows": rows, "slopes": slopes}
 
@@ -136,10 +136,9 @@ def _measure(part: str, hectares: int) -> dict[str, float]:
 
 def _of_part(part: str, scenario: Scenario) -> dict[str, float]:
     if part == "plan":
-        return {"path_km": plan_scenario(scenario)[0].length_m / 1000.0}
+        return {"planned_km": plan_scenario(scenario)[0].length_m / 1000.0}
     if part == "statistical":
-        fly_in_memory(scenario, 0)
-        return {}
+        return {"flown_km": fly_in_memory(scenario, 0)["path_length_m"] / 1000.0}
     return {"rendered_look_s": _look_s(scenario)}
 
 
