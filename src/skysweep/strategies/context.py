@@ -73,7 +73,7 @@ class MissionContext:
             camera.exposure_s,
             scenario.vehicle,
             scenario.terrain.surface,
-            bool(scenario.trees or scenario.forests),
+            bool(scenario.trees or scenario.forests or scenario.terrain.land_cover),
             obstacles,
             lambda: model_for(scenario, "write another search.strategy"),
             parameters,
