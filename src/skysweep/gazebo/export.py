@@ -122,8 +122,9 @@ def _write_ground(folder: Path, scene: Scene, look: GazeboLook, fmt: Format) -> 
         uri = f"model://{folder.name}/materials"
         names = [tag("uri", f"{uri}/scripts"), tag("uri", f"{uri}/textures"), tag("name", folder.name)]
         script = [tag("material", None, tag("script", None, *names))]
-    uv = scene.ground.vertices[:, :2] / tile_m
-    write_obj(meshes / "ground.obj", scene.ground, uv, np.zeros(len(scene.ground.faces), dtype=int))
+    surface = scene.ground.mesh()
+    uv = surface.vertices[:, :2] / tile_m
+    write_obj(meshes / "ground.obj", surface, uv, np.zeros(len(surface.faces), dtype=int))
     if not script:
         write_picture(meshes / "ground.png", picture)
     (meshes / "ground.mtl").write_text(material("m0", np.ones(3), None if script else "ground.png"))

@@ -12,12 +12,12 @@ from skysweep.scenarios.model import Light
 from skysweep.worlds.assets import object_mesh
 from skysweep.worlds.assets.buildings import building_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
-from skysweep.worlds.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
+from skysweep.worlds.ground_grid import GroundGrid
+from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
 from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
-HORIZON_M = 4000.0  # the ground goes on flat this far beyond the world
 PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
 UPRIGHT_POSES = ("standing", "sitting", "floating", "crouching", "walking", "waving")
 
@@ -54,7 +54,7 @@ class Planting:
 class Scene:
     """Everything to draw. ``layers`` holds the texture layers in use, renumbered from 0."""
 
-    ground: Mesh
+    ground: GroundGrid
     terrain: TerrainSurface
     ground_textures: GroundTextures
     solids: tuple[Solid, ...]
@@ -76,7 +76,7 @@ def build_scene(world: World) -> Scene:
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
     plantings = [Planting(tuple(_renumbered(m, used) for m in p.meshes), p.places) for p in plantings]
     return Scene(
-        ground_mesh(world.terrain),
+        GroundGrid(world.terrain),
         world.terrain,
         ground_textures(world.terrain.surface, world.seed % GROUND_LOOKS),
         tuple(solids),
@@ -109,23 +109,6 @@ def make_sun(light: Light) -> Sun:
         np.clip(haze, 0, 0.9),
         light.visibility_m,
     )
-
-
-def ground_mesh(terrain: TerrainSurface) -> Mesh:
-    """The heightfield as a grid that continues flat to the horizon; its faces are sorted row by row."""
-    west, south, east, north = terrain.bounds_enu_m
-    rows, columns = (17, 17) if terrain.is_flat else terrain.heights_m.shape
-    far = np.array([HORIZON_M, 0.25 * HORIZON_M, 0.05 * HORIZON_M])
-    x = np.concatenate([west - far, np.linspace(west, east, columns), east + far[::-1]])
-    y = np.concatenate([south - far, np.linspace(south, north, rows), north + far[::-1]])
-    X, Y = np.meshgrid(x, y)
-    xy = np.column_stack([X.ravel(), Y.ravel()])
-    v = np.column_stack([xy, terrain.height_m(xy)])
-    n = len(x)
-    i, j = np.meshgrid(np.arange(len(y) - 1), np.arange(n - 1), indexing="ij")
-    a = (i * n + j).ravel()
-    faces = np.stack([np.column_stack([a, a + 1, a + n + 1]), np.column_stack([a, a + n + 1, a + n])], axis=1)
-    return make_mesh(v, faces.reshape(-1, 3), (1, 1, 1))
 
 
 def _placed(terrain: TerrainSurface, thing: WorldObject) -> Mesh:

@@ -29,7 +29,7 @@ class EmbreeRenderer:
     backend: Final = "embree"
 
     def __init__(self, scene: Scene) -> None:
-        parts = [(scene.ground, 0)] + [(s.mesh, s.id) for s in scene.solids]
+        parts = [(scene.ground.mesh(), 0)] + [(s.mesh, s.id) for s in scene.solids]
         parts += [(_expanded(p), 0) for p in scene.plantings]
         mesh = merge([m for m, _ in parts])
         face_counts = [len(m.faces) for m, _ in parts]

@@ -18,7 +18,8 @@ from skysweep.arrays import F64, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
-from skysweep.worlds.rendering.gl_batches import Plants, Tiles, ground_blocks, solid_blocks
+from skysweep.worlds.rendering.gl_batches import Plants, Tiles, solid_blocks
+from skysweep.worlds.rendering.gl_ground import Ground
 from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Scene
 from skysweep.worlds.textures import LAYER_PX
@@ -51,7 +52,7 @@ class GLRenderer:
             self._objects = Tiles(gl, solid_blocks([s for s in scene.solids if s.id > 0]))
             self._buildings = Tiles(gl, solid_blocks([s for s in scene.solids if s.id == 0]))
             self._plants = [Plants(gl, p) for p in scene.plantings]
-            self._ground = Tiles(gl, ground_blocks(scene.ground))
+            self._ground = Ground(gl, scene.ground)
             self._textures = _upload(gl, scene)
             self._shadow = gl.depth_texture((SHADOW_PX, SHADOW_PX))
             self._shadow.compare_func = "<="

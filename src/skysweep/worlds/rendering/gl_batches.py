@@ -15,7 +15,6 @@ from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Planting, Solid
 
 SOLID_TILE_M = 16.0
-GROUND_TILE_M = 64.0
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])  # of a box: low or high
 PLANT_DETAIL_PX = (8.0, 40.0)  # crown radii from which a plant is drawn finer
 
@@ -57,22 +56,6 @@ def solid_blocks(solids: list[Solid]) -> list[Block]:
     ]
 
 
-def ground_blocks(ground: Mesh) -> list[Block]:
-    """The ground cut into squares, so that only those in sight are drawn."""
-    centres = ground.vertices[ground.faces].mean(axis=1)[:, :2]
-    cells = np.floor(centres / GROUND_TILE_M).astype(np.int64)
-    _, group = np.unique(cells, axis=0, return_inverse=True)
-    order = np.argsort(group.ravel(), kind="stable")
-    edges = np.flatnonzero(np.diff(group.ravel()[order])) + 1
-    blocks = []
-    for faces in np.split(ground.faces[order], edges):
-        used, index = np.unique(faces, return_inverse=True)
-        attributes = ground.vertices, ground.normals, ground.colours, ground.texture
-        v, n, c, t = (values[used] for values in attributes)
-        blocks.append(_block(Mesh(v, n, c, t, index.reshape(-1, 3).astype(np.int32))))
-    return blocks
-
-
 class Tiles:
     """Blocks in one buffer, drawn when in sight."""
 
@@ -96,7 +79,7 @@ class Tiles:
             return
         array = self._arrays.get(program.glo)
         if array is None:
-            content = [_bound(program, self._vertices, _LAYOUT)]
+            content = [bound(program, self._vertices, _LAYOUT)]
             array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
         for k in self._seen(view).tolist():
             array.render(vertices=self._counts[k], first=self._firsts[k])
@@ -139,14 +122,14 @@ class Plants:
                 continue
             array = self._arrays.get((program.glo, detail))
             if array is None:
-                content = [_bound(program, vertices, _LAYOUT), _bound(program, instances, _PLACE_LAYOUT)]
+                content = [bound(program, vertices, _LAYOUT), bound(program, instances, _PLACE_LAYOUT)]
                 array = self._gl.vertex_array(program, content, faces)
                 self._arrays[(program.glo, detail)] = array
             instances.write(places.tobytes())
             array.render(instances=len(places))
 
 
-def _bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
+def bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
     """A buffer with the attributes that the program kept; the rest becomes padding."""
     sizes = {"3f": "12x", "4f": "16x", "4f1": "4x", "1f": "4x"}
     rate = [f for f in layout[0].split() if f.startswith("/")]
