@@ -57,6 +57,25 @@ class PointTree(NamedTuple):
 
 
 @njit(cache=True)
+def refit(tree: PointTree, points: F64) -> None:
+    """Fit the boxes to the same points (N, 3) after some of them have moved."""
+    for node in range(len(tree.following) - 1, -1, -1):
+        low, high = tree.low[node], tree.high[node]
+        if tree.following[node] == node + 1:
+            first, end = tree.spans[node]
+            low[:] = high[:] = points[tree.order[first]]
+            for k in tree.order[first + 1 : end]:
+                for axis in range(3):
+                    low[axis] = min(low[axis], points[k, axis])
+                    high[axis] = max(high[axis], points[k, axis])
+        else:
+            left, right = node + 1, tree.following[node + 1]
+            for axis in range(3):
+                low[axis] = min(tree.low[left, axis], tree.low[right, axis])
+                high[axis] = max(tree.high[left, axis], tree.high[right, axis])
+
+
+@njit(cache=True)
 def in_view(
     found: I64, tree: PointTree, eye: F64, R_camera_to_enu: F64, across: float, up: float, margin_m: float
 ) -> int:
