@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,12 @@ from skysweep.worlds.assets.buildings import building_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.ground_grid import GroundGrid
 from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
-from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
-from skysweep.worlds.world import TerrainSurface, World, WorldObject
+from skysweep.worlds.textures import GroundTextures, border_noise, ground_textures, layer_image
+from skysweep.worlds.rasters import GroundPicture
+from skysweep.worlds.world import GroundCover, TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
+WANDER_M = 64.0
 PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
 UPRIGHT_POSES = ("standing", "sitting", "floating", "crouching", "walking", "waving")
 
@@ -51,12 +54,23 @@ class Planting:
 
 
 @dataclass(frozen=True, slots=True)
+class Covering:
+    """What differs from place to place on the ground: its surfaces, and its picture over them."""
+
+    cover: GroundCover
+    textures: tuple[GroundTextures, ...]  # by code of the cover
+    wander: U8  # (256, 256, 3) over WANDER_M: how far borders of surfaces stray from those of the cells
+    picture: GroundPicture | None
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """Everything to draw. ``layers`` holds the texture layers in use, renumbered from 0."""
 
     ground: GroundGrid
     terrain: TerrainSurface
-    ground_textures: GroundTextures
+    ground_textures: GroundTextures  # of the terrain's surface
+    covering: Covering | None  # None: that surface is everywhere
     solids: tuple[Solid, ...]
     plantings: tuple[Planting, ...]
     layers: U8  # (L, 256, 256, 3)
@@ -79,12 +93,22 @@ def build_scene(world: World) -> Scene:
         GroundGrid(world.terrain),
         world.terrain,
         ground_textures(world.terrain.surface, world.seed % GROUND_LOOKS),
+        _covering(world),
         tuple(solids),
         tuple(plantings),
         np.stack([layer_image(int(layer)) for layer in used]),
         make_sun(world.light),
         _bounds(world.terrain, solids, plantings),
     )
+
+
+def _covering(world: World) -> Covering | None:
+    terrain = world.terrain
+    if terrain.cover is None and world.ground_picture is None:
+        return None
+    cover = terrain.cover or GroundCover(np.zeros((1, 1), np.uint8), terrain.bounds_enu_m, (terrain.surface,))
+    textures = tuple(ground_textures(name, world.seed % GROUND_LOOKS) for name in cover.names)
+    return Covering(cover, textures, border_noise(), world.ground_picture)
 
 
 def make_sun(light: Light) -> Sun:
@@ -128,11 +152,17 @@ def _slope_normal(terrain: TerrainSurface, xy: F64, reach_m: float) -> F64:
 def _plant(world: World) -> list[Planting]:
     groups: dict[tuple[str, int], list[list[float]]] = {}
     for tree in world.trees:
-        rng = np.random.default_rng([tree.variant, 31])
-        yaw, shade = rng.uniform(0, 2 * np.pi), rng.uniform(0.78, 1.12)
-        place = [*tree.position_enu_m, yaw, tree.crown_radius_m, tree.height_m, shade]
-        groups.setdefault((tree.kind, int(rng.integers(SHAPES))), []).append(place)
+        yaw, shade, shape = _plant_looks(tree.variant)
+        place = [*tree.position_enu_m.tolist(), yaw, tree.crown_radius_m, tree.height_m, shade]
+        groups.setdefault((tree.kind, shape), []).append(place)
     return [Planting(tree_meshes(*key), np.array(rows, np.float32)) for key, rows in sorted(groups.items())]
+
+
+@lru_cache(maxsize=4096)
+def _plant_looks(variant: int) -> tuple[float, float, int]:
+    """Yaw, shade and shape of a plant."""
+    rng = np.random.default_rng([variant, 31])
+    return float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.78, 1.12)), int(rng.integers(SHAPES))
 
 
 def _renumbered(mesh: Mesh, used: NDArray[np.int_]) -> Mesh:
