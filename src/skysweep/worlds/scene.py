@@ -46,6 +46,29 @@ class Solid:
 
 
 @dataclass(frozen=True, slots=True)
+class Mover:
+    """An object that moves, with its mesh about the origin, facing east; ``id`` is as of a ``Solid``."""
+
+    mesh: Mesh
+    id: int
+    thing: WorldObject
+    world: World
+
+    @property
+    def radius_m(self) -> float:
+        """Of a sphere about its place that holds it."""
+        return float(np.linalg.norm(self.mesh.vertices, axis=1).max())
+
+    def place(self, time_s: float) -> F64:
+        """Its place (3,) at a time."""
+        return self.world.position(self.thing, time_s)
+
+    def at(self, time_s: float) -> Mesh:
+        """Its mesh in ENU at a time."""
+        return _put(self.mesh, self.world.terrain, self.world.at(self.thing, time_s))
+
+
+@dataclass(frozen=True, slots=True)
 class Planting:
     """A unit mesh, coarse to fine, and its places: rows of x, y, z, yaw, radius, height, shade."""
 
@@ -72,6 +95,7 @@ class Scene:
     ground_textures: GroundTextures  # of the terrain's surface
     covering: Covering | None  # None: that surface is everywhere
     solids: tuple[Solid, ...]
+    movers: tuple[Mover, ...]
     plantings: tuple[Planting, ...]
     layers: U8  # (L, 256, 256, 3)
     sun: Sun
@@ -80,14 +104,22 @@ class Scene:
 
 def build_scene(world: World) -> Scene:
     """Meshes, textures and light of a world. Deterministic."""
-    solids = [Solid(_placed(world.terrain, o), k) for k, o in enumerate(world.objects, start=1)]
+    solids: list[Solid] = []
+    movers: list[Mover] = []
+    for k, o in enumerate(world.objects, start=1):
+        mesh = object_mesh(o.kind, o.size_m, o.pose, o.variant, o.clothing)
+        if o.track is None:
+            solids.append(Solid(_put(mesh, world.terrain, o), k))
+        else:
+            movers.append(Mover(mesh, k, o, world))
     for b in world.buildings:
         house = building_mesh(b.size_m, b.height_m, b.variant, b.flat_roof)
         solids.append(Solid(house.moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0))
     plantings = _plant(world)
-    shown = [s.mesh for s in solids] + [p.meshes[-1] for p in plantings]
+    shown = [s.mesh for s in (*solids, *movers)] + [p.meshes[-1] for p in plantings]
     used = np.unique(np.concatenate([[0.0], *(m.texture[:, 2] for m in shown)])).astype(int)
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
+    movers = [replace(m, mesh=_renumbered(m.mesh, used)) for m in movers]
     plantings = [Planting(tuple(_renumbered(m, used) for m in p.meshes), p.places) for p in plantings]
     return Scene(
         GroundGrid(world.terrain),
@@ -95,10 +127,11 @@ def build_scene(world: World) -> Scene:
         ground_textures(world.terrain.surface, world.seed % GROUND_LOOKS),
         _covering(world),
         tuple(solids),
+        tuple(movers),
         tuple(plantings),
         np.stack([layer_image(int(layer)) for layer in used]),
         make_sun(world.light),
-        _bounds(world.terrain, solids, plantings),
+        _bounds(world.terrain, solids, movers, plantings),
     )
 
 
@@ -135,8 +168,8 @@ def make_sun(light: Light) -> Sun:
     )
 
 
-def _placed(terrain: TerrainSurface, thing: WorldObject) -> Mesh:
-    mesh = object_mesh(thing.kind, thing.size_m, thing.pose, thing.variant, thing.clothing)
+def _put(mesh: Mesh, terrain: TerrainSurface, thing: WorldObject) -> Mesh:
+    """The mesh of an object in its place, along the ground unless it is upright."""
     R = yaw_rotation(thing.yaw_rad)
     if thing.pose not in UPRIGHT_POSES and not terrain.is_flat:
         R = tilt_rotation(_slope_normal(terrain, thing.position_enu_m[:2], 0.5 * thing.size_m)) @ R
@@ -171,12 +204,15 @@ def _renumbered(mesh: Mesh, used: NDArray[np.int_]) -> Mesh:
     return replace(mesh, texture=texture)
 
 
-def _bounds(terrain: TerrainSurface, solids: list[Solid], plantings: list[Planting]) -> tuple[F64, F64]:
+def _bounds(
+    terrain: TerrainSurface, solids: list[Solid], movers: list[Mover], plantings: list[Planting]
+) -> tuple[F64, F64]:
     west, south, east, north = terrain.bounds_enu_m
     low, high = float(terrain.heights_m.min()), float(terrain.heights_m.max())
     top = max(
         [high]
         + [float(s.mesh.vertices[:, 2].max()) for s in solids]
+        + [high + m.radius_m for m in movers]
         + [float((p.places[:, 2] + p.places[:, 5]).max()) for p in plantings]
     )
     return np.array([west, south, low - 1.0]), np.array([east, north, top])

@@ -18,7 +18,7 @@ from skysweep.arrays import F64, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
-from skysweep.worlds.rendering.gl_batches import Plants, Tiles, solid_blocks
+from skysweep.worlds.rendering.gl_batches import Movers, Plants, Tiles, solid_blocks
 from skysweep.worlds.rendering.gl_cover import Cover
 from skysweep.worlds.rendering.gl_ground import Ground
 from skysweep.worlds.rendering.gl_textures import filtered, filtered_array
@@ -52,6 +52,7 @@ class GLRenderer:
             self._cover = Cover(gl, scene.covering, scene.ground) if scene.covering else None
             self._programs = _compile(gl, scene.terrain.surface == "water", self._cover)
             self._objects = Tiles(gl, solid_blocks([s for s in scene.solids if s.id > 0]))
+            self._movers = Movers(gl, scene.movers)
             self._buildings = Tiles(gl, solid_blocks([s for s in scene.solids if s.id == 0]))
             self._plants = [Plants(gl, p) for p in scene.plantings]
             self._ground = Ground(gl, scene.ground)
@@ -59,7 +60,7 @@ class GLRenderer:
             self._shadow = gl.depth_texture((SHADOW_PX, SHADOW_PX))
             self._shadow.compare_func = "<="
             self._shadow_target = gl.framebuffer(depth_attachment=self._shadow)
-            self._shadow_place: tuple[float, tuple[int, int]] | None = None
+            self._shadow_of: tuple[float, tuple[int, int], float | None] | None = None
             self._targets: dict[tuple[int, int], _Target] = {}
             lakes = [self._cover.lake] if self._cover and self._cover.lake else []
             self._lit = [*(self._programs[name] for name in _KINDS), *lakes]
@@ -70,7 +71,8 @@ class GLRenderer:
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         with self._context as gl:
-            self._aim_shadow(lens, pose)
+            self._movers.move(time_s)
+            self._aim_shadow(lens, pose, time_s)
             target = self._target(lens)
             view = Projection.of(lens, pose)
             self._shadow.use(4)
@@ -92,8 +94,11 @@ class GLRenderer:
                 target.resolved.scissor = target.whole
             return target.read_rgb()
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
+    def render_ids(
+        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
+    ) -> I32:
         with self._context:
+            self._movers.move(time_s)
             target = self._target(lens)
             view = Projection.of(lens, pose)
             target.resolved.use()
@@ -106,6 +111,7 @@ class GLRenderer:
 
     def _draw(self, suffix: str, view: Projection, occluders: bool = True) -> None:
         self._objects.draw(self._programs["solid" + suffix], view)
+        self._movers.draw(self._programs["solid" + suffix], view)
         if occluders:
             self._buildings.draw(self._programs["solid" + suffix], view)
             for plants in self._plants:
@@ -135,7 +141,8 @@ class GLRenderer:
             or rays_enu(lens, pose, lens.corners_px)[:, 2].max() > -_STEEP
         ):
             return whole
-        corners = np.concatenate([self._objects.corners(view), self._buildings.corners(view)])
+        edged = self._objects, self._movers, self._buildings
+        corners = np.concatenate([things.corners(view) for things in edged])
         if len(corners) == 0:
             return None
         size_px = np.array(whole[2:])
@@ -170,8 +177,9 @@ class GLRenderer:
         for unit, texture in enumerate(self._textures):
             texture.use(unit)
 
-    def _aim_shadow(self, lens: Lens, pose: CameraPose) -> None:
-        """Redraw the shadow map when the place looked at has left the middle of the last one.
+    def _aim_shadow(self, lens: Lens, pose: CameraPose, time_s: float) -> None:
+        """Redraw the shadow map when the place looked at has left the middle of the last one, or something in
+        it moves.
 
         The map moves in steps, so that the shadows of a pose do not depend on earlier poses.
         """
@@ -182,19 +190,21 @@ class GLRenderer:
         step = span / 8
         aim = eye[:2] + min(reach, 0.4 * span) * forward[:2]
         cell = (round(aim[0] / step), round(aim[1] / step))
-        if (span, cell) == self._shadow_place:
-            return
-        self._shadow_place = (span, cell)
         place = np.array(cell) * step
         centre = np.array([*place, self._terrain.height_m(place)[0]])
         matrix = _shadow_matrix(self._sun.direction_enu, centre, span, self._high[2] - self._low[2])
+        view = Projection(matrix, None, SHADOW_PX / span)
+        shadow_of = span, cell, time_s if self._movers.is_in_sight(view) else None
+        if shadow_of == self._shadow_of:
+            return
+        self._shadow_of = shadow_of
         for program in self._lit:
             _set(program, shadow_matrix=matrix, shadow_bias_m=0.01 + 0.7 * span / SHADOW_PX)
         for name in _KINDS:
             _set(self._programs[name + "_depth"], view_projection=matrix)
         self._shadow_target.use()
         self._shadow_target.clear()
-        self._draw("_depth", Projection(matrix, None, SHADOW_PX / span))
+        self._draw("_depth", view)
 
 
 class _Target:
