@@ -41,6 +41,7 @@ from skysweep.worlds.motion import Placing, Track, track_of
 from skysweep.worlds.places import Ground, beside_trees, generate_positions, scattered
 from skysweep.worlds.rasters import Bounds, GroundPicture, ground_picture
 
+WAY_STEP_S = 2.0  # between the places of a drawn track
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
 _CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
@@ -198,6 +199,11 @@ class World:
     def position(self, thing: WorldObject, time_s: float) -> F64:
         """Where an object is at a time of the mission: (3,), on the ground."""
         return self.at(thing, time_s).position_enu_m
+
+    def way(self, thing: WorldObject, until_s: float) -> F64:
+        """Its places (N, 3) from time 0 on, every WAY_STEP_S and at the end."""
+        times_s = [*np.arange(0.0, until_s, WAY_STEP_S).tolist(), until_s]
+        return np.array([self.position(thing, t) for t in times_s])
 
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
