@@ -545,9 +545,20 @@ class Search(Model):
     confirm_height_max_m: float | None = Field(
         None, gt=0, description="Largest height above a candidate from which a look may confirm it; null: any"
     )
+    target_speed_mps: float = Field(
+        0.0,
+        ge=0,
+        le=20,
+        description="How fast targets may move: sightings that far apart may be of one candidate",
+    )
     parameters: dict[str, float | bool | str] = Field(
         default_factory=dict, description="The strategy's own, by name"
     )
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scenario whose targets stand still has the same keys as before there was this field."""
+        return {k: v for k, v in write(self).items() if k != "target_speed_mps" or v}
 
     @field_validator("n_c", "d_c_m", mode="before")
     @classmethod
