@@ -305,9 +305,7 @@ def horizontal_distance_m(world: World, candidate: CandidateStory, target: World
     return float(np.linalg.norm(candidate.position_enu_m[:2] - true_enu_m[:2]))
 
 
-def _distances_m(
-    world: World, candidates: list[CandidateStory], targets: tuple[WorldObject, ...]
-) -> F64:
+def _distances_m(world: World, candidates: list[CandidateStory], targets: tuple[WorldObject, ...]) -> F64:
     """Distances (candidates, targets), very large for forbidden pairs."""
     distances = np.full((len(candidates), len(targets)), _FORBIDDEN_M)
     for i, candidate in enumerate(candidates):

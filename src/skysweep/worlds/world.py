@@ -362,7 +362,9 @@ def _may_walk(area: shapely.Geometry, buildings: tuple[WorldBuilding, ...]) -> s
     walls = []
     for b in buildings:
         x, y = b.size_m[0] / 2, b.size_m[1] / 2
-        turned = shapely.affinity.rotate(shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True)
+        turned = shapely.affinity.rotate(
+            shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True
+        )
         walls.append(shapely.affinity.translate(turned, *b.position_enu_m[:2]))
     free = area.difference(shapely.union_all(walls)) if walls else area
     shapely.prepare(free)

@@ -10,6 +10,7 @@ Psychophysics 63, 2001).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -226,6 +227,15 @@ class StatisticalModel(_Part):
         """The kinds and poses that were looked at, whether or not they were ever reported."""
         return {(c.kind, c.pose) for c in (*self.kinds, *self.contrasts)}
 
+    def stand_ins(self, subjects: Iterable[tuple[str, str]]) -> str:
+        """In words, what is drawn for kinds and poses that were not looked at; empty if all were."""
+        told = []
+        for kind, pose in sorted(set(subjects) - self.measured):
+            pose_instead = next((k.pose for k in self.kinds if k.kind == kind), None)
+            instead = "is never reported" if pose_instead is None else f"is drawn as {pose_instead}"
+            told.append(f"a {kind} ({pose}) {instead}")
+        return "; ".join(told)
+
     def contrast(self, kind: str, pose: str, surface: str) -> tuple[float, float]:
         """Mean and standard deviation of the difference in colour to the ground; usual if not measured."""
         table = next((c for c in self.contrasts if (c.kind, c.pose) == (kind, pose)), None)
@@ -257,7 +267,9 @@ class StatisticalModel(_Part):
         least = min(view.scale, 1.0)
         noise, known = camera.noise_std * least, self.camera.noise_std
         if noise > known * _ROUNDING:
-            found.append(f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}")
+            found.append(
+                f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}"
+            )
         coarse, known = _jpeg_step(camera.jpeg_quality) * least, _jpeg_step(self.camera.jpeg_quality)
         if coarse > known * _ROUNDING:
             found.append(
@@ -266,9 +278,7 @@ class StatisticalModel(_Part):
             )
         return found
 
-    def extrapolation(
-        self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float
-    ) -> str:
+    def extrapolation(self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float) -> str:
         """In words, what the model was calibrated for instead of this search; empty if for this.
 
         ``smallest_m`` is the size of the smallest target. Beyond its tables the model repeats their ends.

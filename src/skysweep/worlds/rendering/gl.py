@@ -94,9 +94,7 @@ class GLRenderer:
                 target.resolved.scissor = target.whole
             return target.read_rgb()
 
-    def render_ids(
-        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
-    ) -> I32:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         with self._context:
             self._movers.move(time_s)
             target = self._target(lens)
