@@ -58,10 +58,10 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         sensor = StatisticalSensor(
             world,
             camera_model,
+            scenario.detector,
             eye,
             exposures,
             scenario.target_classes,
-            scenario.detector.confidence_min,
             seed,
             model_for(scenario),
             rig.unit,
@@ -80,14 +80,17 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         )
     waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
     context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
-    caveat = context.sensor_caveat if spec.needs_sensor_model else ""
+    needs_model = spec.needs_sensor_model or rig.sensor == "statistical"
+    caveat = context.sensor_caveat if needs_model else ""
+    if rig.sensor == "statistical":
+        caveat = " ".join(filter(None, [caveat, _stand_ins(world, context)]))
     return Mission(
         scenario,
         seed,
         rig.sensor,
         vehicle,
         sensor,
-        GroundTracker(world.terrain.height_m, scenario.target_sizes_m),
+        GroundTracker(world.terrain.height_m, scenario.target_sizes_m, speed_mps=search.target_speed_mps),
         spec.make(context),
         waypoints,
         cover_altitude_agl_m,
@@ -100,6 +103,15 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
         change_battery=getattr(vehicle, "change_battery", None),
+    )
+
+
+def _stand_ins(world: World, context: MissionContext) -> str:
+    """A sentence if the sensor model never looked at some of the objects; empty if it did."""
+    told = context.sensor_model.stand_ins((o.kind, o.pose) for o in world.objects)
+    return told and (
+        f"The sensor model was not measured with everything here: {told}; "
+        "add what is missing with 'skysweep calibrate --add-to'."
     )
 
 

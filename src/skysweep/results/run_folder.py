@@ -71,6 +71,7 @@ class CandidateStory:
     scanned_s: float | None
     verdict: str | None
     verdict_s: float | None
+    looked_s: float  # when the last look at it was taken, of those up to the verdict
     confidence: float | None  # best of the sightings up to the verdict
     probability: float | None  # that it is a target, as the strategy last said; None: it says none
     seen_from_m: float | None  # lowest height above it of the sightings up to the verdict
@@ -277,6 +278,7 @@ class Run:
             scanned_s=None if scanned is None else self.since_start(scanned),
             verdict=None if verdict is None else str(verdict["kind"]),
             verdict_s=None if verdict is None else self.since_start(verdict),
+            looked_s=self.since_start((sightings or known)[-1]),
             confidence=max((float(r["confidence"]) for r in known if "confidence" in r), default=None),
             probability=_newest(known, "probability"),
             seen_from_m=min(

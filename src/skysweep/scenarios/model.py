@@ -43,9 +43,7 @@ TargetClass = Literal["stop sign", "person", "boat"]
 DistractorClass = Literal[
     "red bucket", "red round sign", "rock", "stump", "clothing", "buoy", "sheep", "deer", "dog"
 ]
-ObjectPose = Literal[
-    "face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"
-]
+ObjectPose = Literal["face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"]
 Clothing = Literal[
     "bright", "muted", "black", "blue", "brown", "green", "grey", "orange", "red", "white", "yellow"
 ]
@@ -69,6 +67,7 @@ DEFAULT_SIZE_M: dict[str, float] = {
 }
 SIZE_OF_AGE_M: dict[Age, float] = {"child": 1.2, "teenager": 1.55, "adult": 1.75}  # 6, 13 years; grown up
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
+USUAL_POSES = ("face-up", "standing", "lying", "floating")  # what is believed where a scenario says nothing
 
 _OF_FILES = {
     "dem",
@@ -295,7 +294,9 @@ class WalkMotion(Model):
         60.0, ge=0, le=180, description="Standard deviation of the turn between stretches"
     )
     rest_share: float = Field(0.0, ge=0, lt=1, description="Share of the time spent standing still")
-    stays_in_area: bool = Field(True, description="Whether it turns at the edge of the area if it starts in it")
+    stays_in_area: bool = Field(
+        True, description="Whether it turns at the edge of the area if it starts in it"
+    )
 
 
 class DriftMotion(Model):
@@ -557,9 +558,20 @@ class Search(Model):
     confirm_height_max_m: float | None = Field(
         None, gt=0, description="Largest height above a candidate from which a look may confirm it; null: any"
     )
+    target_speed_mps: float = Field(
+        0.0,
+        ge=0,
+        le=20,
+        description="How fast targets may move: sightings that far apart may be of one candidate",
+    )
     parameters: dict[str, float | bool | str] = Field(
         default_factory=dict, description="The strategy's own, by name"
     )
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scenario whose targets stand still has the same keys as before there was this field."""
+        return {k: v for k, v in write(self).items() if k != "target_speed_mps" or v}
 
     @field_validator("n_c", "d_c_m", mode="before")
     @classmethod

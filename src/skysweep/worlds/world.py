@@ -9,31 +9,39 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import shapely
+import shapely.affinity
 from numba import njit
 from numpy.typing import ArrayLike
 
 from skysweep.arrays import F64, U8
+from skysweep.errors import UserError
 from skysweep.scenarios.files import ground_files
 from skysweep.scenarios.model import (
     DEFAULT_POSE,
     DEFAULT_SIZE_M,
     MARGIN_M,
     MAX_TREES,
+    SIZE_OF_AGE_M,
     Forest,
     LandClass,
     Light,
+    Motion,
     Scenario,
 )
+from skysweep.types import XY
 from skysweep.worlds.elevation import Elevation, elevation
 from skysweep.worlds.land_cover import SURFACES, WORLDCOVER, LandCover, growth, land_cover
 from skysweep.worlds.map_features import Box
 from skysweep.worlds.map_features import buildings as buildings_in
-from skysweep.worlds.places import Ground, generate_positions, scattered
+from skysweep.worlds.motion import Placing, Track, track_of
+from skysweep.worlds.places import Ground, beside_trees, generate_positions, scattered
 from skysweep.worlds.rasters import Bounds, GroundPicture, ground_picture
 
+WAY_STEP_S = 2.0  # between the places of a drawn track
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
 _CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
@@ -41,7 +49,10 @@ _CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
 
 @dataclass(frozen=True, slots=True)
 class WorldObject:
-    """A target or a distractor. ``variant`` seeds its looks (mesh proportions, colours)."""
+    """A target or a distractor. ``variant`` seeds its looks (mesh proportions, colours).
+
+    Where it has a ``track``, it is at ``position_enu_m`` at time 0, and ``World.at`` says where later.
+    """
 
     kind: str
     position_enu_m: F64  # (3,), on the ground
@@ -51,6 +62,7 @@ class WorldObject:
     is_target: bool
     variant: int
     clothing: str | None = None  # as ``scenarios.model.Clothing``; None: any, by the variant
+    track: Track | None = None  # None: it does not move
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +189,22 @@ class World:
     def targets(self) -> tuple[WorldObject, ...]:
         return tuple(o for o in self.objects if o.is_target)
 
+    def at(self, thing: WorldObject, time_s: float) -> WorldObject:
+        """An object as it is at a time of the mission, in its place then and facing where it goes."""
+        if thing.track is None:
+            return thing
+        x, y, yaw_rad = thing.track.at(time_s)
+        return replace(thing, position_enu_m=_on_ground(self.terrain, (x, y)), yaw_rad=yaw_rad)
+
+    def position(self, thing: WorldObject, time_s: float) -> F64:
+        """Where an object is at a time of the mission: (3,), on the ground."""
+        return self.at(thing, time_s).position_enu_m
+
+    def way(self, thing: WorldObject, until_s: float) -> F64:
+        """Its places (N, 3) from time 0 on, every WAY_STEP_S and at the end."""
+        times_s = [*np.arange(0.0, until_s, WAY_STEP_S).tolist(), until_s]
+        return np.array([self.position(thing, t) for t in times_s])
+
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
     """The scenario's ground. Its height at home is 0 unless a heightmap says otherwise.
@@ -252,42 +280,95 @@ def _build_relief(scenario: Scenario) -> TerrainSurface:
     return TerrainSurface(h - surface.height_at_m(*scenario.home.position_enu_m), bounds, t.surface)
 
 
+class _Item(NamedTuple):
+    """An object before it has its place on the ground and its looks."""
+
+    kind: str
+    position_enu_m: XY
+    yaw_rad: float
+    size_m: float | None
+    pose: str | None
+    is_target: bool
+    clothing: str | None
+    motion: Motion | None
+
+
 def build_world(scenario: Scenario, seed: int) -> World:
-    """The world of one mission. The same scenario and seed give the same world."""
+    """The world of one mission. The same scenario and seed give the same world.
+
+    Raises UserError where a generator places objects near trees and there are none.
+    """
     terrain = build_terrain(scenario)
-    rng = np.random.default_rng([seed, 11])
+    trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
     area = Ground(scenario.area_enu_m)
-    items: list[tuple[str, tuple[float, float], float, float | None, str | None, bool]] = [
-        (t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True) for t in scenario.targets
+    scatter = np.random.default_rng([seed, 19])
+    rng = np.random.default_rng([seed, 11])
+    items = _items(scenario, seed, area, trees)
+    moves = any(item.motion for item in items)
+    may_walk = _may_walk(area.polygon, buildings) if moves else area.polygon
+    objects = []
+    for index, item in enumerate(items):
+        xy = scattered(item.position_enu_m, scenario.scatter_m, area, scatter)
+        track = None
+        if item.motion is not None:
+            of_track = np.random.default_rng([seed, index, 41])
+            track = track_of(item.motion, Placing(*xy, item.yaw_rad), scenario.wind, may_walk, of_track)
+        thing = WorldObject(
+            item.kind,
+            _on_ground(terrain, xy),
+            item.yaw_rad,
+            item.size_m or DEFAULT_SIZE_M[item.kind],
+            item.pose or DEFAULT_POSE.get(item.kind, "face-up"),
+            item.is_target,
+            HELD_OUT_VARIANTS + int(rng.integers(1000)),
+            item.clothing,
+            track,
+        )
+        objects.append(thing)
+    picture = ground_picture_of(scenario)
+    return World(terrain, tuple(objects), trees, buildings, scenario.light, seed, picture)
+
+
+def _items(scenario: Scenario, seed: int, area: Ground, trees: tuple[WorldTree, ...]) -> list[_Item]:
+    """Targets, distractors, and what the generators place."""
+    items = [
+        _Item(t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True, t.clothing, t.motion)
+        for t in scenario.targets
     ]
     turned = np.random.default_rng([seed, 23]).uniform(0, 2 * np.pi, len(scenario.distractors))
-    items += [
-        (d.kind, d.position_enu_m, yaw if d.yaw_deg is None else np.radians(d.yaw_deg), d.size_m, None, False)
-        for d, yaw in zip(scenario.distractors, turned.tolist(), strict=True)
-    ]
+    for d, yaw in zip(scenario.distractors, turned.tolist(), strict=True):
+        yaw_rad = yaw if d.yaw_deg is None else np.radians(d.yaw_deg)
+        items.append(_Item(d.kind, d.position_enu_m, yaw_rad, d.size_m, None, False, None, d.motion))
     target_kinds = scenario.target_classes
     for index, g in enumerate(scenario.generators):
         g_rng = np.random.default_rng([g.seed if g.seed is not None else seed + 100_000, index, 13])
-        for xy in generate_positions(g, area, g_rng):
+        places = generate_positions(g, area, g_rng)
+        if g.near == "trees":
+            if not trees:
+                raise UserError(f"generators[{index}].near: there are no trees; write some, or delete near")
+            crowns = np.array([(*t.position_enu_m[:2], t.crown_radius_m) for t in trees])
+            places = beside_trees(places, crowns, area, g_rng)
+        for xy in places:
             pose = str(g_rng.choice(g.poses)) if g.poses else None
             yaw = float(g_rng.uniform(0, 2 * np.pi))
-            items.append((g.kind, xy, yaw, g.size_m, pose, g.kind in target_kinds))
-    scatter = np.random.default_rng([seed, 19])
-    objects = tuple(
-        WorldObject(
-            kind,
-            _on_ground(terrain, scattered(xy, scenario.scatter_m, area, scatter)),
-            yaw,
-            size or DEFAULT_SIZE_M[kind],
-            pose or DEFAULT_POSE.get(kind, "face-up"),
-            is_target,
-            HELD_OUT_VARIANTS + int(rng.integers(1000)),
+            clothing = str(g_rng.choice(g.clothing)) if g.clothing else None
+            size_m = SIZE_OF_AGE_M[g.ages[int(g_rng.integers(len(g.ages)))]] if g.ages else g.size_m
+            items.append(_Item(g.kind, xy, yaw, size_m, pose, g.kind in target_kinds, clothing, g.motion))
+    return items
+
+
+def _may_walk(area: shapely.Geometry, buildings: tuple[WorldBuilding, ...]) -> shapely.Geometry:
+    """The area without its buildings."""
+    walls = []
+    for b in buildings:
+        x, y = b.size_m[0] / 2, b.size_m[1] / 2
+        turned = shapely.affinity.rotate(
+            shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True
         )
-        for kind, xy, yaw, size, pose, is_target in items
-    )
-    trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
-    picture = ground_picture_of(scenario)
-    return World(terrain, objects, trees, buildings, scenario.light, seed, picture)
+        walls.append(shapely.affinity.translate(turned, *b.position_enu_m[:2]))
+    free = area.difference(shapely.union_all(walls)) if walls else area
+    shapely.prepare(free)
+    return free
 
 
 def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree, ...]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
-from skysweep.scenarios.model import DEFAULT_SIZE_M
+from skysweep.scenarios.model import DEFAULT_SIZE_M, USUAL_POSES
 from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
@@ -28,10 +28,11 @@ from skysweep.sensing.statistical.luck import OWN, OWN_VAR, PIXELS, WEIGHT, unse
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
-from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
+from skysweep.worlds.occlusion import FLAT, SHAPES, STANDING, pixels_on_target
 
 _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
 _WATER_KINDS = {"buoy", "boat"}
+_ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are any: no hypothesis
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _SURPRISE_MAX = 9.0
 
@@ -41,7 +42,7 @@ class Hypotheses:
 
     def __init__(self, context: MissionContext, class_name: str, parameters: BeliefParameters) -> None:
         model = context.sensor_model
-        self._lens = context.lens
+        self._view = context.sensor_view
         self._threshold = float(score_of(context.confidence_min))
         self._fade_px = model.fade_px
         self._log_pixels = np.log(model.pixels)
@@ -99,7 +100,7 @@ class Hypotheses:
         ``widened`` times as far as the model says. Surprise is the squared distance of the score from what
         was expected, in variances, 1 on average; 0 for a miss.
         """
-        altitude = max(float(camera.position_enu_m[2] - place_enu_m[2]), 1.0)
+        height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return _look(
             belief,
             self._tables,
@@ -108,13 +109,13 @@ class Hypotheses:
             camera.position_enu_m,
             camera.R_camera_to_enu,
             place_enu_m,
-            self._lens.focal_px,
-            moved_px,
+            self._view.focal_px,
+            self._view.scale * moved_px,
             self._fade_px,
             math.nan if score is None else score,
             self._threshold,
             self._lapse_floor,
-            self._ghost.at(altitude),
+            self._ghost.at(max(height_m * self._view.as_high, 1.0)),
             self._is_target,
             widened,
         )
@@ -134,14 +135,17 @@ class Hypotheses:
                 camera.position_enu_m,
                 camera.R_camera_to_enu,
                 place_enu_m,
-                self._lens.focal_px,
+                self._view.focal_px,
                 self._threshold,
             )
         )
 
 
 class _Ghost:
-    """Reports where nothing is: mean and spread of their scores by altitude, and the chance of another."""
+    """Reports where nothing is: mean and spread of their scores by altitude, and the chance of another.
+
+    The altitude is that from which the calibrated camera's pixels show as much ground.
+    """
 
     def __init__(self, model: StatisticalModel, class_name: str) -> None:
         self._floor = float(score_of(model.experiment.confidence_floor))
@@ -187,9 +191,12 @@ def _is_plausible(kind: KindModel, context: MissionContext) -> bool:
     """Whether a kind that is not reported under its own name may be met on this ground."""
     if kind.kind in context.sizes_m:
         return kind.pose in context.poses[kind.kind]
+    if kind.kind == "person" and kind.pose not in USUAL_POSES:
+        return False
     if kind.kind == "person":
         return (kind.pose == "floating") == (context.surface == "water")
-    return kind.kind not in (_LAND_KINDS if context.surface == "water" else _WATER_KINDS | {"stop sign"})
+    unlikely = _LAND_KINDS if context.surface == "water" else _WATER_KINDS | {"stop sign"}
+    return kind.kind not in unlikely | _ANIMALS
 
 
 def _contrast(model: StatisticalModel, kind: KindModel, surface: str) -> tuple[float, float]:

@@ -47,7 +47,9 @@ def sheep(looks: Appearance, size_m: float, pose: str) -> Mesh:
     long, wide, high = _SHEEP.barrel
     trunk = make_mesh(v * wool[:, None] * (long / 2, wide / 2, high / 2), f, fleece, Layer.FABRIC, 0.2)
     ears = _ears((0.06, 0.02, 0.025), face, 0.3)
-    return _animal(looks, _SHEEP, trunk, fleece, face, face, pose, grazes=0.7, extras=[ears]).moved(scale=size_m)
+    return _animal(looks, _SHEEP, trunk, fleece, face, face, pose, grazes=0.7, extras=[ears]).moved(
+        scale=size_m
+    )
 
 
 def deer(looks: Appearance, size_m: float, pose: str) -> Mesh:
@@ -57,7 +59,9 @@ def deer(looks: Appearance, size_m: float, pose: str) -> Mesh:
     extras = [_ears((0.07, 0.018, 0.035), hide, 0.9)]
     if looks.chance(0.33):
         extras += [_antler(side, looks) for side in (1.0, -1.0)]
-    return _animal(looks, _DEER, trunk, hide, hide, hide * 0.75, pose, grazes=0.5, extras=extras).moved(scale=size_m)
+    return _animal(looks, _DEER, trunk, hide, hide, hide * 0.75, pose, grazes=0.5, extras=extras).moved(
+        scale=size_m
+    )
 
 
 def dog(looks: Appearance, size_m: float, pose: str) -> Mesh:
@@ -97,7 +101,9 @@ def _ears(size: tuple[float, float, float], colour: F64, rise: float) -> Mesh:
 
 def _antler(side: float, looks: Appearance) -> Mesh:
     spread = looks.between(0.08, 0.14)
-    beam = np.array([[-0.03, 0.02 * side, 0.04], [-0.10, spread * side, 0.14], [-0.02, 1.4 * spread * side, 0.27]])
+    beam = np.array(
+        [[-0.03, 0.02 * side, 0.04], [-0.10, spread * side, 0.14], [-0.02, 1.4 * spread * side, 0.27]]
+    )
     tine = np.array([beam[1], beam[1] + [0.09, 0.01 * side, 0.05], beam[1] + [0.13, 0.02 * side, 0.10]])
     return merge([tube(line, [0.012, 0.010, 0.005], _ANTLER, n=5) for line in (beam, tine)])
 

@@ -6,6 +6,7 @@ from collections import OrderedDict
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
 from skysweep.arrays import I32
 from skysweep.worlds.ground_grid import CHUNK_POSTS, Chunks, GroundGrid
@@ -30,16 +31,21 @@ class Ground:
         self._room = _HELD
         self._held: OrderedDict[int, int] = OrderedDict()  # places of chunks, the longest unused first
 
-    def draw(self, program: moderngl.Program, view: Projection) -> None:
+    def draw(
+        self, program: moderngl.Program, view: Projection, among: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Draw the chunks in sight, of all or of those marked (C,)."""
         grid = self._grid
         low, high = grid.low_enu_m, grid.high_enu_m
-        chunks = np.flatnonzero(view.sees_boxes(low, high))
+        seen = view.sees_boxes(low, high)
+        chunks = np.flatnonzero(seen if among is None else seen & among)
         if len(chunks) == 0:
             return
         spacing_px = view.pixels(view.nearest(low, high), np.full(len(low), grid.spacing_m))
         firsts = _POSTS * self._places(chunks)
         faces = np.concatenate(
-            [f + first for f, first in zip(grid.faces(chunks, spacing_px), firsts, strict=True)], dtype=np.int32
+            [f + first for f, first in zip(grid.faces(chunks, spacing_px), firsts, strict=True)],
+            dtype=np.int32,
         )
         self._faces.orphan(faces.nbytes)
         self._faces.write(faces)
