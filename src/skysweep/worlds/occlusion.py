@@ -83,7 +83,7 @@ class Occluders:
 
     def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
         found = np.empty(len(self.solids), dtype=np.int64)
-        return found[: around(found, self.grid, x0, y0, x1, y1, margin_m)]
+        return found[: around(found, *self.grid, x0, y0, x1, y1, margin_m)]
 
 
 def _crowns(world: World) -> F64:
@@ -107,46 +107,52 @@ def _walls(world: World) -> F64:
 
 
 class Grid(NamedTuple):
-    """Solids by square cells of the ground, for compiled code: those of cell k are from starts[k] on."""
+    """Solids by square cells of the ground: plain arrays for compiled code."""
 
-    west_m: float
-    south_m: float
-    columns: int
-    rows: int
-    reach_m: float  # the largest of a solid
-    starts: I64
-    solids: I64
+    frame: F64  # west and south in metres, columns, rows, and the largest reach of a solid
+    starts: I64  # where each cell's part of the order begins, by row from the south-west on
+    order: I64  # (S,)
 
     @classmethod
     def of(cls, solids: F64) -> Grid:
         """The grid of ``solids`` (S, 11)."""
         if not len(solids):
-            return cls(0.0, 0.0, 1, 1, 0.0, np.zeros(2, dtype=np.int64), np.zeros(0, dtype=np.int64))
-        west, south = solids[:, :2].min(axis=0)
-        column, row = ((solids[:, :2] - (west, south)) / _CELL_M).astype(np.int64).T
+            return cls(np.array([0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(1, np.int64), np.zeros(0, np.int64))
+        corner = solids[:, :2].min(axis=0)
+        column, row = ((solids[:, :2] - corner) / _CELL_M).astype(np.int64).T
         columns, rows = int(column.max()) + 1, int(row.max()) + 1
         cell = row * columns + column
         starts = np.searchsorted(np.sort(cell), np.arange(columns * rows + 1))
-        order = np.argsort(cell, kind="stable")
-        return cls(float(west), float(south), columns, rows, float(solids[:, 9].max()), starts, order)
+        frame = np.array([*corner, columns, rows, solids[:, 9].max()])
+        return cls(frame, starts.astype(np.int64), np.argsort(cell, kind="stable"))
 
 
 @njit(cache=True)
-def around(found: I64, grid: Grid, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> int:
-    """Write the solids that may reach the rectangle between two corners, widened by a margin; their number."""
-    margin_m += grid.reach_m
-    first_column = max(int(math.floor((min(x0, x1) - margin_m - grid.west_m) / _CELL_M)), 0)
-    first_row = max(int(math.floor((min(y0, y1) - margin_m - grid.south_m) / _CELL_M)), 0)
-    end_column = min(int(math.floor((max(x0, x1) + margin_m - grid.west_m) / _CELL_M)) + 1, grid.columns)
-    end_row = min(int(math.floor((max(y0, y1) + margin_m - grid.south_m) / _CELL_M)) + 1, grid.rows)
+def around(
+    found: I64,
+    frame: F64,
+    starts: I64,
+    order: I64,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    margin_m: float,
+) -> int:
+    """Write the solids of a grid that may reach the rectangle between two corners, widened; their number."""
+    west, south, columns, rows, reach_m = frame
+    margin_m += reach_m
+    first_column = int(max(math.floor((min(x0, x1) - margin_m - west) / _CELL_M), 0.0))
+    first_row = int(max(math.floor((min(y0, y1) - margin_m - south) / _CELL_M), 0.0))
+    end_column = int(min(math.floor((max(x0, x1) + margin_m - west) / _CELL_M) + 1.0, columns))
+    end_row = int(min(math.floor((max(y0, y1) + margin_m - south) / _CELL_M) + 1.0, rows))
     n = 0
-    for row in range(first_row, end_row):
-        if first_column >= end_column:
-            break
-        first, end = row * grid.columns + first_column, row * grid.columns + end_column
-        for k in range(grid.starts[first], grid.starts[end]):
-            found[n] = grid.solids[k]
-            n += 1
+    if first_column < end_column:
+        for row in range(first_row, end_row):
+            first_cell = row * int(columns)
+            for k in range(starts[first_cell + first_column], starts[first_cell + end_column]):
+                found[n] = order[k]
+                n += 1
     return n
 
 

@@ -86,7 +86,8 @@ class StatisticalSensor:
         most_ghosts = max(len(octave.ghosts) for octave in self._octaves)
         room = np.empty(len(things) + most_ghosts + len(occluders.solids), dtype=np.int64)
         tree = PointTree.of(things["place"])
-        self._of_things = (things.view(np.float64), tree, occluders.solids, occluders.grid, *of_rows)
+        of_solids = (occluders.solids, *occluders.grid)
+        self._of_things = (things.view(np.float64), *tree, *of_solids, *of_rows)
         self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
     def sense(self, state: VehicleState) -> Detections | None:
@@ -119,7 +120,9 @@ class StatisticalSensor:
             log_altitude,
             self._look_number,
             *self._of_things,
-            *octave,
+            octave.ghosts,
+            octave.first,
+            *octave.tree,
             *self._of_ghosts,
         )
         self._look_number += 1
@@ -221,7 +224,7 @@ class StatisticalSensor:
 
 
 class _Octave(NamedTuple):
-    """The ghosts of one octave of altitude, as ``draw_look`` takes them."""
+    """The ghosts of one octave of altitude."""
 
     ghosts: F64
     first: int
