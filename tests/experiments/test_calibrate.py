@@ -97,7 +97,7 @@ def test_the_sensor_draws_as_many_pixels_as_were_measured(kind, size_m, away_m):
     sure = shipped.model_copy(update={"kinds": kinds, "background": []})
     exposures = Exposures(10.0, 0.0)
     eye = SimpleNamespace(true_camera_pose=lambda: pose, true_camera_motion=lambda: still)
-    sensor = StatisticalSensor(world, CAMERA, eye, exposures, [kind], 0.25, 0, sure)
+    sensor = StatisticalSensor(world, CAMERA, DetectorModel(), eye, exposures, [kind], 0, sure)
     state = VehicleState(CAMERA.latency_s, pose.position_enu_m, np.zeros(3), np.eye(3), pose, 1.0, 0.0, True)
     sensor.sense(state._replace(time_s=0.0))
     found = sensor.sense(state)

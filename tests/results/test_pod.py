@@ -117,7 +117,7 @@ def test_nothing_is_known_of_a_gap_and_of_a_lost_position():
 
 
 def test_a_detector_without_a_model_has_no_map():
-    assert CoverageMap.of(tiny(camera=CALIBRATED | {"width_px": 1280})) is None
+    assert CoverageMap.of(tiny(camera=CALIBRATED | {"noise_std": 9.0})) is None
 
 
 def test_fifteen_minutes_take_about_a_second_at_most():

@@ -11,7 +11,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import load_scenario
-from skysweep.scenarios.model import CameraModel
+from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.statistical.cells import SearchedCells
 from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.sensing.statistical.sweep_width import lateral_range
@@ -32,7 +32,10 @@ def cells_over(
 ):
     wanted = np.ones(centres.shape[:2], dtype=bool)
     of_target = {name: (1.75, 1.75)}, {name: (pose,)}
-    return SearchedCells(centres, wanted, solids, CAMERA, MODEL, 0.25, "grass", *of_target)
+    ground = np.zeros(centres.shape[:2], dtype=int)
+    return SearchedCells(
+        centres, wanted, ground, ("grass",), solids, CAMERA, DetectorModel(), MODEL, *of_target
+    )
 
 
 poses = st.builds(
@@ -95,8 +98,9 @@ def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m):
     for share in np.linspace(0, 1, 4, endpoint=False):
         centres = np.stack([aside_m, 0 * aside_m, 0 * aside_m], axis=-1)[None]
         of_target = {name: (size_m, size_m)}, {name: (pose,)}
+        wanted, ground = np.ones((1, 3), bool), np.zeros((1, 3), int)
         cells = SearchedCells(
-            centres, np.ones((1, 3), bool), NO_SOLIDS, CAMERA, MODEL, 0.25, "unknown", *of_target
+            centres, wanted, ground, ("unknown",), NO_SOLIDS, CAMERA, DetectorModel(), MODEL, *of_target
         )
         for y in np.arange(-along_m / 2 - 5 + share * step_m, along_m / 2 + 5, step_m):
             cells.look(CameraPose(np.array([0.0, y, height_m]), R), motion)

@@ -1,5 +1,6 @@
 """The sensor without pictures draws what its tables say, and nothing else."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.files import change_scenario, load_scenario
-from skysweep.scenarios.model import CameraModel, Light
+from skysweep.scenarios.model import CameraModel, DetectorModel, Light
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.draws import draw_look, standard_normal
 from skysweep.sensing.statistical.factors import FACTORS
@@ -125,10 +126,12 @@ def sensor_of(
     minimum=MINIMUM,
     motion=STILL,
     surface=FLAT,
+    tiles=1,
 ):
     world = World(surface, tuple(objects), tuple(trees), (), Light(), 0)
     eye = Eye(true if callable(true) else lambda: true, motion)
-    return StatisticalSensor(world, camera, eye, Exposures(10.0, 0.0), classes, minimum, seed, tables)
+    detector = DetectorModel(tiles=tiles).model_copy(update={"confidence_min": minimum})
+    return StatisticalSensor(world, camera, detector, eye, Exposures(10.0, 0.0), classes, seed, tables)
 
 
 def chance(mean, spread=0.5, minimum=MINIMUM):
@@ -445,11 +448,14 @@ def test_the_shipped_model_is_for_the_shipped_scenarios(name):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"camera.exposure_s": 0.01}, "camera.exposure_s is 0.01, not 0.002"),
-        ({"camera.noise_std": 6}, "camera.noise_std is 6, not 2"),
-        ({"camera.jpeg_quality": 40}, "camera.jpeg_quality is 40, not 90"),
-        ({"camera.width_px": 1280}, "camera.width_px is 1280, not 640"),
-        ({"detector.tiles": 2}, "detector.tiles is 2, not 1"),
+        (
+            {"camera.exposure_s": 0.1, "search.scan_speed_mps": 10.0},
+            "camera.exposure_s is 0.1, in which the camera moves 1 m at search.scan_speed_mps, farther than the "
+            "0.9 m of the smallest target",
+        ),
+        ({"camera.noise_std": 6}, "camera.noise_std is 6 grey levels a pixel that the detector sees, not 2"),
+        ({"camera.jpeg_quality": 40}, "camera.jpeg_quality is 40, 6.2 times as coarse for the detector as 90"),
+        ({"detector.tiles": 3}, "detector.tiles is 3, which enlarges the camera's pixels 2.59 times, more than 2"),
         ({"detector.confidence_min": 0.05}, "confidence_min is 0.05, below 0.1"),
         ({"detector.model": __file__}, "not skysweep"),
     ],
@@ -469,7 +475,15 @@ def test_a_missing_detector_is_not_called_another_one():
 
 @pytest.mark.parametrize(
     "change",
-    [{"camera.hfov_rad": 0.9}, {"camera.rate_hz": 5}, {"camera.latency_s": 0.5}, {"detector.rate_hz": 10}],
+    [
+        {"camera.hfov_rad": 0.9},
+        {"camera.rate_hz": 5},
+        {"camera.latency_s": 0.5},
+        {"detector.rate_hz": 10},
+        {"camera.width_px": 3840, "camera.height_px": 2160},
+        {"camera.width_px": 1280, "camera.height_px": 720, "detector.tiles": 2},
+        {"camera.exposure_s": 0.01, "camera.noise_std": 1.0, "camera.jpeg_quality": 95},
+    ],
 )
 def test_what_the_model_holds_for_is_not_refused(change):
     model_for(change_scenario(load_scenario("clusters"), change))
@@ -484,7 +498,7 @@ def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
     (tmp_path / "a.yaml").write_text(text)
     assert model_for(load_scenario(tmp_path / "a.yaml")).fade_px == 77.0
     other = change_scenario(load_scenario(tmp_path / "a.yaml"), {"camera.noise_std": 9})
-    with pytest.raises(UserError, match=r"mine\.yaml: was made for another .*noise_std is 9, not 2"):
+    with pytest.raises(UserError, match=r"mine\.yaml: was made for another .*noise_std is 9 grey levels .*, not 2"):
         model_for(other)
 
 
@@ -542,3 +556,69 @@ def test_the_docs_say_of_every_factor_what_the_code_says():
     page = (Path(__file__).parents[2] / "docs" / "statistical-sensor.md").read_text()
     for factor in FACTORS:
         assert f"| `{factor.name}` | times: {factor.says}" in page
+
+
+TILED = CameraModel(width_px=1280, height_px=720, hfov_rad=1.2, latency_s=0.0)  # two tiles of 712 x 400
+
+
+def tiled_looks(x_px, tables, n=LOOKS, **options):
+    """Passings of one look at a sign of 20 detector's pixels, at a column of the picture, by 2 x 2 tiles."""
+    view = tables.view_of(TILED, DetectorModel(tiles=2))
+    z = view.focal_px * 0.9 / 20.0
+    x_m = (x_px - 640.0) / TILED.lens.focal_px * z
+    options = {"camera": TILED, "tiles": 2} | options
+    there, away = (CameraPose(np.array([0.0, y, z]), LOOKS_NORTH) for y in (0.2 * z, 200.0))
+    turns = itertools.cycle([there, away])
+    return looks([sign(x_m)], tables, lambda: next(turns), 2 * n, **options)[::2]
+
+
+LOOKS_NORTH = rotation_camera_to_enu(np.pi / 2, -np.pi / 2)
+
+
+def test_a_thing_in_one_tile_is_looked_at_once():
+    found = tiled_looks(300.0, model(table(scores=(0.0,) * 4)))
+    assert_rate(sum(map(len, found)), LOOKS, chance(0.0))
+
+
+def test_a_thing_whole_in_two_tiles_is_looked_at_twice_and_reported_once():
+    found = tiled_looks(640.0, model(table(scores=(0.0,) * 4)))
+    assert max(map(len, found)) == 1
+    assert_rate(sum(map(len, found)), LOOKS, 1.0 - (1.0 - chance(0.0)) ** 2)
+
+
+def test_what_two_tiles_share_of_its_luck_is_not_drawn_twice():
+    alike = tiled_looks(640.0, model(table(scores=(0.0,) * 4, pass_share=1.0)))
+    assert_rate(sum(map(len, alike)), LOOKS, chance(0.0))
+
+
+def test_a_thing_that_a_tile_cuts_may_be_reported_as_two():
+    """Half of it lies beyond the first tile's edge at 712; the second tile holds all of it."""
+    found = tiled_looks(712.0, model(table(scores=(4.0,) * 4)), 200, minimum=0.3)
+    assert {len(d) for d in found} <= {1, 2}
+    left, right = np.array([d.boxes_xyxy_px[:, 2] - d.boxes_xyxy_px[:, 0] for d in found if len(d) == 2]).T
+    assert np.median(np.maximum(left, right) / np.minimum(left, right)) == pytest.approx(2.0, abs=0.3)
+    one = tiled_looks(712.0, model(table(scores=(4.0,) * 4, cut=-40.0)), 200)
+    assert {len(d) for d in one} == {1}
+
+
+def test_boxes_are_in_the_pixels_of_the_camera():
+    true = CameraPose(np.array([0.0, 0.0, 25.0]), LOOKS_NORTH)
+    tables = model(table(scores=(4.0,) * 4))
+    found = looks([sign(4.0, 3.0)], tables, true, 200, camera=TILED, tiles=2)
+    boxes = np.concatenate([d.boxes_xyxy_px for d in found])
+    place = project(TILED.lens, true, [[4.0, 3.0, 0.0]])[0][0]
+    assert np.median((boxes[:, :2] + boxes[:, 2:]) / 2, axis=0) == pytest.approx(place, abs=0.3)
+    assert np.median(boxes[:, 2] - boxes[:, 0]) == pytest.approx(TILED.lens.focal_px * 0.9 / 25.0, rel=0.05)
+
+
+def test_what_is_out_of_view_changes_nothing_however_much_there_is():
+    rng = np.random.default_rng(3)
+    far = [sign(*(200.0 + 300.0 * rng.random(2))) for _ in range(500)]
+    views = [nadir(20.0, 0.1 * k) for k in range(50)]
+
+    def seen(objects):
+        it = iter(views)
+        found = looks(objects, model(table(pass_share=0.5)), lambda: next(it), len(views))
+        return [d.confidences.tolist() for d in found]
+
+    assert seen([sign(2.0)]) == seen([sign(2.0), *far])

@@ -59,9 +59,18 @@ def test_a_width_is_at_most_the_picture_s_and_falls_where_targets_get_small():
     assert widths[80.0] < 0.5 * strip(80.0).camera.lens.footprint_m(80.0)[0]
 
 
-def test_another_camera_needs_its_own_model():
+def test_a_camera_of_three_times_the_pixels_sweeps_as_wide_from_three_times_the_height():
+    """Its pictures show the same, but for the speed over the ground."""
+    small = strip(30.0, camera={"width_px": 640, "height_px": 360, "hfov_rad": 1.4})
+    large = strip(30.0, camera={"width_px": 1920, "height_px": 1080, "hfov_rad": 1.4})
+    ratio = sweep_width_from(large, 90.0) / sweep_width_from(small, 30.0)
+    assert ratio == pytest.approx(3.0, rel=0.05)
+    assert sweep_width_from(small, 90.0) < 0.8 * sweep_width_from(large, 90.0)
+
+
+def test_a_camera_of_more_noise_needs_its_own_model():
     with pytest.raises(UserError, match="another detector or camera"):
-        sweep_width_m(strip(30.0, camera={"width_px": 1920, "height_px": 1080}))
+        sweep_width_m(strip(30.0, camera={"noise_std": 8.0}))
 
 
 def test_a_target_smaller_than_any_that_was_measured_is_never_found():

@@ -29,7 +29,7 @@ def test_it_says_nothing_of_where_targets_are_or_how_many():
     other = scenario.model_copy(update={"targets": fewer, "distractors": []})
     one, two = told(scenario), told(other)
     for field in fields(MissionContext):
-        if field.name not in ("obstacles", "load_sensor_model"):
+        if field.name not in ("obstacles", "load_sensor_model", "load_sensor_view"):
             assert getattr(one, field.name) == getattr(two, field.name), field.name
 
 
@@ -76,7 +76,7 @@ def test_parameters_are_set_one_by_one():
         (95.0, "calibrated for 4 to 220 pixels on target, not 3.6: "),
         (
             110.0,
-            "calibrated for 4 to 220 pixels on target, not 3.11 and for 3 to 100 m above ground, not 110: ",
+            "calibrated for 4 to 220 pixels on target, not 3.11 and for 0.79 to 26.3 cm of ground a pixel, not 29: ",
         ),
     ],
 )
@@ -94,8 +94,8 @@ def test_a_scan_that_the_sensor_model_was_not_calibrated_for_is_said_at_the_star
 
 
 def test_a_strategy_that_needs_a_sensor_model_does_not_take_off_without_one():
-    changes = {"search.strategy": "belief", "camera.width_px": 320}
+    changes = {"search.strategy": "belief", "camera.noise_std": 8}
     other_camera = change_scenario(load_scenario("clusters"), changes)
-    with pytest.raises(UserError, match=r"camera.width_px is 320, not 640.*another search.strategy"):
+    with pytest.raises(UserError, match=r"camera.noise_std is 8 .* not 2.*another search.strategy"):
         build_mission(other_camera, 0, Rig("imaging"))
     assert build_mission(change_scenario(other_camera, {"search.strategy": "scan-check"}), 0)

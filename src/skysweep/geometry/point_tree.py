@@ -9,90 +9,90 @@ from numba import njit
 
 from skysweep.arrays import F64, I64
 
-_LEAF = 8  # points
+_LEAF = 16  # points
 
 
 class PointTree(NamedTuple):
-    """Points (N, 3) by boxes that hold ever fewer of them, in preorder, for compiled code."""
+    """Points (N, 3) by boxes that hold ever fewer of them, in preorder: plain arrays for compiled code."""
 
-    low: F64  # (M, 3) corners of each box
-    high: F64
-    spans: I64  # (M, 2) its part of the order
-    following: I64  # (M,) the box that comes after all within this one
+    boxes: F64  # (M, 6) low and high corner of each
+    nodes: I64  # (M, 3) its part of the order, and the box that comes after all within this one
     order: I64  # (N,) indices of the points
 
     @classmethod
-    def of(cls, points: F64) -> PointTree:
-        """The tree of points (N, 3)."""
+    def of(cls, points: F64, height_m: float = 0.0) -> PointTree:
+        """The tree of points (N, 3), each the foot of something of that height."""
         order = np.arange(len(points))
-        low: list[F64] = []
-        high: list[F64] = []
-        spans: list[tuple[int, int]] = []
-        following: list[int] = []
+        boxes: list[F64] = []
+        nodes: list[tuple[int, int, int]] = []
 
         def add(first: int, end: int) -> None:
-            mine = points[order[first:end]]
-            node = len(low)
-            low.append(mine.min(axis=0))
-            high.append(mine.max(axis=0))
-            spans.append((first, end))
-            following.append(0)
+            mine, node = points[order[first:end]], len(nodes)
+            low, high = mine.min(axis=0), mine.max(axis=0)
+            boxes.append(np.concatenate([low, high]))
+            nodes.append((first, end, 0))
             if end - first > _LEAF:
-                axis = int(np.argmax(high[node] - low[node]))
-                order[first:end] = order[first:end][np.argsort(mine[:, axis], kind="stable")]
+                along = mine[:, int(np.argmax(high - low))]
+                order[first:end] = order[first:end][np.argsort(along, kind="stable")]
                 middle = (first + end) // 2
                 add(first, middle)
                 add(middle, end)
-            following[node] = len(low)
+            nodes[node] = first, end, len(nodes)
 
         if len(points):
             add(0, len(points))
         return cls(
-            np.array(low, dtype=float).reshape(-1, 3),
-            np.array(high, dtype=float).reshape(-1, 3),
-            np.array(spans, dtype=np.int64).reshape(-1, 2),
-            np.array(following, dtype=np.int64),
+            np.array(boxes, dtype=float).reshape(-1, 6) + (0.0, 0.0, 0.0, 0.0, 0.0, height_m),
+            np.array(nodes, dtype=np.int64).reshape(-1, 3),
             order.astype(np.int64),
         )
 
 
 @njit(cache=True)
-def refit(tree: PointTree, points: F64) -> None:
-    """Fit the boxes to the same points (N, 3) after some of them have moved."""
-    for node in range(len(tree.following) - 1, -1, -1):
-        low, high = tree.low[node], tree.high[node]
-        if tree.following[node] == node + 1:
-            first, end = tree.spans[node]
-            low[:] = high[:] = points[tree.order[first]]
-            for k in tree.order[first + 1 : end]:
-                for axis in range(3):
-                    low[axis] = min(low[axis], points[k, axis])
-                    high[axis] = max(high[axis], points[k, axis])
-        else:
-            left, right = node + 1, tree.following[node + 1]
+def refit(boxes: F64, nodes: I64, order: I64, points: F64) -> None:
+    """Fit the boxes of a tree to the same points (N, 3) after some of them have moved."""
+    for node in range(len(nodes) - 1, -1, -1):
+        first, end, following = nodes[node]
+        if following == node + 1:
             for axis in range(3):
-                low[axis] = min(tree.low[left, axis], tree.low[right, axis])
-                high[axis] = max(tree.high[left, axis], tree.high[right, axis])
+                boxes[node, axis] = boxes[node, axis + 3] = points[order[first], axis]
+            for k in order[first + 1 : end]:
+                for axis in range(3):
+                    boxes[node, axis] = min(boxes[node, axis], points[k, axis])
+                    boxes[node, axis + 3] = max(boxes[node, axis + 3], points[k, axis])
+        else:
+            left, right = node + 1, nodes[node + 1, 2]
+            for axis in range(3):
+                boxes[node, axis] = min(boxes[left, axis], boxes[right, axis])
+                boxes[node, axis + 3] = max(boxes[left, axis + 3], boxes[right, axis + 3])
 
 
 @njit(cache=True)
 def in_view(
-    found: I64, tree: PointTree, eye: F64, R_camera_to_enu: F64, across: float, up: float, margin_m: float
+    found: I64,
+    boxes: F64,
+    nodes: I64,
+    order: I64,
+    eye: F64,
+    R_camera_to_enu: F64,
+    across: float,
+    up: float,
+    margin_m: float,
 ) -> int:
-    """Write, in ascending order, the points that may be in a picture; how many they are.
+    """Write, in ascending order, the points of a tree that may be in a picture; how many they are.
 
     ``across`` and ``up`` are half of the picture's width and height over the focal length. None is left out
     that is at most ``margin_m`` beside the picture's edge, along its axes; some that are farther are not.
     """
-    R = R_camera_to_enu
     n, node = 0, 0
-    while node < len(tree.following):
-        if _is_outside(tree.low[node], tree.high[node], eye, R, across, up, margin_m):
-            node = tree.following[node]
+    while node < len(nodes):
+        first, end, following = nodes[node]
+        if _is_outside(boxes[node], eye, R_camera_to_enu, across, up, margin_m):
+            node = following
             continue
-        if tree.following[node] == node + 1:
-            for k in range(tree.spans[node, 0], tree.spans[node, 1]):
-                found[n] = tree.order[k]
+        if following == node + 1:
+            for k in range(first, end):
+                found[n] = order[k]
                 n += 1
         node += 1
     found[:n] = np.sort(found[:n])
@@ -100,7 +100,7 @@ def in_view(
 
 
 @njit(cache=True)
-def _is_outside(low: F64, high: F64, eye: F64, R: F64, across: float, up: float, margin_m: float) -> bool:
+def _is_outside(box: F64, eye: F64, R: F64, across: float, up: float, margin_m: float) -> bool:
     """Whether a box is beyond one of the picture's four edges or behind the camera."""
     for side in range(5):
         farthest = margin_m if side < 4 else 0.0
@@ -110,7 +110,7 @@ def _is_outside(low: F64, high: F64, eye: F64, R: F64, across: float, up: float,
             else:
                 axis, reach = (0, across) if side < 2 else (1, up)
                 normal = (R[k, axis] if side % 2 == 0 else -R[k, axis]) + reach * R[k, 2]
-            farthest += normal * ((high[k] if normal > 0.0 else low[k]) - eye[k])
+            farthest += normal * (box[k + 3 if normal > 0.0 else k] - eye[k])
         if farthest < 0.0:
             return True
     return False

@@ -93,7 +93,7 @@ def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
 
 def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:
     shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
-    focal_px = scenario.camera.lens.focal_px
+    focal_px = model.view_of(scenario.camera, scenario.detector).focal_px
     across, up = np.sqrt(_VIEWS), np.sqrt(1.0 - _VIEWS)
     rays = zip(across.tolist(), up.tolist(), strict=True)
     at_1_m = np.array([pixels_on_target(focal_px, shape, size_m, a, 0.0, u, 1.0) for a, u in rays])

@@ -62,15 +62,18 @@ class CoverageMap:
         self.inside = shapely.intersects(area, shapely.box(x - half_m, y - half_m, x + half_m, y + half_m))
         terrain = build_terrain(scenario)
         trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
-        z = terrain.height_m(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+        xy = np.column_stack([x.ravel(), y.ravel()])
+        z, cover = terrain.height_m(xy).reshape(x.shape), terrain.cover
+        ground = np.zeros(x.shape, dtype=int) if cover is None else cover.codes_at(xy).reshape(x.shape)
         self._cells = SearchedCells(
             np.stack([x, y, z], axis=-1),
             self.inside,
+            ground,
+            (terrain.surface,) if cover is None else cover.names,
             Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0)).solids,
             scenario.camera,
+            scenario.detector,
             model,
-            scenario.detector.confidence_min,
-            scenario.terrain.surface,
             scenario.target_sizes_m,
             scenario.target_poses,
         )

@@ -18,7 +18,7 @@ import shapely.affinity
 from numba import njit
 from numpy.typing import NDArray
 
-from skysweep.arrays import F64
+from skysweep.arrays import F64, I64
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Mode
 from skysweep.worlds.grid import Grid, around
@@ -85,7 +85,7 @@ class Obstacles:
 
     def top_within_m(self, xy_enu_m: F64, distance_m: float) -> F64:
         """Height ENU of the highest top (N,) within a horizontal distance of places (N, 2); -inf if none."""
-        return _top_within(self.solids, self._grid, xy_enu_m, distance_m)
+        return _top_within(self.solids, *self._grid, xy_enu_m, distance_m)
 
     def heights_within_m(self, xy_enu_m: XY, distance_m: float) -> tuple[float, float]:
         """Heights ENU of the lowest ground and the highest top or ground within a horizontal distance."""
@@ -106,7 +106,7 @@ class Obstacles:
         ``keep_m`` beside the leg stays ``keep_ground_m`` below.
         """
         terrain = self.terrain
-        aim_m, least_m = _solids_along(self.solids, self._grid, *here, *to, keep_m, near_m, slope)
+        aim_m, least_m = _solids_along(self.solids, *self._grid, *here, *to, keep_m, near_m, slope)
         if terrain.is_flat:
             return aim_m, least_m
         farthest_m = near_m + self._relief_m / slope
@@ -117,7 +117,7 @@ class Obstacles:
 
     def hide(self, place_enu_m: F64, eye_enu_m: F64) -> bool:
         """Whether a crown or building hides a place (3,), known to a metre or so, from an eye (3,)."""
-        return bool(_hides(self.solids, self._grid, place_enu_m, eye_enu_m))
+        return bool(_hides(self.solids, *self._grid, place_enu_m, eye_enu_m))
 
     def clearances_m(self, track_enu_m: F64, over_ground: NDArray[np.bool_]) -> F64:
         """Smallest distances (N + 1,) between a track (K, 3), straight from point to point, and each solid.
@@ -180,11 +180,11 @@ def _is_far(solid: F64, x: float, y: float, to_x: float, to_y: float, margin: fl
 
 
 @njit(cache=True)
-def _top_within(solids: F64, grid: Grid, xy: F64, distance: float) -> F64:
-    tops = np.full(len(xy), -np.inf)
+def _top_within(solids: F64, frame: F64, starts: I64, order: I64, xy: F64, distance: float) -> F64:
+    tops, found = np.full(len(xy), -np.inf), np.empty(len(order), dtype=np.int64)
     for k in range(len(xy)):
         x, y = xy[k]
-        for n in around(grid, x, y, x, y, distance):
+        for n in found[: around(found, frame, starts, order, x, y, x, y, distance)]:
             solid = solids[n]
             near = not _is_far(solid, x, y, x, y, distance) and _beside(solid, x, y) <= distance
             if near and solid[8] > tops[k]:
@@ -195,7 +195,9 @@ def _top_within(solids: F64, grid: Grid, xy: F64, distance: float) -> F64:
 @njit(cache=True)
 def _solids_along(
     solids: F64,
-    grid: Grid,
+    frame: F64,
+    starts: I64,
+    order: I64,
     x: float,
     y: float,
     to_x: float,
@@ -207,7 +209,8 @@ def _solids_along(
     aim, least = -np.inf, -np.inf
     length = math.hypot(to_x - x, to_y - y)
     east, north = (to_x - x) / max(length, 1e-9), (to_y - y) / max(length, 1e-9)
-    for n in around(grid, x, y, to_x, to_y, keep):
+    found = np.empty(len(order), dtype=np.int64)
+    for n in found[: around(found, frame, starts, order, x, y, to_x, to_y, keep)]:
         solid = solids[n]
         dx, dy = solid[0] - x, solid[1] - y
         reach, along = _reach(solid) + keep, dx * east + dy * north
@@ -256,10 +259,11 @@ def _ground_along(
 
 
 @njit(cache=True)
-def _hides(solids: F64, grid: Grid, place: F64, eye: F64) -> bool:
+def _hides(solids: F64, frame: F64, starts: I64, order: I64, place: F64, eye: F64) -> bool:
     ray = eye - place
     length = math.sqrt(ray[0] ** 2 + ray[1] ** 2 + ray[2] ** 2)
-    for n in around(grid, place[0], place[1], eye[0], eye[1], 0.0):
+    found = np.empty(len(order), dtype=np.int64)
+    for n in found[: around(found, frame, starts, order, place[0], place[1], eye[0], eye[1], 0.0)]:
         solid = solids[n]
         if _is_far(solid, place[0], place[1], eye[0], eye[1], 0.0):
             continue
@@ -274,7 +278,7 @@ def _hides(solids: F64, grid: Grid, place: F64, eye: F64) -> bool:
 
 @njit(cache=True)
 def _write_clearances(clearances: F64, solids: F64, track: F64) -> None:
-    """Clearance of each solid. Of the track, in blocks, only what may come nearer than the rest is sampled."""
+    """Clearance of each solid. Blocks of the track that cannot come nearer than others are left out."""
     last = len(track) - 1
     boxes = _boxes(track)
     for n in range(len(solids)):

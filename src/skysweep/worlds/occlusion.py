@@ -8,12 +8,12 @@ centre) and 1 for a box, 0 for an ellipsoid.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from skysweep.arrays import F64, I64
+from skysweep.worlds.grid import Grid, around
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
 
 FLAT, STANDING, FLOATING, SITTING, CROUCHING = range(5)
@@ -29,7 +29,6 @@ _FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
 _SITTING_SHARE = 0.55  # from the back to the feet, or to the head
 _CROUCHING_SHARE = 0.42
 _LOW_MIDDLE_SHARE = 0.2  # height of the middle of one who sits or crouches
-_CELL_M = 16.0  # of the grid of solids
 _POINT_HEIGHT_M = 0.1
 _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # of the object's size
 
@@ -85,7 +84,7 @@ class Occluders:
 
     def __init__(self, world: World) -> None:
         self.solids = np.concatenate([_crowns(world), _walls(world)])
-        self.grid = Grid.of(self.solids)
+        self.grid = Grid.of(self.solids[:, :2], self.solids[:, 9])
 
     def is_beside_a_crown(self, thing: WorldObject) -> bool:
         """Whether a crown's edge is closer to the object's middle than the object's size."""
@@ -98,12 +97,12 @@ class Occluders:
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
         place = middle_enu_m(thing)
-        near = self._around(*place[:2], *camera_enu_m[:2], thing.size_m)
+        near = self._around(place[0], place[1], camera_enu_m[0], camera_enu_m[1], thing.size_m)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
 
     def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
         found = np.empty(len(self.solids), dtype=np.int64)
-        return found[: around(found, self.grid, x0, y0, x1, y1, margin_m)]
+        return found[: around(found, *self.grid, x0, y0, x1, y1, margin_m)]
 
 
 def _crowns(world: World) -> F64:
@@ -124,50 +123,6 @@ def _walls(world: World) -> F64:
         yaw = (math.cos(b.yaw_rad), math.sin(b.yaw_rad))
         rows.append((x, y, z + half, a, c, half, *yaw, z + b.height_m, math.hypot(a, c), 1.0))
     return np.array(rows, dtype=float).reshape(-1, 11)
-
-
-class Grid(NamedTuple):
-    """Solids by square cells of the ground, for compiled code: those of cell k are from starts[k] on."""
-
-    west_m: float
-    south_m: float
-    columns: int
-    rows: int
-    reach_m: float  # the largest of a solid
-    starts: I64
-    solids: I64
-
-    @classmethod
-    def of(cls, solids: F64) -> Grid:
-        """The grid of ``solids`` (S, 11)."""
-        if not len(solids):
-            return cls(0.0, 0.0, 1, 1, 0.0, np.zeros(2, dtype=np.int64), np.zeros(0, dtype=np.int64))
-        west, south = solids[:, :2].min(axis=0)
-        column, row = ((solids[:, :2] - (west, south)) / _CELL_M).astype(np.int64).T
-        columns, rows = int(column.max()) + 1, int(row.max()) + 1
-        cell = row * columns + column
-        starts = np.searchsorted(np.sort(cell), np.arange(columns * rows + 1))
-        order = np.argsort(cell, kind="stable")
-        return cls(float(west), float(south), columns, rows, float(solids[:, 9].max()), starts, order)
-
-
-@njit(cache=True)
-def around(found: I64, grid: Grid, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> int:
-    """Write the solids that may reach the rectangle between two corners, widened by a margin; their number."""
-    margin_m += grid.reach_m
-    first_column = max(int(math.floor((min(x0, x1) - margin_m - grid.west_m) / _CELL_M)), 0)
-    first_row = max(int(math.floor((min(y0, y1) - margin_m - grid.south_m) / _CELL_M)), 0)
-    end_column = min(int(math.floor((max(x0, x1) + margin_m - grid.west_m) / _CELL_M)) + 1, grid.columns)
-    end_row = min(int(math.floor((max(y0, y1) + margin_m - grid.south_m) / _CELL_M)) + 1, grid.rows)
-    n = 0
-    for row in range(first_row, end_row):
-        if first_column >= end_column:
-            break
-        first, end = row * grid.columns + first_column, row * grid.columns + end_column
-        for k in range(grid.starts[first], grid.starts[end]):
-            found[n] = grid.solids[k]
-            n += 1
-    return n
 
 
 @njit(cache=True)

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64, I64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose
-from skysweep.scenarios.model import CameraModel
+from skysweep.geometry.point_tree import PointTree, in_view
+from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
@@ -35,12 +36,13 @@ from skysweep.sensing.statistical.factors import (
 )
 from skysweep.sensing.statistical.luck import WEIGHT, unseen, update
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, score_of
+from skysweep.worlds.grid import Grid, around
 from skysweep.worlds.occlusion import FLAT, SHAPES, middle_above_ground_m, pixels_on_target, visible_share
 
 _MIN_DEPTH_M = 0.1
 _FRONT_MATTERS = 0.5  # in the score, from front to side
 _N_FACTORS = len(FACTORS)
-_FLATTEST = 1e-3  # a ray that falls less reaches the horizon
+_NOT_KNOWN = -1.0
 
 VARIANT = np.dtype(
     [
@@ -61,37 +63,44 @@ class SearchedCells:
     """The chance of a report of a target in the middle of each cell of a grid, updated by every look.
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
-    that count; ``solids`` those of ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched
-    class. Raises UserError where the model does not know one of the classes.
+    that count; ``ground`` (R, C) what covers each, an index of ``surfaces``; ``solids`` those of
+    ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched class. Raises UserError where the
+    model does not know one of the classes.
     """
 
     def __init__(
         self,
         centres_enu_m: F64,
         wanted: NDArray[np.bool_],
+        ground: NDArray[np.integer[Any]],
+        surfaces: Sequence[str],
         solids: F64,
         camera: CameraModel,
+        detector: DetectorModel,
         model: StatisticalModel,
-        confidence_min: float,
-        surface: str,
         sizes_m: Mapping[str, tuple[float, float]],
         poses: Mapping[str, Sequence[str]],
     ) -> None:
-        self._centres, self._wanted, self._solids = centres_enu_m, wanted, solids
-        lens = camera.lens
-        self._optics = (lens.focal_px, float(lens.width_px), float(lens.height_px), camera.exposure_s)
+        self._wanted, self._solids, self._grid = wanted, solids, Grid.of(solids[:, :2], solids[:, 9])
+        self._centres, self._ground = centres_enu_m[wanted], ground[wanted].astype(np.int64)
+        view = model.view_of(camera, detector)
+        self._tiles = view.tiles_px
+        self._optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
         self._fade_px = model.fade_px
-        self._threshold = float(score_of(confidence_min))
+        self._threshold = float(score_of(detector.confidence_min))
         self._log_pixels = np.log(model.pixels)
-        found = list(_variants(model, surface, sizes_m, poses))
-        self._weights = np.array([weight for weight, _, _ in found])
-        self._tables = np.array([table for _, table, _ in found])
-        self._variants = np.array([variant for _, _, variant in found], dtype=VARIANT).view(np.float64)
+        found = [list(_variants(model, surface, sizes_m, poses)) for surface in surfaces]
+        self._weights = np.array([weight for weight, _, _ in found[0]])
+        self._tables = np.array([[table for _, table, _ in on_one] for on_one in found])
+        variants = np.array([[variant for _, _, variant in on_one] for on_one in found], dtype=VARIANT)
+        self._variants = variants.view(np.float64)
+        self._tree = PointTree.of(self._centres, float(variants["middle"].max()))
+        self._room = np.empty(len(self._centres) + 2 * len(solids), dtype=np.int64)
         self.clear()
 
     def clear(self) -> None:
         """Forget all looks."""
-        shape = (*self._wanted.shape, len(self._weights))
+        shape = (len(self._centres), len(self._weights))
         self._luck = unseen(shape)
         self._last = np.full((*shape, 2), np.nan)  # u, v in the last look of this passing that counts
         self._seen_in = np.full(shape, -2)  # number of the last look that has it in the picture
@@ -100,7 +109,9 @@ class SearchedCells:
     @property
     def pod(self) -> F64:
         """(R, C) 0..1; 0 where nothing was seen, and in cells that do not count."""
-        return np.asarray(-np.expm1(self._luck[..., WEIGHT]) @ self._weights)
+        pod = np.zeros(self._wanted.shape)
+        pod[self._wanted] = -np.expm1(self._luck[..., WEIGHT]) @ self._weights
+        return pod
 
     def look(self, pose: CameraPose, motion: CameraMotion) -> None:
         """Take in a picture from there, with this motion of the camera."""
@@ -110,11 +121,15 @@ class SearchedCells:
             self._seen_in,
             self._look_number,
             self._centres,
-            self._wanted,
+            self._ground,
+            *self._tree,
             self._solids,
+            *self._grid,
+            self._room,
             self._tables,
             self._variants,
             self._log_pixels,
+            self._tiles,
             self._optics,
             self._fade_px,
             self._threshold,
@@ -167,11 +182,19 @@ def _look(
     seen_in: I64,
     number: int,
     centres: F64,
-    wanted: NDArray[np.bool_],
+    ground: I64,
+    tree_boxes: F64,
+    tree_nodes: I64,
+    tree_order: I64,
     solids: F64,
+    grid_frame: F64,
+    grid_starts: I64,
+    grid_order: I64,
+    room: I64,
     tables: F64,
     variant_floats: F64,
     log_pixels: F64,
+    tiles: F64,
     optics: tuple[float, float, float, float],
     fade_px: float,
     threshold: float,
@@ -181,62 +204,64 @@ def _look(
     rates: F64,
 ) -> None:
     focal, width, height, exposure_s = optics
-    variants = variant_floats.view(VARIANT)
-    g, largest = len(log_pixels), 0.0
-    for k in range(len(variants)):
-        largest = max(largest, variants[k].size)
-    first_row, end_row, first_column, end_column = _window(centres, optics, eye, R, largest)
-    gathered = np.empty(len(solids), dtype=np.int64)
-    near = np.empty(len(solids), dtype=np.int64)
-    n_gathered = -1
-    for i in range(first_row, end_row):
-        for j in range(first_column, end_column):
-            if not wanted[i, j]:
+    variants_on = variant_floats.view(VARIANT)
+    n_variants, g, largest = variants_on.shape[1], len(log_pixels), 0.0
+    for k in range(n_variants):
+        largest = max(largest, variants_on[0, k].size)
+    across_1, up_1 = width / (2.0 * focal), height / (2.0 * focal)
+    n_cells = in_view(room, tree_boxes, tree_nodes, tree_order, eye, R, across_1, up_1, largest)
+    west, south, east, north = _span(room[:n_cells], centres, eye)
+    n_gathered = around(
+        room[n_cells:], grid_frame, grid_starts, grid_order, west, south, east, north, largest
+    )
+    gathered, near = room[n_cells : n_cells + n_gathered], room[n_cells + n_gathered :]
+    for i in room[:n_cells]:
+        centre, variants = centres[i], variants_on[ground[i]]
+        n_near, beside_m = -1, math.inf
+        for k in range(n_variants):
+            variant = variants[k]
+            dx, dy = centre[0] - eye[0], centre[1] - eye[1]
+            dz = centre[2] + variant.middle - eye[2]
+            depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+            if depth <= _MIN_DEPTH_M:
                 continue
-            centre = centres[i, j]
-            n_near, beside_m = -1, math.inf
-            for k in range(len(variants)):
-                variant = variants[k]
-                dx, dy = centre[0] - eye[0], centre[1] - eye[1]
-                dz = centre[2] + variant.middle - eye[2]
-                depth = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
-                if depth <= _MIN_DEPTH_M:
-                    continue
-                u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
-                v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
-                pixels = pixels_on_target(focal, variant.shape, variant.size, dx, dy, dz, depth)
-                inside_x = (min(u + pixels / 2, width) - max(u - pixels / 2, 0.0)) / pixels
-                inside_y = (min(v + pixels / 2, height) - max(v - pixels / 2, 0.0)) / pixels
-                if inside_x <= 0.0 or inside_y <= 0.0:
-                    continue
-                if seen_in[i, j, k] != number - 1:
-                    last[i, j, k, 0] = math.nan
-                seen_in[i, j, k] = number
+            u = focal * (R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz) / depth + width / 2
+            v = focal * (R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz) / depth + height / 2
+            pixels = pixels_on_target(focal, variant.shape, variant.size, dx, dy, dz, depth)
+            half = pixels / 2
+            if min(u + half, width) <= max(u - half, 0.0) or min(v + half, height) <= max(v - half, 0.0):
+                continue
+            if seen_in[i, k] != number - 1:
+                last[i, k, 0] = math.nan
+            seen_in[i, k] = number
+            at = math.log(pixels)
+            if at < log_pixels[0] + math.log(TOO_SMALL):
+                continue
+            clear = _NOT_KNOWN
+            blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
+            across = dx * dx + dy * dy
+            away = max(across + dz * dz, 1e-9)
+            node = 0
+            while node < g - 2 and at > log_pixels[node + 1]:
+                node += 1
+            w = (at - log_pixels[node]) / (log_pixels[node + 1] - log_pixels[node])
+            w = min(max(w, 0.0), 1.0)
+            row = tables[ground[i], k]
+            for tile in tiles:
+                inside_x = (min(u + half, tile[2]) - max(u - half, tile[0])) / pixels
+                inside_y = (min(v + half, tile[3]) - max(v - half, tile[1])) / pixels
                 inside = inside_x * inside_y
-                at = math.log(pixels)
-                if inside < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(TOO_SMALL):
+                if inside_x <= 0.0 or inside_y <= 0.0 or inside < 1.0 - HIDDEN_MAX:
                     continue
-                clear = 1.0
-                if len(solids):
-                    if n_gathered < 0:
-                        n_gathered = _gather(
-                            gathered,
-                            solids,
-                            centres,
-                            (first_row, end_row, first_column, end_column),
-                            eye,
-                            largest,
-                        )
+                if clear == _NOT_KNOWN:
+                    clear = 1.0
                     if n_near < 0:
-                        n_near, beside_m = _near(near, gathered[:n_gathered], solids, centre, eye, largest)
+                        n_near, beside_m = _near(near, gathered, solids, centre, eye, largest)
                     if n_near > 0:
                         place = np.array((centre[0], centre[1], centre[2] + variant.middle))
                         clear = visible_share(eye, place, variant.size, solids, near[:n_near])
-                    if inside * clear < 1.0 - HIDDEN_MAX:
-                        continue
-                blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
-                across = dx * dx + dy * dy
-                away = max(across + dz * dz, 1e-9)
+                if inside * clear < 1.0 - HIDDEN_MAX:
+                    continue
                 factors = factors_of_look(
                     across / away,
                     -(variant.facing[0] * dx + variant.facing[1] * dy) / math.sqrt(away),
@@ -248,18 +273,12 @@ def _look(
                     blur * focal * exposure_s,
                     variant.contrast,
                 )
-                node = 0
-                while node < g - 2 and at > log_pixels[node + 1]:
-                    node += 1
-                w = (at - log_pixels[node]) / (log_pixels[node + 1] - log_pixels[node])
-                w = min(max(w, 0.0), 1.0)
-                moved_px = abs(u - last[i, j, k, 0]) + abs(v - last[i, j, k, 1])
-                row = tables[k]
+                moved_px = abs(u - last[i, k, 0]) + abs(v - last[i, k, 1])
                 mean = row[node] + w * (row[node + 1] - row[node])
                 for f in range(_N_FACTORS):
                     mean += variant.factors[f] * factors[f]
                 update(
-                    luck[i, j, k],
+                    luck[i, k],
                     pixels,
                     moved_px if moved_px == moved_px else math.inf,
                     fade_px,
@@ -272,72 +291,18 @@ def _look(
                     math.nan,
                     threshold,
                 )
-                last[i, j, k, 0], last[i, j, k, 1] = u, v
+                last[i, k, 0], last[i, k, 1] = u, v
 
 
 @njit(cache=True)
-def _window(
-    centres: F64, optics: tuple[float, float, float, float], eye: F64, R: F64, margin_m: float
-) -> tuple[int, int, int, int]:
-    """First and end of the rows and of the columns whose cells may be in the picture.
-
-    That is the span of the picture's corners on the lowest ground; all, where the picture shows the horizon.
-    """
-    focal, width, height, _ = optics
-    rows, columns = centres.shape[:2]
-    lowest = centres[:, :, 2].min()
-    west = south = math.inf
-    east = north = -math.inf
-    for a in (-1.0, 1.0):
-        for b in (-1.0, 1.0):
-            x, y = a * width / (2.0 * focal), b * height / (2.0 * focal)
-            down = -(R[2, 0] * x + R[2, 1] * y + R[2, 2])
-            if down < _FLATTEST:
-                return 0, rows, 0, columns
-            reach = max(eye[2] - lowest, 0.0) / down
-            to_x, to_y = R[0, 0] * x + R[0, 1] * y + R[0, 2], R[1, 0] * x + R[1, 1] * y + R[1, 2]
-            west, east = min(west, eye[0] + reach * to_x), max(east, eye[0] + reach * to_x)
-            south, north = min(south, eye[1] + reach * to_y), max(north, eye[1] + reach * to_y)
-    west, east = min(west, eye[0]) - margin_m, max(east, eye[0]) + margin_m
-    south, north = min(south, eye[1]) - margin_m, max(north, eye[1]) + margin_m
-    x0, y0 = centres[0, 0, 0], centres[0, 0, 1]
-    step = centres[0, 1, 0] - x0 if columns > 1 else (centres[1, 0, 1] - y0 if rows > 1 else 1.0)
-    return (
-        _clipped((south - y0) / step, rows),
-        _clipped((north - y0) / step + 1.0, rows),
-        _clipped((west - x0) / step, columns),
-        _clipped((east - x0) / step + 1.0, columns),
-    )
-
-
-@njit(cache=True)
-def _clipped(x: float, end: int) -> int:
-    return int(min(max(x, 0.0), float(end)))
-
-
-@njit(cache=True)
-def _gather(
-    gathered: I64,
-    solids: F64,
-    centres: F64,
-    window: tuple[int, int, int, int],
-    eye: F64,
-    size_m: float,
-) -> int:
-    """Write the solids that can hide a target in the window from the eye: they stand around both."""
-    first_row, end_row, first_column, end_column = window
-    west = min(centres[first_row, first_column, 0], eye[0])
-    east = max(centres[first_row, end_column - 1, 0], eye[0])
-    south = min(centres[first_row, first_column, 1], eye[1])
-    north = max(centres[end_row - 1, first_column, 1], eye[1])
-    n = 0
-    for s in range(len(solids)):
-        reach = solids[s, 9] + size_m
-        x, y = solids[s, 0], solids[s, 1]
-        if west - reach <= x <= east + reach and south - reach <= y <= north + reach:
-            gathered[n] = s
-            n += 1
-    return n
+def _span(cells: I64, centres: F64, eye: F64) -> tuple[float, float, float, float]:
+    """West, south, east and north of the cells and the eye together: what hides a cell stands there."""
+    west = east = eye[0]
+    south = north = eye[1]
+    for i in cells:
+        west, east = min(west, centres[i, 0]), max(east, centres[i, 0])
+        south, north = min(south, centres[i, 1]), max(north, centres[i, 1])
+    return west, south, east, north
 
 
 @njit(cache=True)

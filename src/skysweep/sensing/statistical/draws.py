@@ -21,9 +21,10 @@ import numpy as np
 from numba import njit
 
 from skysweep.arrays import F64, I64
-from skysweep.geometry.point_tree import PointTree, in_view
+from skysweep.geometry.point_tree import in_view
 from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, TOO_SMALL, factors_of_look
-from skysweep.worlds.occlusion import Grid, around, pixels_on_target, visible_share
+from skysweep.worlds.grid import around
+from skysweep.worlds.occlusion import pixels_on_target, visible_share
 
 Record = Any  # of SENSOR
 
@@ -116,15 +117,21 @@ def draw_look(
     log_altitude: float,
     look: int,
     things: F64,
-    tree: PointTree,
+    tree_boxes: F64,
+    tree_nodes: I64,
+    tree_order: I64,
     solids: F64,
-    grid: Grid,
+    grid_frame: F64,
+    grid_starts: I64,
+    grid_order: I64,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
     ghosts: F64,
     first_ghost: int,
-    ghost_tree: PointTree,
+    ghost_boxes: F64,
+    ghost_nodes: I64,
+    ghost_order: I64,
     ghost_classes: F64,
     over_altitude: F64,
     room: I64,
@@ -138,7 +145,8 @@ def draw_look(
     Returns where each part ends.
 
     ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records, the ghosts those
-    of this altitude alone, of which the first has the number ``first_ghost``. The trees are of their places.
+    of this altitude alone, of which the first has the number ``first_ghost``. ``tree`` and ``ghost`` arrays are the
+    ``PointTree`` of their places, ``grid`` arrays the ``Grid`` of the ``solids``.
     ``tiles`` (T, 4) are parts of the picture. ``position``, ``R``, ``velocity`` and ``rates`` are the
     camera's truth, the last two in its own axes. ``log_pixels`` (G,) is the table's grid, ``pass_state``
     (rows,) what looks of one pass have in common. ``over_altitude`` (classes, 3, A): log altitudes,
@@ -147,7 +155,7 @@ def draw_look(
     s = sensor.view(SENSOR)[0]
     all_things = things.view(THING)
     across, up = s.width_px / (2.0 * s.focal_px), s.height_px / (2.0 * s.focal_px)
-    n_in_view = in_view(room, tree, position, R, across, up, s.largest)
+    n_in_view = in_view(room, tree_boxes, tree_nodes, tree_order, position, R, across, up, s.largest)
     n = 0
     for i in room[:n_in_view]:
         n = _draw_thing(
@@ -160,7 +168,9 @@ def draw_look(
             look,
             all_things[i],
             solids,
-            grid,
+            grid_frame,
+            grid_starts,
+            grid_order,
             table,
             log_pixels,
             pass_state,
@@ -170,7 +180,7 @@ def draw_look(
             scores,
             rows,
         )
-    n_in_view = in_view(room, ghost_tree, position, R, across, up, _ROUNDING_M)
+    n_in_view = in_view(room, ghost_boxes, ghost_nodes, ghost_order, position, R, across, up, _ROUNDING_M)
     end = _draw_ghosts(
         s,
         tiles,
@@ -202,7 +212,9 @@ def _draw_thing(
     look: int,
     thing: Record,
     solids: F64,
-    grid: Grid,
+    grid_frame: F64,
+    grid_starts: I64,
+    grid_order: I64,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
@@ -255,7 +267,17 @@ def _draw_thing(
         if inside < 1.0 - HIDDEN_MAX:
             continue
         if clear == _NOT_KNOWN:
-            n_near = around(room, grid, place[0], place[1], position[0], position[1], thing.size)
+            n_near = around(
+                room,
+                grid_frame,
+                grid_starts,
+                grid_order,
+                place[0],
+                place[1],
+                position[0],
+                position[1],
+                thing.size,
+            )
             clear = visible_share(position, place, thing.size, solids, room[:n_near])
         if inside * clear < 1.0 - HIDDEN_MAX:
             continue

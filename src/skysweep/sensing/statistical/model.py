@@ -259,10 +259,10 @@ class StatisticalModel(_Part):
             floor = self.experiment.confidence_floor
             found.append(f"detector.confidence_min is {detector.confidence_min:g}, below {floor:g}")
         view = self.view_of(camera, detector)
-        if view.scale > MAX_ENLARGED * _ROUNDING:
+        if view.enlarged > MAX_ENLARGED:
             found.append(
-                f"detector.tiles is {detector.tiles}, which enlarges the camera's pixels {view.scale:.3g} times, "
-                f"and it holds for up to {MAX_ENLARGED:g} times"
+                f"detector.tiles is {detector.tiles}, which enlarges the camera's pixels {view.enlarged:.3g} "
+                f"times, more than {MAX_ENLARGED:g}"
             )
         least = min(view.scale, 1.0)
         noise, known = camera.noise_std * least, self.camera.noise_std

@@ -88,7 +88,8 @@ class StatisticalSensor:
         room = np.empty(len(things) + most_ghosts + len(occluders.solids), dtype=np.int64)
         self._things, self._tree = things, PointTree.of(things["place"])
         self._world, self._occluders = world, occluders
-        self._of_things = (things.view(np.float64), self._tree, occluders.solids, occluders.grid, *of_rows)
+        of_solids = (occluders.solids, *occluders.grid)
+        self._of_things = (things.view(np.float64), *self._tree, *of_solids, *of_rows)
         self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
     def sense(self, state: VehicleState) -> Detections | None:
@@ -122,7 +123,9 @@ class StatisticalSensor:
             log_altitude,
             self._look_number,
             *self._of_things,
-            *octave,
+            octave.ghosts,
+            octave.first,
+            *octave.tree,
             *self._of_ghosts,
         )
         self._look_number += 1
@@ -141,7 +144,7 @@ class StatisticalSensor:
             now, record = self._world.at(thing, time_s), self._things[row]
             record["place"], record["facing"] = middle_enu_m(now), _facing(now)
             record["beside"] = self._occluders.is_beside_a_crown(now)
-        refit(self._tree, self._things["place"])
+        refit(*self._tree, self._things["place"])
 
     def _tabulate_objects(
         self, world: World, occluders: Occluders, classes: Sequence[str], once: np.random.Generator
@@ -235,7 +238,7 @@ class StatisticalSensor:
 
 
 class _Octave(NamedTuple):
-    """The ghosts of one octave of altitude, as ``draw_look`` takes them."""
+    """The ghosts of one octave of altitude."""
 
     ghosts: F64
     first: int

@@ -62,7 +62,7 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
     By Monte Carlo: of each pass's luck one part is the target's own, one fades from look to look, one is new.
     """
     search, camera, model = scenario.search, scenario.camera, model_for(scenario)
-    lens = camera.lens
+    lens, view = camera.lens, model.view_of(camera, scenario.detector)
     step_m = search.scan_speed_mps / min(scenario.detector.rate_hz, camera.rate_hz)
     along_m = lens.footprint_m(height_m)[1]
     looks = int(np.ceil(along_m / step_m))
@@ -70,18 +70,18 @@ def lateral_range(scenario: Scenario, kind: KindModel, size_m: float, height_m: 
     beside = aside_m**2
     first_m = step_m * rng.random(_PASSES) - along_m / 2.0
     own, fading = rng.normal(size=(2, _PASSES, len(aside_m)))
-    kept = math.exp(-step_m * lens.focal_px / height_m / model.fade_px)
+    kept = math.exp(-step_m * view.focal_px / height_m / model.fade_px)
     threshold, grid = float(score_of(scenario.detector.confidence_min)), np.log(model.pixels)
     rest = math.sqrt(max(1.0 - kind.object_share - kind.pass_share, 0.0))
     away_m = np.linspace(0.0, math.hypot(*lens.footprint_m(height_m)), _DISTANCES)
     shape = SHAPES.get(kind.pose, FLAT)
-    pixels_at = [pixels_on_target(lens.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
+    pixels_at = [pixels_on_target(view.focal_px, shape, size_m, x, 0.0, -height_m, height_m) for x in away_m]
     reported = np.zeros(own.shape, dtype=np.bool_)
     for look in range(looks):
         along = (first_m + look * step_m)[:, None]
         square = beside + along**2
         pixels = np.interp(np.sqrt(square), away_m, pixels_at)
-        blur_px = camera.exposure_s * search.scan_speed_mps * lens.focal_px / height_m
+        blur_px = camera.exposure_s * search.scan_speed_mps * view.focal_px / height_m
         mean = np.interp(np.log(pixels), grid, kind.score)
         mean += kind.view * np.minimum(square / (height_m**2 + square), VIEW_MAX)
         mean += kind.blur * np.minimum(blur_px / pixels, BLUR_MAX)
