@@ -58,10 +58,10 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         sensor = StatisticalSensor(
             world,
             camera_model,
+            scenario.detector,
             eye,
             exposures,
             scenario.target_classes,
-            scenario.detector.confidence_min,
             seed,
             model_for(scenario),
             rig.unit,
@@ -80,7 +80,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         )
     waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
     context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
-    caveat = context.sensor_caveat if spec.needs_sensor_model else ""
+    needs_model = spec.needs_sensor_model or rig.sensor == "statistical"
+    caveat = context.sensor_caveat if needs_model else ""
     return Mission(
         scenario,
         seed,
