@@ -577,8 +577,13 @@ class Flight:
                 end = replace(self._refusal, action=Action.RETURN)
                 if self._asks_for_battery(end) and waypoint.to_look:
                     self._notes.safety(seen.time_s, end)
+                    self._left_enu_m, self._interrupted = self._above(waypoint), True
                     return end
-                if self._refusal.cause == RETURN_ENERGY and self._has_another_battery and not waypoint.to_look:
+                if (
+                    self._refusal.cause == RETURN_ENERGY
+                    and self._has_another_battery
+                    and not waypoint.to_look
+                ):
                     self._refusal = None  # what is covered on the way counts, as far as the battery lasts
                 else:
                     self._notes.safety(seen.time_s, self._refusal)
@@ -590,6 +595,11 @@ class Flight:
             self._m.vehicle.command(self._setpoint(seen.vehicle, self._paced(self._flown_to)))
             self._gets_on = True
         return _ALL_WELL
+
+    def _above(self, waypoint: Waypoint) -> F64:
+        """The place (3,) above a waypoint at the height from which ground is covered."""
+        x, y = waypoint.xy_enu_m
+        return np.array([x, y, self._m.ground_at_m(x, y) + self._m.cover_altitude_agl_m])
 
     def _paced(self, waypoint: Waypoint) -> Waypoint:
         """The waypoint; ground is covered no faster than the looks allow."""
