@@ -100,6 +100,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         witness,
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
+        change_battery=getattr(vehicle, "change_battery", None),
     )
 
 
