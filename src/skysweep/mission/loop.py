@@ -25,6 +25,8 @@ from skysweep.mission.notes import Notes
 from skysweep.mission.orders import CONTINUE, Operator
 from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase, not_finite
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
+from skysweep.planning.following import Planned
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.types import (
     SEARCHING,
     XY,
@@ -462,17 +464,19 @@ class Flight:
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
         """Terrain following: as planned, else the waypoint's height above the ground here and ahead."""
-        x, y, _ = state.position_enu_m.tolist()
+        x, y, z = state.position_enu_m.tolist()
         planned = self._planned((x, y), waypoint)
         if planned is not None:
-            waypoint = waypoint._replace(speed_mps=min(waypoint.speed_mps, planned[1]))
+            is_low = z < planned.height_m - ALTITUDE_TOLERANCE_M
+            speed_mps = min(waypoint.speed_mps, _CLIMBS_MPS if is_low else planned.speed_mps)
+            waypoint = waypoint._replace(speed_mps=speed_mps)
         to_x, to_y = self._aim((x, y), waypoint)
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         if planned is not None:
-            ground = max(ground, planned[0] - waypoint.altitude_agl_m)
+            ground = max(ground, planned.ahead_height_m - waypoint.altitude_agl_m)
         place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
         yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
         pitch_rad = waypoint.gimbal_pitch_rad
@@ -483,8 +487,8 @@ class Flight:
             self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad, None, pitch_rad)
         return self._sent[1]
 
-    def _planned(self, here: XY, waypoint: Waypoint) -> tuple[float, float] | None:
-        """Height ENU and speed that the plan has for this place on the way to the waypoint."""
+    def _planned(self, here: XY, waypoint: Waypoint) -> Planned | None:
+        """What the plan has for this place on the way to the waypoint."""
         following = self._m.following
         if following is None or not self._m.covers_from(waypoint.altitude_agl_m):
             return None
