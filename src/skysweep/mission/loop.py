@@ -25,7 +25,7 @@ from skysweep.mission.notes import Notes
 from skysweep.mission.orders import CONTINUE, Operator
 from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase, not_finite
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
-from skysweep.planning.following import Planned
+from skysweep.planning.following import LOOK_AHEAD_S, Planned
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.types import (
     SEARCHING,
@@ -46,7 +46,6 @@ from skysweep.types import (
 _Result = TypeVar("_Result")
 _Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, and its result
 
-_LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
 _LANDING_LONGEST_S = 60.0  # and twice the way down
@@ -472,7 +471,7 @@ class Flight:
             waypoint = waypoint._replace(speed_mps=speed_mps)
         to_x, to_y = self._aim((x, y), waypoint)
         distance = math.hypot(to_x - x, to_y - y)
-        share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
+        share = min(1.0, waypoint.speed_mps * LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         if planned is not None:
@@ -492,7 +491,7 @@ class Flight:
         following = self._m.following
         if following is None or not self._m.covers_from(waypoint.altitude_agl_m):
             return None
-        return following.at(here, waypoint.xy_enu_m, waypoint.speed_mps * _LOOK_AHEAD_S)
+        return following.at(here, waypoint.xy_enu_m, waypoint.speed_mps * LOOK_AHEAD_S)
 
     def _aim(self, here: XY, waypoint: Waypoint) -> XY:
         """Where to fly straight to; round the corner where the waypoint is flown through."""

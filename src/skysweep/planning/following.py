@@ -24,6 +24,7 @@ from skysweep.worlds.world import TerrainSurface, bilinear_at
 
 HIGHER = 1.25  # than it scans from: slower, or another transect, before it flies higher
 STATION_M = 5.0  # along a leg
+LOOK_AHEAD_S = 2.0  # of terrain, in flight
 BESIDE_M = 10.0  # of a transect: farther away, its heights say nothing
 _RATE_SHARE = 0.8  # of the climb and descent speed that is planned with
 _SLOWEST = 0.2  # of the scan speed
