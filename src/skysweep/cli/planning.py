@@ -49,6 +49,10 @@ def plan(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
+    at: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Of take-off, as 2026-10-03T15:30+02:00: where the sun stands then."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
     as_json: JsonOption = False,
 ) -> None:
@@ -68,9 +72,11 @@ def plan(
     from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
+    from skysweep.planning.assessment import assess
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.planning.sun import moment_of
     from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.files import change_scenario
 
@@ -105,7 +111,11 @@ def plan(
         raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
     for warning in warnings_for_plan(chosen):
         warn(warning)
+    moment = None if at is None else moment_of(at, "--at")
     coverage, estimate = plan_scenario(chosen)
+    judged = assess(coverage, chosen, moment)
+    for warning in judged.warnings():
+        warn(warning)
     with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
         draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
         write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
@@ -120,6 +130,9 @@ def plan(
     table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
+    for name, value in judged.rows():
+        table.add_row(name, value)
     written = {"plan": f"{out / chosen.name}.plan", "picture": f"{out / chosen.name}.png"}
-    record = {"scenario": chosen.name, **asdict(estimate), "heading_deg": coverage.heading_deg, **written}
+    figures = {**asdict(estimate), "heading_deg": coverage.heading_deg, **judged.record()}
+    record = {"scenario": chosen.name, **figures, **written}
     answer(as_json, record, table, *(f"{what}: {path}" for what, path in written.items()))

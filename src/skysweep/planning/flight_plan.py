@@ -20,8 +20,10 @@ from numpy.typing import ArrayLike
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
+from skysweep.planning.hills import plan_over_hills, with_profiles
 from skysweep.planning.qgc import coverage_from_qgc, read_plan
 from skysweep.scenarios.model import Scenario
+from skysweep.worlds.world import build_terrain
 
 ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD: a waypoint counts as reached
 POSITION_GAIN = 0.95  # PX4 MPC_XY_P, 1/s
@@ -62,8 +64,13 @@ def plan_scenario(
     """
     search = scenario.search
     altitude = search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    terrain = build_terrain(scenario)
     if search.plan is not None and altitude == search.scan_altitude_agl_m:
         plan = _drawn_plan(scenario, search.plan)
+        if not terrain.is_flat:
+            plan = with_profiles(plan, scenario, altitude, terrain)
+    elif not terrain.is_flat:
+        plan = plan_over_hills(scenario, altitude, terrain)
     else:
         plan = plan_coverage(
             scenario.area_enu_m,
