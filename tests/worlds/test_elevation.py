@@ -9,10 +9,10 @@ import pyproj
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worlds.geotiffs import AREA, LATITUDE_DEG, over, placed, rasterio, slope, write
 
 from skysweep.errors import UserError
 from skysweep.worlds.world import build_terrain, elevation_of
-from tests.worlds.geotiffs import AREA, LATITUDE_DEG, over, placed, rasterio, slope, write
 
 SIZE = (120, 140)
 PLACES = np.array([[0.0, 0.0], [10.0, 390.0], [300.0, 200.0], [599.0, 1.0], [571.0, 333.0]])
@@ -127,9 +127,8 @@ def test_feet(tmp_path, unit):
     if unit == "crs":  # a compound one with heights in US survey feet
         crs = rasterio.CRS.from_wkt(pyproj.CRS("EPSG:3067+6360").to_wkt())
     told = {"dem_unit": "feet"} if unit == "dem_unit" else {}
-    dem = write(
-        tmp_path / "dem.tif", feet, crs, placed(10.0, SIZE), unit=unit if unit in ("ft", "US survey foot") else None
-    )  # fmt: skip
+    named = unit if unit in ("ft", "US survey foot") else None
+    dem = write(tmp_path / "dem.tif", feet, crs, placed(10.0, SIZE), unit=named)
     metres = over(dem=write(tmp_path / "metres.tif", slope(SIZE), transform=placed(10.0, SIZE)))
     np.testing.assert_allclose(
         build_terrain(over(dem=dem, **told)).heights_m, build_terrain(metres).heights_m, atol=0.01
