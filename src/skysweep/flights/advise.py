@@ -16,7 +16,6 @@ import numpy as np
 from skysweep.errors import UserError
 from skysweep.planning.advice import WISHED_AT_SCAN_PX
 from skysweep.planning.flight_plan import plan_scenario
-from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import KindModel, model_for
 from skysweep.sensing.statistical.sweep_width import lateral_range
@@ -43,12 +42,12 @@ class Option:
     why_not: str = ""
 
     @property
-    def changes(self) -> dict[str, float]:
-        """The scenario's fields that make it."""
+    def search_fields(self) -> dict[str, float]:
+        """The fields of the scenario's ``search`` that make it."""
         return {
-            "search.scan_altitude_agl_m": self.altitude_agl_m,
-            "search.scan_speed_mps": self.speed_mps,
-            "search.sidelap": self.sidelap,
+            "scan_altitude_agl_m": self.altitude_agl_m,
+            "scan_speed_mps": self.speed_mps,
+            "sidelap": self.sidelap,
         }
 
 
@@ -142,8 +141,7 @@ def _option(
     pixels = scenario.pixels_on_target(altitude_m)
     option = Option(altitude_m, speed_mps, sidelap, pixels, pod, None, None, None)
     try:
-        changed = change_scenario(scenario, {**option.changes, "search.plan": None})
-        _, cost = plan_scenario(changed)
+        _, cost = plan_scenario(scenario.with_search(**option.search_fields, plan=None))
     except UserError as error:
         return Option(altitude_m, speed_mps, sidelap, pixels, pod, None, None, None, str(error))
     return Option(
