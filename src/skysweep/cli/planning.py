@@ -10,7 +10,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import friendly, scenario_or_area, warn, working
+from skysweep.cli.common import duration, friendly, scenario_or_area, warn, working
 from skysweep.files.writing import whole_files
 
 
@@ -160,7 +160,9 @@ def plan(
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
     table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
-    table.add_row("batteries", f"{estimate.batteries} ({estimate.energy_wh:.0f} Wh)")
+    n, swap_s = estimate.batteries, chosen.vehicle.swap_s
+    in_sorties = f", in {n} sorties, changed in {duration(swap_s)}" if n > 1 else ""
+    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh){in_sorties}")
     table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")

@@ -48,6 +48,7 @@ class Mission:
     witness: Witness | None = None  # of a simulated vehicle
     caveat: str = ""  # of what the strategy may believe, for the journal
     replays: bool = True  # deterministic; otherwise snapshots are journaled
+    change_battery: Callable[[], None] | None = None  # of a simulated vehicle; None: a person changes it
     following: Following | None = None  # of the plan's transects, where they have profiles
 
     @property

@@ -21,7 +21,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from skysweep.errors import UserError
-from skysweep.files.json_files import parse_json
+from skysweep.files.geojson import read_geojson
 from skysweep.files.models import validated
 from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
@@ -35,7 +35,6 @@ LatLon = tuple[float, float]
 Ring = list[tuple[float, float]]
 
 _ONE_POLYGON = "save a file with one polygon around the search area"
-_WGS84_NAMES = re.compile(r"(CRS:?84|EPSG:*(:\d*)?:?4326|WGS ?84)$", re.IGNORECASE)
 
 
 def read_area(path: str | Path, frame: LocalFrame | None = None) -> tuple[shapely.Polygon, LocalFrame]:
@@ -85,11 +84,15 @@ def scenario_over(path: str | Path, home: Home, corners: Ring, holes: Sequence[R
 
     Raises UserError where the area cannot be searched from home.
     """
+    area = {"polygon_enu_m": corners, "holes_enu_m": list(holes)}
+    return validated(Scenario, {"name": plain_name(path), "area": area, "home": home}, str(path))
+
+
+def plain_name(path: str | Path) -> str:
+    """A scenario's name after a file."""
     stem = unicodedata.normalize("NFKD", Path(path).stem)
     plain = "".join(c for c in stem if not unicodedata.combining(c))
-    name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", plain).lstrip(" ._-")[:80].rstrip(" ._-") or "area"
-    area = {"polygon_enu_m": corners, "holes_enu_m": list(holes)}
-    return validated(Scenario, {"name": name, "area": area, "home": home}, str(path))
+    return re.sub(r"[^A-Za-z0-9 ._-]+", "-", plain).lstrip(" ._-")[:80].rstrip(" ._-") or "area"
 
 
 def _only_polygon(path: Path) -> shapely.Polygon:
@@ -107,7 +110,7 @@ def _only_polygon(path: Path) -> shapely.Polygon:
 def _polygons(path: Path) -> Iterable[shapely.Polygon]:
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        return _geojson_polygons(read_geojson(path), path)
+        return _geojson_polygons(read_geojson(path, MAX_AREA_FILE_BYTES), path)
     if suffix == ".kml":
         return _kml_polygons(read_limited(path, MAX_AREA_FILE_BYTES), path)
     if suffix == ".kmz":
@@ -150,17 +153,6 @@ def _on_ground(
             f"draw one between 1 m2 and {MAX_AREA_KM2:g} km2"
         )
     return area, frame
-
-
-def read_geojson(path: Path) -> Any:
-    """The content of a GeoJSON file. Raises UserError where it is no JSON, or in another CRS than WGS 84."""
-    data = parse_json(read_limited(path, MAX_AREA_FILE_BYTES), path, "export the area again as GeoJSON")
-    crs = data.get("crs") if isinstance(data, dict) else None
-    properties = crs.get("properties") if isinstance(crs, dict) else None
-    name = properties.get("name") if isinstance(properties, dict) else None
-    if crs is not None and not _WGS84_NAMES.search(str(name)):
-        raise UserError(f"{path}: crs: {str(name)[:60]!r} is not WGS 84; export the area in EPSG:4326")
-    return data
 
 
 def _geojson_polygons(node: Any, path: Path) -> Iterator[shapely.Polygon]:
