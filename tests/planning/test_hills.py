@@ -173,9 +173,13 @@ def test_a_vehicle_on_its_way_finds_the_height_and_speed_of_its_place():
     following = Following([profile])
     (x0, y0), end = profile.leg_xy_enu_m.tolist()
     to = tuple(end)
-    at_start = following.at((x0, y0 + 3.0), to, 0.0)
-    assert at_start == (pytest.approx(profile.height_m[0]), pytest.approx(profile.speed_mps[0]))
+    planned = following.at((x0, y0 + 3.0), to, 0.0)
+    assert planned.height_m == planned.ahead_height_m == pytest.approx(profile.height_m[0])
+    assert planned.speed_mps == pytest.approx(profile.speed_mps[0])
     whole_way = following.at((x0, y0), to, 1e6)
-    assert whole_way == (pytest.approx(profile.height_m.max()), pytest.approx(profile.speed_mps.min()))
+    assert whole_way.ahead_height_m == pytest.approx(profile.height_m.max())
+    assert whole_way.speed_mps == pytest.approx(profile.speed_mps[-1])
     assert following.at((x0, y0 + 30.0), to, 0.0) is None
     assert following.at((x0, y0), (0.0, 1.0), 0.0) is None
+    on_its_way_there = following.at((x0, y0 + 50.0), (x0, y0), 0.0)
+    assert on_its_way_there == (-math.inf, pytest.approx(profile.height_m[0]), math.inf)

@@ -36,6 +36,8 @@ from skysweep.mission.safety import (
     not_finite,
 )
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
+from skysweep.planning.following import LOOK_AHEAD_S, Planned
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.types import (
     F64,
     SEARCHING,
@@ -56,7 +58,6 @@ from skysweep.types import (
 _Result = TypeVar("_Result")
 _Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, and its result
 
-_LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
 _LANDING_LONGEST_S = 60.0  # and twice the way down
@@ -185,6 +186,7 @@ class Flight:
         else:
             self._notes.start(self._m)
         self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+        self._resume_between_sorties()
         while True:
             end = yield from self._climb()
             if end is _ALL_WELL:
@@ -360,6 +362,14 @@ class Flight:
     def _has_another_battery(self) -> bool:
         is_wanted = not self._guard.calls_home
         return is_wanted and self._sortie < self._m.scenario.vehicle.batteries
+
+    def _resume_between_sorties(self) -> None:
+        """The mission was interrupted on the ground between two sorties, and has taken off for the next one."""
+        kinds = [line["kind"] for line in self._before if line["kind"] in (SORTIE, NEXT_SORTIE)]
+        if kinds[-1:] == [SORTIE]:
+            searched = (r for r in reversed(self._before) if r.get("mode") in SEARCHING)
+            self._left_enu_m = next((np.array(r["p"]) for r in searched), self._left_enu_m)
+            self._begin_sortie()
 
     def _leave_for_battery(self) -> None:
         """Keep in mind from where on the ground was perhaps not looked at."""
@@ -577,8 +587,13 @@ class Flight:
                 end = replace(self._refusal, action=Action.RETURN)
                 if self._asks_for_battery(end) and waypoint.to_look:
                     self._notes.safety(seen.time_s, end)
+                    self._left_enu_m, self._interrupted = self._above(waypoint), True
                     return end
-                if self._refusal.cause == RETURN_ENERGY and self._has_another_battery and not waypoint.to_look:
+                if (
+                    self._refusal.cause == RETURN_ENERGY
+                    and self._has_another_battery
+                    and not waypoint.to_look
+                ):
                     self._refusal = None  # what is covered on the way counts, as far as the battery lasts
                 else:
                     self._notes.safety(seen.time_s, self._refusal)
@@ -591,6 +606,11 @@ class Flight:
             self._gets_on = True
         return _ALL_WELL
 
+    def _above(self, waypoint: Waypoint) -> F64:
+        """The place (3,) above a waypoint at the height from which ground is covered."""
+        x, y = waypoint.xy_enu_m
+        return np.array([x, y, self._m.ground_at_m(x, y) + self._m.cover_altitude_agl_m])
+
     def _paced(self, waypoint: Waypoint) -> Waypoint:
         """The waypoint; ground is covered no faster than the looks allow."""
         if not self._looks.scan_is_slowed or not self._m.covers_from(waypoint.altitude_agl_m):
@@ -598,13 +618,20 @@ class Flight:
         return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
-        """Terrain following: the waypoint's height above the higher of the ground here and ahead."""
-        x, y, _ = state.position_enu_m.tolist()
+        """Terrain following: as planned, else the waypoint's height above the ground here and ahead."""
+        x, y, z = state.position_enu_m.tolist()
+        planned = self._planned((x, y), waypoint)
+        if planned is not None:
+            is_low = z < planned.height_m - ALTITUDE_TOLERANCE_M
+            speed_mps = min(waypoint.speed_mps, _CLIMBS_MPS if is_low else planned.speed_mps)
+            waypoint = waypoint._replace(speed_mps=speed_mps)
         to_x, to_y = self._aim((x, y), waypoint)
         distance = math.hypot(to_x - x, to_y - y)
-        share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
+        share = min(1.0, waypoint.speed_mps * LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
+        if planned is not None:
+            ground = max(ground, planned.ahead_height_m - waypoint.altitude_agl_m)
         place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
         yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
         pitch_rad = waypoint.gimbal_pitch_rad
@@ -614,6 +641,13 @@ class Flight:
         if self._sent is None or self._sent[0] != asked:
             self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad, None, pitch_rad)
         return self._sent[1]
+
+    def _planned(self, here: XY, waypoint: Waypoint) -> Planned | None:
+        """What the plan has for this place on the way to the waypoint."""
+        following = self._m.following
+        if following is None or not self._m.covers_from(waypoint.altitude_agl_m):
+            return None
+        return following.at(here, waypoint.xy_enu_m, waypoint.speed_mps * LOOK_AHEAD_S)
 
     def _aim(self, here: XY, waypoint: Waypoint) -> XY:
         """Where to fly straight to; round the corner where the waypoint is flown through."""

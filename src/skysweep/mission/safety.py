@@ -17,6 +17,7 @@ from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.mission.progress import Progress
+from skysweep.planning.flight_plan import CHARGED
 from skysweep.scenarios.model import GIMBAL_PITCH_DEG, Scenario
 from skysweep.types import Setpoint, VehicleState, Waypoint
 from skysweep.worlds.obstacles import Obstacles
@@ -40,7 +41,6 @@ _BEAM = 0.05  # half the width of a rangefinder's beam over its length
 _LONGEST_STEP_S = 2.0  # over which the mean velocity predicts a movement
 _MOVED_M = 3.0  # a waypoint that moves less is the same one
 _NO_JUMP = (0.0, 0.0, 0.0)
-_CHARGED = 0.8  # share of a battery from which it is good for another sortie
 
 OUTSIDE = "outside the area"  # cause
 _PLACELESS = {"position lost", "position jump"}  # causes
@@ -237,8 +237,8 @@ class Guard:
         if math.isnan(left):
             agreed = self._limits.battery_estimated and not self._charge.was_said
             return "" if agreed else "The vehicle does not report the charge of its battery."
-        if left < _CHARGED:
-            return f"The battery is at {left:.0%}, less than {_CHARGED:.0%}: put in a charged one."
+        if left < CHARGED:
+            return f"The battery is at {left:.0%}, less than {CHARGED:.0%}: put in a charged one."
         return ""
 
     def begin_sortie(self) -> None:

@@ -31,6 +31,7 @@ LEG_LAG_S = 2.0  # to turn and get up to speed
 TAKE_OFF_LAG_S = 10.0  # arming, spool-up, PX4's gentle start and arrival
 LAND_SPEED_MPS, LAND_SLOW_BELOW_M, LAND_SLOW_FROM_M = 0.7, 5.0, 10.0  # PX4 MPC_LAND_SPEED, _ALT2, _ALT1
 DRAG_PER_S = 1.0  # deceleration by drag in m/s2 for each m/s of air speed (PX4 SIH_KDV, 1 kg)
+CHARGED = 0.8  # share of a battery from which it is good for one of several sorties
 _SLOWEST_MPS = 1.0  # over ground
 _BREAK_EVERY_M = 20.0  # where a flight may be broken off for another battery
 _ALTITUDE_SLACK_M = 1.0
@@ -49,7 +50,7 @@ class FlightEstimate:
     pixels_on_target: float  # of the smallest target
     area_m2: float
     n_transects: int
-    share_of_first: float  # of the path, flown by the first sortie
+    shares_flown: tuple[float, ...]  # of the plan's time, after each sortie
 
 
 def plan_scenario(
@@ -89,8 +90,8 @@ def estimate_flight(
     """Time, energy and batteries of flying ``plan`` at ``altitude_agl_m`` (default: the scan altitude).
 
     Sorties are those of a mission: each turns home when the rules of ``safety`` (``landing_reserve``,
-    ``battery_low``) say so, and after ``vehicle.swap_s`` on the ground the next one goes on there. Checks are not
-    counted. Raises UserError when a full battery does not last to the farthest place and back.
+    ``battery_low``) say so, and after ``vehicle.swap_s`` on the ground the next one goes on there. Checks are
+    not counted. Raises UserError when a full battery does not last to the farthest place and back.
     """
     altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     vehicle, lens = scenario.vehicle, scenario.camera.lens
@@ -103,14 +104,16 @@ def estimate_flight(
     again = _legs(home, stops, vehicle.cruise_speed_mps, scenario) + climb
     back = _legs(stops, home, vehicle.cruise_speed_mps, scenario) + landing
 
-    sorties: list[tuple[int, int]] = []
+    ends: list[int] = []  # of the sorties, among the stops
     spent = Spent(np.zeros(()), np.zeros(()))
     at = 0
     while True:
-        there = again if sorties else out
+        there = again if ends else out
         most = int(np.searchsorted(path.energy_wh, path.energy_wh[at] + vehicle.battery_wh)) + 1
         reach = slice(at, max(at + 2, most))
-        search = path[reach] + Spent(there.time_s[at] - path.time_s[at], there.energy_wh[at] - path.energy_wh[at])
+        search = path[reach] + Spent(
+            there.time_s[at] - path.time_s[at], there.energy_wh[at] - path.energy_wh[at]
+        )
         needed_wh = _battery_for(search.energy_wh, back.energy_wh[reach], scenario)
         is_last = reach.stop >= len(stops) and bool((needed_wh <= vehicle.battery_wh).all())
         reached = at + (len(needed_wh) if is_last else int(np.argmax(needed_wh > vehicle.battery_wh))) - 1
@@ -120,7 +123,7 @@ def estimate_flight(
                 f"vehicle.battery_wh: {vehicle.battery_wh:g} Wh do not last to a place {away_m:.0f} m "
                 f"from home and back; write at least {math.ceil(needed_wh[:2].max())}, or move home nearer"
             )
-        sorties.append((at, reached))
+        ends.append(reached)
         spent += search[reached - at]
         if is_last:
             break
@@ -132,12 +135,12 @@ def estimate_flight(
         search_time_s=float(spent.time_s),
         time_s=float(whole.time_s),
         energy_wh=float(whole.energy_wh),
-        batteries=len(sorties),
+        batteries=len(ends),
         gsd_cm=float(100.0 * lens.gsd_m(altitude)),
         pixels_on_target=scenario.pixels_on_target(altitude),
         area_m2=float(scenario.area_enu_m.area),
         n_transects=len(plan.transects),
-        share_of_first=float(path.time_s[sorties[0][1]] / max(path.time_s[-1], 1e-9)),
+        shares_flown=tuple(float(path.time_s[end] / max(path.time_s[-1], 1e-9)) for end in ends),
     )
 
 

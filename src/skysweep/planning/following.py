@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,7 @@ from skysweep.worlds.world import TerrainSurface, bilinear_at
 
 HIGHER = 1.25  # than it scans from: slower, or another transect, before it flies higher
 STATION_M = 5.0  # along a leg
+LOOK_AHEAD_S = 2.0  # of terrain, in flight
 BESIDE_M = 10.0  # of a transect: farther away, its heights say nothing
 _RATE_SHARE = 0.8  # of the climb and descent speed that is planned with
 _SLOWEST = 0.2  # of the scan speed
@@ -61,32 +63,43 @@ class LegProfile:
         return float(slowness.sum() * self.length_m / max(len(slowness), 1))
 
 
+class Planned(NamedTuple):
+    """What a plan has for a place on the way to a waypoint."""
+
+    height_m: float  # ENU
+    ahead_height_m: float  # ENU, the highest of the way ahead
+    speed_mps: float
+
+
 class Following:
     """The profiles of a plan's transects, for a vehicle on its way along them."""
 
     def __init__(self, profiles: Sequence[LegProfile]) -> None:
-        self._by_end: dict[XY, list[LegProfile]] = {}
+        self._starts: dict[XY, LegProfile] = {}
+        self._ends: dict[XY, list[LegProfile]] = {}
         for profile in profiles:
-            x, y = profile.leg_xy_enu_m[1].tolist()
-            self._by_end.setdefault((x, y), []).append(profile)
+            (x, y), (to_x, to_y) = profile.leg_xy_enu_m.tolist()
+            self._starts[x, y] = profile
+            self._ends.setdefault((to_x, to_y), []).append(profile)
 
-    def at(self, here: XY, to: XY, ahead_m: float) -> tuple[float, float] | None:
-        """The height ENU to fly at on the way to a transect's end, and the speed; None beside all transects.
+    def at(self, here: XY, to: XY, ahead_m: float) -> Planned | None:
+        """On the way to a transect's end, or to its start; None elsewhere.
 
-        What the next ``ahead_m`` need is heeded.
+        The speed is that of half of the way ahead, for a vehicle that takes its time to slow down.
         """
-        for profile in self._by_end.get(to, ()):
+        for profile in self._ends.get(to, ()):
             x, y, share = foot_point(profile.leg_xy_enu_m, *here)
             if math.dist(here, (x, y)) <= BESIDE_M:
-                last = len(profile.height_m) - 1
-                begin = share * last
-                end = min(begin + ahead_m / max(profile.length_m, 1e-9) * last, float(last))
-                inside = slice(math.ceil(begin), math.floor(end) + 1)
-                heights = np.interp([begin, end], np.arange(last + 1), profile.height_m)
-                speeds = np.interp([begin, end], np.arange(last + 1), profile.speed_mps)
-                height_m = profile.height_m[inside].max(initial=heights.max())
-                return float(height_m), float(profile.speed_mps[inside].min(initial=speeds.min()))
-        return None
+                stations = np.arange(len(profile.height_m))
+                step_m = profile.length_m / stations[-1]
+                at = np.minimum(share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1])
+                heights = np.interp(at, stations, profile.height_m)
+                between = profile.height_m[math.ceil(at[0]) : math.floor(at[2]) + 1]
+                highest_m = between.max(initial=heights.max())
+                speed_mps = np.interp(at[1], stations, profile.speed_mps)
+                return Planned(float(heights[0]), float(highest_m), float(speed_mps))
+        begun = self._starts.get(to)
+        return None if begun is None else Planned(-math.inf, float(begun.height_m[0]), math.inf)
 
 
 def profiles_of(

@@ -646,6 +646,10 @@ class Safety(Model):
     )
     altitude_max_agl_m: float = Field(120.0, gt=0, le=600, description="Ceiling above ground")
     altitude_min_agl_m: float = Field(1.0, ge=0, le=100, description="Lower than this while searching: home")
+    radio_mast_enu_m: tuple[float, float, Annotated[float, Field(ge=0, le=500)]] | None = Field(
+        None,
+        description="The radio's antenna: east, north, and height above the ground; default 2 m above home",
+    )
     battery_low: float = Field(0.15, ge=0, lt=1, description="Share of the battery left: home")
     battery_critical: float = Field(0.05, ge=0, lt=1, description="Share of the battery left: land at once")
     landing_reserve: float = Field(
@@ -685,6 +689,11 @@ class Safety(Model):
         description="Answers missing for longer: the stretch flown meanwhile is scanned again",
     )
     detector_dead_s: float = Field(60.0, gt=0, le=3600, description="No answer for longer: home")
+
+    @model_serializer(mode="wrap")
+    def _without_no_mast(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a mast, the keys are those from before there was this field."""
+        return {k: v for k, v in write(self).items() if k != "radio_mast_enu_m" or v is not None}
 
     @model_validator(mode="after")
     def _areas_are_simple(self) -> Safety:
