@@ -120,9 +120,8 @@ class World:
     def _statistical(self) -> tuple[_Eye, StatisticalSensor]:
         eye, scenario, contents = _Eye(), self._scenario, self._contents
         at_once = scenario.camera.model_copy(update={"latency_s": 0.0})
-        classes, least = scenario.target_classes, scenario.detector.confidence_min
-        model = model_for(scenario)
-        sensor = StatisticalSensor(contents, at_once, eye, _Always(), classes, least, contents.seed, model)
+        classes, detector, model = scenario.target_classes, scenario.detector, model_for(scenario)
+        sensor = StatisticalSensor(contents, at_once, detector, eye, _Always(), classes, contents.seed, model)
         return eye, sensor
 
 

@@ -10,7 +10,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import friendly, scenario_or_area, warn, working
+from skysweep.cli.common import duration, friendly, scenario_or_area, warn, working
 from skysweep.files.writing import whole_files
 
 
@@ -49,6 +49,10 @@ def plan(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
+    at: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Of take-off, as 2026-10-03T15:30+02:00: where the sun stands then."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
     as_json: JsonOption = False,
 ) -> None:
@@ -68,9 +72,11 @@ def plan(
     from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
+    from skysweep.planning.assessment import assess
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.planning.sun import moment_of
     from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.files import change_scenario
 
@@ -105,7 +111,11 @@ def plan(
         raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
     for warning in warnings_for_plan(chosen):
         warn(warning)
+    moment = None if at is None else moment_of(at, "--at")
     coverage, estimate = plan_scenario(chosen)
+    judged = assess(coverage, chosen, moment)
+    for warning in judged.warnings():
+        warn(warning)
     with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
         draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
         write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
@@ -114,10 +124,15 @@ def plan(
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
     table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
-    table.add_row("batteries", f"{estimate.batteries} ({estimate.energy_wh:.0f} Wh)")
+    n, swap_s = estimate.batteries, chosen.vehicle.swap_s
+    in_sorties = f", in {n} sorties, changed in {duration(swap_s)}" if n > 1 else ""
+    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh){in_sorties}")
     table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
+    for name, value in judged.rows():
+        table.add_row(name, value)
     written = {"plan": f"{out / chosen.name}.plan", "picture": f"{out / chosen.name}.png"}
-    record = {"scenario": chosen.name, **asdict(estimate), "heading_deg": coverage.heading_deg, **written}
+    figures = {**asdict(estimate), "heading_deg": coverage.heading_deg, **judged.record()}
+    record = {"scenario": chosen.name, **figures, **written}
     answer(as_json, record, table, *(f"{what}: {path}" for what, path in written.items()))

@@ -30,12 +30,12 @@ from skysweep.detection.layouts import (
     size_px,
     unit_of,
 )
+from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for
 from skysweep.detection.yolo_outputs import recognise
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
 
 PAD_GREY = 114
-STRIDE = 32
 PROBE_SIZE = (640, 640)
 PICTURE_S = 60.0  # of wall time, for one picture
 _MAX_NAMES_BYTES = 1_000_000
@@ -72,7 +72,7 @@ class Network:
                 f"{path}: export the model for one picture at a time (batch 1) and without other inputs"
             )
         sides = (rows, columns) if self.channels_last else (columns, last)
-        self.fixed_hw = tuple(side if isinstance(side, int) and side > 0 else None for side in sides)
+        self.fixed_hw: FixedSides = _fixed(sides[0]), _fixed(sides[1])
         input_hw = self.input_hw_for(PROBE_SIZE)
         outputs = self._run(np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8), PixelFormat())
         self.layout = self._recognise(outputs, input_hw)
@@ -85,14 +85,8 @@ class Network:
             )
 
     def input_hw_for(self, picture_hw: tuple[int, int]) -> tuple[int, int]:
-        """The input's (height, width): the model's own, else the picture's rounded up to whole strides.
-
-        Where the model fixes one side alone, the other keeps the picture's shape.
-        """
-        (fixed_h, fixed_w), (picture_h, picture_w) = self.fixed_hw, picture_hw
-        height = picture_h if fixed_w is None else picture_h * fixed_w / picture_w
-        width = picture_w if fixed_h is None else picture_w * fixed_h / picture_h
-        return fixed_h or _whole_strides(height), fixed_w or _whole_strides(width)
+        """The input's (height, width) for pictures of this size, as ``tiling.input_hw_for``."""
+        return input_hw_for(self.fixed_hw, picture_hw)
 
     def __call__(self, canvas: U8) -> Boxes:
         """Boxes in the canvas' pixels. Raises UserError if the model fails on this picture."""
@@ -251,8 +245,8 @@ def _side_input(name: str) -> str | None:
     return next((kind for kind in ("scale_factor", "im_shape", "size") if kind in name), None)
 
 
-def _whole_strides(side_px: float) -> int:
-    return max(1, math.ceil(side_px / STRIDE)) * STRIDE
+def _fixed(side: object) -> int | None:
+    return side if isinstance(side, int) and side > 0 else None
 
 
 def _first_line(error: Exception) -> str:
@@ -266,7 +260,7 @@ def _shapes(outputs: Outputs) -> str:
 def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple[U8, float, int, int]:
     """The picture (H, W, 3) scaled to fit ``input_hw`` on grey, its scale, and the left and top padding."""
     height, width = picture.shape[:2]
-    scale = min(input_hw[0] / height, input_hw[1] / width)
+    scale = fitting_scale((height, width), input_hw)
     new_h, new_w = round(height * scale), round(width * scale)
     if (new_h, new_w) != (height, width):
         shrinks = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

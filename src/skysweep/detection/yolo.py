@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -14,10 +14,9 @@ from skysweep.detection.layouts import Boxes, BoxUnit, OutputLayout, PixelRange
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.detection.network import letterbox, load_network
+from skysweep.detection.tiling import tiles_px
 from skysweep.errors import UserError
 from skysweep.types import Detections, Frame
-
-TILE_OVERLAP = 0.2
 
 
 class YoloDetector:
@@ -84,7 +83,11 @@ class YoloDetector:
         Raises UserError if the model's answer is invalid.
         """
         input_hw = self.network.input_hw_for(frame.image.shape[:2])
-        found = [self._look(*tile, input_hw) for tile in _split(frame.image, self._tiles)]
+        height, width = frame.image.shape[:2]
+        found = [
+            self._look(frame.image[top:bottom, left:right], left, top, input_hw)
+            for left, top, right, bottom in tiles_px(width, height, self._tiles)
+        ]
         boxes = np.concatenate([b.xyxy_px for b in found]).astype(np.float64)
         scores = np.concatenate([b.scores for b in found]).astype(np.float64)
         classes = np.concatenate([b.classes for b in found])
@@ -124,18 +127,6 @@ def _known(classes: I64, n_classes: int) -> I64:
     if len(unknown):
         raise ValueError(f"class number {unknown[0]}, and it has {n_classes} classes")
     return classes
-
-
-def _split(image: U8, tiles: int) -> Iterator[tuple[U8, int, int]]:
-    """Overlapping parts of a picture, each with its left and top pixel."""
-    if tiles == 1:
-        yield image, 0, 0
-        return
-    height, width = image.shape[:2]
-    side_h, side_w = (int(np.ceil(s / (tiles - (tiles - 1) * TILE_OVERLAP))) for s in (height, width))
-    for top in np.linspace(0, height - side_h, tiles).astype(int):
-        for left in np.linspace(0, width - side_w, tiles).astype(int):
-            yield image[top : top + side_h, left : left + side_w], int(left), int(top)
 
 
 def _suppress(

@@ -16,6 +16,7 @@ from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.mission import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.following import Following
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.model import model_for
@@ -58,10 +59,10 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         sensor = StatisticalSensor(
             world,
             camera_model,
+            scenario.detector,
             eye,
             exposures,
             scenario.target_classes,
-            scenario.detector.confidence_min,
             seed,
             model_for(scenario),
             rig.unit,
@@ -80,7 +81,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         )
     waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
     context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
-    caveat = context.sensor_caveat if spec.needs_sensor_model else ""
+    needs_model = spec.needs_sensor_model or rig.sensor == "statistical"
+    caveat = context.sensor_caveat if needs_model else ""
     return Mission(
         scenario,
         seed,
@@ -99,6 +101,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         witness,
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
+        change_battery=getattr(vehicle, "change_battery", None),
+        following=Following(plan.profiles) if plan.profiles else None,
     )
 
 

@@ -11,29 +11,87 @@ import shapely
 import shapely.affinity
 from numpy.typing import NDArray
 
-from skysweep.scenarios.model import DEFAULT_SIZE_M, Building, Scenario, TargetClass
+from skysweep.errors import UserError
+from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
+from skysweep.scenarios.model import DEFAULT_SIZE_M, MAX_TREES, Building, Scenario, TargetClass
+from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.world import (
+    classes_of,
+    elevation_of,
+    ground_bounds,
+    ground_picture_of,
+    land_cover_of,
+    mapped_buildings,
+)
 
 UNSEEN_BELOW_PX = 8.0  # a small detector finds next to nothing on fewer pixels
 WISHED_AT_SCAN_PX = 12.0
 WISHED_AT_CHECK_PX = 30.0  # from here on a detector tells a target from what looks like one
 _WORTH_SAYING = 0.005  # of the area
+_ALTITUDE_OFF_M = 15.0
+_FOOT_M, _LIKE_FEET = 0.3048, 0.03
 _RASTER = 316  # points across an area
 
 
-def warnings_for(scenario: Scenario) -> list[str]:
-    """One sentence for each thing that will probably spoil the mission; empty when all is well."""
-    return [*warnings_for_plan(scenario), *_about_targets(scenario)]
+def warnings_for(scenario: Scenario, cover_altitude_agl_m: float | None = None) -> list[str]:
+    """One sentence for each thing that will probably spoil the mission; empty when all is well.
+
+    ``cover_altitude_agl_m`` is the height from which the area is covered, by default the scan altitude.
+    """
+    return [*warnings_for_plan(scenario, cover_altitude_agl_m), *_about_targets(scenario)]
 
 
-def warnings_for_plan(scenario: Scenario) -> list[str]:
+def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = None) -> list[str]:
     """Those that need no targets."""
     return [
+        *_about_ground(scenario),
+        *warnings_for_batteries(scenario, cover_altitude_agl_m),
         *_about_resolution(scenario),
         *_about_footprints(scenario),
         *_about_obstacles(scenario),
         *_about_speeds(scenario),
     ]
+
+
+def warnings_for_batteries(scenario: Scenario, altitude_agl_m: float | None = None) -> list[str]:
+    """Whether the scenario's batteries last for the plan, and what would do; empty if they do.
+
+    ``altitude_agl_m`` is the height from which the area is covered, by default the scan altitude. A plan that
+    cannot be flown at all is refused elsewhere.
+    """
+    search, given = scenario.search, scenario.vehicle.batteries
+    altitude = search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    needed = _estimate(scenario, altitude)
+    if needed is None or needed.batteries <= given:
+        return []
+    cures = [f"vehicle.batteries: {needed.batteries}"]
+    highest_m = min(
+        altitude * needed.pixels_on_target / WISHED_AT_SCAN_PX, scenario.safety.altitude_max_agl_m
+    )
+    higher = _estimate(scenario, highest_m) if altitude == search.scan_altitude_agl_m < highest_m else None
+    if higher is not None and higher.batteries <= given:
+        cures.append(f"search.scan_altitude_agl_m: {math.floor(highest_m)}")
+    fastest = scenario.with_search(scan_speed_mps=scenario.vehicle.cruise_speed_mps)
+    faster = _estimate(fastest, altitude) if fastest.search.scan_speed_mps > search.scan_speed_mps else None
+    if faster is not None and faster.batteries <= given:
+        cures.append(f"search.scan_speed_mps: {fastest.search.scan_speed_mps:g}")
+    lasts = "1 battery lasts" if given == 1 else f"{given} batteries last"
+    long_h = needed.time_s / 3600.0
+    how_long = f"{long_h:.1f} h" if long_h >= 1.0 else f"{60.0 * long_h:.0f} min"
+    return [
+        f"vehicle.batteries: {lasts} for {needed.shares_flown[given - 1]:.0%} of the plan, where the search ends; "
+        f"the whole plan takes {needed.batteries} ({how_long} with the swaps), checks not counted; "
+        f"write {', or '.join(cures)}"
+    ]
+
+
+def _estimate(scenario: Scenario, altitude_agl_m: float) -> FlightEstimate | None:
+    """Of the plan at a height; None if it cannot be flown."""
+    try:
+        return plan_scenario(scenario, altitude_agl_m)[1]
+    except UserError:
+        return None
 
 
 def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:
@@ -47,6 +105,38 @@ def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:
         altitude_agl_m * math.radians(vehicle.attitude_noise_deg),
         scenario.search.scan_speed_mps * camera.pose_delay_s,
     )
+
+
+def _about_ground(scenario: Scenario) -> Iterator[str]:
+    dem, cover, picture = elevation_of(scenario), land_cover_of(scenario), ground_picture_of(scenario)
+    if dem is not None:
+        yield from dem.notes
+        told_m, is_m = scenario.home.altitude_amsl_m, dem.home_amsl_m
+        if abs(told_m - is_m) > _ALTITUDE_OFF_M:
+            low, high = sorted([abs(told_m), abs(is_m)])
+            in_feet = low > 0.0 and abs(high / low * _FOOT_M - 1.0) < _LIKE_FEET
+            yield (
+                f"home.altitude_amsl_m: is {told_m:g} m, but terrain.dem has {is_m:.1f} m there; "
+                + ("one of them is probably in feet, see terrain.dem_unit" if in_feet else "write that")
+            )
+    if cover is not None:
+        yield from cover.notes
+        grown = sum(wanted_trees(cover, classes_of(scenario)))
+        if grown > MAX_TREES:
+            yield (
+                f"terrain.land_cover: grows {grown:,.0f} trees, of which {MAX_TREES:,} are drawn, so that "
+                "woods are thinner than they are; search a smaller area, or write fewer trees_per_hectare"
+            )
+    if picture is not None:
+        ground_m2 = shapely.box(*ground_bounds(scenario)).area
+        share = shapely.box(*picture.bounds_enu_m).area / ground_m2
+        if share < 1.0 - _WORTH_SAYING:
+            yield f"terrain.orthophoto: pictures {share:.0%} of the ground; the rest is drawn as the surface"
+        if not picture.source.is_coarse_too:
+            yield (
+                "terrain.orthophoto: has no overviews, so that looks from high up read much of the file; "
+                "add them with  gdaladdo"
+            )
 
 
 def _about_resolution(scenario: Scenario) -> Iterator[str]:
@@ -113,6 +203,9 @@ def _about_obstacles(scenario: Scenario) -> Iterator[str]:
     tops = [("a building", b.height_m + b.size_m[1] / 2) for b in scenario.buildings]
     tops += [("a tree", t.height_m) for t in scenario.trees]
     tops += [("a forest", f.height_m[1]) for f in scenario.forests]
+    tops += [("a building", b.top_m) for b in mapped_buildings(scenario)]
+    if scenario.terrain.land_cover is not None:
+        tops += [("a forest", c.height_m[1]) for c in classes_of(scenario) if c.trees_per_hectare > 0.0]
     if not tops:
         return
     what, top_m = max(tops, key=lambda top: top[1])

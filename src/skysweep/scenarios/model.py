@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 import shapely
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -53,6 +54,16 @@ DEFAULT_SIZE_M: dict[str, float] = {
     "buoy": 0.6,
 }
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
+
+_OF_FILES = {
+    "dem",
+    "dem_unit",
+    "land_cover",
+    "land_cover_classes",
+    "orthophoto",
+    "buildings_file",
+    "roads_file",
+}
 
 PointXY = tuple[float, float]
 Speed = Annotated[float, Field(ge=0.01, le=20)]
@@ -115,11 +126,39 @@ class Home(Model):
     position_enu_m: PointXY = Field((0.0, 0.0), description="Take-off place, east and north of the origin")
 
 
+def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"is [{limits[0]:g}, {limits[1]:g}]; write the smallest, then the largest")
+    return limits
+
+
+Surface = Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"]
+TreesPerHectare = Annotated[float, Field(le=2000)]
+TreeHeights = Annotated[
+    tuple[TreeHeight, TreeHeight], Field(description="Smallest and largest"), AfterValidator(_ascending)
+]
+CrownRadii = Annotated[
+    tuple[CrownRadius, CrownRadius], Field(description="Smallest and largest"), AfterValidator(_ascending)
+]
+ConiferFraction = Annotated[float, Field(ge=0, le=1, description="The rest is broadleaf")]
+
+
+class LandClass(Model):
+    """What a class of a land cover map is: the ground's surface, and the trees on it."""
+
+    code: int = Field(ge=0, le=65_535, description="The map's value")
+    surface: Surface
+    trees_per_hectare: TreesPerHectare = Field(0.0, ge=0)
+    height_m: TreeHeights = (5.0, 12.0)
+    crown_radius_m: CrownRadii = (1.2, 2.8)
+    conifer_fraction: ConiferFraction = 0.5
+
+
 class Terrain(Model):
     """Ground shape and what covers it."""
 
-    surface: Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"] = Field(
-        "grass", description="What the ground looks like"
+    surface: Surface = Field(
+        "grass", description="What the ground looks like, where land_cover and roads_file say nothing"
     )
     heightmap_m: list[list[float]] | None = Field(
         None,
@@ -128,7 +167,45 @@ class Terrain(Model):
     )
     hills_height_m: float = Field(0.0, ge=0, le=500, description="Random hills up to this height")
     hills_wavelength_m: float = Field(150.0, ge=20, le=5000, description="Distance from one hill to the next")
-    seed: int = Field(0, ge=0, description="Another seed, other hills")
+    seed: int = Field(0, ge=0, description="Another seed, other hills and other trees of land_cover")
+    dem: str | None = Field(
+        None, description="Digital elevation model, a GeoTIFF in any CRS; the ground at home is height 0"
+    )
+    dem_unit: Literal["metres", "feet"] | None = Field(
+        None, description="What the heights of dem are in; default: what the file says"
+    )
+    land_cover: str | None = Field(
+        None, description="Map of classes, a GeoTIFF in any CRS; becomes surfaces and trees"
+    )
+    land_cover_classes: list[LandClass] | None = Field(
+        None,
+        min_length=1,
+        max_length=255,
+        description="What the classes of land_cover are; default: those of ESA WorldCover",
+    )
+    orthophoto: str | None = Field(
+        None, description="The ground's picture, a GeoTIFF in any CRS with colours of 8 bits"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_files(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A terrain without files is written as before there were any."""
+        return {k: v for k, v in write(self).items() if k not in _OF_FILES or v is not None}
+
+    @model_validator(mode="after")
+    def _one_ground(self) -> Terrain:
+        if self.dem is not None and (self.heightmap_m is not None or self.hills_height_m > 0):
+            raise ValueError("dem: is the ground's shape; delete heightmap_m and hills_height_m")
+        if self.dem is None and self.dem_unit is not None:
+            raise ValueError("dem_unit: is that of dem, which is missing; write dem")
+        if self.land_cover_classes is not None:
+            if self.land_cover is None:
+                raise ValueError("land_cover_classes: are those of land_cover, which is missing; write it")
+            codes = [each.code for each in self.land_cover_classes]
+            twice = next((code for code in codes if codes.count(code) > 1), None)
+            if twice is not None:
+                raise ValueError(f"land_cover_classes: {twice} is written twice; keep one")
+        return self
 
     @field_validator("heightmap_m")
     @classmethod
@@ -150,21 +227,14 @@ class Tree(Model):
 class Forest(Model):
     """Trees scattered by seed over the area and its margin, or inside a polygon."""
 
-    trees_per_hectare: float = Field(gt=0, le=2000)
+    trees_per_hectare: TreesPerHectare = Field(gt=0)
     polygon_enu_m: list[PointXY] | None = Field(
         None, max_length=MAX_FENCE_CORNERS, description="Where it grows; default: area and margin"
     )
-    height_m: tuple[TreeHeight, TreeHeight] = Field((5.0, 12.0), description="Smallest and largest")
-    crown_radius_m: tuple[CrownRadius, CrownRadius] = Field((1.2, 2.8), description="Smallest and largest")
-    conifer_fraction: float = Field(0.5, ge=0, le=1, description="The rest is broadleaf")
+    height_m: TreeHeights = (5.0, 12.0)
+    crown_radius_m: CrownRadii = (1.2, 2.8)
+    conifer_fraction: ConiferFraction = 0.5
     seed: int = Field(0, ge=0)
-
-    @field_validator("height_m", "crown_radius_m")
-    @classmethod
-    def _ascending(cls, limits: tuple[float, float]) -> tuple[float, float]:
-        if limits[0] > limits[1]:
-            raise ValueError(f"is [{limits[0]:g}, {limits[1]:g}]; write the smallest, then the largest")
-        return limits
 
     @field_validator("polygon_enu_m")
     @classmethod
@@ -260,6 +330,12 @@ class VehicleLimits(Model):
     descent_speed_mps: float = Field(1.5, ge=0.01, le=4)
     battery_wh: float = Field(98.0, gt=1, le=5000)
     hover_power_w: float = Field(190.0, gt=1, le=20000, description="Power drawn from the battery in hover")
+    batteries: int = Field(
+        1, ge=1, le=100, description="How many there are: with more than one it flies as many sorties"
+    )
+    swap_s: float = Field(
+        120.0, ge=0, le=3600, description="On the ground between two sorties, to change the battery"
+    )
     position_noise_m: float = Field(0.3, ge=0, le=20, description="Standard deviation of the slow GNSS error")
     attitude_noise_deg: float = Field(
         0.3, ge=0, le=10, description="Standard deviation of the slow attitude error"
@@ -274,6 +350,12 @@ class VehicleLimits(Model):
                 f"({self.hover_power_w:g} W); write less than lasts {MAX_HOVER_H:g} h, or more power"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_other_batteries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A vehicle with one battery has the same keys as before there were these fields."""
+        of_sorties = {"batteries": 1, "swap_s": type(self).model_fields["swap_s"].default}
+        return {k: v for k, v in write(self).items() if of_sorties.get(k) != v}
 
 
 class Gimbal(Model):
@@ -445,6 +527,10 @@ class Safety(Model):
     )
     altitude_max_agl_m: float = Field(120.0, gt=0, le=600, description="Ceiling above ground")
     altitude_min_agl_m: float = Field(1.0, ge=0, le=100, description="Lower than this while searching: home")
+    radio_mast_enu_m: tuple[float, float, Annotated[float, Field(ge=0, le=500)]] | None = Field(
+        None,
+        description="The radio's antenna: east, north, and height above the ground; default 2 m above home",
+    )
     battery_low: float = Field(0.15, ge=0, lt=1, description="Share of the battery left: home")
     battery_critical: float = Field(0.05, ge=0, lt=1, description="Share of the battery left: land at once")
     landing_reserve: float = Field(
@@ -485,6 +571,11 @@ class Safety(Model):
     )
     detector_dead_s: float = Field(60.0, gt=0, le=3600, description="No answer for longer: home")
 
+    @model_serializer(mode="wrap")
+    def _without_no_mast(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a mast, the keys are those from before there was this field."""
+        return {k: v for k, v in write(self).items() if k != "radio_mast_enu_m" or v is not None}
+
     @model_validator(mode="after")
     def _areas_are_simple(self) -> Safety:
         corners = sum(map(len, self.no_fly_enu_m))
@@ -519,6 +610,15 @@ class Scenario(Model):
         max_length=MAX_BUILDINGS,
         description="Buildings occlude; the vehicle keeps clear of them",
     )
+    buildings_file: str | None = Field(
+        None,
+        description="More buildings: GeoJSON of footprints with OpenStreetMap's names (building, height, "
+        "building:levels, roof:shape)",
+    )
+    roads_file: str | None = Field(
+        None,
+        description="Roads: GeoJSON of lines with OpenStreetMap's names (highway, width, surface)",
+    )
     targets: list[Target] = Field(default_factory=list, description="What to find, placed by hand")
     distractors: list[Distractor] = Field(
         default_factory=list, description="Objects that resemble a target from above, placed by hand"
@@ -539,6 +639,11 @@ class Scenario(Model):
     detector: DetectorModel = DetectorModel()
     search: Search = Search()
     safety: Safety = Safety()
+
+    @model_serializer(mode="wrap")
+    def _without_files(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scenario without files is written as before there were any."""
+        return {k: v for k, v in write(self).items() if k not in _OF_FILES or v is not None}
 
     @property
     def frame(self) -> LocalFrame:

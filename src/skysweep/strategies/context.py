@@ -14,6 +14,7 @@ from skysweep.geometry.camera import Lens
 from skysweep.planning.flight_plan import leg_time_s
 from skysweep.scenarios.model import Model, Scenario, Search, VehicleLimits
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
+from skysweep.sensing.statistical.view import View
 from skysweep.types import XY
 from skysweep.worlds.obstacles import Obstacles
 
@@ -43,6 +44,7 @@ class MissionContext:
     is_wooded: bool
     obstacles: Obstacles  # known trees and buildings, and the ground
     load_sensor_model: Callable[[], StatisticalModel]
+    load_sensor_view: Callable[[], View]
     parameters: Model  # the strategy's own
 
     @classmethod
@@ -56,6 +58,10 @@ class MissionContext:
     ) -> MissionContext:
         """The context of one mission of a scenario."""
         camera = scenario.camera
+
+        def load() -> StatisticalModel:
+            return model_for(scenario, "write another search.strategy")
+
         looks_hz = min(scenario.detector.rate_hz, camera.rate_hz)
         return cls(
             scenario.search,
@@ -73,9 +79,10 @@ class MissionContext:
             camera.exposure_s,
             scenario.vehicle,
             scenario.terrain.surface,
-            bool(scenario.trees or scenario.forests),
+            bool(scenario.trees or scenario.forests or scenario.terrain.land_cover),
             obstacles,
-            lambda: model_for(scenario, "write another search.strategy"),
+            load,
+            lambda: load().view_of(camera, scenario.detector),
             parameters,
         )
 
@@ -87,15 +94,21 @@ class MissionContext:
         """
         return self.load_sensor_model()
 
+    @cached_property
+    def sensor_view(self) -> View:
+        """The camera's pictures in the pixels of that model. Raises UserError as ``sensor_model``."""
+        return self.load_sensor_view()
+
     @property
     def sensor_caveat(self) -> str:
-        """A sentence if the sensor model was not calibrated for the scan's height; empty if it was."""
-        height_m, smallest_m = self.search.scan_altitude_agl_m, min(low for low, _ in self.sizes_m.values())
-        pixels = float(self.lens.pixels_on_target(smallest_m, height_m))
-        beyond = self.sensor_model.extrapolation(pixels, height_m)
+        """A sentence if the sensor model was not calibrated for this search; empty if it was."""
+        smallest_m = min(low for low, _ in self.sizes_m.values())
+        beyond = self.sensor_model.extrapolation(
+            self.sensor_view, self.search, smallest_m, self.gimbal_pitch_rad
+        )
         return beyond and (
-            f"The sensor model was calibrated {beyond}: what the strategy believes from the scan's height is "
-            "a guess; write another search.scan_altitude_agl_m or camera.hfov_rad."
+            f"The sensor model was calibrated {beyond}: what it says there is a guess; write another altitude "
+            "of search, or another camera."
         )
 
     def ground_at_m(self, xy: XY) -> float:

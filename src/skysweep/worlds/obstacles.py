@@ -57,7 +57,8 @@ class Obstacles:
             x, y, z = b.position_enu_m.tolist()
             yaw = math.cos(b.yaw_rad), math.sin(b.yaw_rad)
             length, width = b.size_m
-            rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, z + b.height_m + width / 2))
+            top = z + b.height_m + (0.0 if b.flat_roof else width / 2)
+            rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, top))
         self.solids = np.array(rows, dtype=float).reshape(-1, 9)
         self._relief_m = float(np.ptp(terrain.heights_m))
 
@@ -136,10 +137,10 @@ def known_obstacles(scenario: Scenario) -> Obstacles:
 def came_near(obstacles: Obstacles, track_enu_m: F64, modes: Sequence[str]) -> dict[str, Any]:
     """``collisions`` and ``min_clearance_m`` of a track (K, 3) flown in these modes (K,).
 
-    The ground does not count during take-off and landing. ``min_clearance_m`` is measured from the vehicle's
+    The ground does not count during take-off and landing, and while it stands on it. ``min_clearance_m`` is measured from the vehicle's
     centre; it is None without a track.
     """
-    over_ground = np.array([mode not in (Mode.TAKEOFF, Mode.LAND) for mode in modes], dtype=bool)
+    over_ground = np.array([mode not in (Mode.TAKEOFF, Mode.LAND, Mode.SWAP) for mode in modes], dtype=bool)
     clearances_m = obstacles.clearances_m(track_enu_m, over_ground)
     nearest_m = float(clearances_m.min())
     return {

@@ -8,6 +8,7 @@ centre) and 1 for a box, 0 for an ellipsoid.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,7 +21,7 @@ SHAPES = {"standing": STANDING, "floating": FLOATING}  # of poses; all others ar
 
 _STANDING_WIDTH_SHARE = 0.3  # shoulders against body height
 _FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
-_STEEP = 4.0  # tangent of the angle off nadir up to which the list of near solids is complete
+_CELL_M = 16.0  # of the grid of solids
 _POINT_HEIGHT_M = 0.1
 _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # of the object's size
 
@@ -57,54 +58,106 @@ def middle_enu_m(thing: WorldObject) -> F64:
 
 
 class Occluders:
-    """The trees and buildings of one world; the module describes ``solids`` (S, 11)."""
+    """The trees and buildings of one world; the module describes ``solids`` (S, 11).
+
+    ``grid`` finds those around a place without a look at the others (:func:`around`).
+    """
 
     def __init__(self, world: World) -> None:
-        rows = []
-        for t in world.trees:
-            x, y, z = t.position_enu_m
-            half, r = 0.325 * t.height_m, t.crown_radius_m  # the crown fills the upper 65 % of the tree
-            rows.append((x, y, z + t.height_m - half, r, r, half, 1.0, 0.0, z + t.height_m, r, 0.0))
-        for b in world.buildings:
-            x, y, z = b.position_enu_m
-            half = b.height_m / 2
-            a, c = b.size_m[0] / 2, b.size_m[1] / 2
-            yaw = (math.cos(b.yaw_rad), math.sin(b.yaw_rad))
-            rows.append((x, y, z + half, a, c, half, *yaw, z + b.height_m, math.hypot(a, c), 1.0))
-        self.solids = np.array(rows, dtype=float).reshape(-1, 11)
-
-    def near(self, thing: WorldObject) -> I64:
-        """Indices of the solids that can hide part of ``thing`` from a camera that is not very low."""
-        if not len(self.solids):
-            return np.zeros(0, dtype=np.int64)
-        s = self.solids
-        away = np.hypot(s[:, 0] - thing.position_enu_m[0], s[:, 1] - thing.position_enu_m[1])
-        throw = np.maximum(s[:, 8] - thing.position_enu_m[2], 0.0) * _STEEP
-        return np.flatnonzero(away <= throw + s[:, 9] + thing.size_m)
+        self.solids = np.concatenate([_crowns(world), _walls(world)])
+        self.grid = Grid.of(self.solids)
 
     def is_beside_a_crown(self, thing: WorldObject) -> bool:
         """Whether a crown's edge is closer to the object's middle than the object's size."""
-        s = self.solids[self.solids[:, 10] == 0.0]
-        away = np.hypot(s[:, 0] - thing.position_enu_m[0], s[:, 1] - thing.position_enu_m[1])
+        x, y = thing.position_enu_m[:2].tolist()
+        s = self.solids[self._around(x, y, x, y, thing.size_m)]
+        s = s[s[:, 10] == 0.0]
+        away = np.hypot(s[:, 0] - x, s[:, 1] - y)
         return bool((away <= s[:, 9] + thing.size_m).any())
 
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
-        place, near = middle_enu_m(thing), self.near(thing)
+        place = middle_enu_m(thing)
+        near = self._around(*place[:2], *camera_enu_m[:2], thing.size_m)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
+
+    def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
+        found = np.empty(len(self.solids), dtype=np.int64)
+        return found[: around(found, self.grid, x0, y0, x1, y1, margin_m)]
+
+
+def _crowns(world: World) -> F64:
+    """The upper 65 % of each tree is its crown."""
+    trees = world.trees
+    x, y, z = np.array([t.position_enu_m for t in trees]).reshape(-1, 3).T
+    height, r = np.array([(t.height_m, t.crown_radius_m) for t in trees]).reshape(-1, 2).T
+    half, one, zero = 0.325 * height, np.ones(len(trees)), np.zeros(len(trees))
+    return np.column_stack([x, y, z + height - half, r, r, half, one, zero, z + height, r, zero])
+
+
+def _walls(world: World) -> F64:
+    rows = []
+    for b in world.buildings:
+        x, y, z = b.position_enu_m
+        half = b.height_m / 2
+        a, c = b.size_m[0] / 2, b.size_m[1] / 2
+        yaw = (math.cos(b.yaw_rad), math.sin(b.yaw_rad))
+        rows.append((x, y, z + half, a, c, half, *yaw, z + b.height_m, math.hypot(a, c), 1.0))
+    return np.array(rows, dtype=float).reshape(-1, 11)
+
+
+class Grid(NamedTuple):
+    """Solids by square cells of the ground, for compiled code: those of cell k are from starts[k] on."""
+
+    west_m: float
+    south_m: float
+    columns: int
+    rows: int
+    reach_m: float  # the largest of a solid
+    starts: I64
+    solids: I64
+
+    @classmethod
+    def of(cls, solids: F64) -> Grid:
+        """The grid of ``solids`` (S, 11)."""
+        if not len(solids):
+            return cls(0.0, 0.0, 1, 1, 0.0, np.zeros(2, dtype=np.int64), np.zeros(0, dtype=np.int64))
+        west, south = solids[:, :2].min(axis=0)
+        column, row = ((solids[:, :2] - (west, south)) / _CELL_M).astype(np.int64).T
+        columns, rows = int(column.max()) + 1, int(row.max()) + 1
+        cell = row * columns + column
+        starts = np.searchsorted(np.sort(cell), np.arange(columns * rows + 1))
+        order = np.argsort(cell, kind="stable")
+        return cls(float(west), float(south), columns, rows, float(solids[:, 9].max()), starts, order)
+
+
+@njit(cache=True)
+def around(found: I64, grid: Grid, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> int:
+    """Write the solids that may reach the rectangle between two corners, widened by a margin; their number."""
+    margin_m += grid.reach_m
+    first_column = max(int(math.floor((min(x0, x1) - margin_m - grid.west_m) / _CELL_M)), 0)
+    first_row = max(int(math.floor((min(y0, y1) - margin_m - grid.south_m) / _CELL_M)), 0)
+    end_column = min(int(math.floor((max(x0, x1) + margin_m - grid.west_m) / _CELL_M)) + 1, grid.columns)
+    end_row = min(int(math.floor((max(y0, y1) + margin_m - grid.south_m) / _CELL_M)) + 1, grid.rows)
+    n = 0
+    for row in range(first_row, end_row):
+        if first_column >= end_column:
+            break
+        first, end = row * grid.columns + first_column, row * grid.columns + end_column
+        for k in range(grid.starts[first], grid.starts[end]):
+            found[n] = grid.solids[k]
+            n += 1
+    return n
 
 
 @njit(cache=True)
 def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64) -> float:
-    """Share (0..1) of the points of an object at ``place`` that no solid hides from the camera."""
-    if not len(solids):
-        return 1.0
-    dx, dy, dz = camera[0] - place[0], camera[1] - place[1], camera[2] - place[2]
+    """Share (0..1) of the points of an object at ``place`` that none of the ``near`` solids hides."""
+    dx, dy = camera[0] - place[0], camera[1] - place[1]
     along = dx * dx + dy * dy
-    steep = dz > 0.0 and along <= (_STEEP * dz) ** 2
     hidden = np.zeros(len(_POINTS), dtype=np.bool_)
-    for k in range(len(near) if steep else len(solids)):
-        solid = solids[near[k]] if steep else solids[k]
+    for k in near:
+        solid = solids[k]
         gx, gy = solid[0] - place[0], solid[1] - place[1]
         share = min(max((gx * dx + gy * dy) / max(along, 1e-9), 0.0), 1.0)
         away_x, away_y = gx - share * dx, gy - share * dy

@@ -84,7 +84,7 @@ def build_scene(world: World) -> Scene:
     """Meshes, textures and light of a world. Deterministic."""
     solids = [Solid(_placed(world.terrain, o), k) for k, o in enumerate(world.objects, start=1)]
     for b in world.buildings:
-        house = building_mesh(b.size_m, b.height_m, b.variant)
+        house = building_mesh(b.size_m, b.height_m, b.variant, b.flat_roof)
         solids.append(Solid(house.moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0))
     plantings = _plant(world)
     shown = [s.mesh for s in solids] + [p.meshes[-1] for p in plantings]

@@ -6,7 +6,8 @@ Only simulated sensors and results may look at it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,12 +16,27 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from skysweep.arrays import F64, U8
-from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
+from skysweep.scenarios.files import ground_files
+from skysweep.scenarios.model import (
+    DEFAULT_POSE,
+    DEFAULT_SIZE_M,
+    MARGIN_M,
+    MAX_TREES,
+    Forest,
+    LandClass,
+    Light,
+    Scenario,
+)
+from skysweep.worlds.elevation import Elevation, elevation
+from skysweep.worlds.land_cover import SURFACES, WORLDCOVER, LandCover, growth, land_cover
+from skysweep.worlds.map_features import Box
+from skysweep.worlds.map_features import buildings as buildings_in
 from skysweep.worlds.places import Ground, generate_positions, scattered
-from skysweep.worlds.rasters import GroundPicture
+from skysweep.worlds.rasters import Bounds, GroundPicture, ground_picture
 
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
+_CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +72,7 @@ class WorldBuilding:
     height_m: float
     yaw_rad: float
     variant: int
+    flat_roof: bool = False  # at height_m, instead of the gable
 
 
 @dataclass(frozen=True)
@@ -161,11 +178,60 @@ class World:
 
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
-    """The scenario's ground. Its height at home is 0 unless a heightmap says otherwise."""
+    """The scenario's ground. Its height at home is 0 unless a heightmap says otherwise.
+
+    Raises UserError where its files are not what they should be, MissingExtraError where rasterio is missing.
+    """
+    surface = _build_relief(scenario)
+    cover = land_cover_of(scenario)
+    if cover is None:
+        return surface
+    return replace(surface, cover=GroundCover(cover.surfaces, cover.bounds_enu_m, SURFACES))
+
+
+def ground_bounds(scenario: Scenario) -> Bounds:
+    """West, south, east and north of the area and home with their margin."""
     with_home = shapely.box(*scenario.area_enu_m.bounds).union(shapely.Point(scenario.home.position_enu_m))
     west, south, east, north = with_home.buffer(MARGIN_M).bounds
-    bounds = (west, south, east, north)
+    return west, south, east, north
+
+
+def elevation_of(scenario: Scenario) -> Elevation | None:
+    """What ``terrain.dem`` says of the ground, if there is one. Raises UserError as ``elevation``."""
+    dem = ground_files(scenario).get("terrain.dem")
+    if dem is None:
+        return None
+    unit, frame, home = scenario.terrain.dem_unit, scenario.frame, scenario.home.position_enu_m
+    return elevation(dem, unit, frame, ground_bounds(scenario), scenario.area_enu_m, home)
+
+
+def land_cover_of(scenario: Scenario) -> LandCover | None:
+    """What ``terrain.land_cover`` and ``roads_file`` say. Raises UserError as ``land_cover``."""
+    files, terrain = ground_files(scenario), scenario.terrain
+    map_file, roads_file = files.get("terrain.land_cover"), files.get("roads_file")
+    if map_file is None and roads_file is None:
+        return None
+    frame, bounds = scenario.frame, ground_bounds(scenario)
+    return land_cover(map_file, roads_file, classes_of(scenario), terrain.surface, frame, bounds)
+
+
+def classes_of(scenario: Scenario) -> Sequence[LandClass]:
+    """What the classes of ``terrain.land_cover`` are."""
+    return scenario.terrain.land_cover_classes or WORLDCOVER
+
+
+def ground_picture_of(scenario: Scenario) -> GroundPicture | None:
+    """``terrain.orthophoto``, if there is one. Raises UserError as ``ground_picture``."""
+    file = ground_files(scenario).get("terrain.orthophoto")
+    return None if file is None else ground_picture(file, scenario.frame, ground_bounds(scenario))
+
+
+def _build_relief(scenario: Scenario) -> TerrainSurface:
+    bounds = west, south, east, north = ground_bounds(scenario)
     t = scenario.terrain
+    dem = elevation_of(scenario)
+    if dem is not None:
+        return TerrainSurface(dem.heights_m, bounds, t.surface)
     if t.heightmap_m is not None:
         return TerrainSurface(np.asarray(t.heightmap_m, dtype=float), bounds, t.surface)
     if t.hills_height_m == 0:
@@ -219,7 +285,8 @@ def build_world(scenario: Scenario, seed: int) -> World:
         for kind, xy, yaw, size, pose, is_target in items
     )
     trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
-    return World(terrain, objects, trees, buildings, scenario.light, seed)
+    picture = ground_picture_of(scenario)
+    return World(terrain, objects, trees, buildings, scenario.light, seed, picture)
 
 
 def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree, ...]:
@@ -230,15 +297,28 @@ def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree,
     ]
     for index, forest in enumerate(scenario.forests):
         trees += _grow(forest, terrain, scenario, index)
-    return tuple(trees)
+    return (*trees, *_grown(scenario, terrain, MAX_TREES - len(trees)))
 
 
 def build_buildings(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldBuilding, ...]:
     """The scenario's buildings: the same for every mission seed."""
-    return tuple(
+    own = [
         WorldBuilding(_on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, math.radians(b.yaw_deg), i)
         for i, b in enumerate(scenario.buildings)
-    )
+    ]
+    mapped = [
+        WorldBuilding(
+            _on_ground(terrain, box.position_enu_m), box.size_m, box.eaves_m, box.yaw_rad, i, box.is_flat
+        )
+        for i, box in enumerate(mapped_buildings(scenario), len(own))
+    ]
+    return (*own, *mapped)
+
+
+def mapped_buildings(scenario: Scenario) -> tuple[Box, ...]:
+    """The boxes of ``buildings_file``, if there is one. Raises UserError as ``buildings``."""
+    file = ground_files(scenario).get("buildings_file")
+    return () if file is None else buildings_in(file, scenario.frame, ground_bounds(scenario))
 
 
 def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:
@@ -250,7 +330,7 @@ def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: in
     everywhere = scenario.area_enu_m.buffer(MARGIN_M).envelope
     ground = Ground(shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else everywhere)
     count = round(forest.trees_per_hectare * ground.polygon.area / 1e4)
-    clear = shapely.Point(scenario.home.position_enu_m).buffer(6.0)
+    clear = shapely.Point(scenario.home.position_enu_m).buffer(_CLEAR_AT_HOME_M)
     shapely.prepare(clear)
     trees: list[WorldTree] = []
     while len(trees) < count:
@@ -264,3 +344,21 @@ def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: in
             continue
         trees.append(WorldTree(_on_ground(terrain, (x, y)), height, radius, kind, variant))
     return trees
+
+
+def _grown(scenario: Scenario, terrain: TerrainSurface, most: int) -> list[WorldTree]:
+    """The trees of the land cover that stand neither at home nor in a building."""
+    cover = land_cover_of(scenario)
+    if cover is None:
+        return []
+    g = growth(cover, classes_of(scenario), most, scenario.terrain.seed)
+    clear = shapely.Point(scenario.home.position_enu_m).buffer(_CLEAR_AT_HOME_M)
+    in_the_way = shapely.union_all([clear, *(box.outline() for box in mapped_buildings(scenario))])
+    shapely.prepare(in_the_way)
+    stands = ~shapely.intersects_xy(in_the_way, g.xy_enu_m)
+    places = np.column_stack([g.xy_enu_m, terrain.height_m(g.xy_enu_m)])[stands]
+    looks = [a[stands].tolist() for a in (g.height_m, g.crown_radius_m, g.is_conifer, g.variant)]
+    return [
+        WorldTree(place, height, radius, "conifer" if conifer else "broadleaf", variant)
+        for place, height, radius, conifer, variant in zip(places, *looks, strict=True)
+    ]

@@ -7,6 +7,9 @@ FACTORS, the object's own offset and the weights of the pass and of the rest, in
 
 A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that what is drawn
 of one object never depends on what else is in view, and what is out of view costs nothing.
+
+A picture that the detector looks at in tiles is one look for each tile: what lies in two of them is drawn
+twice, of the same luck, and boxes of one object that overlap become one, as the detector merges them.
 """
 
 from __future__ import annotations
@@ -18,12 +21,14 @@ import numpy as np
 from numba import njit
 
 from skysweep.arrays import F64, I64
+from skysweep.geometry.point_tree import PointTree, in_view
 from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, TOO_SMALL, factors_of_look
-from skysweep.worlds.occlusion import pixels_on_target, visible_share
+from skysweep.worlds.occlusion import Grid, around, pixels_on_target, visible_share
 
 Record = Any  # of SENSOR
 
 _N_FACTORS = len(FACTORS)
+NEVER = -2  # a number that no look follows
 WIDTH = _N_FACTORS + 3  # columns of a row after the three tables
 OCTAVES = 10  # of altitude, from 1 m on; ghosts of one are not those of the next
 MIN_DEPTH_M = 0.1
@@ -42,7 +47,8 @@ SENSOR = np.dtype(
         ("centre_of_object", float),
         ("centre_of_blur", float),
         ("fade_px", float),
-        ("octave_starts", np.int64, OCTAVES + 1),  # in the ghosts
+        ("iou_max", float),  # of two boxes of one object
+        ("largest", float),  # size of the things, in metres
     ]
 )
 THING = np.dtype(  # an object that can be reported
@@ -53,9 +59,9 @@ THING = np.dtype(  # an object that can be reported
         ("beside", float),
         ("contrast", float),
         ("facing", float, 2),  # cosine and sine of its yaw
-        ("near", np.int64, 2),  # its part of the indices of solids that can hide it
         ("rows", np.int64, 2),  # its part of the table
-        ("last", float, 3),  # in the last picture: u, v, pixels; u is NaN where it was not in it
+        ("last", float, 3),  # u, v and pixels in the last picture that had it
+        ("seen_in", np.int64),  # number of that look
     ]
 )
 GHOST = np.dtype(  # a place where something can be reported that is not there
@@ -71,6 +77,8 @@ GHOST_CLASS = np.dtype(
     ]
 )
 
+_NOT_KNOWN = -1.0
+_ROUNDING_M = 1e-6
 _LAPSE, _PASS, _REST, _CENTRE_U, _CENTRE_V = range(5)  # what is drawn of a row
 _SHOWS, _SCORE = range(2)  # and of a ghost
 _KINDS_OF_DRAW = 8
@@ -100,21 +108,26 @@ def standard_normal(seed: int, look: int, row: int, what: int) -> float:
 @njit(cache=True)
 def draw_look(
     sensor: F64,
+    tiles: F64,
     position: F64,
     R: F64,
     velocity: F64,
     rates: F64,
-    altitude_agl_m: float,
+    log_altitude: float,
     look: int,
     things: F64,
+    tree: PointTree,
     solids: F64,
-    near: I64,
+    grid: Grid,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
     ghosts: F64,
+    first_ghost: int,
+    ghost_tree: PointTree,
     ghost_classes: F64,
     over_altitude: F64,
+    room: I64,
     boxes: F64,
     scores: F64,
     rows: I64,
@@ -124,92 +137,195 @@ def draw_look(
     The first are objects, by their rows of the ``table`` (rows, 3 G + WIDTH); then ghosts, by their class.
     Returns where each part ends.
 
-    ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records. ``position``,
-    ``R``, ``velocity`` and ``rates`` are the camera's truth, the last two in its own axes. ``near`` are
-    indices of ``solids``, ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows,) what looks of one
-    pass have in common. ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the score.
+    ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records, the ghosts those
+    of this altitude alone, of which the first has the number ``first_ghost``. The trees are of their places.
+    ``tiles`` (T, 4) are parts of the picture. ``position``, ``R``, ``velocity`` and ``rates`` are the
+    camera's truth, the last two in its own axes. ``log_pixels`` (G,) is the table's grid, ``pass_state``
+    (rows,) what looks of one pass have in common. ``over_altitude`` (classes, 3, A): log altitudes,
+    densities and scales of the score. ``room`` is for indices of things, ghosts and solids, one after another.
     """
     s = sensor.view(SENSOR)[0]
-    focal, width, height = s.focal_px, s.width_px, s.height_px
-    g, n = len(log_pixels), 0
-    for thing in things.view(THING):
-        place, last = thing.place, thing.last
-        dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
-        u, v, depth = _project(s, R, dx, dy, dz)
-        if depth <= MIN_DEPTH_M:
-            last[0] = np.nan
-            continue
-        pixels = pixels_on_target(focal, thing.shape, thing.size, dx, dy, dz, depth)
-        half = pixels / 2
-        low_u, high_u = max(u - half, 0.0), min(u + half, width)
-        low_v, high_v = max(v - half, 0.0), min(v + half, height)
+    all_things = things.view(THING)
+    across, up = s.width_px / (2.0 * s.focal_px), s.height_px / (2.0 * s.focal_px)
+    n_in_view = in_view(room, tree, position, R, across, up, s.largest)
+    n = 0
+    for i in room[:n_in_view]:
+        n = _draw_thing(
+            s,
+            tiles,
+            position,
+            R,
+            velocity,
+            rates,
+            look,
+            all_things[i],
+            solids,
+            grid,
+            table,
+            log_pixels,
+            pass_state,
+            room[n_in_view:],
+            n,
+            boxes,
+            scores,
+            rows,
+        )
+    n_in_view = in_view(room, ghost_tree, position, R, across, up, _ROUNDING_M)
+    end = _draw_ghosts(
+        s,
+        tiles,
+        position,
+        R,
+        log_altitude,
+        look,
+        ghosts,
+        first_ghost,
+        room[:n_in_view],
+        ghost_classes,
+        over_altitude,
+        n,
+        boxes,
+        scores,
+        rows,
+    )
+    return n, end
+
+
+@njit(cache=True)
+def _draw_thing(
+    s: Record,
+    tiles: F64,
+    position: F64,
+    R: F64,
+    velocity: F64,
+    rates: F64,
+    look: int,
+    thing: Record,
+    solids: F64,
+    grid: Grid,
+    table: F64,
+    log_pixels: F64,
+    pass_state: F64,
+    room: I64,
+    n: int,
+    boxes: F64,
+    scores: F64,
+    rows: I64,
+) -> int:
+    """One object that may be in the picture, written from place ``n`` on; where that ends."""
+    focal, width, height, g = s.focal_px, s.width_px, s.height_px, len(log_pixels)
+    place, last = thing.place, thing.last
+    dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
+    u, v, depth = _project(s, R, dx, dy, dz)
+    if depth <= MIN_DEPTH_M:
+        return n
+    pixels = pixels_on_target(focal, thing.shape, thing.size, dx, dy, dz, depth)
+    half = pixels / 2
+    if max(u - half, 0.0) >= min(u + half, width) or max(v - half, 0.0) >= min(v + half, height):
+        return n
+    kept = 0.0
+    if thing.seen_in == look - 1:
+        kept = math.exp(-(abs(u - last[0]) + abs(v - last[1]) + abs(pixels - last[2])) / s.fade_px)
+    last[0], last[1], last[2] = u, v, pixels
+    thing.seen_in = look
+    for r in range(thing.rows[0], thing.rows[1]):
+        fresh = standard_normal(s.seed, look * len(tiles), r, _PASS)
+        pass_state[r] = kept * pass_state[r] + math.sqrt(1.0 - kept * kept) * fresh
+    at = math.log(pixels)
+    if at < log_pixels[0] + math.log(TOO_SMALL):
+        return n
+    clear = _NOT_KNOWN
+    blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
+    blur *= focal * s.exposure_s
+    spread_px = math.sqrt(
+        s.centre_px**2 + (s.centre_of_object * pixels) ** 2 + (s.centre_of_blur * blur) ** 2
+    )
+    across = dx * dx + dy * dy
+    away = max(across + dz * dz, 1e-9)
+    front = -(thing.facing[0] * dx + thing.facing[1] * dy) / math.sqrt(away)
+    first = n
+    for t in range(len(tiles)):
+        tile, tile_look = tiles[t], look * len(tiles) + t
+        low_u, high_u = max(u - half, tile[0]), min(u + half, tile[2])
+        low_v, high_v = max(v - half, tile[1]), min(v + half, tile[3])
         if low_u >= high_u or low_v >= high_v:
-            last[0] = np.nan
             continue
-        moved = abs(u - last[0]) + abs(v - last[1]) + abs(pixels - last[2])
-        kept = math.exp(-moved / s.fade_px) if moved == moved else 0.0
-        last[0], last[1], last[2] = u, v, pixels
         inside_y = (high_v - low_v) / pixels
         inside = (high_u - low_u) / pixels * inside_y
-        clear = 1.0
-        if inside > 1.0 - HIDDEN_MAX:
-            clear = visible_share(position, place, thing.size, solids, near[thing.near[0] : thing.near[1]])
-        blur = math.hypot(-velocity[0] / depth - rates[1], -velocity[1] / depth + rates[0])
-        blur *= focal * s.exposure_s
-        at = math.log(pixels)
-        unseen = inside * clear < 1.0 - HIDDEN_MAX or at < log_pixels[0] + math.log(TOO_SMALL)
-        spread_px = math.sqrt(
-            s.centre_px**2 + (s.centre_of_object * pixels) ** 2 + (s.centre_of_blur * blur) ** 2
-        )
-        across = dx * dx + dy * dy
-        away = max(across + dz * dz, 1e-9)
-        front = -(thing.facing[0] * dx + thing.facing[1] * dy) / math.sqrt(away)
-        is_cut_y = inside_y < 1.0 - CUT_MIN
+        if inside < 1.0 - HIDDEN_MAX:
+            continue
+        if clear == _NOT_KNOWN:
+            n_near = around(room, grid, place[0], place[1], position[0], position[1], thing.size)
+            clear = visible_share(position, place, thing.size, solids, room[:n_near])
+        if inside * clear < 1.0 - HIDDEN_MAX:
+            continue
         factors = factors_of_look(
             across / away,
             front,
             pixels,
             1.0 - clear,
             1.0 - inside,
-            is_cut_y,
+            inside_y < 1.0 - CUT_MIN,
             thing.beside,
             blur,
             thing.contrast,
         )
         for r in range(thing.rows[0], thing.rows[1]):
-            fresh = standard_normal(s.seed, look, r, _PASS)
-            pass_state[r] = kept * pass_state[r] + math.sqrt(1.0 - kept * kept) * fresh
-            if unseen:
-                continue
             mean, spread, lapse = _interpolate(log_pixels, table[r], at)
-            if standard_normal(s.seed, look, r, _LAPSE) < lapse:
+            if standard_normal(s.seed, tile_look, r, _LAPSE) < lapse:
                 continue
             own = table[r, 3 * g :]
             for k in range(_N_FACTORS):
                 mean += own[k] * factors[k]
-            rest = own[_N_FACTORS + 2] * standard_normal(s.seed, look, r, _REST)
+            rest = own[_N_FACTORS + 2] * standard_normal(s.seed, tile_look, r, _REST)
             score = mean + spread * (own[_N_FACTORS] + own[_N_FACTORS + 1] * pass_state[r] + rest)
             if score < s.threshold:
                 continue
-            du = spread_px * standard_normal(s.seed, look, r, _CENTRE_U)
-            dv = spread_px * standard_normal(s.seed, look, r, _CENTRE_V)
-            _put_box(boxes[n], low_u, low_v, high_u, high_v, du, dv, width, height)
+            du = spread_px * standard_normal(s.seed, tile_look, r, _CENTRE_U)
+            dv = spread_px * standard_normal(s.seed, tile_look, r, _CENTRE_V)
+            _put_box(boxes[n], low_u, low_v, high_u, high_v, du, dv, tile)
             scores[n], rows[n] = score, r
             n += 1
-    end = _draw_ghosts(
-        s, position, R, altitude_agl_m, look, ghosts, ghost_classes, over_altitude, n, boxes, scores, rows
-    )
-    return n, end
+    return _merged(boxes, scores, rows, first, n, s.iou_max) if len(tiles) > 1 else n
+
+
+@njit(cache=True)
+def _merged(boxes: F64, scores: F64, rows: I64, first: int, end: int, iou_max: float) -> int:
+    """Drop, of the reports from ``first`` on, those that a better one of the same row overlaps; the new end."""
+    order = np.argsort(-scores[first:end]) + first
+    is_kept = np.ones(end - first, dtype=np.bool_)
+    for k in range(1, len(order)):
+        for j in order[:k]:
+            if is_kept[j - first] and rows[j] == rows[order[k]]:
+                if _overlap(boxes[j], boxes[order[k]]) > iou_max:
+                    is_kept[order[k] - first] = False
+    n = first
+    for i in range(first, end):
+        if is_kept[i - first]:
+            boxes[n], scores[n], rows[n] = boxes[i], scores[i], rows[i]
+            n += 1
+    return n
+
+
+@njit(cache=True)
+def _overlap(a: F64, b: F64) -> float:
+    """Intersection over union."""
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    both = max(width, 0.0) * max(height, 0.0)
+    return both / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both)
 
 
 @njit(cache=True)
 def _draw_ghosts(
     s: Record,
+    tiles: F64,
     position: F64,
     R: F64,
-    altitude_agl_m: float,
+    log_altitude: float,
     look: int,
     ghosts: F64,
+    first_ghost: int,
+    in_sight: I64,
     ghost_classes: F64,
     over_altitude: F64,
     n: int,
@@ -217,45 +333,43 @@ def _draw_ghosts(
     scores: F64,
     rows: I64,
 ) -> int:
-    """Those of this altitude's octave, lowest levels first, written from place ``n`` on; where that ends.
+    """Those in sight, lowest levels first, written from place ``n`` on; where that ends.
 
-    Scores are Weibull's.
+    Scores are Weibull's. Where two tiles show one, the better report counts.
     """
-    log_altitude = math.log(max(altitude_agl_m, 1.0))
-    octave = min(int(log_altitude / math.log(2.0)), OCTAVES - 1)
-    first, end = s.octave_starts[octave], s.octave_starts[octave + 1]
-    if first == end:
+    if not len(in_sight):
         return n
-    width, height = s.width_px, s.height_px
     places, classes = ghosts.view(GHOST), ghost_classes.view(GHOST_CLASS)
     now = np.empty((len(classes), 2))
     for k in range(len(classes)):
         now[k, 0] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 1])
         now[k, 1] = _at(log_altitude, over_altitude[k, 0], over_altitude[k, 2])
-    highest = now[:, 0].max()
-    for i in range(first, end):
+    whole = np.array((0.0, 0.0, s.width_px, s.height_px))
+    for i in in_sight:
         ghost = places[i]
-        if ghost.level >= highest:
-            break
         kind = int(ghost.kind)
         if ghost.level >= now[kind, 0]:
             continue
         place, c = ghost.place, classes[kind]
         dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
         u, v, _ = _project(s, R, dx, dy, dz)
-        if not (0.0 <= u <= width and 0.0 <= v <= height) or n == len(rows):
+        if not (0.0 <= u <= s.width_px and 0.0 <= v <= s.height_px) or n == len(rows):
             continue
-        row = _FIRST_GHOST + i
-        if standard_normal(s.seed, look, row, _SHOWS) > c.shows:
-            continue
-        z = ghost.own + c.rest * standard_normal(s.seed, look, row, _SCORE)
-        above = -math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
-        score = s.floor + now[kind, 1] * c.unit_scale * above**c.exponent
-        if score < s.threshold:
+        row, best = _FIRST_GHOST + first_ghost + i, -math.inf
+        for t in range(len(tiles)):
+            tile, tile_look = tiles[t], look * len(tiles) + t
+            if not (tile[0] <= u <= tile[2] and tile[1] <= v <= tile[3]):
+                continue
+            if standard_normal(s.seed, tile_look, row, _SHOWS) > c.shows:
+                continue
+            z = ghost.own + c.rest * standard_normal(s.seed, tile_look, row, _SCORE)
+            above = -math.log(max(0.5 * math.erfc(z / math.sqrt(2.0)), 1e-12))
+            best = max(best, s.floor + now[kind, 1] * c.unit_scale * above**c.exponent)
+        if best < s.threshold:
             continue
         half = c.pixels / 2
-        _put_box(boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, width, height)
-        scores[n], rows[n] = score, kind
+        _put_box(boxes[n], u - half, v - half, u + half, v + half, 0.0, 0.0, whole)
+        scores[n], rows[n] = best, kind
         n += 1
     return n
 
@@ -307,12 +421,12 @@ def _put_box(
     high_v: float,
     move_u: float,
     move_v: float,
-    width: float,
-    height: float,
+    limits: F64,
 ) -> None:
-    """A box of at least one pixel, moved and kept in the picture."""
+    """A box of at least one pixel, moved and kept within limits: left, top, right and bottom."""
+    left, top, right, bottom = limits
     half_u, half_v = max((high_u - low_u) / 2, 0.5), max((high_v - low_v) / 2, 0.5)
-    u = min(max((low_u + high_u) / 2 + move_u, 0.5), width - 0.5)
-    v = min(max((low_v + high_v) / 2 + move_v, 0.5), height - 0.5)
-    box[0], box[2] = max(u - half_u, 0.0), min(u + half_u, width)
-    box[1], box[3] = max(v - half_v, 0.0), min(v + half_v, height)
+    u = min(max((low_u + high_u) / 2 + move_u, left + 0.5), right - 0.5)
+    v = min(max((low_v + high_v) / 2 + move_v, top + 0.5), bottom - 0.5)
+    box[0], box[2] = max(u - half_u, left), min(u + half_u, right)
+    box[1], box[3] = max(v - half_v, top), min(v + half_v, bottom)

@@ -23,10 +23,15 @@ from skysweep.errors import UserError
 from skysweep.files.models import validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields
 from skysweep.files.reading import read_text_limited
-from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario
-from skysweep.sensing.statistical.factors import CONTRAST_USUAL, NAMES
+from skysweep.geometry.camera import Lens
+from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario, Search
+from skysweep.sensing.statistical.factors import BLUR_MAX, CONTRAST_USUAL, NAMES, VIEW_MAX
+from skysweep.sensing.statistical.view import View
 
 VERSION = 8  # 7 measured standing objects by the angle to their foot
+MAX_ENLARGED = 2.0  # times that a camera's pixels may be enlarged for the detector
+_ROUNDING = 1.001
+_VIEW_MAX_DEG = math.degrees(math.asin(math.sqrt(VIEW_MAX)))
 
 
 def score_of(confidence: ArrayLike) -> NDArray[np.float64]:
@@ -134,6 +139,11 @@ class CalibratedCamera(_Part):
     noise_std: float
     jpeg_quality: int
 
+    @property
+    def lens(self) -> Lens:
+        """Its lens."""
+        return Lens(self.width_px, self.height_px, self.hfov_rad)
+
 
 class Experiment(_Part):
     """The rendered looks."""
@@ -216,38 +226,59 @@ class StatisticalModel(_Part):
         table = next((c for c in self.contrasts if (c.kind, c.pose) == (kind, pose)), None)
         return table.surfaces.get(surface, (CONTRAST_USUAL, 0.0)) if table else (CONTRAST_USUAL, 0.0)
 
-    def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
-        """What differs in this camera or detector from the calibrated one; one phrase each.
+    def view_of(self, camera: CameraModel, detector: DetectorModel) -> View:
+        """How the detector sees a camera's pictures. Raises UserError if its file cannot be read."""
+        return View.of(camera, detector, self.camera.lens)
 
-        Field of view, rate, latency and gimbal may differ, as pixels on target, view angle, blur and overlap
-        are in the model; what changes the look of a given number of pixels may not.
+    def differences(self, camera: CameraModel, detector: DetectorModel) -> list[str]:
+        """What this camera or detector has worse than the calibrated one, or other; one phrase each.
+
+        Resolution, field of view, tiles, exposure, rate, latency and gimbal may differ, as pixels on target,
+        view angle, blur and edges are in the model. Noise and JPEG may differ where the pixels that the
+        detector sees, each a mean of several of the camera's, have no more of them than the calibrated ones.
         """
         found = []
-        if detector.tiles != 1:
-            found.append(f"detector.tiles is {detector.tiles}, not 1")
         if (other := _other_detector(self.detector, detector.model)) is not None:
-            found.append(other)
+            return [other]
         if detector.confidence_min < self.experiment.confidence_floor:
             floor = self.experiment.confidence_floor
             found.append(f"detector.confidence_min is {detector.confidence_min:g}, below {floor:g}")
-        for field in ("width_px", "height_px", "exposure_s", "noise_std", "jpeg_quality"):
-            here, there = getattr(camera, field), getattr(self.camera, field)
-            if not math.isclose(here, there, rel_tol=1e-3):
-                found.append(f"camera.{field} is {here:.4g}, not {there:.4g}")
+        view = self.view_of(camera, detector)
+        if view.scale > MAX_ENLARGED * _ROUNDING:
+            found.append(
+                f"detector.tiles is {detector.tiles}, which enlarges the camera's pixels {view.scale:.3g} times, "
+                f"and it holds for up to {MAX_ENLARGED:g} times"
+            )
+        least = min(view.scale, 1.0)
+        noise, known = camera.noise_std * least, self.camera.noise_std
+        if noise > known * _ROUNDING:
+            found.append(f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}")
+        coarse, known = _jpeg_step(camera.jpeg_quality) * least, _jpeg_step(self.camera.jpeg_quality)
+        if coarse > known * _ROUNDING:
+            found.append(
+                f"camera.jpeg_quality is {camera.jpeg_quality:g}, {coarse / known:.2g} times as coarse for the "
+                f"detector as {self.camera.jpeg_quality:g}"
+            )
         return found
 
-    def extrapolation(self, pixels: float, altitude_agl_m: float) -> str:
-        """In words, what the model was calibrated for instead of this; empty if for this.
+    def extrapolation(
+        self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float
+    ) -> str:
+        """In words, what the model was calibrated for instead of this search; empty if for this.
 
-        ``pixels`` are those on target from that altitude. Beyond its tables the model repeats their ends.
+        ``smallest_m`` is the size of the smallest target. Beyond its tables the model repeats their ends.
         """
-        heights_m = [h for b in self.background for h in (b.altitude_agl_m[0], b.altitude_agl_m[-1])]
-        asked = [("pixels on target", pixels, self.pixels)]
-        asked += [("m above ground", altitude_agl_m, heights_m)] if heights_m else []
+        h_s, h_c = search.scan_altitude_agl_m, search.check_altitude_agl_m
+        in_check = view.pixels_on_target(smallest_m, h_c)
+        cm = [100.0 * h / self.camera.lens.focal_px for b in self.background for h in b.altitude_agl_m]
+        asked = [("pixels on target", view.pixels_on_target(smallest_m, h_s), self.pixels)]
+        asked += [("pixels on target in a check", max(in_check, self.pixels[0]), self.pixels)]
+        asked += [("cm of ground a pixel", 100.0 * h_s / view.focal_px, cm)] if cm else []
+        asked += [("degrees off the vertical", 90.0 + math.degrees(gimbal_pitch_rad), [0.0, _VIEW_MAX_DEG])]
         return " and ".join(
-            f"for {min(known):g} to {max(known):g} {unit}, not {value:.3g}"
+            f"for {min(known):.3g} to {max(known):.3g} {unit}, not {value:.3g}"
             for unit, value, known in asked
-            if not min(known) <= value <= max(known)
+            if not min(known) <= value <= max(known) * _ROUNDING
         )
 
 
@@ -259,6 +290,8 @@ def model_for(scenario: Scenario, instead: str = "fly with --sensor imaging") ->
     path = scenario.detector.statistical_model
     model = StatisticalModel.load(Path(path) if path else None)
     differences = model.differences(scenario.camera, scenario.detector)
+    if blurred := _blurred(scenario):
+        differences.append(blurred)
     if differences:
         raise UserError(
             f"{path or 'the shipped sensor model'}: was made for another detector or camera "
@@ -266,6 +299,23 @@ def model_for(scenario: Scenario, instead: str = "fly with --sensor imaging") ->
             f"detector.statistical_model, or {instead}"
         )
     return model
+
+
+def _blurred(scenario: Scenario) -> str:
+    """In words, that the smallest target is blurred more than any that was measured; empty if it is not."""
+    exposure_s, speed_mps = scenario.camera.exposure_s, scenario.search.scan_speed_mps
+    smallest_m = min(low for low, _ in scenario.target_sizes_m.values())
+    if exposure_s * speed_mps <= BLUR_MAX * smallest_m:
+        return ""
+    return (
+        f"camera.exposure_s is {exposure_s:g}, in which the camera moves {exposure_s * speed_mps:.2g} m at "
+        f"search.scan_speed_mps, farther than the {smallest_m:g} m of the smallest target"
+    )
+
+
+def _jpeg_step(quality: int) -> float:
+    """Relative size of the steps to which JPEG rounds (Independent JPEG Group's libjpeg)."""
+    return 5000.0 / quality if quality < 50 else max(200.0 - 2.0 * quality, 1.0)
 
 
 @lru_cache(maxsize=8)

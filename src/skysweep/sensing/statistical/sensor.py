@@ -9,18 +9,21 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
-from skysweep.scenarios.model import CameraModel
+from skysweep.geometry.point_tree import PointTree
+from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.exposures import Exposures
-from skysweep.sensing.statistical.draws import GHOST_CLASS, OCTAVES, SENSOR, THING, WIDTH, draw_look
+from skysweep.sensing.statistical.draws import GHOST_CLASS, NEVER, OCTAVES, SENSOR, THING, WIDTH, draw_look
 from skysweep.sensing.statistical.factors import CONTRAST_LIMITS, CONTRAST_UNIT, CONTRAST_USUAL
 from skysweep.sensing.statistical.model import (
+    BackgroundModel,
     KindModel,
     StatisticalModel,
     confidence_of,
@@ -28,10 +31,11 @@ from skysweep.sensing.statistical.model import (
 )
 from skysweep.types import Detections, Truth, VehicleState
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, shape_of
-from skysweep.worlds.world import World, WorldObject
+from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 _EPS_S = 1e-6
 _MAX_GHOSTS = 64  # in one picture
+_MOST_REPORTS = 9  # of one object, in tiles that overlap
 _NOT_SEEN = (math.nan, math.nan, math.nan)
 _NOTHING = (np.zeros((0, 4)), np.zeros(0), ())
 
@@ -47,15 +51,15 @@ class StatisticalSensor:
         self,
         world: World,
         camera: CameraModel,
+        detector: DetectorModel,
         eye: Truth,
         exposures: Exposures,
         classes: Sequence[str],
-        confidence_min: float,
         seed: int,
         model: StatisticalModel,
         unit: int = 0,
     ) -> None:
-        self._model = model
+        self._model, self._view = model, model.view_of(camera, detector)
         self._ground_at_m = world.terrain.height_at_m
         self._lens, self._latency_s = camera.lens, camera.latency_s
         self._eye, self._exposures = eye, exposures
@@ -64,20 +68,26 @@ class StatisticalSensor:
         self._ghost_names: list[str] = []
         self._look_number = 0
         once = np.random.default_rng([seed, 29])
-        of_objects = self._tabulate_objects(world, classes, once)
-        *of_ghosts, octave_starts = self._tabulate_ghosts(world, classes, once)
+        occluders = Occluders(world)
+        things, *of_rows = self._tabulate_objects(world, occluders, classes, once)
+        self._octaves, *of_ghosts = self._tabulate_ghosts(world, classes, once)
         of_looks = np.random.default_rng([seed, 31, unit] if unit else [seed, 31])
         seed_of_looks = of_looks.integers(2**62)
-        lens, box = camera.lens, model.box
-        optics = (lens.focal_px, lens.width_px, lens.height_px, camera.exposure_s)
-        scores = (score_of(confidence_min), score_of(model.experiment.confidence_floor))
-        boxes = (box.pixels, box.of_object, box.of_blur, model.fade_px)
-        sensor = (*optics, seed_of_looks, *scores, *boxes, octave_starts)
+        view, box, largest_m = self._view, model.box, things["size"].max(initial=0.0)
+        optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
+        scores = (score_of(detector.confidence_min), score_of(model.experiment.confidence_floor))
+        boxes = (box.pixels, box.of_object, box.of_blur, model.fade_px, detector.iou_max)
+        sensor = (*optics, seed_of_looks, *scores, *boxes, largest_m)
         self._sensor = np.array([sensor], dtype=SENSOR).view(np.float64)
-        room = len(self._row_names) + _MAX_GHOSTS
-        self._boxes, self._scores = np.empty((room, 4)), np.empty(room)
-        self._rows = np.empty(room, dtype=np.int64)
-        self._tables = (*of_objects, *of_ghosts, self._boxes, self._scores, self._rows)
+        in_tiles = min(len(view.tiles_px), _MOST_REPORTS)
+        places = in_tiles * len(self._row_names) + _MAX_GHOSTS
+        self._boxes, self._scores = np.empty((places, 4)), np.empty(places)
+        self._rows = np.empty(places, dtype=np.int64)
+        most_ghosts = max(len(octave.ghosts) for octave in self._octaves)
+        room = np.empty(len(things) + most_ghosts + len(occluders.solids), dtype=np.int64)
+        tree = PointTree.of(things["place"])
+        self._of_things = (things.view(np.float64), tree, occluders.solids, occluders.grid, *of_rows)
+        self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Draw a look if one is due; return the oldest result whose time has come."""
@@ -97,34 +107,43 @@ class StatisticalSensor:
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
         height_m = z - self._ground_at_m(x, y)
+        log_altitude = math.log(max(height_m * self._view.as_high, 1.0))
+        octave = self._octaves[min(int(log_altitude / math.log(2.0)), OCTAVES - 1)]
         n, end = draw_look(
-            self._sensor, position, R, velocity_mps, rates_radps, height_m, self._look_number, *self._tables
+            self._sensor,
+            self._view.tiles_px,
+            position,
+            R,
+            velocity_mps,
+            rates_radps,
+            log_altitude,
+            self._look_number,
+            *self._of_things,
+            *octave,
+            *self._of_ghosts,
         )
         self._look_number += 1
         if not end:
             return Detections(time_s, *_NOTHING, believed, self._lens)
         rows = self._rows[:end].tolist()
         names = [self._row_names[row] for row in rows[:n]] + [self._ghost_names[c] for c in rows[n:]]
-        confidences = confidence_of(self._scores[:end])
-        return Detections(time_s, self._boxes[:end].copy(), confidences, tuple(names), believed, self._lens)
+        confidences, boxes = confidence_of(self._scores[:end]), self._boxes[:end] / self._view.scale
+        return Detections(time_s, boxes, confidences, tuple(names), believed, self._lens)
 
     def _tabulate_objects(
-        self, world: World, classes: Sequence[str], once: np.random.Generator
+        self, world: World, occluders: Occluders, classes: Sequence[str], once: np.random.Generator
     ) -> tuple[NDArray[Any], ...]:
-        """The objects: what ``draw_look`` takes from ``things`` to ``pass_state``."""
+        """The records THING, then what ``draw_look`` takes from ``table`` to ``pass_state``."""
         m = self._model
         wanted = [kind for kind in m.kinds if kind.reported_as in classes]
         luck = once.normal(size=(len(world.objects), 1 + len(classes)))
-        occluders, surface = Occluders(world), world.terrain.surface
         things: list[tuple[Any, ...]] = []
-        near: list[int] = []
         rows: list[list[float]] = []
         for thing, (colour, *own) in zip(world.objects, luck, strict=True):
             kinds = _kinds_of(thing, wanted)
             if not kinds:
                 continue
-            first_near, first_row = len(near), len(rows)
-            near += occluders.near(thing).tolist()
+            surface, first_row = world.terrain.surface_at(*thing.position_enu_m[:2].tolist()), len(rows)
             for kind in kinds:
                 offset = own[list(classes).index(kind.reported_as)] * np.sqrt(kind.object_share)
                 rest = max(1.0 - kind.object_share - kind.pass_share, 0.0)
@@ -139,12 +158,10 @@ class StatisticalSensor:
                 self._contrast(thing, surface, colour),
             )
             facing = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
-            parts = (first_near, len(near)), (first_row, len(rows))
-            things.append((middle_enu_m(thing), thing.size_m, *looks_so, facing, *parts, _NOT_SEEN))
+            its_rows = first_row, len(rows)
+            things.append((middle_enu_m(thing), thing.size_m, *looks_so, facing, its_rows, _NOT_SEEN, NEVER))
         return (
-            np.array(things, dtype=THING).view(np.float64),
-            occluders.solids,
-            np.array(near, dtype=np.int64),
+            np.array(things, dtype=THING),
             np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH),
             np.log(m.pixels),
             np.zeros(len(rows)),
@@ -157,11 +174,12 @@ class StatisticalSensor:
 
     def _tabulate_ghosts(
         self, world: World, classes: Sequence[str], once: np.random.Generator
-    ) -> tuple[NDArray[Any], ...]:
-        """The ghosts: what ``draw_look`` takes from ``ghosts`` to ``over_altitude``, and octave starts.
+    ) -> tuple[list[_Octave], NDArray[Any], NDArray[Any]]:
+        """The ghosts of each octave, ``ghost_classes`` and ``over_altitude`` of ``draw_look``.
 
-        Every octave of altitude has its own. Each has a level, in reports a hectare: it is there while the
-        rate at the altitude exceeds it.
+        Altitudes are those from which the calibrated camera's pixels show as much ground. Every octave of
+        them has its own ghosts. Each has a level, in reports a hectare: it is there while the rate at the
+        altitude exceeds it.
         """
         m = self._model
         background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
@@ -180,32 +198,60 @@ class StatisticalSensor:
         ).reshape(len(background), 3, nodes)
         west, south, east, north = world.terrain.bounds_enu_m
         hectares = (east - west) * (north - south) / 1e4
-        factors = [
-            b.surfaces.get(world.terrain.surface, 1.0) * (b.wooded if world.trees else 1.0)
-            for b in background
-        ]
-        octaves, starts = [], [0]
+        grounds = [_Grounds.of(b, world) for b in background]
+        octaves, first = list[_Octave](), 0
         for k in range(OCTAVES):
             parts = [np.zeros((0, 6))]
-            for c, b in enumerate(background):
+            for c, (b, ground) in enumerate(zip(background, grounds, strict=True)):
                 ends = np.log(2.0) * np.array([k, k + 1])
                 grid = log_altitudes[c]
                 inside = grid[(grid > ends[0]) & (grid < ends[1])]
                 top = float(np.interp([*ends, *inside], grid, b.per_hectare).max())
-                n = int(once.poisson(hectares * top * factors[c] / b.again))
+                n = int(once.poisson(hectares * top * ground.largest / b.again))
                 xy = once.uniform((west, south), (east, north), (n, 2))
                 z = world.terrain.height_m(xy) if n else np.zeros(0)
                 own = once.normal(size=n) * math.sqrt(b.same_share)
-                parts.append(np.column_stack([xy, z, np.full(n, c), once.uniform(0.0, top, n), own]))
+                ghosts = np.column_stack([xy, z, np.full(n, c), once.uniform(0.0, top, n), own])
+                parts.append(ghosts[ground.keep(xy, once)])
             ghosts = np.concatenate(parts)
-            octaves.append(ghosts[ghosts[:, 4].argsort(kind="stable")])
-            starts.append(starts[-1] + len(ghosts))
-        return (
-            np.concatenate(octaves).ravel(),
-            np.array(of_classes, dtype=GHOST_CLASS).view(np.float64),
-            over_altitude,
-            np.array(starts),
-        )
+            ghosts = ghosts[ghosts[:, 4].argsort(kind="stable")]
+            octaves.append(_Octave(ghosts.ravel(), first, PointTree.of(ghosts[:, :3])))
+            first += len(ghosts)
+        return octaves, np.array(of_classes, dtype=GHOST_CLASS).view(np.float64), over_altitude
+
+
+class _Octave(NamedTuple):
+    """The ghosts of one octave of altitude, as ``draw_look`` takes them."""
+
+    ghosts: F64
+    first: int
+    tree: PointTree
+
+
+class _Grounds(NamedTuple):
+    """By what the rate of background reports is multiplied on each ground of a world."""
+
+    terrain: TerrainSurface
+    factors: F64  # of the names of its cover, or of its only surface
+
+    @classmethod
+    def of(cls, background: BackgroundModel, world: World) -> _Grounds:
+        terrain = world.terrain
+        names = [terrain.surface] if terrain.cover is None else terrain.cover.names
+        wooded = background.wooded if world.trees else 1.0
+        return cls(terrain, np.array([background.surfaces.get(name, 1.0) * wooded for name in names]))
+
+    @property
+    def largest(self) -> float:
+        return float(self.factors.max())
+
+    def keep(self, xy_enu_m: F64, once: np.random.Generator) -> NDArray[np.bool_]:
+        """Which of places (N, 2), drawn at the largest rate, stay at their own."""
+        cover = self.terrain.cover
+        if cover is None:
+            return np.ones(len(xy_enu_m), dtype=np.bool_)
+        mine = self.factors[cover.codes_at(xy_enu_m)]
+        return np.asarray(once.random(len(xy_enu_m)) * self.largest < mine)
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:

@@ -41,7 +41,7 @@ class Hypotheses:
 
     def __init__(self, context: MissionContext, class_name: str, parameters: BeliefParameters) -> None:
         model = context.sensor_model
-        self._lens = context.lens
+        self._view = context.sensor_view
         self._threshold = float(score_of(context.confidence_min))
         self._fade_px = model.fade_px
         self._log_pixels = np.log(model.pixels)
@@ -99,7 +99,7 @@ class Hypotheses:
         ``widened`` times as far as the model says. Surprise is the squared distance of the score from what
         was expected, in variances, 1 on average; 0 for a miss.
         """
-        altitude = max(float(camera.position_enu_m[2] - place_enu_m[2]), 1.0)
+        height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return _look(
             belief,
             self._tables,
@@ -108,13 +108,13 @@ class Hypotheses:
             camera.position_enu_m,
             camera.R_camera_to_enu,
             place_enu_m,
-            self._lens.focal_px,
-            moved_px,
+            self._view.focal_px,
+            self._view.scale * moved_px,
             self._fade_px,
             math.nan if score is None else score,
             self._threshold,
             self._lapse_floor,
-            self._ghost.at(altitude),
+            self._ghost.at(max(height_m * self._view.as_high, 1.0)),
             self._is_target,
             widened,
         )
@@ -134,14 +134,17 @@ class Hypotheses:
                 camera.position_enu_m,
                 camera.R_camera_to_enu,
                 place_enu_m,
-                self._lens.focal_px,
+                self._view.focal_px,
                 self._threshold,
             )
         )
 
 
 class _Ghost:
-    """Reports where nothing is: mean and spread of their scores by altitude, and the chance of another."""
+    """Reports where nothing is: mean and spread of their scores by altitude, and the chance of another.
+
+    The altitude is that from which the calibrated camera's pixels show as much ground.
+    """
 
     def __init__(self, model: StatisticalModel, class_name: str) -> None:
         self._floor = float(score_of(model.experiment.confidence_floor))

@@ -1,0 +1,69 @@
+"""How a detector sees a camera's pictures: in which of its own pixels, and in which tiles.
+
+What a detector makes of a thing depends on the pixels that it gets, after a picture, or a tile of it, was
+scaled to the model's input. They are measured in pixels of the calibrated pictures: a scale of 1 shows things
+as those did.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from skysweep.arrays import F64
+from skysweep.detection.layouts import BoxUnit, PixelRange
+from skysweep.detection.model_files import existing_model_file, sha256_of
+from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for, tiles_px
+from skysweep.geometry.camera import Lens
+from skysweep.scenarios.model import CameraModel, DetectorModel
+
+Size = tuple[int, int]  # width, height
+
+
+class View(NamedTuple):
+    """A camera's pictures in the calibrated pixels."""
+
+    scale: float  # for one pixel of the camera
+    focal_px: float
+    width_px: float
+    height_px: float
+    tiles_px: F64  # (T, 4) left, top, right and bottom of each
+    as_high: float  # times an altitude: from where a calibrated pixel shows as much ground
+
+    @classmethod
+    def of(cls, camera: CameraModel, detector: DetectorModel, calibrated: Lens) -> View:
+        """The view of this camera by a detector that was calibrated, untiled, with that lens.
+
+        Raises UserError where the size of the detector's input is asked for and its file cannot be read.
+        """
+        lens, scale, as_high = camera.lens, 1.0, 1.0
+        size_px = lens.width_px, lens.height_px
+        calibrated_px = calibrated.width_px, calibrated.height_px
+        if (size_px, detector.tiles) != (calibrated_px, 1):
+            scale = _input_scale(detector, size_px, detector.tiles) / _input_scale(detector, calibrated_px, 1)
+            as_high = calibrated.focal_px / (lens.focal_px * scale)
+        tiles = scale * np.array(tiles_px(*size_px, detector.tiles), dtype=float)
+        return cls(
+            scale, lens.focal_px * scale, lens.width_px * scale, lens.height_px * scale, tiles, as_high
+        )
+
+    def pixels_on_target(self, size_m: float, distance_m: float) -> float:
+        """Of an object that is seen face-on."""
+        return self.focal_px * size_m / distance_m
+
+
+def _input_scale(detector: DetectorModel, size_px: Size, tiles: int) -> float:
+    """The pixels of the detector's input for one of a picture of this size."""
+    path = existing_model_file(detector.model)
+    fixed_hw = _fixed_hw(str(path), sha256_of(path), detector.boxes, detector.pixels)
+    left, top, right, bottom = tiles_px(*size_px, tiles)[0]
+    return fitting_scale((bottom - top, right - left), input_hw_for(fixed_hw, size_px[::-1]))
+
+
+@lru_cache(maxsize=16)
+def _fixed_hw(path: str, _sha256: str, boxes: BoxUnit | None, pixels: PixelRange | None) -> FixedSides:
+    from skysweep.detection.yolo import YoloDetector  # imported late: it loads ONNX Runtime
+
+    return YoloDetector(path, boxes=boxes, pixels=pixels).network.fixed_hw
