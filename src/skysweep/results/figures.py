@@ -42,12 +42,25 @@ from skysweep.results.reporting.style import (
 )
 from skysweep.results.run_folder import Run
 from skysweep.results.summary import finite_or_inf
-from skysweep.types import F64
+from skysweep.types import F64, U8
+from skysweep.worlds.world import World
 
 ALTITUDE_COLOURS = LinearSegmentedColormap.from_list(
     "altitude", colormaps["viridis"](np.linspace(0.0, 0.87, 256))
 )
 
+
+_GROUND_PX = 1200  # the longer side of the ground under a map
+_PALE = 0.45  # share of white in it
+_SURFACE_COLOURS = {
+    "grass": (150, 170, 95),
+    "forest floor": (110, 125, 80),
+    "rock": (150, 146, 140),
+    "sand": (215, 195, 150),
+    "snow": (240, 243, 248),
+    "asphalt": (120, 120, 122),
+    "water": (95, 150, 185),
+}
 
 # name -> marker, size, face, edge, edge width, what the legend says
 _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
@@ -175,7 +188,11 @@ def _top_view(
     axis: Axes, run: Run, norm: Normalize, extent: tuple[float, float, float, float], detail: bool = True
 ) -> None:
     area = run.scenario.area_enu_m
-    axis.add_patch(_polygon_patch(area, facecolor="#f3f3f0", edgecolor="0.35", lw=0.8, zorder=0))
+    ground = _ground_of(run.world, extent)
+    if ground is not None:
+        axis.imshow(ground, extent=extent, zorder=-1)
+    inside = "#f3f3f0" if ground is None else "none"
+    axis.add_patch(_polygon_patch(area, facecolor=inside, edgecolor="0.35", lw=0.8, zorder=0))
     plan = run.plan_enu_m
     axis.plot(plan[:, 0], plan[:, 1], color="0.72", lw=0.6, ls=(0, (4, 2)), zorder=1)
     xy = run.states.position_enu_m[:, :2]
@@ -192,6 +209,26 @@ def _top_view(
     axis.set(xlim=(west, east), ylim=(south, north), xlabel="East (m)", ylabel="North (m)", aspect="equal")
     if detail:
         _scale_bar(axis, east - west, west, south)
+
+
+def _ground_of(world: World, extent: tuple[float, float, float, float]) -> U8 | None:
+    """The ground's picture (H, W, 3), or the colours of its land cover, pale; None if it has neither."""
+    cover = world.terrain.cover
+    if cover is None and world.ground_picture is None:
+        return None
+    west, east, south, north = extent
+    width_px = round(_GROUND_PX * min(1.0, (east - west) / (north - south)))
+    height_px = max(1, round(width_px * (north - south) / (east - west)))
+    x, y = np.linspace(west, east, width_px), np.linspace(north, south, height_px)
+    shown = np.full((height_px, width_px, 3), 255.0)
+    if cover is not None:
+        colours = np.array([_SURFACE_COLOURS[name] for name in cover.names], float)
+        codes = cover.codes_at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+        shown = colours[codes].reshape(shown.shape)
+    if world.ground_picture is not None:
+        rgba = world.ground_picture.read(west, south, east, north, width_px, height_px)
+        shown = np.where(rgba[..., 3:] > 0, rgba[..., :3], shown)
+    return np.asarray((1.0 - _PALE) * shown + _PALE * 255.0, dtype=np.uint8)
 
 
 def _profile(axis: Axes, run: Run, norm: Normalize) -> None:

@@ -73,6 +73,14 @@ class GroundGrid:
         own = levels.ravel()
         return [chunk_faces(int(own[k]), tuple(edges[:, k].tolist())) for k in chunks]
 
+    def mesh_of(self, chunks: Chunks, spacing_px: F64) -> Mesh:
+        """The ``faces`` of ``chunks`` as one mesh."""
+        posts = [self.posts(int(k)) for k in chunks]
+        vertices, normals = (np.concatenate(values) for values in zip(*posts, strict=True))
+        faces = [f + n * CHUNK_POSTS**2 for n, f in enumerate(self.faces(chunks, spacing_px))]
+        white, nowhere = np.ones_like(vertices), np.zeros_like(vertices)
+        return Mesh(vertices, normals, white, nowhere, np.concatenate(faces).astype(np.int32))
+
     def mesh(self) -> Mesh:
         """All posts as one mesh; its faces are sorted row by row."""
         return self._mesh(np.arange(len(self.y_m)), np.arange(len(self.x_m)))

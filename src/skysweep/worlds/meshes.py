@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -207,6 +208,7 @@ def plate(outline: ArrayLike, z: float, colour: ArrayLike, layer: int, uv_radius
     return make_mesh(v, faces, colour, layer, uv=uv)
 
 
+@lru_cache(maxsize=8)
 def icosphere(subdivisions: int) -> tuple[F64, I32]:
     """Unit sphere: vertices (V, 3) and faces (F, 3); 20 * 4**subdivisions faces."""
     g = (1 + 5**0.5) / 2

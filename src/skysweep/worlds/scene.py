@@ -15,12 +15,15 @@ from skysweep.worlds.assets.buildings import building_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.ground_grid import GroundGrid
 from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
-from skysweep.worlds.textures import GroundTextures, border_noise, ground_textures, layer_image
+from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
 from skysweep.worlds.rasters import GroundPicture
 from skysweep.worlds.world import GroundCover, TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
-WANDER_M = 64.0
+WANDER_M = 64.0  # a tile of the noise by which borders of surfaces stray
+STRAY = 1.6  # cells, by which they stray at full noise
+FINE_LEAST, FINE_MOST = 0.4, 2.5  # what a surface's detail does to the tones of the ground's picture
+PICTURE_LIGHT = 1.55  # under which level ground has the tones of its picture
 PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
 UPRIGHT_POSES = ("standing", "sitting", "floating", "crouching", "walking", "waving")
 
@@ -82,7 +85,6 @@ class Covering:
 
     cover: GroundCover
     textures: tuple[GroundTextures, ...]  # by code of the cover
-    wander: U8  # (256, 256, 3) over WANDER_M: how far borders of surfaces stray from those of the cells
     picture: GroundPicture | None
 
 
@@ -139,9 +141,14 @@ def _covering(world: World) -> Covering | None:
     terrain = world.terrain
     if terrain.cover is None and world.ground_picture is None:
         return None
-    cover = terrain.cover or GroundCover(np.zeros((1, 1), np.uint8), terrain.bounds_enu_m, (terrain.surface,))
+    cover = terrain.cover or everywhere(terrain)
     textures = tuple(ground_textures(name, world.seed % GROUND_LOOKS) for name in cover.names)
-    return Covering(cover, textures, border_noise(), world.ground_picture)
+    return Covering(cover, textures, world.ground_picture)
+
+
+def everywhere(terrain: TerrainSurface) -> GroundCover:
+    """The terrain's one surface as a cover."""
+    return GroundCover(np.zeros((1, 1), np.uint8), terrain.bounds_enu_m, (terrain.surface,))
 
 
 def make_sun(light: Light) -> Sun:

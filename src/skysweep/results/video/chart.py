@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import shapely
 
 from skysweep.arrays import F64, U8
-from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.results.metrics import seen_footprints
 from skysweep.results.reporting.style import ORANGE, VERMILLION
 from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, rgb
 from skysweep.results.video.story import STANDING_COLOURS, Moment, Story, mode_colour
-from skysweep.worlds.rendering.renderer import Backend, make_renderer
-from skysweep.worlds.world import World
+from skysweep.worlds.rendering.from_above import ground_from_above
+from skysweep.worlds.rendering.renderer import Backend
 
 _MARGIN = 0.05  # of the map's larger side
-_CLEAR_AIR_M = 1e7
-_SIDES_ABOVE, _HIGHEST_M = 8.0, 5000.0  # from where the ground is drawn
 _UNSEEN = 0.5  # brightness of ground not seen yet
 _OUTSIDE = 0.7  # and of ground outside the area
 _WHITE, _BLACK = rgb("white"), rgb("black")
@@ -36,7 +31,7 @@ class Chart:
         self._story = story
         self.bounds_enu_m = _bounds(story, width_px / height_px)
         self._px_per_m = width_px / (self.bounds_enu_m[2] - self.bounds_enu_m[0])
-        photo = _ground_from_above(run.world, self.bounds_enu_m, width_px, height_px, renderer)
+        photo = ground_from_above(run.world, self.bounds_enu_m, (width_px, height_px), renderer)
         inside = np.zeros((height_px, width_px), np.uint8)
         area = run.scenario.area_enu_m
         for ring, value in ((area.exterior, 1), *((hole, 0) for hole in area.interiors)):
@@ -177,20 +172,3 @@ def _bounds(story: Story, aspect: float) -> tuple[float, float, float, float]:
     west, south = (centre - half).tolist()
     east, north = (centre + half).tolist()
     return west, south, east, north
-
-
-def _ground_from_above(
-    world: World, bounds: tuple[float, float, float, float], width_px: int, height_px: int, renderer: Backend
-) -> U8:
-    """The ground (H, W, 3), north up, without targets, through clear air."""
-    west, south, east, north = bounds
-    bare = replace(world, objects=(), light=world.light.model_copy(update={"visibility_m": _CLEAR_AIR_M}))
-    above_m = min(_SIDES_ABOVE * max(east - west, north - south), _HIGHEST_M)
-    lens = Lens(width_px, height_px, 2.0 * math.atan((east - west) / 2.0 / above_m))
-    x, y = (west + east) / 2, (south + north) / 2
-    place = np.array([x, y, world.terrain.height_at_m(x, y) + above_m])
-    painter = make_renderer(bare, renderer)
-    try:
-        return painter.render(lens, CameraPose(place, rotation_camera_to_enu(math.pi / 2, -math.pi / 2)))
-    finally:
-        painter.close()

@@ -6,6 +6,7 @@ One ray a pixel, four where parts meet; one shadow ray. Shading is compiled with
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import cv2
@@ -16,13 +17,28 @@ from numpy.typing import NDArray
 from skysweep.arrays import F32, F64, I32, I64, U8
 from skysweep.errors import MissingExtraError
 from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.worlds.meshes import Mesh, merge, yaw_rotation
-from skysweep.worlds.rendering.projection import NEAR_M
-from skysweep.worlds.scene import PLANT_TEXTURE_M, Planting, Scene
-from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
+from skysweep.worlds.rendering.picture_windows import PictureWindows, Window, ground_reach_m
+from skysweep.worlds.rendering.projection import FAR_M, NEAR_M
+from skysweep.worlds.scene import (
+    FINE_LEAST,
+    FINE_MOST,
+    PICTURE_LIGHT,
+    PLANT_TEXTURE_M,
+    STRAY,
+    WANDER_M,
+    Mover,
+    Scene,
+    everywhere,
+)
+from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M, border_noise
 
-_GROUND, _WATER, _SOLID = 0, 1, 2
 _SUBPIXELS = np.array([[-0.375, -0.125], [0.125, -0.375], [0.375, 0.125], [-0.125, 0.375]])
+_NEAR_M = 400.0  # plants are drawn finely within this, and nothing less is built
+_STEP_M = 100.0  # in which the place moves around which things are built
+_SHADOWS_M = 160.0  # that things out of sight cast into the picture
+_FOCAL_PX = 1000.0  # for which the ground's posts are chosen
 
 
 class EmbreeRenderer:
@@ -31,41 +47,25 @@ class EmbreeRenderer:
     backend: Final = "embree"
 
     def __init__(self, scene: Scene) -> None:
-        parts = [(scene.ground.mesh(), 0)] + [(s.mesh, s.id) for s in scene.solids]
-        parts += [(_expanded(p), 0) for p in scene.plantings]
-        n_still = sum(len(m.faces) for m, _ in parts)
-        parts += [(m.mesh, m.id) for m in scene.movers]
-        mesh = merge([m for m, _ in parts])
-        face_counts = [len(m.faces) for m, _ in parts]
-        self._mesh = mesh
-        self._ids = np.repeat(np.array([k for _, k in parts], dtype=np.int32), face_counts)
-        self._part = np.repeat(np.arange(len(parts), dtype=np.int32), face_counts)
-        self._material = np.full(len(mesh.faces), _SOLID, np.int32)
-        self._material[: face_counts[0]] = _WATER if scene.terrain.surface == "water" else _GROUND
-        self._density = _texel_density(mesh, scene.layers.shape[1])
-        self._sun = scene.sun
-        g = scene.ground_textures
-        images = g.detail[None], g.middle[None], g.macro[None], scene.layers
-        self._textures = tuple(_mips(image) for image in images)
-        objects = np.flatnonzero(self._ids[:n_still] > 0)
-        self._everything = [_Faces(mesh, np.arange(n_still))]
-        self._objects = [_Faces(mesh, objects)] if len(objects) else []
-        self._movers, self._moving, self._moved_s = (
-            scene.movers,
-            np.arange(n_still, len(mesh.faces)),
-            math.nan,
-        )
-        self._moved: list[_Faces] = []
+        self._scene = scene
+        self._solids_enu_m = np.array([s.mesh.vertices.mean(axis=0) for s in scene.solids]).reshape(-1, 3)
+        self._layers = _mips(scene.layers)
+        self._cover = _Cover(scene)
+        self._place: tuple[int, int, float] | None = None
+        self._stage: _Stage | None = None
+        self._set_stage(Lens(16, 16, 0.1), CameraPose(np.zeros(3), rotation_camera_to_enu(0.0, -np.pi / 2)))
 
     def close(self) -> None:
         """Does nothing: the garbage collector frees the scene."""
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
-        self._move(time_s)
+        stage = self._set_stage(lens, pose)
+        stage.move(time_s)
+        self._cover.show(lens, pose, self._ground_m(pose))
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
-        colours, faces = self._shoot(lens, pose, x, y, time_s)
-        part = np.where(faces >= 0, self._part[faces], -1).reshape(shape)
+        colours, faces = self._shoot(stage, lens, pose, x, y, time_s)
+        part = np.where(faces >= 0, stage.part[faces], -1).reshape(shape)
         edge = np.zeros(shape, bool)
         edge[1:] |= part[1:] != part[:-1]
         edge[:-1] |= part[1:] != part[:-1]
@@ -73,49 +73,146 @@ class EmbreeRenderer:
         edge[:, :-1] |= part[:, 1:] != part[:, :-1]
         at = np.flatnonzero(edge.ravel())
         if len(at):
-            fine = [self._shoot(lens, pose, x[at] + dx, y[at] + dy, time_s)[0] for dx, dy in _SUBPIXELS]
+            fine = [self._shoot(stage, lens, pose, x[at] + dx, y[at] + dy, time_s)[0] for dx, dy in _SUBPIXELS]
             colours[at] = np.mean(fine, axis=0)
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
-        self._move(time_s)
         shape = (lens.height_px, lens.width_px)
-        scenes = (self._everything if occluders else self._objects) + self._moved
+        stage = self._set_stage(lens, pose)
+        stage.move(time_s)
+        scenes = stage.everything() if occluders else stage.objects()
         if not scenes:
             return np.zeros(shape, np.int32)
         faces = _nearest([s.hits(*_rays(lens, pose, *_pixel_centres(lens))) for s in scenes])["primID"]
-        return np.where(faces >= 0, self._ids[faces], 0).astype(np.int32).reshape(shape)
+        return np.where(faces >= 0, stage.ids[faces], 0).astype(np.int32).reshape(shape)
 
-    def _move(self, time_s: float) -> None:
-        """Have what moves where it is at this time, in a scene of its own."""
-        if not self._movers or time_s == self._moved_s:
-            return
-        moved = merge([mover.at(time_s) for mover in self._movers])
-        first = len(self._mesh.vertices) - len(moved.vertices)
-        self._mesh.vertices[first:], self._mesh.normals[first:] = moved.vertices, moved.normals
-        self._moved, self._moved_s = [_Faces(self._mesh, self._moving)], time_s
-
-    def _shoot(self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float) -> tuple[F32, I32]:
+    def _shoot(
+        self, stage: _Stage, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float
+    ) -> tuple[F32, I32]:
         """Colours (N, 3) 0..1 and faces (N,) seen through picture points."""
         origins, directions = _rays(lens, pose, x, y)
-        scenes = self._everything + self._moved
-        hit = _nearest([s.hits(origins, directions) for s in scenes])
+        hit = _nearest([scene.hits(origins, directions) for scene in stage.everything()])
         faces = hit["primID"]
         points = origins + directions * np.where(faces >= 0, hit["tfar"], 0)[:, None]
-        sun = self._sun.direction_enu.astype(np.float32)
+        s = self._scene.sun
+        sun = s.direction_enu.astype(np.float32)
         side = np.where((hit["Ng"] * directions).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
         normals = side * hit["Ng"] / np.maximum(np.linalg.norm(hit["Ng"], axis=1, keepdims=True), 1e-12)
         starts = (points + 0.01 * normals).astype(np.float32)
         towards_sun = np.tile(sun, (len(starts), 1))
-        lit = ~np.logical_or.reduce([s.hides(starts, towards_sun) for s in scenes])
-        mesh, s = self._mesh, self._sun
+        lit = ~np.logical_or.reduce([scene.hides(starts, towards_sun) for scene in stage.everything()])
+        mesh = stage.mesh
         colours = _shade(
-            faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, self._material,
-            self._density, mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._textures,
+            faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, stage.n_ground,
+            stage.density, mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._layers,
+            self._cover.surfaces, self._cover.windows,
             pose.position_enu_m, lens.focal_px, s.direction_enu, s.sun_rgb, s.sky_rgb,
             s.ground_rgb, s.haze_rgb, 3.912 / s.visibility_m, time_s,
         )  # fmt: skip
         return colours, faces
+
+    def _ground_m(self, pose: CameraPose) -> float:
+        return self._scene.terrain.height_at_m(*pose.position_enu_m[:2])
+
+    def _set_stage(self, lens: Lens, pose: CameraPose) -> _Stage:
+        """What is near enough to a view to be seen in it or to cast shadows into it.
+
+        It is built anew when the view leaves it, in steps, so that a picture does not depend on earlier ones.
+        """
+        x, y = (round(v / _STEP_M) for v in pose.position_enu_m[:2].tolist())
+        above_m = max(float(pose.position_enu_m[2]) - self._ground_m(pose), 1.0)
+        reach_m = _NEAR_M
+        while reach_m < 1.2 * ground_reach_m(lens, pose, above_m) + _SHADOWS_M + _STEP_M and reach_m < FAR_M:
+            reach_m *= 2.0
+        if self._stage is None or self._place != (x, y, reach_m):
+            self._place = x, y, reach_m
+            self._stage = self._build(np.array([x, y]) * _STEP_M, reach_m)
+        return self._stage
+
+    def _build(self, place_m: F64, reach_m: float) -> _Stage:
+        scene, grid = self._scene, self._scene.ground
+        low, high = grid.low_enu_m[:, :2], grid.high_enu_m[:, :2]
+        distance_m = np.linalg.norm(np.clip(place_m, low, high) - place_m, axis=1)
+        chunks = np.flatnonzero(distance_m <= reach_m)
+        spacing_px = _FOCAL_PX * grid.spacing_m / np.maximum(distance_m, 1.0)
+        parts = [(grid.mesh_of(chunks, spacing_px), 0)]
+        near = np.linalg.norm(self._solids_enu_m[:, :2] - place_m, axis=1) <= reach_m
+        parts += [(scene.solids[k].mesh, scene.solids[k].id) for k in np.flatnonzero(near)]
+        for planting in scene.plantings:
+            away_m = np.linalg.norm(planting.places[:, :2] - place_m, axis=1)
+            for detail, chosen in ((1, away_m <= _NEAR_M), (0, (away_m > _NEAR_M) & (away_m <= reach_m))):
+                if chosen.any():
+                    parts.append((_expanded(planting.meshes[detail], planting.places[chosen]), 0))
+        return _Stage(parts, scene.movers, scene.layers.shape[1])
+
+
+class _Stage:
+    """Meshes, the ground first, with their objects' numbers, as scenes of Embree: what stands, what moves."""
+
+    def __init__(self, standing: list[tuple[Mesh, int]], movers: Sequence[Mover], layer_px: int) -> None:
+        parts = standing + [(m.mesh, m.id) for m in movers]
+        self.mesh = merge([m for m, _ in parts])
+        face_counts = [len(m.faces) for m, _ in parts]
+        self.n_ground, n_standing = face_counts[0], sum(face_counts[: len(standing)])
+        self.ids = np.repeat(np.array([k for _, k in parts], dtype=np.int32), face_counts)
+        self.part = np.repeat(np.arange(len(parts), dtype=np.int32), face_counts)
+        self.density = _texel_density(self.mesh, layer_px)
+        self._standing = [_Faces(self.mesh, np.arange(n_standing))]
+        objects = np.flatnonzero(self.ids[:n_standing] > 0)
+        self._objects = [_Faces(self.mesh, objects)] if len(objects) else []
+        self._movers, self._moving = movers, np.arange(n_standing, len(self.mesh.faces))
+        self._moved: list[_Faces] = []
+        self._moved_s = math.nan
+
+    def everything(self) -> list[_Faces]:
+        """All faces."""
+        return self._standing + self._moved
+
+    def objects(self) -> list[_Faces]:
+        """Those of objects."""
+        return self._objects + self._moved
+
+    def move(self, time_s: float) -> None:
+        """Have what moves where it is at this time."""
+        if not self._movers or time_s == self._moved_s:
+            return
+        moved = merge([mover.at(time_s) for mover in self._movers])
+        first = len(self.mesh.vertices) - len(moved.vertices)
+        self.mesh.vertices[first:], self.mesh.normals[first:] = moved.vertices, moved.normals
+        self._moved, self._moved_s = [_Faces(self.mesh, self._moving)], time_s
+
+
+class _Cover:
+    """The ground's surfaces and the windows of its picture, as tuples for Numba."""
+
+    def __init__(self, scene: Scene) -> None:
+        c = scene.covering
+        cover = c.cover if c else everywhere(scene.terrain)
+        looks = c.textures if c else (scene.ground_textures,)
+        west, south, east, north = cover.bounds_enu_m
+        rows, columns = cover.codes.shape
+        self.surfaces = (
+            _mips(np.stack([look.detail for look in looks])),
+            _mips(np.stack([look.middle for look in looks])),
+            _mips(np.stack([look.macro for look in looks])),
+            _mips(border_noise()[None]),
+            cover.codes,
+            np.array([west, south, columns / (east - west), rows / (north - south)]),
+            cover.names.index("water") if "water" in cover.names else -1,
+        )
+        self._windows = PictureWindows(c.picture) if c and c.picture else None
+        self._finest_m = c.picture.pixel_m if c and c.picture else 1.0
+        self._shown: tuple[Window, ...] = ()
+        self.windows = _mips(np.zeros((1, 1, 1, 4), np.uint8)), np.zeros((1, 4)), self._finest_m
+
+    def show(self, lens: Lens, pose: CameraPose, ground_m: float) -> None:
+        """Hold the parts of the picture that a view needs."""
+        windows = self._windows.of(lens, pose, ground_m) if self._windows else ()
+        if windows != self._shown:
+            frames = np.array([(w.west_m, w.south_m, w.side_m, w.pixel_m) for w in windows])
+            self.windows = _mips(np.stack([w.rgba for w in windows])), frames, self._finest_m
+            self._shown = windows
 
 
 class _Faces:
@@ -153,11 +250,10 @@ def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
     return first
 
 
-def _expanded(planting: Planting) -> Mesh:
-    """All copies of a planting as one mesh."""
-    unit = planting.meshes[1]
+def _expanded(unit: Mesh, places: F32) -> Mesh:
+    """Copies of a plant's unit mesh as one mesh; ``places`` as in ``Planting``."""
     copies = []
-    for x, y, z, yaw, radius, height, shade in planting.places.tolist():
+    for x, y, z, yaw, radius, height, shade in places.tolist():
         copy = unit.moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade)
         sized = unit.vertices * (radius, radius, height)
         uv = (sized[:, :2] + sized[:, 2:] * (0.61, 0.73)) / PLANT_TEXTURE_M
@@ -189,29 +285,29 @@ def _texel_density(mesh: Mesh, layer_px: int) -> F32:
 
 
 def _mips(images: U8) -> tuple[F32, I64]:
-    """Mip maps of square layers (L, n, n, 3): texels (T, 3) 0..1 in a row, and where levels start."""
+    """Mip maps of square layers (L, n, n, C): texels (T, C) 0..1 in a row, and where levels start."""
     levels, level = [], images.astype(np.float32) / 255
     while True:
-        levels.append(level.reshape(-1, 3))
+        levels.append(level.reshape(-1, images.shape[3]))
         n = level.shape[1]
         if n == 1:
             break
         smaller = [cv2.resize(i, (n // 2, n // 2), interpolation=cv2.INTER_AREA) for i in level]
-        level = np.stack(smaller).reshape(-1, n // 2, n // 2, 3)
+        level = np.stack(smaller).reshape(-1, n // 2, n // 2, images.shape[3])
     starts = np.cumsum([0] + [len(t) for t in levels])
     return np.concatenate(levels), starts.astype(np.int64)
 
 
 @njit(cache=True)
-def _tile(texture: Any, u: float, v: float, pixel: float, out: Any) -> None:
-    """A sample of a single layer; ``pixel`` is the share of the tile's side that a pixel spans."""
+def _tile(texture: Any, layer: int, u: float, v: float, pixel: float, out: Any) -> None:
+    """A sample of a layer; ``pixel`` is the share of the tile's side that a pixel spans."""
     n = 1 << (len(texture[1]) - 2)
-    _sample(texture, 0, u, v, np.log2(pixel * n), out)
+    _sample(texture, layer, u, v, np.log2(pixel * n), out)
 
 
 @njit(cache=True)
 def _sample(texture: Any, layer: int, u: float, v: float, level: float, out: Any) -> None:
-    """Trilinear, wrapping: writes (3,) to ``out``."""
+    """Trilinear, wrapping: writes (C,) to ``out``."""
     texels, starts = texture
     top = len(starts) - 2
     level = min(max(level, 0.0), float(top))
@@ -230,18 +326,57 @@ def _sample(texture: Any, layer: int, u: float, v: float, level: float, out: Any
             for ox in range(2):
                 w = wk * (fx if ox else 1.0 - fx) * (fy if oy else 1.0 - fy)
                 row = base + ((y0 + oy) % n) * n + (x0 + ox) % n
-                for c in range(3):
+                for c in range(len(out)):
                     out[c] += w * texels[row, c]
 
 
 @njit(cache=True)
+def _code_at(surfaces: Any, x: float, y: float, pixel_m: float, out: Any) -> int:
+    """The surface at a place: ``code_here`` of gl_shaders."""
+    codes, frame = surfaces[4], surfaces[5]
+    rows, columns = codes.shape
+    if rows == 1 and columns == 1:
+        return int(codes[0, 0])
+    _tile(surfaces[3], 0, x / WANDER_M, y / WANDER_M, pixel_m / WANDER_M, out)
+    u, v = (x - frame[0]) * frame[2] - 0.5, (y - frame[1]) * frame[3] - 0.5
+    j, i = int(np.floor(u)), int(np.floor(v))
+    fx = min(max(u - j + STRAY * (out[0] - 0.5), 0.0), 1.0)
+    fy = min(max(v - i + STRAY * (out[1] - 0.5), 0.0), 1.0)
+    found, most = 0, 0.0
+    for k in range(4):
+        code = codes[min(max(i + k // 2, 0), rows - 1), min(max(j + k % 2, 0), columns - 1)]
+        weight = 0.0
+        for m in range(4):
+            if codes[min(max(i + m // 2, 0), rows - 1), min(max(j + m % 2, 0), columns - 1)] == code:
+                weight += (fx if m % 2 else 1.0 - fx) * (fy if m // 2 else 1.0 - fy)
+        if weight > most:
+            found, most = code, weight
+    return int(found)
+
+
+@njit(cache=True)
+def _pictured(windows: Any, x: float, y: float, pixel_m: float, out: Any) -> float:
+    """The ground's picture at a place (4,) to ``out``; returns the size of its pixels there."""
+    texture, frames, _ = windows
+    out[:] = 0.0
+    for k in range(len(frames)):
+        u, v, side = x - frames[k, 0], y - frames[k, 1], frames[k, 2]
+        if max(abs(u - 0.5 * side), abs(v - 0.5 * side)) < 0.5 * side - frames[k, 3]:
+            _sample(texture, k, u / side, v / side, np.log2(pixel_m / frames[k, 3]), out)
+            return float(frames[k, 3])
+    return 1.0
+
+
+@njit(cache=True)
 def _shade(
-    faces: Any, bary_u: Any, bary_v: Any, points: Any, directions: Any, lit: Any, material: Any, density: Any,
-    triangles: Any, normals: Any, tints: Any, texture: Any, textures: Any, eye: Any, focal_px: float,
+    faces: Any, bary_u: Any, bary_v: Any, points: Any, directions: Any, lit: Any, n_ground: int, density: Any,
+    triangles: Any, normals: Any, tints: Any, texture: Any, layers: Any, surfaces: Any, windows: Any,
+    eye: Any, focal_px: float,
     sun: Any, sun_rgb: Any, sky_rgb: Any, ground_rgb: Any, haze_rgb: Any, haze_per_m: float, time_s: float,
 ) -> Any:  # fmt: skip
     """The shaders of gl_shaders, ray by ray."""
-    detail, middle, macro, layers = textures
+    detail, middle, macro = surfaces[0], surfaces[1], surfaces[2]
+    seen = np.zeros(4)
     n_rays = len(faces)
     out = np.empty((n_rays, 3), np.float32)
     a, b, c, n, light = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -262,10 +397,14 @@ def _shade(
         shine = 1.0 if lit[i] else 0.0
         lean = max(abs(directions[i, 2]), 0.2)
         pixel_m = distance / focal_px / np.sqrt(lean)
-        if material[face] == _WATER:
-            _tile(detail, p[0] / 2.9 + 0.11 * time_s, p[1] / 2.9 + 0.05 * time_s, pixel_m / 2.9, a)
-            _tile(detail, p[1] / 11.7 - 0.031 * time_s, p[0] / 11.7 + 0.043 * time_s, pixel_m / 11.7, b)
-            _tile(detail, p[0] / 47.0 + 0.017 * time_s, p[1] / 47.0 - 0.008 * time_s, pixel_m / 47.0, c)
+        code, picture_m = 0, 1.0
+        if face < n_ground:
+            code = _code_at(surfaces, p[0], p[1], pixel_m, a)
+            picture_m = _pictured(windows, p[0], p[1], pixel_m, seen)
+        if face < n_ground and code == surfaces[6] and seen[3] <= 0.5:
+            _tile(detail, code, p[0] / 2.9 + 0.11 * time_s, p[1] / 2.9 + 0.05 * time_s, pixel_m / 2.9, a)
+            _tile(detail, code, p[1] / 11.7 - 0.031 * time_s, p[0] / 11.7 + 0.043 * time_s, pixel_m / 11.7, b)
+            _tile(detail, code, p[0] / 47.0 + 0.017 * time_s, p[1] / 47.0 - 0.008 * time_s, pixel_m / 47.0, c)
             crest = b[2] + c[2]
             for k in range(2):
                 n[k] = -((a[k] - 0.5) * 0.32 + (b[k] - 0.5) * 0.42 + (c[k] - 0.5) * 0.40)
@@ -282,9 +421,10 @@ def _shade(
                     up = min(max(r, 0.0), 1.0)
             glint = max(towards_sun, 0.0) ** 90.0
             slope_light = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0)
-            _tile(macro, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, a)
+            _tile(macro, code, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, a)
             _tile(
                 middle,
+                code,
                 p[0] / MIDDLE_M + 0.006 * time_s,
                 p[1] / MIDDLE_M + 0.004 * time_s,
                 pixel_m / MIDDLE_M,
@@ -300,12 +440,21 @@ def _shade(
                 light[k] = rgb * (1.0 - foam) + 0.75 * (sky_rgb[k] + sun_rgb[k] * shine * 0.7) * foam
         else:
             beam = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0) * shine
-            if material[face] == _GROUND:
-                _tile(detail, p[0] / DETAIL_M, p[1] / DETAIL_M, pixel_m / DETAIL_M, a)
-                _tile(middle, p[1] / MIDDLE_M, p[0] / MIDDLE_M, pixel_m / MIDDLE_M, b)
-                _tile(macro, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, c)
+            if face < n_ground:
+                _tile(detail, code, p[0] / DETAIL_M, p[1] / DETAIL_M, pixel_m / DETAIL_M, a)
+                _tile(middle, code, p[1] / MIDDLE_M, p[0] / MIDDLE_M, pixel_m / MIDDLE_M, b)
+                _tile(macro, code, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, c)
                 for k in range(3):
-                    light[k] = (4.0 * a[k] * b[k] * c[k]) ** 2 * (sky_rgb[k] + sun_rgb[k] * beam)
+                    light[k] = (4.0 * a[k] * b[k] * c[k]) ** 2
+                if seen[3] > 0.0:
+                    _tile(detail, code, p[0] / DETAIL_M, p[1] / DETAIL_M, max(picture_m, windows[2]) / DETAIL_M, b)
+                    for k in range(3):
+                        tone, fine = (seen[k] / seen[3]) ** 2, min(max(a[k] / b[k], FINE_LEAST), FINE_MOST)
+                        fine = 1.0 if code == surfaces[6] else fine
+                        shown = 1.3 * tone / ((1.6 - tone) * PICTURE_LIGHT) * fine**2
+                        light[k] += (shown - light[k]) * seen[3]
+                for k in range(3):
+                    light[k] *= sky_rgb[k] + sun_rgb[k] * beam
             else:
                 u = w0 * texture[i0, 0] + w1 * texture[i1, 0] + w2 * texture[i2, 0]
                 v = w0 * texture[i0, 1] + w1 * texture[i1, 1] + w2 * texture[i2, 1]

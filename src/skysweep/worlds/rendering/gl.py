@@ -30,7 +30,8 @@ Rectangle = tuple[int, int, int, int]  # left, first row, width, height
 _KINDS = ("ground", "solid", "plant")
 SAMPLES = 4
 SHADOW_PX = 4096
-SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground; the least sufficient is used
+SHADOW_SPANS_M = (64.0, 128.0, 320.0, 1280.0)  # widths of the shadow map on the ground
+_SHADOWED = (1.3, 1.3, 0.5, 0.0)  # of what is in sight: the least such span is used
 _STEEP = 0.2  # descent of a line of sight that meets the ground well before the horizon
 _RUGGED_SHARE = 0.5  # of the picture: above it, the whole picture is drawn with all samples
 
@@ -184,7 +185,7 @@ class GLRenderer:
         eye, forward = pose.position_enu_m, pose.R_camera_to_enu[:, 2]
         reach = max(eye[2] - self._terrain.height_m(eye[:2])[0], 1.0) / max(-forward[2], 0.35)
         in_sight = 2.2 * reach * float(np.tan(lens.hfov_rad / 2))
-        span = next((s for s in SHADOW_SPANS_M if s >= 1.3 * in_sight), SHADOW_SPANS_M[-1])
+        span = next(s for s, share in zip(SHADOW_SPANS_M, _SHADOWED, strict=True) if s >= share * in_sight)
         step = span / 8
         aim = eye[:2] + min(reach, 0.4 * span) * forward[:2]
         cell = (round(aim[0] / step), round(aim[1] / step))

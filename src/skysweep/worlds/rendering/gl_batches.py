@@ -17,6 +17,8 @@ from skysweep.worlds.scene import Mover, Planting, Solid
 
 SOLID_TILE_M = 16.0
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])  # of a box: low or high
+PLANT_TILE_M = 64.0
+PLANT_SHOWS_PX = 0.5  # crown radius from which a plant is drawn
 PLANT_DETAIL_PX = (8.0, 40.0)  # crown radii from which a plant is drawn finer
 
 
@@ -152,25 +154,31 @@ class Plants:
 
     def __init__(self, gl: moderngl.Context, planting: Planting) -> None:
         self._gl = gl
-        blocks, n_bytes = map(_block, planting.meshes), planting.places.nbytes
+        cells = np.floor(planting.places[:, :2] / PLANT_TILE_M)
+        order = np.lexsort(cells.T)
+        firsts = np.flatnonzero(np.r_[True, np.diff(cells[order], axis=0).any(axis=1)])
+        self._places = planting.places[order]
+        blocks, n_bytes = map(_block, planting.meshes), self._places.nbytes
         self._details = [
             (gl.buffer(b.vertices.tobytes()), gl.buffer(b.faces.tobytes()), gl.buffer(reserve=n_bytes))
             for b in blocks
         ]
-        self._places = planting.places
-        height, radius = planting.places[:, 5].astype(float), planting.places[:, 4].astype(float)
-        self._centres = planting.places[:, :3] + np.array([0, 0, 0.5]) * height[:, None]
+        height, radius = self._places[:, 5].astype(float), self._places[:, 4].astype(float)
+        self._centres = self._places[:, :3] + np.array([0, 0, 0.5]) * height[:, None]
         self._radii = np.hypot(0.55 * height, radius)
+        self._low = np.minimum.reduceat(self._centres - self._radii[:, None], firsts)
+        self._high = np.maximum.reduceat(self._centres + self._radii[:, None], firsts)
+        self._in_cell = np.diff(np.r_[firsts, len(order)])
         self._arrays: dict[tuple[int, int], moderngl.VertexArray] = {}
 
     def is_in_sight(self, view: Projection) -> bool:
-        return bool(view.sees(self._centres, self._radii).any())
+        return len(self._seen(view)) > 0
 
     def draw(self, program: moderngl.Program, view: Projection) -> None:
-        seen = np.flatnonzero(view.sees(self._centres, self._radii))
-        if len(seen) == 0:
-            return
-        level = np.searchsorted(PLANT_DETAIL_PX, view.pixels(self._centres[seen], self._places[seen, 4]))
+        seen = self._seen(view)
+        radii_px = view.pixels(self._centres[seen], self._places[seen, 4])
+        seen, radii_px = seen[radii_px >= PLANT_SHOWS_PX], radii_px[radii_px >= PLANT_SHOWS_PX]
+        level = np.searchsorted(PLANT_DETAIL_PX, radii_px)
         for detail, (vertices, faces, instances) in enumerate(self._details):
             places = self._places[seen[level == detail]]
             if len(places) == 0:
@@ -182,6 +190,11 @@ class Plants:
                 self._arrays[(program.glo, detail)] = array
             instances.write(places.tobytes())
             array.render(instances=len(places))
+
+    def _seen(self, view: Projection) -> NDArray[np.intp]:
+        """Which of the plants in the cells in sight are in sight."""
+        near = np.flatnonzero(np.repeat(view.sees_boxes(self._low, self._high), self._in_cell))
+        return near[view.sees(self._centres[near], self._radii[near])]
 
 
 def bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:

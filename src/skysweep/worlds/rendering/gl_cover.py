@@ -14,6 +14,7 @@ from skysweep.worlds.rendering import gl_shaders as shaders
 from skysweep.worlds.rendering.gl_textures import filtered, filtered_array
 from skysweep.worlds.rendering.picture_windows import MOST_WINDOWS, PictureWindows, Window, window_px
 from skysweep.worlds.scene import Covering
+from skysweep.worlds.textures import border_noise
 from skysweep.worlds.world import GroundCover
 
 _FIRST_UNIT = 5  # of textures
@@ -41,7 +42,7 @@ class Cover:
             "details": filtered_array(gl, [look.detail for look in looks]),
             "middles": filtered_array(gl, [look.middle for look in looks]),
             "macros": filtered_array(gl, [look.macro for look in looks]),
-            "wander": filtered(gl, covering.wander),
+            "wander": filtered(gl, border_noise()),
             "cover": _fours(gl, cover),
         }
         west, south, east, north = cover.bounds_enu_m
@@ -55,6 +56,8 @@ class Cover:
                 program["water_code"] = cover.names.index("water") if self.lake else -1.0
             if "windows" in program:
                 program["windows"] = _FIRST_UNIT + len(self._textures)
+            if "finest_m" in program and covering.picture:
+                program["finest_m"] = covering.picture.pixel_m
         for unit, texture in enumerate(self._textures.values(), start=_FIRST_UNIT):
             texture.use(unit)
 

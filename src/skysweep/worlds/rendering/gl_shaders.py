@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from skysweep.worlds.scene import PLANT_TEXTURE_M, WANDER_M
+from skysweep.worlds.scene import FINE_LEAST, FINE_MOST, PICTURE_LIGHT, PLANT_TEXTURE_M, STRAY, WANDER_M
 from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
-
-STRAY = 1.6  # cells, by which a border strays at full noise
-FINE_LEAST, FINE_MOST = 0.4, 2.5  # what a surface's detail does to the tones of the ground's picture
-PICTURE_LIGHT = 1.55  # under which level ground has the tones of its picture
 
 _LIGHT = """
 uniform sampler2DShadow shadow_map; uniform vec3 sun_direction, sun_rgb, sky_rgb, ground_rgb, haze_rgb, eye;
@@ -109,6 +105,7 @@ float code_here() {{
 
 _PICTURE = """
 uniform sampler2DArray windows;
+uniform float finest_m;  // the picture's own pixel
 uniform vec4 frames[3];  // west, south, side, pixel in metres; no side: there is none
 vec4 pictured(out float pixel_m) {
     vec3 at = vec3(0.0, 0.0, -1.0);
@@ -147,7 +144,7 @@ void main() {{
     vec3 detail = scale(details, v_world.xy / {DETAIL_M}, code);
     vec3 albedo = 4.0 * detail
         * scale(middles, v_world.yx / {MIDDLE_M}, code) * scale(macros, v_world.xy / {MACRO_M}, code);
-    float texels = pixel_m / {DETAIL_M} * float(textureSize(details, 0).x);
+    float texels = max(pixel_m, finest_m) / {DETAIL_M} * float(textureSize(details, 0).x);
     vec3 coarse = textureLod(details, vec3(v_world.xy / {DETAIL_M}, code), log2(texels)).rgb;
     vec3 tone = seen.rgb / max(seen.a, 0.01), fine = clamp(detail / coarse, {FINE_LEAST}, {FINE_MOST});
     fine = code == water_code ? vec3(1.0) : fine;

@@ -54,8 +54,6 @@ class PictureWindows:
         above_m = max(float(eye[2]) - ground_m, 1.0)
         reach_m = above_m / max(-float(forward[2]), 0.35)
         in_sight_m = 2.2 * reach_m * math.tan(lens.hfov_rad / 2)
-        corners = rays_enu(lens, pose, lens.corners_px)
-        far_m = above_m * float((np.hypot(*corners[:, :2].T) / np.maximum(-corners[:, 2], _LEVEL)).max())
         side_m = _LEAST_M * _FINER ** max(math.ceil(math.log(1.35 * in_sight_m / _LEAST_M, _FINER)), 0)
         found = []
         for _ in range(MOST_WINDOWS):
@@ -66,7 +64,7 @@ class PictureWindows:
                 round((eye[1] + ahead_m * forward[1]) / step_m),
             )
             found.append(self._window(*cell, side_m, window_px(lens)))
-            if 0.4 * side_m > min(far_m, HORIZON_M):
+            if 0.4 * side_m > min(ground_reach_m(lens, pose, above_m), HORIZON_M):
                 break
             side_m *= _WIDER
         return tuple(found)
@@ -87,3 +85,9 @@ class PictureWindows:
 def window_px(lens: Lens) -> int:
     """A side of the windows of a lens."""
     return min(2 ** math.ceil(math.log2(2 * lens.width_px)), _MOST_PX)
+
+
+def ground_reach_m(lens: Lens, pose: CameraPose, above_m: float) -> float:
+    """How far away, level, a view sees the ground from ``above_m`` over it; far, where it sees the horizon."""
+    corners = rays_enu(lens, pose, lens.corners_px)
+    return above_m * float((np.hypot(*corners[:, :2].T) / np.maximum(-corners[:, 2], _LEVEL)).max())
