@@ -81,9 +81,7 @@ def in_view(
 
 
 @njit(cache=True)
-def _is_outside(
-    low: F64, high: F64, eye: F64, R: F64, across: float, up: float, margin_m: float
-) -> bool:
+def _is_outside(low: F64, high: F64, eye: F64, R: F64, across: float, up: float, margin_m: float) -> bool:
     """Whether a box is beyond one of the picture's four edges or behind the camera."""
     for side in range(5):
         farthest = margin_m if side < 4 else 0.0

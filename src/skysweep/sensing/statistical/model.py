@@ -252,7 +252,9 @@ class StatisticalModel(_Part):
         least = min(view.scale, 1.0)
         noise, known = camera.noise_std * least, self.camera.noise_std
         if noise > known * _ROUNDING:
-            found.append(f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}")
+            found.append(
+                f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}"
+            )
         coarse, known = _jpeg_step(camera.jpeg_quality) * least, _jpeg_step(self.camera.jpeg_quality)
         if coarse > known * _ROUNDING:
             found.append(
@@ -261,9 +263,7 @@ class StatisticalModel(_Part):
             )
         return found
 
-    def extrapolation(
-        self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float
-    ) -> str:
+    def extrapolation(self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float) -> str:
         """In words, what the model was calibrated for instead of this search; empty if for this.
 
         ``smallest_m`` is the size of the smallest target. Beyond its tables the model repeats their ends.
