@@ -16,7 +16,9 @@ from skysweep.planning.sun import moment_of, sun_at
         ("2026-06-21T12:01:50+00:00", 23.436, 0.0, 89.99, None),
     ],
 )
-def test_the_sun_stands_where_the_almanac_has_it(when, latitude_deg, longitude_deg, elevation_deg, heading_deg):
+def test_the_sun_stands_where_the_almanac_has_it(
+    when, latitude_deg, longitude_deg, elevation_deg, heading_deg
+):
     sun = sun_at(datetime.fromisoformat(when), latitude_deg, longitude_deg)
     assert sun.elevation_deg == pytest.approx(elevation_deg, abs=0.15)
     if heading_deg is not None:

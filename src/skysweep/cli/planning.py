@@ -51,7 +51,9 @@ def plan(
     seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
     at: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Of take-off, as 2026-10-03T15:30+02:00: where the sun stands then."),
+        typer.Option(
+            metavar="TIME", help="Of take-off, as 2026-10-03T15:30+02:00: where the sun stands then."
+        ),
     ] = None,
     advise: Annotated[
         bool, typer.Option("--advise", help="Compare altitudes, speeds and overlaps before any is flown.")

@@ -117,7 +117,9 @@ def _settings(scenario: Scenario) -> Iterator[tuple[float, float]]:
     if pixel_metres / safety.altitude_max_agl_m > _PIXELS[0]:
         heights.add(safety.altitude_max_agl_m)
     cruise_mps = scenario.vehicle.cruise_speed_mps
-    speeds = {round(share * cruise_mps, 1) for share in _SPEED_SHARES} | {min(search.scan_speed_mps, cruise_mps)}
+    speeds = {round(share * cruise_mps, 1) for share in _SPEED_SHARES} | {
+        min(search.scan_speed_mps, cruise_mps)
+    }
     for height_m in sorted(heights | {search.scan_altitude_agl_m}, reverse=True):
         for speed_mps in sorted(speeds):
             yield height_m, speed_mps
@@ -160,11 +162,15 @@ def _best(options: list[Option], wanted_pod: float) -> tuple[Option | None, str]
     if all(o.pod is None for o in flyable):
         enough = [o for o in flyable if o.pixels_on_target >= WISHED_AT_SCAN_PX]
         if enough:
-            return shortest(enough), f"the shortest flight with {WISHED_AT_SCAN_PX:g} pixels on the smallest target"
+            return shortest(
+                enough
+            ), f"the shortest flight with {WISHED_AT_SCAN_PX:g} pixels on the smallest target"
         most = max(flyable, key=lambda o: (o.pixels_on_target, -(o.time_s or 0.0)))
         return most, "most pixels on the smallest target; too few for a detector to rely on"
     enough = [o for o in flyable if (o.pod or 0.0) >= wanted_pod]
     if enough:
-        return shortest(enough), f"the shortest flight that is expected to find {wanted_pod:.0%} of the targets"
+        return shortest(
+            enough
+        ), f"the shortest flight that is expected to find {wanted_pod:.0%} of the targets"
     most = max(flyable, key=lambda o: (o.pod or 0.0, -(o.time_s or 0.0)))
     return most, f"no flight is expected to find {wanted_pod:.0%} of the targets; this one finds most"

@@ -138,7 +138,7 @@ def assess(plan: CoveragePlan, scenario: Scenario, when: datetime | None = None)
         scenario,
         prove(plan, scenario, terrain),
         path,
-        sum(p.lost_s(scenario.search.scan_speed_mps) for p in plan.profiles),
+        float(plan.lost_s(min(scenario.search.scan_speed_mps, scenario.vehicle.cruise_speed_mps)).sum()),
         path.stretches(hidden),
         float(hidden.mean()),
         sun,

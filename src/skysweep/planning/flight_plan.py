@@ -60,7 +60,8 @@ def plan_scenario(
 
     ``altitude_agl_m`` is the scan altitude unless a strategy covers the area from another one. At the scan
     altitude ``search.plan``, where given, is flown as drawn; else transects are planned over the area at
-    ``search.transect_heading_deg`` or the best angle. Raises UserError where no flight is possible.
+    ``search.transect_heading_deg`` or the best angle. Over hilly ground they have profiles of height and
+    speed. Raises UserError where no flight is possible.
     """
     search = scenario.search
     altitude = search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
@@ -95,7 +96,7 @@ def estimate_flight(
     """
     altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     vehicle, lens = scenario.vehicle, scenario.camera.lens
-    stops, path = _path(plan.waypoints_xy_enu_m, scenario)
+    stops, path = _path(plan, scenario)
     home = np.broadcast_to(np.array(scenario.home.position_enu_m, dtype=float), stops.shape)
     hover_w = float(_power_w(scenario, scenario.wind.mean_speed_mps))
     climb = Spent.at(altitude / vehicle.climb_speed_mps + TAKE_OFF_LAG_S, hover_w)
@@ -213,9 +214,14 @@ def _power_w(scenario: Scenario, air_speed_mps: ArrayLike) -> F64:
     return np.asarray(scenario.vehicle.hover_power_w * thrust_to_weight**1.5)
 
 
-def _path(waypoints: F64, scenario: Scenario) -> tuple[F64, Spent]:
+def _path(plan: CoveragePlan, scenario: Scenario) -> tuple[F64, Spent]:
     """Places (K, 2) where the path may be broken off, and what is spent (K,) from the first one to them."""
-    legs = _legs(waypoints[:-1], waypoints[1:], scenario.search.scan_speed_mps, scenario)
+    waypoints, scan_mps = plan.waypoints_xy_enu_m, scenario.search.scan_speed_mps
+    legs = _legs(waypoints[:-1], waypoints[1:], scan_mps, scenario)
+    if plan.profiles:
+        lost_s = plan.lost_s(min(scan_mps, scenario.vehicle.cruise_speed_mps))
+        hover_w = float(_power_w(scenario, scenario.wind.mean_speed_mps))
+        legs = Spent(legs.time_s + lost_s, legs.energy_wh + lost_s * hover_w / 3600.0)
     lengths_m = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
     pieces = np.maximum(1, np.ceil(lengths_m / _BREAK_EVERY_M).astype(int))
     leg = np.repeat(np.arange(len(pieces)), pieces)

@@ -73,7 +73,9 @@ def flown_path(
             speed_mps = cruise_mps if k == len(corners) - 2 else scan_mps
             step_s = math.dist(*leg) / (len(ground) - 1) / speed_mps
             ahead = round(LOOK_AHEAD_S / max(step_s, 1e-9)) if step_s > 0.0 else 0
-            wanted = np.maximum(ground, np.append(ground[ahead:], np.full(min(ahead, len(ground)), ground[-1])))
+            wanted = np.maximum(
+                ground, np.append(ground[ahead:], np.full(min(ahead, len(ground)), ground[-1]))
+            )
             rates = vehicle.climb_speed_mps * step_s, vehicle.descent_speed_mps * step_s
             height = _follow(wanted[: len(ground)] + altitude_agl_m, ground + keep_m, height_m, *rates)
         height_m = float(height[-1])

@@ -92,7 +92,9 @@ class Following:
             if math.dist(here, (x, y)) <= BESIDE_M:
                 stations = np.arange(len(profile.height_m))
                 step_m = profile.length_m / stations[-1]
-                at = np.minimum(share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1])
+                at = np.minimum(
+                    share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1]
+                )
                 heights = np.interp(at, stations, profile.height_m)
                 between = profile.height_m[math.ceil(at[0]) : math.floor(at[2]) + 1]
                 highest_m = between.max(initial=heights.max())
@@ -124,9 +126,9 @@ def profiles_of(
         _raise_for_cells(needs, transects, heading_deg, scenario, altitude_agl_m, terrain, to_see)
     profiles = []
     for leg, ground, need in zip(transects, grounds, needs, strict=True):
-        highest = ground + scenario.safety.altitude_max_agl_m
+        highest, allowed = ground + scenario.safety.altitude_max_agl_m, ground + HIGHER * altitude_agl_m
         speed, height = _speeds_and_heights(
-            np.minimum(need, highest), ground + HIGHER * altitude_agl_m, math.dist(*leg), scan_mps, vehicle
+            np.minimum(need, highest), np.minimum(allowed, highest), math.dist(*leg), scan_mps, vehicle
         )
         profiles.append(LegProfile(np.asarray(leg), ground, height, speed))
     return tuple(profiles)

@@ -32,11 +32,11 @@ def plan_over_hills(scenario: Scenario, altitude_agl_m: float, terrain: TerrainS
     area, lens, search = scenario.area_enu_m, scenario.camera.lens, scenario.search
     start = np.array(scenario.home.position_enu_m, dtype=float)
     width, height = lens.footprint_m(altitude_agl_m)
+    scan_mps = min(search.scan_speed_mps, scenario.vehicle.cruise_speed_mps)
 
     def cost(plan: CoveragePlan) -> float:
         follows = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain)
-        lost_s = sum(p.lost_s(search.scan_speed_mps) for p in follows)
-        return cost_m(plan, start) + lost_s * search.scan_speed_mps
+        return cost_m(plan, start) + scan_mps * sum(p.lost_s(scan_mps) for p in follows)
 
     tried = plans_tried(area, lens, altitude_agl_m, search.sidelap, search.transect_heading_deg, start)
     plan = with_profiles(min(tried, key=cost), scenario, altitude_agl_m, terrain)

@@ -63,9 +63,7 @@ def path_over(gaps: Sequence[Gap], scenario: Scenario) -> CoveragePlan:
     here: F64 = np.array(scenario.home.position_enu_m, dtype=float)
 
     def over(gap: Gap, heading_deg: float | None) -> CoveragePlan:
-        return plan_coverage(
-            gap.polygon, lens, search.scan_altitude_agl_m, search.sidelap, heading_deg, here
-        )
+        return plan_coverage(gap.polygon, lens, search.scan_altitude_agl_m, search.sidelap, heading_deg, here)
 
     heading_deg = over(gaps[0], search.transect_heading_deg).heading_deg
     left, plans = list(gaps), []
