@@ -1,4 +1,6 @@
-"""Missions in sorties on the look-alike: nothing takes off again without a person's word and a full battery."""
+"""Missions in sorties on the look-alike: none begins without a person's word and a full battery."""
+
+from itertools import pairwise
 
 import pytest
 from look_alike import LookAlike
@@ -86,12 +88,13 @@ def test_a_person_changes_the_battery_and_says_continue():
     flight = Sorties(once((SWAP_S, new_battery), (SWAP_S + 5.0, go)))
     assert flight.reason == "completed"
     (landed,), (again,) = flight.of_kind("sortie"), flight.of_kind("next_sortie")
-    assert landed["number"] == 1 and landed["battery"] < 0.6
-    assert again["number"] == 2 and again["battery"] > 0.95
+    assert (landed["number"], again["number"]) == (1, 2)
+    assert landed["battery"] < 0.6
+    assert again["battery"] > 0.95
     assert again["t"] - landed["t"] == pytest.approx(SWAP_S + 5.0, abs=8.0)  # arming, and PX4's slow start
     assert len(flight.of_kind("confirmed")) == 2
     times = [t for t, _, _ in flight.modes]
-    assert all(b >= a for a, b in zip(times, times[1:], strict=False))
+    assert all(b >= a for a, b in pairwise(times))
     waiting = [armed for _, mode, armed in flight.modes if mode == "SWAP"]
     assert not any(waiting[30:])  # its motors stop soon after landing, and stay so
 
@@ -192,7 +195,7 @@ def test_killed_on_the_ground_it_goes_on_with_the_next_sortie(tmp_path):
     times = [line["t"] for line in lines if line["kind"] == "state"]
     assert times == sorted(times)
     first, second = load_run(folder).sorties
-    assert first.why == "return energy" and second.why == "completed"
+    assert (first.why, second.why) == ("return energy", "completed")
 
 
 def test_an_autopilot_that_restarts_on_the_ground_says_how_to_go_on():

@@ -228,7 +228,7 @@ class Guard:
         return self._word == "return"
 
     def wait_for_battery(self) -> None:
-        """Stay on the ground until the operator says that the battery was changed, or has ended the mission."""
+        """Stay on the ground until the operator says that the battery was changed, or ends the mission."""
         if not self.calls_home:
             self._word, self._waits_for_battery = "hold", True
 
