@@ -10,8 +10,8 @@ from takeovers import HOLD, LAND, OFFBOARD, POSITION, RETURN
 
 from skysweep.cli.fly import _Operator
 from skysweep.errors import UserError
-from skysweep.mission.orders import TAKE_BACK, Order
-from skysweep.types import Setpoint
+from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
+from skysweep.types import Mode, Setpoint
 from skysweep.vehicles.mavlink.dialect import mavlink as m
 
 FAR = Setpoint(np.array([80.0, 0.0, 12.0]), 5.0, 0.0)

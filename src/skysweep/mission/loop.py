@@ -364,7 +364,7 @@ class Flight:
         return is_wanted and self._sortie < self._m.scenario.vehicle.batteries
 
     def _resume_between_sorties(self) -> None:
-        """The mission was interrupted on the ground between two sorties, and has taken off for the next one."""
+        """Begin the next sortie of a mission that was interrupted on the ground between two of them."""
         kinds = [line["kind"] for line in self._before if line["kind"] in (SORTIE, NEXT_SORTIE)]
         if kinds[-1:] == [SORTIE]:
             searched = (r for r in reversed(self._before) if r.get("mode") in SEARCHING)

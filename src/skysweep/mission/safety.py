@@ -228,8 +228,9 @@ class Guard:
         return self._word == "return"
 
     def wait_for_battery(self) -> None:
-        """Stay on the ground until the operator says that the battery was changed."""
-        self._word, self._waits_for_battery = "hold", True
+        """Stay on the ground until the operator says that the battery was changed, or ends the mission."""
+        if not self.calls_home:
+            self._word, self._waits_for_battery = "hold", True
 
     def refuses_battery(self, state: VehicleState) -> str:
         """Why not to take off with the battery that is in now; empty if it is good for a sortie."""

@@ -60,9 +60,9 @@ _LEFT_OVER = (PX4Mode.OFFBOARD, PX4Mode.LAND, PX4Mode.RETURN, PX4Mode.MISSION, P
 class Px4Vehicle:
     """Connects to a PX4 and flies it; nothing moves before ``takeoff``.
 
-    Time is the vehicle's own and begins with the first ``takeoff``. A scenario without latitude and longitude is flown
-    where the vehicle stands, with the vehicle's home; ``scenario`` is the resulting one. Heights are above
-    the vehicle's home, on the scenario's ground there.
+    Time is the vehicle's own and begins with the first ``takeoff``. A scenario without latitude and longitude
+    is flown where the vehicle stands, with the vehicle's home; ``scenario`` is the resulting one. Heights are
+    above the vehicle's home, on the scenario's ground there.
 
     Raises UserError if nothing answers in ``timeout_s``, or if the vehicle is not a multicopter with PX4, has
     no position, or stands far from the scenario's home. ``close``, or the program's end, hands over to Hold.
@@ -143,8 +143,8 @@ class Px4Vehicle:
             raise UserError(
                 "the vehicle's clock went back: it restarted in flight; look after it by hand"
                 if self._state.airborne
-                else "the vehicle restarted on the ground, as it does without its battery: continue the flight "
-                "from its run folder, with 'skysweep fly FOLDER'"
+                else "the vehicle restarted on the ground, as it does without its battery: go on with the "
+                "flight from its run folder, with 'skysweep fly FOLDER'"
             )
         self._look_after_orders()
         if self.gimbal and told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:

@@ -82,7 +82,7 @@ class Autopilot(Pilot):
         return self.state.battery_remaining if self.battery_share is None else self.battery_share
 
     def change_battery(self) -> None:
-        """Puts in a full battery. Raises Refused while it is armed, or the vehicle has no batteries to change."""
+        """Puts in a full battery. Raises Refused while it is armed, or where there is none to put in."""
         change = getattr(self._vehicle, "change_battery", None)
         if self.armed or change is None:
             raise Refused("Battery not changed: armed" if self.armed else "Battery not changed: no other one")

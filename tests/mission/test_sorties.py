@@ -1,0 +1,237 @@
+"""Missions that take more than one battery, with the statistical sensor."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.resume import resume_folder
+from skysweep.flights.rig import Rig
+from skysweep.mission.journal import MemoryJournal, read_journal
+from skysweep.mission.loop import fly
+from skysweep.mission.orders import CONTINUE, HOLD, RETURN, Order
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.results.metrics import compute_summary, seen_area, whole_summary
+from skysweep.results.run_folder import Run
+from skysweep.scenarios.files import dump_scenario
+from skysweep.scenarios.model import Scenario
+from skysweep.vehicles.embedded.at_home import embedded_vehicle
+
+HOME = (-5.0, -5.0)
+FIELD = {
+    "name": "field",
+    "area": {"polygon_enu_m": [[0, 0], [160, 0], [160, 140], [0, 140]]},
+    "home": {"position_enu_m": HOME},
+    "targets": [
+        {"class": "stop sign", "position_enu_m": [25, 77], "size_m": 0.9},
+        {"class": "stop sign", "position_enu_m": [150, 130], "size_m": 0.9},
+    ],
+    "vehicle": {"battery_wh": 12.0, "batteries": 6, "swap_s": 60.0},
+    "camera": {"hfov_rad": 1.0},
+    "search": {"strategy": "scan-only"},
+}
+FAR_CHECKS = {"strategy": "scan-check", "n_c": 1, "check_speed_mps": 0.6}
+
+
+def field(search=None, **vehicle) -> Scenario:
+    changes = {"vehicle": FIELD["vehicle"] | vehicle, "search": search or FIELD["search"]}
+    return Scenario.model_validate(FIELD | changes)
+
+
+def flown(of, operator=lambda _mode, _s: None, wrap=None):
+    """The run, and the end's reason. ``operator`` is told the mode, and the seconds that it has lasted."""
+    vehicle = None if wrap is None else wrap(embedded_vehicle(of, 0))
+    mission, journal, now = build_mission(of, 0, Rig("statistical", vehicle=vehicle)), MemoryJournal(), []
+
+    def watch(state, mode, _new):
+        if not now or now[0] != mode:
+            now[:] = [mode, state.time_s]
+        now[2:] = [state.time_s]
+
+    reason = fly(mission, journal, watch, lambda: operator(now[0], now[2] - now[1]) if now else None)
+    return Run(of, tuple(journal.lines)), reason
+
+
+@pytest.fixture(scope="module")
+def sorties():
+    return flown(field())
+
+
+def test_the_search_is_completed_with_as_many_batteries_as_planned(sorties):
+    run, reason = sorties
+    _, estimate = plan_scenario(field())
+    assert reason == "completed"
+    assert run.n_sorties == estimate.batteries == 3
+    assert run.landed_s == pytest.approx(estimate.time_s, rel=0.1)
+    assert run.states.energy_wh[-1] == pytest.approx(estimate.energy_wh, rel=0.1)
+    assert run.search_end_s == pytest.approx(estimate.search_time_s, rel=0.1)
+
+
+def test_nothing_lies_unseen_between_two_sorties(sorties):
+    run, _ = sorties
+    whole, _ = flown(field(battery_wh=100.0))
+    assert whole.n_sorties == 1
+    unseen = seen_area(whole).difference(seen_area(run))
+    assert unseen.area < 0.001 * whole.scenario.area_enu_m.area
+
+
+def test_every_sortie_lands_at_home_with_its_reserve_and_stands_while_the_battery_is_changed(sorties):
+    run, _ = sorties
+    for line in run.events("sortie"):
+        assert line["why"] == "return energy"
+        assert line["battery"] > 0.05
+        stands = [
+            p
+            for t, p, mode in zip(run.states.time_s, run.states.position_enu_m, run.states.mode, strict=True)
+            if mode == "SWAP" and t >= line["t"]
+        ]
+        assert math.dist(stands[0][:2], HOME) < 2.0
+        assert np.ptp(stands[:100], axis=0).max() < 1.0
+    for landed, again in zip(run.events("sortie"), run.events("next_sortie"), strict=True):
+        assert again["t"] - landed["t"] == pytest.approx(60.0, abs=1.5)
+        assert again["battery"] > 0.99
+
+
+def test_the_figures_are_those_of_all_sorties(sorties):
+    run, _ = sorties
+    summary = whole_summary(run)
+    assert summary["sorties"] == 3
+    assert summary["completed"]
+    assert summary["total_energy_wh"] == pytest.approx(sum(s.energy_wh for s in run.sorties), abs=0.01)
+    assert summary["total_energy_wh"] > 12.0 * 1.5
+    assert summary["mission_time_s"] > 2 * 60.0 + 300.0
+    assert summary["scan_only_time_s"] == pytest.approx(summary["mission_time_s"], rel=0.1)
+    assert summary["path_length_m"] > plan_scenario(field())[1].path_length_m
+    assert [s.number for s in run.sorties] == [1, 2, 3]
+    assert run.sorties[-1].landed_s == run.landed_s
+
+
+def test_with_one_battery_the_search_ends_and_the_journal_knows_no_sorties():
+    run, reason = flown(field(batteries=1))
+    assert reason == "return energy"
+    assert run.n_sorties == 1
+    assert not run.events("sortie", "next_sortie")
+    assert {"batteries", "swap_s"}.isdisjoint(dump_scenario(field(batteries=1, swap_s=120.0)).split())
+    assert run.search_end_s < run.landed_s
+
+
+def test_batteries_that_are_used_up_end_the_search():
+    run, reason = flown(field(batteries=2))
+    assert reason == "return energy"
+    assert run.n_sorties == 2
+    landed_s = run.events("sortie")[0]["t"]
+    assert landed_s + 60.0 < run.search_end_s < run.landed_s
+
+
+def test_a_check_that_this_battery_does_not_allow_is_made_with_the_next():
+    run, reason = flown(field(FAR_CHECKS, battery_wh=16.0))
+    assert reason == "completed"
+    assert compute_summary(run)["n_confirmed"] == 2
+    assert not run.events("unchecked")
+    refused = [r for r in run.events("safety") if "is not flown to" in r["sentence"]]
+    assert {r["action"] for r in refused} == {"RETURN"}
+
+
+def test_belief_does_not_end_its_search_for_one_battery():
+    run, reason = flown(field({"strategy": "belief"}, battery_wh=16.0))
+    assert reason == "completed"
+    assert run.n_sorties > 1
+    assert compute_summary(run)["n_confirmed"] == 2
+
+
+def test_the_operator_who_calls_it_home_in_the_air_ends_the_mission():
+    run, reason = flown(field(), lambda mode, _s: Order(RETURN) if mode == "RETURN" else None)
+    assert reason == "operator"
+    assert run.n_sorties == 1
+    assert run.landed_s is not None
+
+
+def test_the_operator_ends_the_mission_on_the_ground():
+    run, reason = flown(field(), lambda mode, s: Order(RETURN) if mode == "SWAP" and s > 10.0 else None)
+    assert reason == "operator"
+    assert run.n_sorties == 1
+    assert run.landed_s == pytest.approx(run.events("sortie")[0]["t"] + 10.0, abs=1.0)
+    assert "TAKEOFF" not in run.states.mode[run.states.mode.index("SWAP") :]
+
+
+def test_held_on_the_ground_it_waits_for_continue():
+    said = []
+
+    def operator(mode, lasted_s):
+        if mode == "SWAP" and not said:
+            said.append(HOLD)
+            return Order(HOLD)
+        if mode == "SWAP" and said == [HOLD] and lasted_s > 100.0:
+            said.append(CONTINUE)
+            return Order(CONTINUE)
+        return None
+
+    run, reason = flown(field(), operator)
+    assert reason == "completed"
+    landed, again = run.events("sortie")[0], run.events("next_sortie")[0]
+    assert again["t"] - landed["t"] == pytest.approx(100.0, abs=1.5)
+
+
+class Gusty:
+    """A vehicle that reports strong wind from its landing on, for ``lasts_s``."""
+
+    def __init__(self, vehicle, lasts_s):
+        self._vehicle, self._lasts_s, self._landed_s = vehicle, lasts_s, None
+        self.truth = vehicle.truth
+        self.command, self.advance, self.hold = vehicle.command, vehicle.advance, vehicle.hold
+        self.land, self.change_battery = vehicle.land, vehicle.change_battery
+
+    def takeoff(self, altitude_agl_m):
+        self._vehicle.takeoff(altitude_agl_m)
+        self._has_flown = True
+
+    def state(self):
+        state = self._vehicle.state()
+        if self._landed_s is None and state.time_s > 30.0 and not state.airborne:
+            self._landed_s = state.time_s
+        blows = self._landed_s is not None and state.time_s < self._landed_s + self._lasts_s
+        return state._replace(wind_enu_mps=np.array([12.0, 0.0, 0.0])) if blows else state
+
+
+def test_in_too_much_wind_it_does_not_take_off_again():
+    run, reason = flown(field(), wrap=lambda vehicle: Gusty(vehicle, 200.0))
+    assert reason == "completed"
+    landed, again = run.events("sortie")[0], run.events("next_sortie")[0]
+    assert again["t"] - landed["t"] == pytest.approx(200.0, abs=2.0)
+    said = [(r["action"], r["sentence"]) for r in run.events("safety") if r["cause"] == "wind"]
+    assert said == [("HOLD", "The wind blows at 12 m/s."), ("CONTINUE", "The wind has dropped.")]
+
+
+def test_wind_that_does_not_drop_ends_the_mission():
+    run, reason = flown(field(), wrap=lambda vehicle: Gusty(vehicle, math.inf))
+    assert reason == "wind"
+    assert run.n_sorties == 1
+    assert run.landed_s is not None
+
+
+class Killed(Exception):
+    pass
+
+
+@pytest.mark.parametrize("mode", ["SWAP", "TRANSIT"])
+def test_killed_between_two_sorties_it_resumes_bit_for_bit(tmp_path, mode):
+    whole, killed, ticks = tmp_path / "whole", tmp_path / "killed", []
+    fly_to_folder(field(), 0, whole, Rig("statistical"))
+
+    def kill(_state, now, _new):
+        ticks.append(now == mode)
+        if sum(ticks) == 40:
+            raise Killed
+
+    with pytest.raises(Killed):
+        fly_to_folder(field(), 0, killed, Rig("statistical", watch=kill))
+    assert resume_folder(killed)["sorties"] == 3
+    assert read_journal(killed / "journal.jsonl") == read_journal(whole / "journal.jsonl")
+    told = [json.loads((folder / "summary.json").read_text()) for folder in (whole, killed)]
+    timings = ("wall_time_s", "real_time_factor", "crc")
+    assert [{k: v for k, v in t.items() if k not in timings} for t in told[:1]] == [
+        {k: v for k, v in t.items() if k not in timings} for t in told[1:]
+    ]
