@@ -35,9 +35,7 @@ class GroundGrid:
     def __init__(self, terrain: TerrainSurface) -> None:
         self._terrain = terrain
         west, south, east, north = terrain.bounds_enu_m
-        heights = (
-            np.full((_FLAT_POSTS,) * 2, terrain.heights_m[0, 0]) if terrain.is_flat else terrain.heights_m
-        )
+        heights = np.full((_FLAT_POSTS,) * 2, terrain.heights_m[0, 0]) if terrain.is_flat else terrain.heights_m
         rows, columns = heights.shape
         far = np.array([HORIZON_M, 0.25 * HORIZON_M, 0.05 * HORIZON_M])
         self.x_m = np.concatenate([west - far, np.linspace(west, east, columns), east + far[::-1]])
@@ -58,9 +56,7 @@ class GroundGrid:
         mesh = self._mesh(rows, columns)
         inner = np.s_[1:-1, 1:-1]
         shape = len(rows), len(columns), 3
-        return mesh.vertices.reshape(shape)[inner].reshape(-1, 3), mesh.normals.reshape(shape)[inner].reshape(
-            -1, 3
-        )
+        return mesh.vertices.reshape(shape)[inner].reshape(-1, 3), mesh.normals.reshape(shape)[inner].reshape(-1, 3)
 
     def faces(self, chunks: Chunks, spacing_px: F64) -> list[I32]:
         """Triangles (F, 3) of posts for each of ``chunks``, where neighbouring posts of chunk k span
@@ -100,9 +96,7 @@ def chunk_faces(level: int, edges: Edges) -> I32:
     r, c = rows.copy(), columns.copy()
     south, west, north, east = (2**edge for edge in edges)
     r = np.where(columns == 0, rows // west * west, np.where(columns == CHUNK_CELLS, rows // east * east, r))
-    c = np.where(
-        rows == 0, columns // south * south, np.where(rows == CHUNK_CELLS, columns // north * north, c)
-    )
+    c = np.where(rows == 0, columns // south * south, np.where(rows == CHUNK_CELLS, columns // north * north, c))
     faces = (r * CHUNK_POSTS + c)[_grid_faces(len(kept), len(kept))].astype(np.int32)
     a, b, d = faces.T
     return np.ascontiguousarray(faces[(a != b) & (b != d) & (d != a)])

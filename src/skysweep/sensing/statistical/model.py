@@ -225,7 +225,7 @@ class StatisticalModel(_Part):
     @property
     def measured(self) -> set[tuple[str, str]]:
         """The kinds and poses that were looked at, whether or not they were ever reported."""
-        return {(c.kind, c.pose) for c in (*self.kinds, *self.contrasts)}
+        return {(k.kind, k.pose) for k in self.kinds} | {(c.kind, c.pose) for c in self.contrasts}
 
     def stand_ins(self, subjects: Iterable[tuple[str, str]]) -> str:
         """In words, what is drawn for kinds and poses that were not looked at; empty if all were."""

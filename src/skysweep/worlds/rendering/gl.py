@@ -177,8 +177,7 @@ class GLRenderer:
             texture.use(unit)
 
     def _aim_shadow(self, lens: Lens, pose: CameraPose, time_s: float) -> None:
-        """Redraw the shadow map when the place looked at has left the middle of the last one, or something in
-        it moves.
+        """Redraw the shadow map when the place looked at has left the middle of the last one, or things move.
 
         The map moves in steps, so that the shadows of a pose do not depend on earlier poses.
         """

@@ -44,8 +44,7 @@ class Ground:
         spacing_px = view.pixels(view.nearest(low, high), np.full(len(low), grid.spacing_m))
         firsts = _POSTS * self._places(chunks)
         faces = np.concatenate(
-            [f + first for f, first in zip(grid.faces(chunks, spacing_px), firsts, strict=True)],
-            dtype=np.int32,
+            [f + first for f, first in zip(grid.faces(chunks, spacing_px), firsts, strict=True)], dtype=np.int32
         )
         self._faces.orphan(faces.nbytes)
         self._faces.write(faces)

@@ -59,10 +59,7 @@ class PictureWindows:
         for _ in range(MOST_WINDOWS):
             ahead_m = min(reach_m, 0.4 * side_m)
             step_m = side_m / _STEPS
-            cell = (
-                round((eye[0] + ahead_m * forward[0]) / step_m),
-                round((eye[1] + ahead_m * forward[1]) / step_m),
-            )
+            cell = (round((eye[0] + ahead_m * forward[0]) / step_m), round((eye[1] + ahead_m * forward[1]) / step_m))
             found.append(self._window(*cell, side_m, window_px(lens)))
             if 0.4 * side_m > min(ground_reach_m(lens, pose, above_m), HORIZON_M):
                 break

@@ -25,9 +25,7 @@ class Painter(Protocol):
     def backend(self) -> Backend: ...
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
-        """The picture (H, W, 3) RGB. Time moves the waves, and the
-        objects that move.
-        """
+        """The picture (H, W, 3) RGB. Time moves the waves and the objects that move."""
         ...
 
     def close(self) -> None:
