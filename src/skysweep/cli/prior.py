@@ -124,7 +124,8 @@ def drift(
     import shapely
 
     from skysweep.planning.prior.checks import positive
-    from skysweep.planning.prior.drift import LEEWAY, Weather, drifted, map_of_particles
+    from skysweep.planning.prior.drift import Weather, drifted, map_of_particles
+    from skysweep.scenarios.leeway import LEEWAY
 
     if leeway not in LEEWAY:
         raise UserError(f"--leeway {leeway}: is not in the table; write one of {', '.join(LEEWAY)}")

@@ -16,6 +16,7 @@ import skysweep
 from skysweep.detection.model_files import sha256_of
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies import code_of
+from skysweep.worlds.ground_files import ground_digest
 
 RESULTS_VERSION = 2  # increased when missions of the same scenario and seed end differently than before
 
@@ -121,6 +122,7 @@ def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
     named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
     files = [_PACKAGE / _SHIPPED_FILE[sensor]]
     files += [Path(n) for n in named if isinstance(n, str) and os.path.isfile(n)]
-    code = [*map(sha256_of, files), *([version] if version else [])]
+    ground = ground_digest(scenario)
+    code = [*map(sha256_of, files), *([version] if version else []), *([ground] if ground else [])]
     text = json.dumps([fields, sensor, code, results_version], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -35,3 +35,12 @@ def read_text_limited(path: str | Path, max_bytes: int) -> str:
         return read_limited(path, max_bytes).decode("utf-8")
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; write plain text") from None
+
+
+def stamp_of(path: Path) -> tuple[int, int] | None:
+    """What shows that a file has changed: its time and size; None if there is no file."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size

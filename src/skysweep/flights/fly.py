@@ -29,6 +29,7 @@ from skysweep.results.run_folder import (
     CONFIG,
     CONFIG_FILE,
     FILM,
+    GROUND,
     JOURNAL_FILE,
     PICTURES,
     PLAN,
@@ -44,6 +45,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.sensing.statistical.model import model_for
 from skysweep.strategies import StrategySpec
 from skysweep.strategies.given import digest_of_source
+from skysweep.worlds.ground_files import ground_digest
 
 if TYPE_CHECKING:
     from skysweep.flights.pictures import PictureBook
@@ -199,14 +201,19 @@ def setup_of(mission: Mission, threads: int) -> dict[str, Any]:
 def digests_of_files(scenario: Scenario, sensor_name: str) -> dict[str, str | None]:
     """Digests of the files beside the configuration that influence a mission.
 
-    ``model``: of the detector, or of the sensor's numbers; ``plan``: as ``digest_of_plan``. Raises UserError
-    as ``model_for``.
+    ``model``: of the detector, or of the sensor's numbers; ``plan``: as ``digest_of_plan``; ``ground``: as
+    ``ground_digest``, if there are such files. Raises UserError as ``model_for`` and ``ground_digest``.
     """
     if sensor_name == "imaging":
         model = fingerprint(scenario.detector.model)
     else:
         model = hashlib.sha256(model_for(scenario).model_dump_json().encode()).hexdigest()
-    return {"model": model, PLAN: digest_of_plan(scenario)}
+    ground = ground_digest(scenario)
+    return {
+        "model": model,
+        PLAN: digest_of_plan(scenario),
+        **({} if ground is None else {GROUND: ground}),
+    }
 
 
 def _is_simulated(mission: Mission) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree as ET
@@ -22,6 +24,8 @@ from skysweep.worlds.textures import DETAIL_M, MACRO_M, MIDDLE_M
 from skysweep.worlds.world import World, build_world
 
 Format = Literal["gazebo-classic", "gz"]
+
+log = logging.getLogger(__name__)
 
 FORMATS: tuple[Format, ...] = ("gazebo-classic", "gz")
 MODELS_FOLDER = "models"
@@ -45,13 +49,18 @@ def export_world(scenario: Scenario, seed: int, folder: Path, fmt: Format) -> Pa
     """Writes the world of ``scenario`` and ``seed`` into a new folder; returns the path of the world file.
 
     The world's frame is ENU with the scenario's origin; Gazebo gets its latitude and longitude. Raises
-    UserError if the folder is not empty, or the world has more trees than Gazebo can load.
+    UserError if the folder is not empty, or the world has more trees than Gazebo can load. What moves is
+    written where it is at time 0, with a warning.
     """
     if fmt not in FORMATS:
         raise UserError(f"--format {fmt}: there is no such format; write one of {', '.join(FORMATS)}")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserError(f"{folder}: is not an empty folder; write another --out")
     world = build_world(scenario, seed)
+    n_moving = sum(o.track is not None for o in world.objects)
+    if n_moving:
+        log.warning("%d objects move; motion is not exported, they stand where they are at time 0", n_moving)
+        world = replace(world, objects=tuple(replace(o, track=None) for o in world.objects))
     with whole_files(folder) as unfinished:
         path = write_world(world, scenario, unfinished, fmt)
     return folder / path.name
@@ -68,8 +77,13 @@ def write_world(
 ) -> Path:
     """Writes models and world file; ``extras`` (models, plugins) are put into the world as they are.
 
-    Gazebo takes steps of ``step_s``, in real time or as fast as it can.
+    Gazebo takes steps of ``step_s``, in real time or as fast as it can. Raises UserError if anything moves.
     """
+    if any(o.track is not None for o in world.objects):
+        raise UserError(
+            f"{scenario.name}: has objects with a motion, and nothing moves in Gazebo; delete every motion, or "
+            "render with gl or embree"
+        )
     name = scenario.name
     if len(world.trees) > TREES_MAX:
         raise UserError(
@@ -122,8 +136,9 @@ def _write_ground(folder: Path, scene: Scene, look: GazeboLook, fmt: Format) -> 
         uri = f"model://{folder.name}/materials"
         names = [tag("uri", f"{uri}/scripts"), tag("uri", f"{uri}/textures"), tag("name", folder.name)]
         script = [tag("material", None, tag("script", None, *names))]
-    uv = scene.ground.vertices[:, :2] / tile_m
-    write_obj(meshes / "ground.obj", scene.ground, uv, np.zeros(len(scene.ground.faces), dtype=int))
+    surface = scene.ground.mesh()
+    uv = surface.vertices[:, :2] / tile_m
+    write_obj(meshes / "ground.obj", surface, uv, np.zeros(len(surface.faces), dtype=int))
     if not script:
         write_picture(meshes / "ground.png", picture)
     (meshes / "ground.mtl").write_text(material("m0", np.ones(3), None if script else "ground.png"))

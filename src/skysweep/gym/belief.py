@@ -36,14 +36,13 @@ from skysweep.sensing.statistical.factors import (
     VIEW_MAX,
 )
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, model_for, score_of
-from skysweep.worlds.occlusion import FLAT, FLOATING, STANDING, pixels_on_target
+from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
 
 _LUCKS = 5  # nodes of the Gauss-Hermite quadrature over a target's luck
 _DEPTHS_M = np.geomspace(1.0, 512.0, 73)
 _VIEWS = np.linspace(0.0, 1.0, 21)  # squares of the sine of the angle off the vertical
 _LOOKS_TO_COVER = 2
 _LEAST = 1e-12  # smaller numbers become slow
-_SHAPES = {"standing": STANDING, "floating": FLOATING}
 
 
 class Belief:
@@ -92,7 +91,7 @@ def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
 
 
 def _chances(model: StatisticalModel, kind: KindModel, scenario: Scenario, lucks: F64) -> F64:
-    shape, size_m = _SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
+    shape, size_m = SHAPES.get(kind.pose, FLAT), scenario.target_sizes_m[kind.kind][0]
     focal_px = model.view_of(scenario.camera, scenario.detector).focal_px
     across, up = np.sqrt(_VIEWS), np.sqrt(1.0 - _VIEWS)
     rays = zip(across.tolist(), up.tolist(), strict=True)

@@ -11,13 +11,24 @@ import shapely
 import shapely.affinity
 from numpy.typing import NDArray
 
-from skysweep.scenarios.model import DEFAULT_SIZE_M, Building, Scenario, TargetClass
+from skysweep.scenarios.model import DEFAULT_SIZE_M, MAX_TREES, Building, Scenario, TargetClass
+from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.world import (
+    classes_of,
+    elevation_of,
+    ground_bounds,
+    ground_picture_of,
+    land_cover_of,
+    mapped_buildings,
+)
 
 UNSEEN_BELOW_PX = 8.0  # a small detector finds next to nothing on fewer pixels
 WISHED_AT_SCAN_PX = 12.0
 WISHED_AT_CHECK_PX = 30.0  # from here on a detector tells a target from what looks like one
 _WORTH_SAYING = 0.005  # of the area
+_ALTITUDE_OFF_M = 15.0
+_FOOT_M, _LIKE_FEET = 0.3048, 0.03
 _RASTER = 316  # points across an area
 
 
@@ -29,6 +40,7 @@ def warnings_for(scenario: Scenario) -> list[str]:
 def warnings_for_plan(scenario: Scenario) -> list[str]:
     """Those that need no targets."""
     return [
+        *_about_ground(scenario),
         *_about_resolution(scenario),
         *_about_footprints(scenario),
         *_about_obstacles(scenario),
@@ -47,6 +59,38 @@ def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:
         altitude_agl_m * math.radians(vehicle.attitude_noise_deg),
         scenario.search.scan_speed_mps * camera.pose_delay_s,
     )
+
+
+def _about_ground(scenario: Scenario) -> Iterator[str]:
+    dem, cover, picture = elevation_of(scenario), land_cover_of(scenario), ground_picture_of(scenario)
+    if dem is not None:
+        yield from dem.notes
+        told_m, is_m = scenario.home.altitude_amsl_m, dem.home_amsl_m
+        if abs(told_m - is_m) > _ALTITUDE_OFF_M:
+            low, high = sorted([abs(told_m), abs(is_m)])
+            in_feet = low > 0.0 and abs(high / low * _FOOT_M - 1.0) < _LIKE_FEET
+            yield (
+                f"home.altitude_amsl_m: is {told_m:g} m, but terrain.dem has {is_m:.1f} m there; "
+                + ("one of them is probably in feet, see terrain.dem_unit" if in_feet else "write that")
+            )
+    if cover is not None:
+        yield from cover.notes
+        grown = sum(wanted_trees(cover, classes_of(scenario)))
+        if grown > MAX_TREES:
+            yield (
+                f"terrain.land_cover: grows {grown:,.0f} trees, of which {MAX_TREES:,} are drawn, so that "
+                "woods are thinner than they are; search a smaller area, or write fewer trees_per_hectare"
+            )
+    if picture is not None:
+        ground_m2 = shapely.box(*ground_bounds(scenario)).area
+        share = shapely.box(*picture.bounds_enu_m).area / ground_m2
+        if share < 1.0 - _WORTH_SAYING:
+            yield f"terrain.orthophoto: pictures {share:.0%} of the ground; the rest is drawn as the surface"
+        if not picture.source.is_coarse_too:
+            yield (
+                "terrain.orthophoto: has no overviews, so that looks from high up read much of the file; "
+                "add them with  gdaladdo"
+            )
 
 
 def _about_resolution(scenario: Scenario) -> Iterator[str]:
@@ -113,6 +157,9 @@ def _about_obstacles(scenario: Scenario) -> Iterator[str]:
     tops = [("a building", b.height_m + b.size_m[1] / 2) for b in scenario.buildings]
     tops += [("a tree", t.height_m) for t in scenario.trees]
     tops += [("a forest", f.height_m[1]) for f in scenario.forests]
+    tops += [("a building", b.top_m) for b in mapped_buildings(scenario)]
+    if scenario.terrain.land_cover is not None:
+        tops += [("a forest", c.height_m[1]) for c in classes_of(scenario) if c.trees_per_hectare > 0.0]
     if not tops:
         return
     what, top_m = max(tops, key=lambda top: top[1])

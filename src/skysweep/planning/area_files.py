@@ -21,7 +21,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from skysweep.errors import UserError
-from skysweep.files.json_files import parse_json
+from skysweep.files.geojson import read_geojson
 from skysweep.files.models import validated
 from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
@@ -35,7 +35,6 @@ LatLon = tuple[float, float]
 Ring = list[tuple[float, float]]
 
 _ONE_POLYGON = "save a file with one polygon around the search area"
-_WGS84_NAMES = re.compile(r"(CRS:?84|EPSG:*(:\d*)?:?4326|WGS ?84)$", re.IGNORECASE)
 
 
 def read_area(path: str | Path, frame: LocalFrame | None = None) -> tuple[shapely.Polygon, LocalFrame]:
@@ -107,7 +106,7 @@ def _only_polygon(path: Path) -> shapely.Polygon:
 def _polygons(path: Path) -> Iterable[shapely.Polygon]:
     suffix = path.suffix.lower()
     if suffix in (".geojson", ".json"):
-        return _geojson_polygons(read_geojson(path), path)
+        return _geojson_polygons(read_geojson(path, MAX_AREA_FILE_BYTES), path)
     if suffix == ".kml":
         return _kml_polygons(read_limited(path, MAX_AREA_FILE_BYTES), path)
     if suffix == ".kmz":
@@ -150,17 +149,6 @@ def _on_ground(
             f"draw one between 1 m2 and {MAX_AREA_KM2:g} km2"
         )
     return area, frame
-
-
-def read_geojson(path: Path) -> Any:
-    """The content of a GeoJSON file. Raises UserError where it is no JSON, or in another CRS than WGS 84."""
-    data = parse_json(read_limited(path, MAX_AREA_FILE_BYTES), path, "export the area again as GeoJSON")
-    crs = data.get("crs") if isinstance(data, dict) else None
-    properties = crs.get("properties") if isinstance(crs, dict) else None
-    name = properties.get("name") if isinstance(properties, dict) else None
-    if crs is not None and not _WGS84_NAMES.search(str(name)):
-        raise UserError(f"{path}: crs: {str(name)[:60]!r} is not WGS 84; export the area in EPSG:4326")
-    return data
 
 
 def _geojson_polygons(node: Any, path: Path) -> Iterator[shapely.Polygon]:

@@ -20,7 +20,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.types import F64, SEARCHING, Doubt, EventKind, Mode
 from skysweep.worlds.obstacles import Obstacles, came_near
 from skysweep.worlds.occlusion import Occluders, count_seen
-from skysweep.worlds.world import WorldObject
+from skysweep.worlds.world import World, WorldObject
 
 MATCH_DISTANCE_M = 3.0
 _NEEDS_TRUTH = (
@@ -61,6 +61,8 @@ class Matches:
 def match(run: Run) -> Matches:
     """Assign checked candidates to true targets of the same class within ``MATCH_DISTANCE_M``, one to one.
 
+    A target that moves is where it was when the last look before the verdict was taken.
+
     Confirmed candidates come first. In the order of their confirmation, each counts if it can have a target
     of its own, so a duplicate is always the later one. Among these the assignment has the least total
     distance. Rejected candidates share the targets that are left.
@@ -69,9 +71,9 @@ def match(run: Run) -> Matches:
     confirmed = [c for c in run.candidates if c.verdict == EventKind.CONFIRMED]
     rejected = [c for c in run.candidates if c.verdict == EventKind.REJECTED]
     everything = set(range(len(targets)))
-    right = _assign(confirmed, targets, everything)
-    wrong = _assign(rejected, targets, everything - set(right.values()))
-    distances = _distances_m(confirmed, targets)
+    right = _assign(run.world, confirmed, targets, everything)
+    wrong = _assign(run.world, rejected, targets, everything - set(right.values()))
+    distances = _distances_m(run.world, confirmed, targets)
     near_one = {c.id: bool((row < _FORBIDDEN_M).any()) for c, row in zip(confirmed, distances, strict=True)}
     return Matches(
         confirmed=right,
@@ -94,7 +96,7 @@ def compute_summary(
     errors_m = []
     for identity, index in matches.confirmed.items():
         confirmed_s[index] = stories[identity].verdict_s
-        errors_m.append(horizontal_distance_m(stories[identity], targets[index]))
+        errors_m.append(horizontal_distance_m(run.world, stories[identity], targets[index]))
     times = sorted(t for t in confirmed_s if t is not None)
     mission_time_s = run.search_end_s
     total_time_s = run.landed_s if run.landed_s is not None else run.last_s
@@ -297,29 +299,32 @@ def _blind_spans_s(run: Run) -> list[tuple[float, float]]:
     return [*spans, (since_s, math.inf)]
 
 
-def horizontal_distance_m(candidate: CandidateStory, target: WorldObject) -> float:
-    """Horizontal distance between an estimated position and the truth."""
-    return float(np.linalg.norm(candidate.position_enu_m[:2] - target.position_enu_m[:2]))
+def horizontal_distance_m(world: World, candidate: CandidateStory, target: WorldObject) -> float:
+    """Horizontal distance between an estimated position and the truth at the time of the last look at it."""
+    true_enu_m = world.position(target, candidate.looked_s)
+    return float(np.linalg.norm(candidate.position_enu_m[:2] - true_enu_m[:2]))
 
 
-def _distances_m(candidates: list[CandidateStory], targets: tuple[WorldObject, ...]) -> F64:
+def _distances_m(
+    world: World, candidates: list[CandidateStory], targets: tuple[WorldObject, ...]
+) -> F64:
     """Distances (candidates, targets), very large for forbidden pairs."""
     distances = np.full((len(candidates), len(targets)), _FORBIDDEN_M)
     for i, candidate in enumerate(candidates):
         for j, target in enumerate(targets):
             if candidate.class_name in (None, target.kind):
-                distance = horizontal_distance_m(candidate, target)
+                distance = horizontal_distance_m(world, candidate, target)
                 if distance <= MATCH_DISTANCE_M:
                     distances[i, j] = distance
     return distances
 
 
 def _assign(
-    candidates: list[CandidateStory], targets: tuple[WorldObject, ...], free: set[int]
+    world: World, candidates: list[CandidateStory], targets: tuple[WorldObject, ...], free: set[int]
 ) -> dict[int, int]:
     """Largest one-to-one assignment to the free targets that keeps the earliest candidates."""
     columns = sorted(free)
-    distances = _distances_m(candidates, targets)[:, columns]
+    distances = _distances_m(world, candidates, targets)[:, columns]
     kept: list[int] = []
     pairs: dict[int, int] = {}
     for row in range(len(candidates)):

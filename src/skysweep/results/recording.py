@@ -158,6 +158,9 @@ def _still_life(run: Run) -> list[m.Mark]:
         marks.append(m.Mark("truth", k, m.CYLINDER, position, (size, size, 0.1), colour))
         above = position + np.array([0.0, 0.0, 1.0])
         marks.append(m.Mark("truth labels", k, m.TEXT, above, (0.0, 0.0, 1.0), colour, thing.kind))
+        if thing.track is not None:
+            way = run.world.way(thing, run.last_s)
+            marks.append(m.Mark("truth tracks", k, m.LINE_STRIP, way, (0.15, 0.0, 0.0), colour))
     return marks
 
 

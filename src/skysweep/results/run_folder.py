@@ -21,10 +21,11 @@ from skysweep.mission.notes import OF_A_CANDIDATE, OPERATOR
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary
-from skysweep.scenarios.files import load_scenario
+from skysweep.scenarios.files import ground_files, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.text import printable
 from skysweep.types import F64, EventKind, Mode
+from skysweep.worlds.ground_files import ground_digest
 from skysweep.worlds.world import World, build_world
 
 Record = Mapping[str, Any]
@@ -37,6 +38,7 @@ FILM = "film"  # pictures for the live page and the video, by the time of their 
 UNFINISHED = ".part"  # ends the name of a comparison's run folder until its mission is complete
 CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
 PLAN = "plan"  # and of ``search.plan``
+GROUND = "ground"  # and of the files of the ground, where there are some
 CLOCK = "clock"  # kind of a line that tells the UTC of a mission in real time
 _ROUNDED_S = 1e-3
 
@@ -69,6 +71,7 @@ class CandidateStory:
     scanned_s: float | None
     verdict: str | None
     verdict_s: float | None
+    looked_s: float  # when the last look at it was taken, of those up to the verdict
     confidence: float | None  # best of the sightings up to the verdict
     probability: float | None  # that it is a target, as the strategy last said; None: it says none
     seen_from_m: float | None  # lowest height above it of the sightings up to the verdict
@@ -110,8 +113,15 @@ class Run:
 
     @cached_property
     def world(self) -> World:
-        """The truth, rebuilt from scenario and seed."""
-        return self.known_world or build_world(self.scenario, self.seed)
+        """The truth, rebuilt from scenario and seed. Raises UserError if the ground has changed."""
+        if self.known_world is not None:
+            return self.known_world
+        if self.folder is not None and ground_digest(self.scenario) != self._setup.get(GROUND):
+            files = ", ".join(map(str, ground_files(self.scenario).values()))
+            raise UserError(
+                f"{files}: are not the files of the ground that the mission was flown over; put those back"
+            )
+        return build_world(self.scenario, self.seed)
 
     @cached_property
     def has_truth(self) -> bool:
@@ -268,6 +278,7 @@ class Run:
             scanned_s=None if scanned is None else self.since_start(scanned),
             verdict=None if verdict is None else str(verdict["kind"]),
             verdict_s=None if verdict is None else self.since_start(verdict),
+            looked_s=self.since_start((sightings or known)[-1]),
             confidence=max((float(r["confidence"]) for r in known if "confidence" in r), default=None),
             probability=_newest(known, "probability"),
             seen_from_m=min(

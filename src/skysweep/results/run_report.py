@@ -279,9 +279,14 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
         missed = [t for k, t in enumerate(run.world.targets) if k not in right]
     grids = [Grid(header, rows)] if rows else []
     if missed:
-        lost = [(t.kind, *(f"{v:.1f}" for v in t.position_enu_m[:2]), _how_missed(run, t)) for t in missed]
+        places = [run.world.position(t, run.last_s)[:2] for t in missed]
+        lost = [
+            (t.kind, *(f"{v:.1f}" for v in place), _how_missed(run, t))
+            for t, place in zip(missed, places, strict=True)
+        ]
+        when = ", where they were at the end" if any(t.track for t in missed) else ""
         header = ["Missed", "East (m)", "North (m)", "Why"]
-        grids.append(Grid(header, lost, "Targets that were not confirmed"))
+        grids.append(Grid(header, lost, f"Targets that were not confirmed{when}"))
     if unchecked:
         header = ["Unchecked", "Latitude (°)", "Longitude (°)", *_seen(run), "Why"]
         rows = [[t.name, *_place(t), *_seen(run, t), _why_unchecked(run, t.candidate)] for t in unchecked]
@@ -299,7 +304,7 @@ def _truth(run: Run, target: FoundTarget) -> tuple[str, str]:
     if index is None:
         return "duplicate" if target.candidate in matches.duplicates else "no", "-"
     story = next(c for c in run.candidates if c.id == target.candidate)
-    return "yes", f"{horizontal_distance_m(story, run.world.targets[index]):.2f}"
+    return "yes", f"{horizontal_distance_m(run.world, story, run.world.targets[index]):.2f}"
 
 
 def _place(target: FoundTarget) -> tuple[str, str]:
@@ -317,7 +322,7 @@ def _seen(run: Run, target: FoundTarget | None = None) -> list[str]:
 
 
 def _how_missed(run: Run, target: Any) -> str:
-    near = [c for c in run.candidates if horizontal_distance_m(c, target) <= MATCH_DISTANCE_M]
+    near = [c for c in run.candidates if horizontal_distance_m(run.world, c, target) <= MATCH_DISTANCE_M]
     if not near:
         return "never seen"
     return "seen and rejected" if any(c.verdict for c in near) else "seen, never checked"

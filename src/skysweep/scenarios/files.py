@@ -21,6 +21,9 @@ from skysweep.files.reading import read_text_limited
 from skysweep.files.writing import replace_file
 from skysweep.scenarios.model import Scenario
 
+_OURS = "shipped:"
+_OF_TERRAIN = ("dem", "land_cover", "orthophoto")
+
 
 def list_scenarios() -> list[str]:
     """Names of the shipped scenarios, sorted."""
@@ -30,9 +33,9 @@ def list_scenarios() -> list[str]:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by its name, or one from a YAML file.
 
-    Relative paths of ``area.file``, ``search.plan``, ``detector.model`` and ``detector.statistical_model``
-    start at the scenario file's folder. Raises UserError if the scenario is not found, is not plain YAML or
-    is invalid.
+    Relative paths of ``area.file``, ``search.plan``, ``detector.model``, ``detector.statistical_model`` and
+    the ground's files start at the scenario file's folder. Raises UserError if the scenario is not found, is
+    not plain YAML or is invalid.
     """
     name = str(name_or_path)
     if name in list_scenarios():
@@ -52,11 +55,32 @@ def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:
     if detector.statistical_model is not None:
         fitted = str(_beside(folder, detector.statistical_model))
         detector = detector.model_copy(update={"statistical_model": fitted})
-    return scenario.model_copy(update={"search": search, "detector": detector})
+    given = {field: str(_beside(folder, name)) for field, name in _ground_names(scenario).items()}
+    terrain = scenario.terrain.model_copy(update={f: given.pop(f) for f in _OF_TERRAIN if f in given})
+    return scenario.model_copy(update={"search": search, "detector": detector, "terrain": terrain, **given})
+
+
+def ground_files(scenario: Scenario) -> dict[str, Path]:
+    """The files that a scenario's ground is made from, by field."""
+    return {
+        f"terrain.{field}" if field in _OF_TERRAIN else field: ground_file(name)
+        for field, name in _ground_names(scenario).items()
+    }
+
+
+def ground_file(name: str) -> Path:
+    """A file of the ground; ``shipped:NAME`` comes with skysweep, so that its name is the same everywhere."""
+    return Path(str(_shipped())) / name.removeprefix(_OURS) if name.startswith(_OURS) else Path(name)
+
+
+def _ground_names(scenario: Scenario) -> dict[str, str]:
+    names = {field: getattr(scenario.terrain, field) for field in _OF_TERRAIN}
+    names |= {field: getattr(scenario, field) for field in ("buildings_file", "roads_file")}
+    return {field: name for field, name in names.items() if name is not None}
 
 
 def _beside(folder: Path, name: str) -> Path:
-    return folder / os.path.expanduser(name)
+    return Path(name) if name.startswith(_OURS) else folder / os.path.expanduser(name)
 
 
 def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 import shapely
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -24,6 +25,7 @@ from pydantic import (
 
 from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
+from skysweep.scenarios.leeway import LEEWAY
 
 MAX_AREA_KM2 = 25.0
 MAX_DISTANCE_FROM_HOME_KM = 50.0
@@ -34,13 +36,23 @@ MAX_HOVER_H = 48.0
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
 ALTITUDE_TOLERANCE_M = 0.8  # within which a height is kept: PX4 NAV_MC_ALT_RAD
+MAX_CURRENT_MPS = 10.0
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
 TargetClass = Literal["stop sign", "person", "boat"]
-DistractorClass = Literal["red bucket", "red round sign", "rock", "stump", "clothing", "buoy"]
-ObjectPose = Literal["face-up", "standing", "lying", "floating"]
+DistractorClass = Literal[
+    "red bucket", "red round sign", "rock", "stump", "clothing", "buoy", "sheep", "deer", "dog"
+]
+ObjectPose = Literal[
+    "face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"
+]
+Clothing = Literal[
+    "bright", "muted", "black", "blue", "brown", "green", "grey", "orange", "red", "white", "yellow"
+]
+Age = Literal["child", "teenager", "adult"]
 
-# Size means: across the flats (sign), body height (person), length (boat, clothing), diameter (the rest).
+# Size means: across the flats (sign), body height (person), length (boat, clothing, animals), diameter (the
+# rest).
 DEFAULT_SIZE_M: dict[str, float] = {
     "stop sign": 0.75,
     "person": 1.75,
@@ -51,10 +63,25 @@ DEFAULT_SIZE_M: dict[str, float] = {
     "stump": 0.6,
     "clothing": 0.9,
     "buoy": 0.6,
+    "sheep": 1.2,
+    "deer": 1.6,
+    "dog": 0.9,
 }
+SIZE_OF_AGE_M: dict[Age, float] = {"child": 1.2, "teenager": 1.55, "adult": 1.75}  # 6, 13 years; grown up
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
 
+_OF_FILES = {
+    "dem",
+    "dem_unit",
+    "land_cover",
+    "land_cover_classes",
+    "orthophoto",
+    "buildings_file",
+    "roads_file",
+}
+
 PointXY = tuple[float, float]
+ObjectSpeed = Annotated[float, Field(gt=0, le=20, description="A walking adult: 1.4")]
 Speed = Annotated[float, Field(ge=0.01, le=20)]
 TreeHeight = Annotated[float, Field(gt=0.3, le=60)]
 CrownRadius = Annotated[float, Field(gt=0.1, le=15)]
@@ -115,11 +142,39 @@ class Home(Model):
     position_enu_m: PointXY = Field((0.0, 0.0), description="Take-off place, east and north of the origin")
 
 
+def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"is [{limits[0]:g}, {limits[1]:g}]; write the smallest, then the largest")
+    return limits
+
+
+Surface = Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"]
+TreesPerHectare = Annotated[float, Field(le=2000)]
+TreeHeights = Annotated[
+    tuple[TreeHeight, TreeHeight], Field(description="Smallest and largest"), AfterValidator(_ascending)
+]
+CrownRadii = Annotated[
+    tuple[CrownRadius, CrownRadius], Field(description="Smallest and largest"), AfterValidator(_ascending)
+]
+ConiferFraction = Annotated[float, Field(ge=0, le=1, description="The rest is broadleaf")]
+
+
+class LandClass(Model):
+    """What a class of a land cover map is: the ground's surface, and the trees on it."""
+
+    code: int = Field(ge=0, le=65_535, description="The map's value")
+    surface: Surface
+    trees_per_hectare: TreesPerHectare = Field(0.0, ge=0)
+    height_m: TreeHeights = (5.0, 12.0)
+    crown_radius_m: CrownRadii = (1.2, 2.8)
+    conifer_fraction: ConiferFraction = 0.5
+
+
 class Terrain(Model):
     """Ground shape and what covers it."""
 
-    surface: Literal["grass", "forest floor", "rock", "sand", "snow", "water", "asphalt"] = Field(
-        "grass", description="What the ground looks like"
+    surface: Surface = Field(
+        "grass", description="What the ground looks like, where land_cover and roads_file say nothing"
     )
     heightmap_m: list[list[float]] | None = Field(
         None,
@@ -128,7 +183,45 @@ class Terrain(Model):
     )
     hills_height_m: float = Field(0.0, ge=0, le=500, description="Random hills up to this height")
     hills_wavelength_m: float = Field(150.0, ge=20, le=5000, description="Distance from one hill to the next")
-    seed: int = Field(0, ge=0, description="Another seed, other hills")
+    seed: int = Field(0, ge=0, description="Another seed, other hills and other trees of land_cover")
+    dem: str | None = Field(
+        None, description="Digital elevation model, a GeoTIFF in any CRS; the ground at home is height 0"
+    )
+    dem_unit: Literal["metres", "feet"] | None = Field(
+        None, description="What the heights of dem are in; default: what the file says"
+    )
+    land_cover: str | None = Field(
+        None, description="Map of classes, a GeoTIFF in any CRS; becomes surfaces and trees"
+    )
+    land_cover_classes: list[LandClass] | None = Field(
+        None,
+        min_length=1,
+        max_length=255,
+        description="What the classes of land_cover are; default: those of ESA WorldCover",
+    )
+    orthophoto: str | None = Field(
+        None, description="The ground's picture, a GeoTIFF in any CRS with colours of 8 bits"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_files(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A terrain without files is written as before there were any."""
+        return {k: v for k, v in write(self).items() if k not in _OF_FILES or v is not None}
+
+    @model_validator(mode="after")
+    def _one_ground(self) -> Terrain:
+        if self.dem is not None and (self.heightmap_m is not None or self.hills_height_m > 0):
+            raise ValueError("dem: is the ground's shape; delete heightmap_m and hills_height_m")
+        if self.dem is None and self.dem_unit is not None:
+            raise ValueError("dem_unit: is that of dem, which is missing; write dem")
+        if self.land_cover_classes is not None:
+            if self.land_cover is None:
+                raise ValueError("land_cover_classes: are those of land_cover, which is missing; write it")
+            codes = [each.code for each in self.land_cover_classes]
+            twice = next((code for code in codes if codes.count(code) > 1), None)
+            if twice is not None:
+                raise ValueError(f"land_cover_classes: {twice} is written twice; keep one")
+        return self
 
     @field_validator("heightmap_m")
     @classmethod
@@ -150,21 +243,14 @@ class Tree(Model):
 class Forest(Model):
     """Trees scattered by seed over the area and its margin, or inside a polygon."""
 
-    trees_per_hectare: float = Field(gt=0, le=2000)
+    trees_per_hectare: TreesPerHectare = Field(gt=0)
     polygon_enu_m: list[PointXY] | None = Field(
         None, max_length=MAX_FENCE_CORNERS, description="Where it grows; default: area and margin"
     )
-    height_m: tuple[TreeHeight, TreeHeight] = Field((5.0, 12.0), description="Smallest and largest")
-    crown_radius_m: tuple[CrownRadius, CrownRadius] = Field((1.2, 2.8), description="Smallest and largest")
-    conifer_fraction: float = Field(0.5, ge=0, le=1, description="The rest is broadleaf")
+    height_m: TreeHeights = (5.0, 12.0)
+    crown_radius_m: CrownRadii = (1.2, 2.8)
+    conifer_fraction: ConiferFraction = 0.5
     seed: int = Field(0, ge=0)
-
-    @field_validator("height_m", "crown_radius_m")
-    @classmethod
-    def _ascending(cls, limits: tuple[float, float]) -> tuple[float, float]:
-        if limits[0] > limits[1]:
-            raise ValueError(f"is [{limits[0]:g}, {limits[1]:g}]; write the smallest, then the largest")
-        return limits
 
     @field_validator("polygon_enu_m")
     @classmethod
@@ -183,7 +269,74 @@ class Building(Model):
     yaw_deg: float = Field(0.0, description="Of the length, counter-clockwise from east")
 
 
-class Target(Model):
+class PathMotion(Model):
+    """Along straight lines, from where the object is placed through the waypoints."""
+
+    kind: Literal["path"]
+    waypoints_enu_m: list[PointXY] = Field(
+        min_length=1, max_length=1000, description="East and north of the origin, in this order"
+    )
+    speed_mps: ObjectSpeed = 1.4
+    at_end: Literal["stop", "loop"] = Field(
+        "stop", description="loop: back to where it was placed, and round again"
+    )
+
+
+class WalkMotion(Model):
+    """A correlated random walk, another one for each object and mission seed.
+
+    Straight stretches, exponentially distributed in time, with a normally distributed turn after each.
+    """
+
+    kind: Literal["walk"]
+    speed_mps: ObjectSpeed = 1.4
+    straight_s: float = Field(20.0, ge=1, le=3600, description="Mean time of a stretch")
+    turn_deg: float = Field(
+        60.0, ge=0, le=180, description="Standard deviation of the turn between stretches"
+    )
+    rest_share: float = Field(0.0, ge=0, lt=1, description="Share of the time spent standing still")
+    stays_in_area: bool = Field(True, description="Whether it turns at the edge of the area if it starts in it")
+
+
+class DriftMotion(Model):
+    """Adrift in the water: the current and, in the scenario's mean wind, leeway with an error of its own."""
+
+    kind: Literal["drift"]
+    current_mps: PointXY = Field((0.0, 0.0), description="Surface current, east and north, where it flows to")
+    leeway: str = Field("PIW-1", description="Class of Allen and Plourde: docs/prior.md")
+
+    @field_validator("current_mps")
+    @classmethod
+    def _flows(cls, current: PointXY) -> PointXY:
+        if math.hypot(*current) > MAX_CURRENT_MPS:
+            raise ValueError(f"is faster than {MAX_CURRENT_MPS:g} m/s; write east and north in m/s")
+        return current
+
+    @field_validator("leeway")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in LEEWAY:
+            raise ValueError(f"'{name}' is not in the table; write one of {', '.join(LEEWAY)}")
+        return name
+
+
+Motion = Annotated[PathMotion | WalkMotion | DriftMotion, Field(discriminator="kind")]
+
+
+class _Placed(Model):
+    """What moves, or is dressed. A file that does not use these has the same keys as before they existed."""
+
+    motion: Motion | None = Field(None, description="How it moves from mission time 0; default: not at all")
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {k: v for k, v in write(self).items() if k not in _OPEN_UNLESS_TOLD or v is not None}
+
+
+_OPEN_UNLESS_TOLD = ("motion", "clothing", "ages", "near")
+
+
+class Target(_Placed):
     """Something to find."""
 
     kind: TargetClass = Field(alias="class")
@@ -191,11 +344,12 @@ class Target(Model):
     yaw_deg: float = Field(0.0, description="Counter-clockwise from east")
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     pose: ObjectPose | None = Field(None, description="Default depends on the class")
+    clothing: Clothing | None = Field(None, description="Of a person; default: any")
 
     model_config = ConfigDict(populate_by_name=True)
 
 
-class Distractor(Model):
+class Distractor(_Placed):
     """Something that resembles a target from above but not up close."""
 
     kind: DistractorClass = Field(alias="class")
@@ -208,7 +362,7 @@ class Distractor(Model):
     model_config = ConfigDict(populate_by_name=True)
 
 
-class Generator(Model):
+class Generator(_Placed):
     """Places objects at random, the same ones for the same seed.
 
     ``uniform``: anywhere in the area; ``clustered``: around ``clusters`` centres with a standard deviation of
@@ -231,9 +385,32 @@ class Generator(Model):
     )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     poses: list[ObjectPose] | None = Field(None, description="Poses to draw from, one for each object")
+    clothing: list[Clothing] | None = Field(
+        None, min_length=1, description="Of persons, to draw from; default: any"
+    )
+    ages: list[Age] | None = Field(
+        None, min_length=1, description="Of persons without size_m, to draw from; default: adult"
+    )
+    near: Literal["trees"] | None = Field(
+        None, description="Moves each object to the crown of the nearest tree, which hides a part of it"
+    )
     seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
 
     model_config = ConfigDict(populate_by_name=True)
+
+    @property
+    def sizes_m(self) -> list[float | None]:
+        """The sizes of its objects; None is the default of the class."""
+        return [SIZE_OF_AGE_M[age] for age in self.ages] if self.ages else [self.size_m]
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Generator:
+        if self.ages and self.size_m is not None:
+            raise ValueError("ages: size_m gives the size already; delete one of them")
+        for name in ("ages", "clothing"):
+            if getattr(self, name) and self.kind != "person":
+                raise ValueError(f"{name}: only a person has one; delete it from the {self.kind}")
+        return self
 
 
 class Wind(Model):
@@ -368,9 +545,20 @@ class Search(Model):
     confirm_height_max_m: float | None = Field(
         None, gt=0, description="Largest height above a candidate from which a look may confirm it; null: any"
     )
+    target_speed_mps: float = Field(
+        0.0,
+        ge=0,
+        le=20,
+        description="How fast targets may move: sightings that far apart may be of one candidate",
+    )
     parameters: dict[str, float | bool | str] = Field(
         default_factory=dict, description="The strategy's own, by name"
     )
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scenario whose targets stand still has the same keys as before there was this field."""
+        return {k: v for k, v in write(self).items() if k != "target_speed_mps" or v}
 
     @field_validator("n_c", "d_c_m", mode="before")
     @classmethod
@@ -519,6 +707,15 @@ class Scenario(Model):
         max_length=MAX_BUILDINGS,
         description="Buildings occlude; the vehicle keeps clear of them",
     )
+    buildings_file: str | None = Field(
+        None,
+        description="More buildings: GeoJSON of footprints with OpenStreetMap's names (building, height, "
+        "building:levels, roof:shape)",
+    )
+    roads_file: str | None = Field(
+        None,
+        description="Roads: GeoJSON of lines with OpenStreetMap's names (highway, width, surface)",
+    )
     targets: list[Target] = Field(default_factory=list, description="What to find, placed by hand")
     distractors: list[Distractor] = Field(
         default_factory=list, description="Objects that resemble a target from above, placed by hand"
@@ -539,6 +736,11 @@ class Scenario(Model):
     detector: DetectorModel = DetectorModel()
     search: Search = Search()
     safety: Safety = Safety()
+
+    @model_serializer(mode="wrap")
+    def _without_files(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A scenario without files is written as before there were any."""
+        return {k: v for k, v in write(self).items() if k not in _OF_FILES or v is not None}
 
     @property
     def frame(self) -> LocalFrame:
@@ -693,7 +895,7 @@ class Scenario(Model):
         found: dict[str, tuple[float, float]] = {}
         for kind in self.target_classes:
             told = [t.size_m for t in self.targets if t.kind == kind]
-            told += [g.size_m for g in self.generators if g.kind == kind]
+            told += [size for g in self.generators if g.kind == kind for size in g.sizes_m]
             sizes = [size or DEFAULT_SIZE_M[kind] for size in told] or [DEFAULT_SIZE_M[kind]]
             found[kind] = min(sizes), max(sizes)
         return found

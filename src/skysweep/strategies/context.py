@@ -79,7 +79,7 @@ class MissionContext:
             camera.exposure_s,
             scenario.vehicle,
             scenario.terrain.surface,
-            bool(scenario.trees or scenario.forests),
+            bool(scenario.trees or scenario.forests or scenario.terrain.land_cover),
             obstacles,
             load,
             lambda: load().view_of(camera, scenario.detector),

@@ -22,6 +22,7 @@ from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
 
 _FAR = 1e6  # cost of what is no match
+WANDERS_S = 8.0  # after which what is seen near an old candidate is not taken for it any more
 _EDGE_PX = 1.0  # a box this near to an edge of the picture is cut by it
 
 
@@ -41,7 +42,9 @@ class GroundTracker:
     """Keeps one candidate per thing seen on the ground. Implements ``types.Tracker``.
 
     ``sizes_m`` tells the smallest and largest size of what is searched for, by class. A box that spans far
-    less or more on the ground is something else, and left out; classes without a size are all taken.
+    less or more on the ground is something else, and left out; classes without a size are all taken. Where
+    they are expected to move, a candidate may have gone anywhere at ``speed_mps`` since it was last seen, for
+    up to WANDERS_S.
     """
 
     def __init__(
@@ -49,7 +52,9 @@ class GroundTracker:
         ground_height_m: GroundHeight,
         sizes_m: Mapping[str, tuple[float, float]] | None = None,
         model: TrackerModel | None = None,
+        speed_mps: float = 0.0,
     ) -> None:
+        self._speed_mps = speed_mps
         self._ground_height_m = ground_height_m
         self._model = model or TrackerModel()
         self._extents_m = {
@@ -122,25 +127,31 @@ class GroundTracker:
             self._model.angle_std_rad,
             self._model.position_std_m,
         )
-        assigned = self._assign(detections.class_names, points, covariances)
+        assigned = self._assign(detections.time_s, detections.class_names, points, covariances)
         return tuple(
             self._absorb(detections, i, points[i], covariances[i], assigned.get(i))
             for i, x in enumerate(points[:, 0].tolist())
             if math.isfinite(x)
         )
 
-    def _assign(self, class_names: tuple[str, ...], points: F64, covariances: F64) -> dict[int, int]:
+    def _assign(
+        self, time_s: float, class_names: tuple[str, ...], points: F64, covariances: F64
+    ) -> dict[int, int]:
         """Detection index -> candidate id: the cheapest one-to-one assignment inside the gates."""
         if not self._candidates:
             return {}
         cost = np.empty((len(points), len(self._candidates)))
+        wander_m = np.zeros(len(self._candidates))
+        if self._speed_mps:
+            wander_m[:] = [self._wander_m(time_s, c) for c in self._candidates.values()]
         _write_gated_distances(
             cost,
             points,
             covariances,
             np.array([self._class_number(name) for name in class_names]),
             self._positions_enu_m,
-            self._covariances_m2,
+            self._covariances_m2 + (wander_m**2)[:, None, None] * np.eye(2),
+            wander_m,
             self._classes,
             self._gate,
         )
@@ -166,7 +177,10 @@ class GroundTracker:
             old = self._candidates[candidate_id]
             is_new = False
             position, posterior = np.empty(3), np.empty((2, 2))
-            _merge(position, posterior, old.position_enu_m, old.covariance_m2, point, covariance, common_m2)
+            spread = old.covariance_m2
+            if self._speed_mps:
+                spread = spread + self._wander_m(detections.time_s, old) ** 2 * np.eye(2)
+            _merge(position, posterior, old.position_enu_m, spread, point, covariance, common_m2)
             position[2] = self._ground_height_m(position[None, :2])[0]
             class_name, first_seen_s = old.class_name, old.first_seen_s
             confidences = (*old.confidences, confidence)
@@ -180,6 +194,10 @@ class GroundTracker:
         lens = detections.lens
         is_cut = min(left, top, lens.width_px - right, lens.height_px - bottom) < _EDGE_PX
         return Sighting(candidate_id, is_new, detections.time_s, point, confidence, altitude, box, is_cut)
+
+    def _wander_m(self, time_s: float, candidate: Candidate) -> float:
+        """Standard deviation along each axis of how far a candidate has gone since it was last seen."""
+        return self._speed_mps * min(time_s - candidate.last_seen_s, WANDERS_S) / math.sqrt(2.0)
 
     def _class_number(self, name: str) -> int:
         return self._class_numbers.setdefault(name, len(self._class_numbers))
@@ -230,6 +248,7 @@ def _write_gated_distances(
     kinds: I64,
     positions: F64,
     spreads: F64,
+    wander_m: F64,
     known_kinds: I64,
     gate: float,
 ) -> None:
@@ -242,7 +261,8 @@ def _write_gated_distances(
         for c in range(len(positions)):
             cost[r, c] = _FAR
             x, y = positions[c, 0] - points[r, 0], positions[c, 1] - points[r, 1]
-            if kinds[r] != known_kinds[c] or not (abs(x) < reach and abs(y) < reach):
+            far = reach + 4.0 * wander_m[c]
+            if kinds[r] != known_kinds[c] or not (abs(x) < far and abs(y) < far):
                 continue
             xx = spreads[c, 0, 0] + covariances[r, 0, 0]
             xy = spreads[c, 0, 1] + covariances[r, 0, 1]

@@ -57,7 +57,8 @@ class Obstacles:
             x, y, z = b.position_enu_m.tolist()
             yaw = math.cos(b.yaw_rad), math.sin(b.yaw_rad)
             length, width = b.size_m
-            rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, z + b.height_m + width / 2))
+            top = z + b.height_m + (0.0 if b.flat_roof else width / 2)
+            rows.append((x, y, *yaw, length / 2, width / 2, _EAVES_M, z, top))
         self.solids = np.array(rows, dtype=float).reshape(-1, 9)
         self._relief_m = float(np.ptp(terrain.heights_m))
 

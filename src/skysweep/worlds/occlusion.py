@@ -16,18 +16,26 @@ from numba import njit
 from skysweep.arrays import F64, I64
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
 
-FLAT, STANDING, FLOATING = 0, 1, 2
-SHAPES = {"standing": STANDING, "floating": FLOATING}  # of poses; all others are flat
+FLAT, STANDING, FLOATING, SITTING, CROUCHING = range(5)
+SHAPES = {  # of poses; all others are flat
+    **dict.fromkeys(("standing", "walking", "waving"), STANDING),
+    "floating": FLOATING,
+    "sitting": SITTING,
+    "crouching": CROUCHING,
+}
 
 _STANDING_WIDTH_SHARE = 0.3  # shoulders against body height
 _FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
+_SITTING_SHARE = 0.55  # from the back to the feet, or to the head
+_CROUCHING_SHARE = 0.42
+_LOW_MIDDLE_SHARE = 0.2  # height of the middle of one who sits or crouches
 _CELL_M = 16.0  # of the grid of solids
 _POINT_HEIGHT_M = 0.1
 _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # of the object's size
 
 
 def shape_of(thing: WorldObject) -> int:
-    """FLAT, STANDING or FLOATING: how the object's apparent size depends on the viewing direction."""
+    """FLAT, STANDING, ...: how the object's apparent size depends on the viewing direction."""
     return SHAPES.get(thing.pose, FLAT)
 
 
@@ -42,6 +50,10 @@ def pixels_on_target(
     extent_m = size_m
     if shape == FLOATING:
         extent_m = size_m * _FLOATING_SHARE
+    elif shape == SITTING:
+        extent_m = size_m * _SITTING_SHARE
+    elif shape == CROUCHING:
+        extent_m = size_m * _CROUCHING_SHARE
     elif shape == STANDING:
         across = east_m * east_m + north_m * north_m
         off_nadir_sine = math.sqrt(across / max(across + up_m * up_m, 1e-9))
@@ -51,10 +63,18 @@ def pixels_on_target(
 
 def middle_enu_m(thing: WorldObject) -> F64:
     """The middle (3,) of an object's visible part; that of a standing object is well above the ground."""
-    if thing.pose != "standing":
+    above_m = middle_above_ground_m(thing.kind, thing.pose, thing.size_m)
+    if above_m == 0.0:
         return thing.position_enu_m
-    above = 0.5 * thing.size_m + (0.0 if thing.kind == "person" else STANDING_SIGN_EDGE_M)
-    return np.asarray(thing.position_enu_m + np.array([0.0, 0.0, above]))
+    return np.asarray(thing.position_enu_m + np.array([0.0, 0.0, above_m]))
+
+
+def middle_above_ground_m(kind: str, pose: str, size_m: float) -> float:
+    """Height of the middle of an object's visible part above the ground."""
+    shape = SHAPES.get(pose, FLAT)
+    if shape == STANDING:
+        return 0.5 * size_m + (0.0 if kind == "person" else STANDING_SIGN_EDGE_M)
+    return _LOW_MIDDLE_SHARE * size_m if shape in (SITTING, CROUCHING) else 0.0
 
 
 class Occluders:

@@ -15,6 +15,7 @@ _FILLS = 0.1  # of its bounding box: a polygon that fills less is split into tri
 _UNTIL_CLOSER = 500  # tries before the separation is halved
 _SPARSE_TRIES = 1000
 _SCATTER_TRIES = 100
+_BESIDE_CROWN = 0.6, 1.15  # distance from the trunk, in crown radii
 _CLUSTER_TRIES = 10_000, 100  # in all, and more for each object
 
 
@@ -83,6 +84,21 @@ def generate_positions(generator: Generator, area: Ground, rng: np.random.Genera
         if tries % _UNTIL_CLOSER == 0:
             separation_m /= 2
     return _pairs(placed)
+
+
+def beside_trees(places: list[XY], crowns: F64, area: Ground, rng: np.random.Generator) -> list[XY]:
+    """Each place moved to the nearest crown, half under it or just outside; rows of x, y and radius."""
+    moved = []
+    for x, y in places:
+        gaps_m = np.hypot(crowns[:, 0] - x, crowns[:, 1] - y) - crowns[:, 2]
+        tree_x, tree_y, radius_m = crowns[np.argmin(gaps_m)].tolist()
+        for _ in range(_SCATTER_TRIES):
+            away_m, angle = radius_m * rng.uniform(*_BESIDE_CROWN), rng.uniform(0, 2 * np.pi)
+            xy = tree_x + away_m * math.cos(angle), tree_y + away_m * math.sin(angle)
+            if area.covers(xy):
+                break
+        moved.append(xy if area.covers(xy) else (x, y))
+    return moved
 
 
 def scattered(xy: XY, scatter_m: float, area: Ground, rng: np.random.Generator) -> XY:

@@ -1,20 +1,23 @@
 """GeoTIFFs of any CRS and size over local metres: only what is looked at is read, as finely as needed.
 
-A raster's pixel coordinates are columns and rows from its first corner, in pixels; the middle of the first pixel
-is (0.5, 0.5).
+Columns and rows count from a raster's first corner: the middle of its first pixel is (0.5, 0.5).
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import pyproj
 import shapely
-from scipy import ndimage
+from numpy.typing import NDArray
 
 from skysweep.arrays import F64, U8
 from skysweep.errors import MissingExtraError, UserError
@@ -23,74 +26,217 @@ from skysweep.geometry.frames import LocalFrame
 Bounds = tuple[float, float, float, float]  # west, south, east, north
 
 _NODE_M = 50.0  # between places that are projected; linear in between, which errs by less than 1 mm
-_BORDER = 64  # points along each edge of a raster's outline
+_MOST_NODES = 400  # along one side
+_MAX_BLOCK_BYTES = 500_000_000  # of what has to be read at once
+_BORDER = 64  # points along one edge
+
+
+class Part(NamedTuple):
+    """Some of a raster's pixels."""
+
+    column: int
+    row: int
+    wide: int
+    tall: int
+
+
+class Pixels(NamedTuple):
+    """What was read, and where."""
+
+    values: NDArray[Any]  # (H, W) or (bands, H, W)
+    is_valid: NDArray[np.bool_]  # (H, W)
+    column: float  # of the first one's middle
+    row: float
+    across: float  # columns from one to the next
+    down: float  # rows
+
+    def places_of(self, columns_rows: F64) -> F64:
+        """Row and column (2, ...) in ``values``, in fractions, of the file's columns and rows (2, ...)."""
+        columns, rows = columns_rows
+        return np.stack([(rows - self.row) / self.down, (columns - self.column) / self.across])
 
 
 @dataclass(frozen=True)
 class GeoTiff:
-    """A GeoTIFF and how its pixels lie in a local frame. ``field`` of the scenario names it in errors."""
+    """A GeoTIFF, and how its pixels lie in a local frame. ``field`` of the scenario names it in errors.
+
+    It holds no open file, so that threads and processes may share it.
+    """
 
     path: Path
     field: str
     frame: LocalFrame
     size_px: tuple[int, int]  # width, height
     affine: tuple[float, float, float, float, float, float]  # x = a col + b row + c, y = d col + e row + f
-    crs_wkt: str
+    crs: pyproj.CRS
     bands: int
     dtype: str
-    nodata: float | None
-    unit: str | None  # of the first band, as the file says
+    unit: str  # of the first band, as the file says
+    scale_offset: tuple[float, float]  # of the first band
+    has_palette: bool
+    is_coarse_too: bool  # has overviews, or is small
 
-    @classmethod
-    def opened(cls, path: Path, field: str, frame: LocalFrame) -> GeoTiff:
-        """What the file says of itself.
-
-        Raises UserError where it is no GeoTIFF or does not say where it lies, MissingExtraError without rasterio.
-        """
-        with _open(path, field) as file:
-            if file.crs is None or file.transform.is_identity:
-                raise UserError(
-                    f"{field}: {path}: does not say where it lies; save it as a GeoTIFF with its CRS and position"
-                )
-            t = file.transform
-            return cls(
-                path,
-                field,
-                frame,
-                (file.width, file.height),
-                (t.a, t.b, t.c, t.d, t.e, t.f),
-                file.crs.to_wkt(),
-                file.count,
-                file.dtypes[0],
-                file.nodata,
-                file.units[0],
-            )
-
-    @cached_property
-    def crs(self) -> pyproj.CRS:
-        """The coordinate reference system."""
-        return pyproj.CRS.from_wkt(self.crs_wkt)
-
-    def refuse(self, problem: str) -> UserError:
-        """The error that names the field and the file."""
+    def error(self, problem: str) -> UserError:
+        """A UserError that names field and file."""
         return UserError(f"{self.field}: {self.path}: {problem}")
 
     def pixels_at(self, xy_enu_m: F64) -> F64:
         """Columns and rows (N, 2) of places (N, 2). Raises UserError where the CRS does not reach there."""
         geodetic = self.frame.geodetic_from_enu(np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))]))
-        to_crs = pyproj.Transformer.from_crs("EPSG:4326", self.crs, always_xy=True)
-        x, y = to_crs.transform(geodetic[:, 1], geodetic[:, 0])
+        x, y = self._from_wgs84.transform(geodetic[:, 1], geodetic[:, 0])
         a, b, c, d, e, f = self.affine
         x, y, whole = np.asarray(x) - c, np.asarray(y) - f, a * e - b * d
         pixels = np.column_stack([(e * x - b * y) / whole, (a * y - d * x) / whole])
         if not np.isfinite(pixels).all():
-            raise self.refuse("its CRS does not reach the area; give a raster of this area")
+            raise self.error("its CRS does not reach the area; give a raster of this area")
         return pixels
 
+    def pixels_over(self, x_m: F64, y_m: F64) -> F64:
+        """Columns and rows (2, R, C) of the places at these eastings (C,) and northings (R,), rising."""
+        return between_nodes(self.pixels_at, x_m, y_m)
+
     @cached_property
+    def pixel_m(self) -> float:
+        """Width or height of a pixel at the frame's origin, whichever is smaller."""
+        here, east, north = self.pixels_at(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        per_m = np.array([east - here, north - here])  # pixels
+        return float(1.0 / np.linalg.norm(per_m, axis=0).max())
+
+    def outside_m(self, pixels: F64) -> F64:
+        """How far places (..., 2), given by columns and rows, lie beyond the raster's edge; 0 on it."""
+        beyond = np.maximum(np.maximum(-pixels, pixels - np.array(self.size_px)), 0.0)
+        return np.asarray(np.hypot(beyond[..., 0], beyond[..., 1]) * self.pixel_m)
+
     def outline_enu_m(self) -> shapely.Polygon:
-        """Where it lies."""
-        raise NotImplementedError
+        """Where the raster lies. Raises UserError where its coordinates are none of its CRS."""
+        share, low, high = np.linspace(0.0, 1.0, _BORDER), np.zeros(_BORDER), np.ones(_BORDER)
+        column = np.concatenate([share, high, share[::-1], low]) * self.size_px[0]
+        row = np.concatenate([low, share, high, share[::-1]]) * self.size_px[1]
+        a, b, c, d, e, f = self.affine
+        x, y = a * column + b * row + c, d * column + e * row + f
+        to_wgs84 = pyproj.enums.TransformDirection.INVERSE
+        longitude, latitude = self._from_wgs84.transform(x, y, direction=to_wgs84)
+        geodetic = np.column_stack([latitude, longitude, np.full(len(x), self.frame.altitude_m)])
+        if not np.isfinite(geodetic).all():
+            raise self.error("its coordinates lie outside its CRS; save it again with the right CRS")
+        return shapely.Polygon(self.frame.enu_from_geodetic(geodetic)[:, :2])
+
+    def overlap(self, bounds_enu_m: Bounds) -> shapely.Polygon:
+        """Where it lies within bounds. Raises UserError where it does not."""
+        outline, ground = self.outline_enu_m(), shapely.box(*bounds_enu_m)
+        shared = shapely.intersection(outline, ground)
+        if shared.area == 0.0:
+            away_km = shapely.distance(outline, ground) / 1e3
+            raise self.error(f"does not overlap the area, {away_km:.1f} km away; give a raster of this area")
+        return shared
+
+    def window(self, pixels: F64, pad: int) -> Part | None:
+        """The part around places (..., 2), wider by ``pad`` pixels; None where all lie off the raster."""
+        column, row = np.maximum(np.floor(pixels.reshape(-1, 2).min(axis=0)).astype(int) - pad, 0).tolist()
+        right, low = (np.ceil(pixels.reshape(-1, 2).max(axis=0)).astype(int) + pad).tolist()
+        wide, tall = min(right, self.size_px[0]) - column, min(low, self.size_px[1]) - row
+        return Part(column, row, wide, tall) if wide > 0 and tall > 0 else None
+
+    def read(self, part: Part, step: float = 1.0, bands: int | None = None, smooth: bool = False) -> Pixels:
+        """The pixels of a part, one for every ``step`` of the file's in each direction.
+
+        ``smooth``: their averages, else the nearest one; ``bands``: that many, else the first alone.
+        Raises UserError where the file has gone or is damaged.
+        """
+        import rasterio
+        from rasterio.enums import Resampling
+        from rasterio.windows import Window
+
+        columns, rows = max(1, math.ceil(part.wide / step)), max(1, math.ceil(part.tall / step))
+        resampling = Resampling.average if smooth and step > 1.0 else Resampling.nearest
+        index = 1 if bands is None else list(range(1, bands + 1))
+        shape = (rows, columns) if bands is None else (bands, rows, columns)
+        window = Window(*part)
+        with opened(self.path, self.field) as file:
+            try:
+                values = file.read(index, window=window, out_shape=shape, resampling=resampling)
+                is_valid = file.dataset_mask(window=window, out_shape=(rows, columns)) > 0
+            except rasterio.errors.RasterioError:
+                raise self.error("is damaged; copy it again") from None
+        across, down = part.wide / columns, part.tall / rows
+        return Pixels(values, is_valid, part.column + across / 2, part.row + down / 2, across, down)
+
+    @cached_property
+    def _from_wgs84(self) -> pyproj.Transformer:
+        try:
+            return pyproj.Transformer.from_crs("EPSG:4326", self.crs.to_2d(), always_xy=True)
+        except pyproj.exceptions.ProjError:
+            raise self.error("its CRS is local; save it again in one with a datum, such as UTM") from None
+
+
+def geotiff(path: Path, field: str, frame: LocalFrame) -> GeoTiff:
+    """What a file says of itself.
+
+    Raises UserError where it is no GeoTIFF or does not say where it lies, MissingExtraError without rasterio.
+    """
+    with opened(path, field) as file:
+        t = file.transform
+        if file.crs is None or t.is_identity or t.is_degenerate:
+            raise UserError(
+                f"{field}: {path}: does not say where it lies; save it as a GeoTIFF with its CRS and position"
+            )
+        block = max(h * w for h, w in file.block_shapes) * np.dtype(file.dtypes[0]).itemsize
+        if block * file.count > _MAX_BLOCK_BYTES:
+            raise UserError(f"{field}: {path}: can only be read as a whole; save it again in tiles")
+        try:
+            crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
+        except pyproj.exceptions.CRSError:
+            raise UserError(
+                f"{field}: {path}: its CRS is not known; save it again with a known one"
+            ) from None
+        return GeoTiff(
+            path,
+            field,
+            frame,
+            (file.width, file.height),
+            (t.a, t.b, t.c, t.d, t.e, t.f),
+            crs,
+            file.count,
+            file.dtypes[0],
+            (file.units[0] or "").strip(),
+            (file.scales[0], file.offsets[0]),
+            file.colorinterp[0].name == "palette",
+            bool(file.overviews(1)) or file.width * file.height <= 25_000_000,
+        )
+
+
+@contextmanager
+def opened(path: Path, field: str) -> Iterator[Any]:
+    """The file, opened with rasterio. Raises as ``geotiff``."""
+    try:
+        import rasterio
+    except ImportError:
+        raise MissingExtraError(f"{field}: a GeoTIFF", "geo") from None
+    if not path.is_file():
+        raise UserError(f"{field}: {path}: there is no such file; check the path")
+    try:
+        file = rasterio.open(path, driver="GTiff")
+    except rasterio.errors.RasterioError:
+        raise UserError(f"{field}: {path}: is no GeoTIFF; save it as one") from None
+    with file:
+        yield file
+
+
+def between_nodes(of: Callable[[F64], F64], x_m: F64, y_m: F64) -> F64:
+    """Values (K, R, C) over a grid of a smooth function of places (N, 2) -> (N, K), linear between nodes."""
+    (x_nodes, x_share), (y_nodes, y_share) = _nodes(x_m), _nodes(y_m)
+    x, y = np.meshgrid(x_nodes, y_nodes)
+    at_nodes = of(np.column_stack([x.ravel(), y.ravel()])).T.reshape(-1, *x.shape)
+    return np.asarray(y_share @ at_nodes @ x_share.T)
+
+
+def _nodes(places_m: F64) -> tuple[F64, F64]:
+    """Nodes (M,) over rising places (N,), and the shares (N, M) that they have in them."""
+    low, high = float(places_m.min()), float(places_m.max())
+    count = min(max(2, math.ceil((high - low) / _NODE_M) + 1), _MOST_NODES)
+    nodes = np.linspace(low, max(high, low + 1e-3), count)
+    at = (places_m - nodes[0]) / (nodes[1] - nodes[0])
+    return nodes, np.maximum(1.0 - np.abs(at[:, None] - np.arange(count)), 0.0)
 
 
 @dataclass(frozen=True)
@@ -104,21 +250,39 @@ class GroundPicture:
     bounds_enu_m: Bounds  # of the part on the scenario's ground
     pixel_m: float
 
-    def read(
-        self, west: float, south: float, east: float, north: float, width_px: int, height_px: int
-    ) -> U8:
-        """The ground between these ENU metres (H, W, 4) RGBA, north up; alpha is 0 where there is no picture."""
-        raise NotImplementedError
+    def read(self, west: float, south: float, east: float, north: float, width_px: int, height_px: int) -> U8:
+        """The ground between these ENU metres (H, W, 4) RGBA, north up; alpha is 0 where nothing is pictured.
+
+        Raises UserError where the file has gone or is damaged.
+        """
+        across, along = (east - west) / width_px, (north - south) / height_px
+        x = np.asarray(west + across * (np.arange(width_px) + 0.5))
+        y = np.asarray(south + along * (np.arange(height_px) + 0.5))
+        places = self.source.pixels_over(x, y)[:, ::-1]
+        out = np.zeros((height_px, width_px, 4), np.uint8)
+        step = max(1.0, min(across, along) / self.source.pixel_m)
+        part = self.source.window(np.moveaxis(places, 0, -1), math.ceil(step))
+        if part is None:
+            return out
+        pixels = self.source.read(part, step, bands=3 if self.source.bands >= 3 else 1, smooth=True)
+        v, u = pixels.places_of(places).astype(np.float32)
+        picture = np.ascontiguousarray(np.moveaxis(pixels.values, 0, -1))
+        drawn = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        out[..., :3] = drawn.reshape(height_px, width_px, -1)
+        alpha = pixels.is_valid.astype(np.uint8) * 255
+        out[..., 3] = cv2.remap(alpha, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
+        out[out[..., 3] == 0] = 0
+        return out
 
 
-def _open(path: Path, field: str) -> Any:
-    try:
-        import rasterio
-    except ImportError:
-        raise MissingExtraError(f"{field}: a GeoTIFF", "geo") from None
-    if not path.is_file():
-        raise UserError(f"{field}: {path}: there is no such file; check the path")
-    try:
-        return rasterio.open(path, driver="GTiff")
-    except rasterio.errors.RasterioError:
-        raise UserError(f"{field}: {path}: is no readable GeoTIFF; save it again as one") from None
+def ground_picture(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> GroundPicture:
+    """The orthophoto over the ground within bounds.
+
+    Raises UserError where it is no picture, or does not overlap them.
+    """
+    source = geotiff(path, "terrain.orthophoto", frame)
+    if source.dtype != "uint8" or source.has_palette:
+        kind = "a palette" if source.has_palette else f"{source.dtype} values"
+        raise source.error(f"has {kind}, not colours of 8 bits; save it as RGB of 8 bits")
+    west, south, east, north = source.overlap(bounds_enu_m).bounds
+    return GroundPicture(source, (west, south, east, north), source.pixel_m)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +13,16 @@ from skysweep.scenarios.model import Light
 from skysweep.worlds.assets import object_mesh
 from skysweep.worlds.assets.buildings import building_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
-from skysweep.worlds.meshes import Mesh, make_mesh, tilt_rotation, yaw_rotation
-from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
-from skysweep.worlds.world import TerrainSurface, World, WorldObject
+from skysweep.worlds.ground_grid import GroundGrid
+from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
+from skysweep.worlds.textures import GroundTextures, border_noise, ground_textures, layer_image
+from skysweep.worlds.rasters import GroundPicture
+from skysweep.worlds.world import GroundCover, TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
-HORIZON_M = 4000.0  # the ground goes on flat this far beyond the world
+WANDER_M = 64.0
 PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
-UPRIGHT_POSES = ("standing", "sitting", "floating")
+UPRIGHT_POSES = ("standing", "sitting", "floating", "crouching", "walking", "waving")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,29 @@ class Solid:
 
 
 @dataclass(frozen=True, slots=True)
+class Mover:
+    """An object that moves, with its mesh about the origin, facing east; ``id`` is as of a ``Solid``."""
+
+    mesh: Mesh
+    id: int
+    thing: WorldObject
+    world: World
+
+    @property
+    def radius_m(self) -> float:
+        """Of a sphere about its place that holds it."""
+        return float(np.linalg.norm(self.mesh.vertices, axis=1).max())
+
+    def place(self, time_s: float) -> F64:
+        """Its place (3,) at a time."""
+        return self.world.position(self.thing, time_s)
+
+    def at(self, time_s: float) -> Mesh:
+        """Its mesh in ENU at a time."""
+        return _put(self.mesh, self.world.terrain, self.world.at(self.thing, time_s))
+
+
+@dataclass(frozen=True, slots=True)
 class Planting:
     """A unit mesh, coarse to fine, and its places: rows of x, y, z, yaw, radius, height, shade."""
 
@@ -51,13 +77,25 @@ class Planting:
 
 
 @dataclass(frozen=True, slots=True)
+class Covering:
+    """What differs from place to place on the ground: its surfaces, and its picture over them."""
+
+    cover: GroundCover
+    textures: tuple[GroundTextures, ...]  # by code of the cover
+    wander: U8  # (256, 256, 3) over WANDER_M: how far borders of surfaces stray from those of the cells
+    picture: GroundPicture | None
+
+
+@dataclass(frozen=True, slots=True)
 class Scene:
     """Everything to draw. ``layers`` holds the texture layers in use, renumbered from 0."""
 
-    ground: Mesh
+    ground: GroundGrid
     terrain: TerrainSurface
-    ground_textures: GroundTextures
+    ground_textures: GroundTextures  # of the terrain's surface
+    covering: Covering | None  # None: that surface is everywhere
     solids: tuple[Solid, ...]
+    movers: tuple[Mover, ...]
     plantings: tuple[Planting, ...]
     layers: U8  # (L, 256, 256, 3)
     sun: Sun
@@ -66,25 +104,44 @@ class Scene:
 
 def build_scene(world: World) -> Scene:
     """Meshes, textures and light of a world. Deterministic."""
-    solids = [Solid(_placed(world.terrain, o), k) for k, o in enumerate(world.objects, start=1)]
+    solids: list[Solid] = []
+    movers: list[Mover] = []
+    for k, o in enumerate(world.objects, start=1):
+        mesh = object_mesh(o.kind, o.size_m, o.pose, o.variant, o.clothing)
+        if o.track is None:
+            solids.append(Solid(_put(mesh, world.terrain, o), k))
+        else:
+            movers.append(Mover(mesh, k, o, world))
     for b in world.buildings:
-        house = building_mesh(b.size_m, b.height_m, b.variant)
+        house = building_mesh(b.size_m, b.height_m, b.variant, b.flat_roof)
         solids.append(Solid(house.moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0))
     plantings = _plant(world)
-    shown = [s.mesh for s in solids] + [p.meshes[-1] for p in plantings]
+    shown = [s.mesh for s in (*solids, *movers)] + [p.meshes[-1] for p in plantings]
     used = np.unique(np.concatenate([[0.0], *(m.texture[:, 2] for m in shown)])).astype(int)
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
+    movers = [replace(m, mesh=_renumbered(m.mesh, used)) for m in movers]
     plantings = [Planting(tuple(_renumbered(m, used) for m in p.meshes), p.places) for p in plantings]
     return Scene(
-        ground_mesh(world.terrain),
+        GroundGrid(world.terrain),
         world.terrain,
         ground_textures(world.terrain.surface, world.seed % GROUND_LOOKS),
+        _covering(world),
         tuple(solids),
+        tuple(movers),
         tuple(plantings),
         np.stack([layer_image(int(layer)) for layer in used]),
         make_sun(world.light),
-        _bounds(world.terrain, solids, plantings),
+        _bounds(world.terrain, solids, movers, plantings),
     )
+
+
+def _covering(world: World) -> Covering | None:
+    terrain = world.terrain
+    if terrain.cover is None and world.ground_picture is None:
+        return None
+    cover = terrain.cover or GroundCover(np.zeros((1, 1), np.uint8), terrain.bounds_enu_m, (terrain.surface,))
+    textures = tuple(ground_textures(name, world.seed % GROUND_LOOKS) for name in cover.names)
+    return Covering(cover, textures, border_noise(), world.ground_picture)
 
 
 def make_sun(light: Light) -> Sun:
@@ -111,25 +168,8 @@ def make_sun(light: Light) -> Sun:
     )
 
 
-def ground_mesh(terrain: TerrainSurface) -> Mesh:
-    """The heightfield as a grid that continues flat to the horizon; its faces are sorted row by row."""
-    west, south, east, north = terrain.bounds_enu_m
-    rows, columns = (17, 17) if terrain.is_flat else terrain.heights_m.shape
-    far = np.array([HORIZON_M, 0.25 * HORIZON_M, 0.05 * HORIZON_M])
-    x = np.concatenate([west - far, np.linspace(west, east, columns), east + far[::-1]])
-    y = np.concatenate([south - far, np.linspace(south, north, rows), north + far[::-1]])
-    X, Y = np.meshgrid(x, y)
-    xy = np.column_stack([X.ravel(), Y.ravel()])
-    v = np.column_stack([xy, terrain.height_m(xy)])
-    n = len(x)
-    i, j = np.meshgrid(np.arange(len(y) - 1), np.arange(n - 1), indexing="ij")
-    a = (i * n + j).ravel()
-    faces = np.stack([np.column_stack([a, a + 1, a + n + 1]), np.column_stack([a, a + n + 1, a + n])], axis=1)
-    return make_mesh(v, faces.reshape(-1, 3), (1, 1, 1))
-
-
-def _placed(terrain: TerrainSurface, thing: WorldObject) -> Mesh:
-    mesh = object_mesh(thing.kind, thing.size_m, thing.pose, thing.variant)
+def _put(mesh: Mesh, terrain: TerrainSurface, thing: WorldObject) -> Mesh:
+    """The mesh of an object in its place, along the ground unless it is upright."""
     R = yaw_rotation(thing.yaw_rad)
     if thing.pose not in UPRIGHT_POSES and not terrain.is_flat:
         R = tilt_rotation(_slope_normal(terrain, thing.position_enu_m[:2], 0.5 * thing.size_m)) @ R
@@ -145,11 +185,17 @@ def _slope_normal(terrain: TerrainSurface, xy: F64, reach_m: float) -> F64:
 def _plant(world: World) -> list[Planting]:
     groups: dict[tuple[str, int], list[list[float]]] = {}
     for tree in world.trees:
-        rng = np.random.default_rng([tree.variant, 31])
-        yaw, shade = rng.uniform(0, 2 * np.pi), rng.uniform(0.78, 1.12)
-        place = [*tree.position_enu_m, yaw, tree.crown_radius_m, tree.height_m, shade]
-        groups.setdefault((tree.kind, int(rng.integers(SHAPES))), []).append(place)
+        yaw, shade, shape = _plant_looks(tree.variant)
+        place = [*tree.position_enu_m.tolist(), yaw, tree.crown_radius_m, tree.height_m, shade]
+        groups.setdefault((tree.kind, shape), []).append(place)
     return [Planting(tree_meshes(*key), np.array(rows, np.float32)) for key, rows in sorted(groups.items())]
+
+
+@lru_cache(maxsize=4096)
+def _plant_looks(variant: int) -> tuple[float, float, int]:
+    """Yaw, shade and shape of a plant."""
+    rng = np.random.default_rng([variant, 31])
+    return float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.78, 1.12)), int(rng.integers(SHAPES))
 
 
 def _renumbered(mesh: Mesh, used: NDArray[np.int_]) -> Mesh:
@@ -158,12 +204,15 @@ def _renumbered(mesh: Mesh, used: NDArray[np.int_]) -> Mesh:
     return replace(mesh, texture=texture)
 
 
-def _bounds(terrain: TerrainSurface, solids: list[Solid], plantings: list[Planting]) -> tuple[F64, F64]:
+def _bounds(
+    terrain: TerrainSurface, solids: list[Solid], movers: list[Mover], plantings: list[Planting]
+) -> tuple[F64, F64]:
     west, south, east, north = terrain.bounds_enu_m
     low, high = float(terrain.heights_m.min()), float(terrain.heights_m.max())
     top = max(
         [high]
         + [float(s.mesh.vertices[:, 2].max()) for s in solids]
+        + [high + m.radius_m for m in movers]
         + [float((p.places[:, 2] + p.places[:, 5]).max()) for p in plantings]
     )
     return np.array([west, south, low - 1.0]), np.array([east, north, top])

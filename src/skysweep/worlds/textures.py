@@ -157,6 +157,13 @@ def ground_textures(surface: str, look: int) -> GroundTextures:
     return _GROUND[surface](rng)
 
 
+@lru_cache(maxsize=1)
+def border_noise() -> U8:
+    """Tileable noise (256, 256, 3), mean 0.5, by which borders of surfaces stray."""
+    rng = np.random.default_rng(37)
+    return _bytes(255 * np.stack([noise(LAYER_PX, rng, 1.35, 2) for _ in range(3)], axis=2))
+
+
 def _variation(
     n: int, rng: np.random.Generator, tints: ArrayLike, contrast: float, slope: float, high: float
 ) -> U8:

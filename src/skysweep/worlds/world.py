@@ -6,26 +6,53 @@ Only simulated sensors and results may look at it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import shapely
+import shapely.affinity
 from numba import njit
 from numpy.typing import ArrayLike
 
 from skysweep.arrays import F64, U8
-from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, MARGIN_M, Forest, Light, Scenario
-from skysweep.worlds.places import Ground, generate_positions, scattered
-from skysweep.worlds.rasters import GroundPicture
+from skysweep.errors import UserError
+from skysweep.scenarios.files import ground_files
+from skysweep.scenarios.model import (
+    DEFAULT_POSE,
+    DEFAULT_SIZE_M,
+    MARGIN_M,
+    MAX_TREES,
+    SIZE_OF_AGE_M,
+    Forest,
+    LandClass,
+    Light,
+    Motion,
+    Scenario,
+)
+from skysweep.types import XY
+from skysweep.worlds.elevation import Elevation, elevation
+from skysweep.worlds.land_cover import SURFACES, WORLDCOVER, LandCover, growth, land_cover
+from skysweep.worlds.map_features import Box
+from skysweep.worlds.map_features import buildings as buildings_in
+from skysweep.worlds.motion import Placing, Track, track_of
+from skysweep.worlds.places import Ground, beside_trees, generate_positions, scattered
+from skysweep.worlds.rasters import Bounds, GroundPicture, ground_picture
 
+WAY_STEP_S = 2.0  # between the places of a drawn track
 HELD_OUT_VARIANTS = 1000  # asset variants from here on never appear in training pictures
 STANDING_SIGN_EDGE_M = 2.1  # height of a standing sign's lower edge
+_CLEAR_AT_HOME_M = 6.0  # of trees that are drawn
 
 
 @dataclass(frozen=True, slots=True)
 class WorldObject:
-    """A target or a distractor. ``variant`` seeds its looks (mesh proportions, colours)."""
+    """A target or a distractor. ``variant`` seeds its looks (mesh proportions, colours).
+
+    Where it has a ``track``, it is at ``position_enu_m`` at time 0, and ``World.at`` says where later.
+    """
 
     kind: str
     position_enu_m: F64  # (3,), on the ground
@@ -34,6 +61,8 @@ class WorldObject:
     pose: str
     is_target: bool
     variant: int
+    clothing: str | None = None  # as ``scenarios.model.Clothing``; None: any, by the variant
+    track: Track | None = None  # None: it does not move
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +85,7 @@ class WorldBuilding:
     height_m: float
     yaw_rad: float
     variant: int
+    flat_roof: bool = False  # at height_m, instead of the gable
 
 
 @dataclass(frozen=True)
@@ -159,13 +189,78 @@ class World:
     def targets(self) -> tuple[WorldObject, ...]:
         return tuple(o for o in self.objects if o.is_target)
 
+    def at(self, thing: WorldObject, time_s: float) -> WorldObject:
+        """An object as it is at a time of the mission, in its place then and facing where it goes."""
+        if thing.track is None:
+            return thing
+        x, y, yaw_rad = thing.track.at(time_s)
+        return replace(thing, position_enu_m=_on_ground(self.terrain, (x, y)), yaw_rad=yaw_rad)
+
+    def position(self, thing: WorldObject, time_s: float) -> F64:
+        """Where an object is at a time of the mission: (3,), on the ground."""
+        return self.at(thing, time_s).position_enu_m
+
+    def way(self, thing: WorldObject, until_s: float) -> F64:
+        """Its places (N, 3) from time 0 on, every WAY_STEP_S and at the end."""
+        times_s = [*np.arange(0.0, until_s, WAY_STEP_S).tolist(), until_s]
+        return np.array([self.position(thing, t) for t in times_s])
+
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
-    """The scenario's ground. Its height at home is 0 unless a heightmap says otherwise."""
+    """The scenario's ground. Its height at home is 0 unless a heightmap says otherwise.
+
+    Raises UserError where its files are not what they should be, MissingExtraError where rasterio is missing.
+    """
+    surface = _build_relief(scenario)
+    cover = land_cover_of(scenario)
+    if cover is None:
+        return surface
+    return replace(surface, cover=GroundCover(cover.surfaces, cover.bounds_enu_m, SURFACES))
+
+
+def ground_bounds(scenario: Scenario) -> Bounds:
+    """West, south, east and north of the area and home with their margin."""
     with_home = shapely.box(*scenario.area_enu_m.bounds).union(shapely.Point(scenario.home.position_enu_m))
     west, south, east, north = with_home.buffer(MARGIN_M).bounds
-    bounds = (west, south, east, north)
+    return west, south, east, north
+
+
+def elevation_of(scenario: Scenario) -> Elevation | None:
+    """What ``terrain.dem`` says of the ground, if there is one. Raises UserError as ``elevation``."""
+    dem = ground_files(scenario).get("terrain.dem")
+    if dem is None:
+        return None
+    unit, frame, home = scenario.terrain.dem_unit, scenario.frame, scenario.home.position_enu_m
+    return elevation(dem, unit, frame, ground_bounds(scenario), scenario.area_enu_m, home)
+
+
+def land_cover_of(scenario: Scenario) -> LandCover | None:
+    """What ``terrain.land_cover`` and ``roads_file`` say. Raises UserError as ``land_cover``."""
+    files, terrain = ground_files(scenario), scenario.terrain
+    map_file, roads_file = files.get("terrain.land_cover"), files.get("roads_file")
+    if map_file is None and roads_file is None:
+        return None
+    frame, bounds = scenario.frame, ground_bounds(scenario)
+    return land_cover(map_file, roads_file, classes_of(scenario), terrain.surface, frame, bounds)
+
+
+def classes_of(scenario: Scenario) -> Sequence[LandClass]:
+    """What the classes of ``terrain.land_cover`` are."""
+    return scenario.terrain.land_cover_classes or WORLDCOVER
+
+
+def ground_picture_of(scenario: Scenario) -> GroundPicture | None:
+    """``terrain.orthophoto``, if there is one. Raises UserError as ``ground_picture``."""
+    file = ground_files(scenario).get("terrain.orthophoto")
+    return None if file is None else ground_picture(file, scenario.frame, ground_bounds(scenario))
+
+
+def _build_relief(scenario: Scenario) -> TerrainSurface:
+    bounds = west, south, east, north = ground_bounds(scenario)
     t = scenario.terrain
+    dem = elevation_of(scenario)
+    if dem is not None:
+        return TerrainSurface(dem.heights_m, bounds, t.surface)
     if t.heightmap_m is not None:
         return TerrainSurface(np.asarray(t.heightmap_m, dtype=float), bounds, t.surface)
     if t.hills_height_m == 0:
@@ -185,41 +280,93 @@ def build_terrain(scenario: Scenario) -> TerrainSurface:
     return TerrainSurface(h - surface.height_at_m(*scenario.home.position_enu_m), bounds, t.surface)
 
 
+class _Item(NamedTuple):
+    """An object before it has its place on the ground and its looks."""
+
+    kind: str
+    position_enu_m: XY
+    yaw_rad: float
+    size_m: float | None
+    pose: str | None
+    is_target: bool
+    clothing: str | None
+    motion: Motion | None
+
+
 def build_world(scenario: Scenario, seed: int) -> World:
-    """The world of one mission. The same scenario and seed give the same world."""
+    """The world of one mission. The same scenario and seed give the same world.
+
+    Raises UserError where a generator places objects near trees and there are none.
+    """
     terrain = build_terrain(scenario)
-    rng = np.random.default_rng([seed, 11])
+    trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
     area = Ground(scenario.area_enu_m)
-    items: list[tuple[str, tuple[float, float], float, float | None, str | None, bool]] = [
-        (t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True) for t in scenario.targets
+    scatter = np.random.default_rng([seed, 19])
+    rng = np.random.default_rng([seed, 11])
+    items = _items(scenario, seed, area, trees)
+    moves = any(item.motion for item in items)
+    may_walk = _may_walk(area.polygon, buildings) if moves else area.polygon
+    objects = []
+    for index, item in enumerate(items):
+        xy = scattered(item.position_enu_m, scenario.scatter_m, area, scatter)
+        track = None
+        if item.motion is not None:
+            of_track = np.random.default_rng([seed, index, 41])
+            track = track_of(item.motion, Placing(*xy, item.yaw_rad), scenario.wind, may_walk, of_track)
+        thing = WorldObject(
+            item.kind,
+            _on_ground(terrain, xy),
+            item.yaw_rad,
+            item.size_m or DEFAULT_SIZE_M[item.kind],
+            item.pose or DEFAULT_POSE.get(item.kind, "face-up"),
+            item.is_target,
+            HELD_OUT_VARIANTS + int(rng.integers(1000)),
+            item.clothing,
+            track,
+        )
+        objects.append(thing)
+    picture = ground_picture_of(scenario)
+    return World(terrain, tuple(objects), trees, buildings, scenario.light, seed, picture)
+
+
+def _items(scenario: Scenario, seed: int, area: Ground, trees: tuple[WorldTree, ...]) -> list[_Item]:
+    """Targets, distractors, and what the generators place."""
+    items = [
+        _Item(t.kind, t.position_enu_m, np.radians(t.yaw_deg), t.size_m, t.pose, True, t.clothing, t.motion)
+        for t in scenario.targets
     ]
     turned = np.random.default_rng([seed, 23]).uniform(0, 2 * np.pi, len(scenario.distractors))
-    items += [
-        (d.kind, d.position_enu_m, yaw if d.yaw_deg is None else np.radians(d.yaw_deg), d.size_m, None, False)
-        for d, yaw in zip(scenario.distractors, turned.tolist(), strict=True)
-    ]
+    for d, yaw in zip(scenario.distractors, turned.tolist(), strict=True):
+        yaw_rad = yaw if d.yaw_deg is None else np.radians(d.yaw_deg)
+        items.append(_Item(d.kind, d.position_enu_m, yaw_rad, d.size_m, None, False, None, d.motion))
     target_kinds = scenario.target_classes
     for index, g in enumerate(scenario.generators):
         g_rng = np.random.default_rng([g.seed if g.seed is not None else seed + 100_000, index, 13])
-        for xy in generate_positions(g, area, g_rng):
+        places = generate_positions(g, area, g_rng)
+        if g.near == "trees":
+            if not trees:
+                raise UserError(f"generators[{index}].near: there are no trees; write some, or delete near")
+            crowns = np.array([(*t.position_enu_m[:2], t.crown_radius_m) for t in trees])
+            places = beside_trees(places, crowns, area, g_rng)
+        for xy in places:
             pose = str(g_rng.choice(g.poses)) if g.poses else None
             yaw = float(g_rng.uniform(0, 2 * np.pi))
-            items.append((g.kind, xy, yaw, g.size_m, pose, g.kind in target_kinds))
-    scatter = np.random.default_rng([seed, 19])
-    objects = tuple(
-        WorldObject(
-            kind,
-            _on_ground(terrain, scattered(xy, scenario.scatter_m, area, scatter)),
-            yaw,
-            size or DEFAULT_SIZE_M[kind],
-            pose or DEFAULT_POSE.get(kind, "face-up"),
-            is_target,
-            HELD_OUT_VARIANTS + int(rng.integers(1000)),
-        )
-        for kind, xy, yaw, size, pose, is_target in items
-    )
-    trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
-    return World(terrain, objects, trees, buildings, scenario.light, seed)
+            clothing = str(g_rng.choice(g.clothing)) if g.clothing else None
+            size_m = SIZE_OF_AGE_M[g.ages[int(g_rng.integers(len(g.ages)))]] if g.ages else g.size_m
+            items.append(_Item(g.kind, xy, yaw, size_m, pose, g.kind in target_kinds, clothing, g.motion))
+    return items
+
+
+def _may_walk(area: shapely.Geometry, buildings: tuple[WorldBuilding, ...]) -> shapely.Geometry:
+    """The area without its buildings."""
+    walls = []
+    for b in buildings:
+        x, y = b.size_m[0] / 2, b.size_m[1] / 2
+        turned = shapely.affinity.rotate(shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True)
+        walls.append(shapely.affinity.translate(turned, *b.position_enu_m[:2]))
+    free = area.difference(shapely.union_all(walls)) if walls else area
+    shapely.prepare(free)
+    return free
 
 
 def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree, ...]:
@@ -230,15 +377,28 @@ def build_trees(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldTree,
     ]
     for index, forest in enumerate(scenario.forests):
         trees += _grow(forest, terrain, scenario, index)
-    return tuple(trees)
+    return (*trees, *_grown(scenario, terrain, MAX_TREES - len(trees)))
 
 
 def build_buildings(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldBuilding, ...]:
     """The scenario's buildings: the same for every mission seed."""
-    return tuple(
+    own = [
         WorldBuilding(_on_ground(terrain, b.position_enu_m), b.size_m, b.height_m, math.radians(b.yaw_deg), i)
         for i, b in enumerate(scenario.buildings)
-    )
+    ]
+    mapped = [
+        WorldBuilding(
+            _on_ground(terrain, box.position_enu_m), box.size_m, box.eaves_m, box.yaw_rad, i, box.is_flat
+        )
+        for i, box in enumerate(mapped_buildings(scenario), len(own))
+    ]
+    return (*own, *mapped)
+
+
+def mapped_buildings(scenario: Scenario) -> tuple[Box, ...]:
+    """The boxes of ``buildings_file``, if there is one. Raises UserError as ``buildings``."""
+    file = ground_files(scenario).get("buildings_file")
+    return () if file is None else buildings_in(file, scenario.frame, ground_bounds(scenario))
 
 
 def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:
@@ -250,7 +410,7 @@ def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: in
     everywhere = scenario.area_enu_m.buffer(MARGIN_M).envelope
     ground = Ground(shapely.Polygon(forest.polygon_enu_m) if forest.polygon_enu_m else everywhere)
     count = round(forest.trees_per_hectare * ground.polygon.area / 1e4)
-    clear = shapely.Point(scenario.home.position_enu_m).buffer(6.0)
+    clear = shapely.Point(scenario.home.position_enu_m).buffer(_CLEAR_AT_HOME_M)
     shapely.prepare(clear)
     trees: list[WorldTree] = []
     while len(trees) < count:
@@ -264,3 +424,21 @@ def _grow(forest: Forest, terrain: TerrainSurface, scenario: Scenario, index: in
             continue
         trees.append(WorldTree(_on_ground(terrain, (x, y)), height, radius, kind, variant))
     return trees
+
+
+def _grown(scenario: Scenario, terrain: TerrainSurface, most: int) -> list[WorldTree]:
+    """The trees of the land cover that stand neither at home nor in a building."""
+    cover = land_cover_of(scenario)
+    if cover is None:
+        return []
+    g = growth(cover, classes_of(scenario), most, scenario.terrain.seed)
+    clear = shapely.Point(scenario.home.position_enu_m).buffer(_CLEAR_AT_HOME_M)
+    in_the_way = shapely.union_all([clear, *(box.outline() for box in mapped_buildings(scenario))])
+    shapely.prepare(in_the_way)
+    stands = ~shapely.intersects_xy(in_the_way, g.xy_enu_m)
+    places = np.column_stack([g.xy_enu_m, terrain.height_m(g.xy_enu_m)])[stands]
+    looks = [a[stands].tolist() for a in (g.height_m, g.crown_radius_m, g.is_conifer, g.variant)]
+    return [
+        WorldTree(place, height, radius, "conifer" if conifer else "broadleaf", variant)
+        for place, height, radius, conifer, variant in zip(places, *looks, strict=True)
+    ]

@@ -6,7 +6,7 @@ import shapely
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.prior.drift import LEEWAY, Weather, drifted, map_of_particles
+from skysweep.planning.prior.drift import Weather, drifted, map_of_particles
 from skysweep.planning.prior.lost_person import (
     KOESTER_2008,
     SHARES,

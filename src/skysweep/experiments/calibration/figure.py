@@ -196,7 +196,7 @@ def _draw_background(axes: Axes, seen: Background, model: StatisticalModel) -> N
 
 
 def _draw_distractors(axes: Axes, model: StatisticalModel) -> None:
-    for kind, marker in zip(_DISTRACTORS, "osv^Dx", strict=True):
+    for kind, marker in zip(_DISTRACTORS, "osv^DxPX*", strict=True):
         altitudes, rates = taken_for_targets(model, kind)
         axes.plot(altitudes, rates, marker=marker, markersize=3, linewidth=1, label=kind)
     axes.set_ylim(-0.03, 1.03)

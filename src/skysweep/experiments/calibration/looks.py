@@ -10,7 +10,7 @@ the last third of the pictures shows background alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import get_args
 
@@ -85,7 +85,7 @@ LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
         ("grass", "forest floor", "rock", "sand", "snow", "asphalt"),
         5.5,
         16,
-        0.7,
+        0.56,
     ),
     WorldLayout(
         (
@@ -97,9 +97,24 @@ LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
         ("water",),
         6.0,
         13,
-        0.18,
+        0.14,
     ),
-    WorldLayout((("boat", "face-up"),), ("water",), 26.0, 6, 0.12),
+    WorldLayout((("boat", "face-up"),), ("water",), 26.0, 6, 0.1),
+    WorldLayout(
+        (
+            ("person", "sitting"),
+            ("person", "crouching"),
+            ("person", "walking"),
+            ("person", "waving"),
+            ("sheep", "face-up"),
+            ("deer", "face-up"),
+            ("dog", "face-up"),
+        ),
+        ("grass", "forest floor", "rock", "sand", "snow", "asphalt"),
+        5.5,
+        16,
+        0.2,
+    ),
 )
 SUBJECTS = tuple(dict.fromkeys(subject for layout in LAYOUTS for subject in layout.subjects))
 
@@ -172,16 +187,18 @@ def observe(
     seed: int,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    without: Collection[tuple[str, str]] = (),
 ) -> tuple[ScoredLooks, Background]:
     """Render and detect. The same arguments give the same looks, whatever the number of workers.
 
+    ``without`` are kinds and poses that need no look; where there are any, nor does the background.
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
     YoloDetector(model_path)  # raises an error once, before anything is rendered
     refuse_unrenderable(camera)
     results: dict[int, tuple[ScoredLooks, Background]] = {}
     done = 0
-    for job, result in run_jobs(look_around, plan_jobs(model_path, camera, pictures, seed), workers):
+    for job, result in run_jobs(look_around, plan_jobs(model_path, camera, pictures, seed, without), workers):
         results[job.index] = result
         done += job.n_pictures
         progress(done, pictures)
@@ -189,18 +206,24 @@ def observe(
     return _join_looks(looks), _join_background(backgrounds)
 
 
-def plan_jobs(model_path: str, camera: CameraModel, pictures: int, seed: int) -> list[WorldJob]:
+def plan_jobs(
+    model_path: str, camera: CameraModel, pictures: int, seed: int, without: Collection[tuple[str, str]] = ()
+) -> list[WorldJob]:
     """Worlds in a fixed order, with layouts by their share. Those for the background come last."""
+    left_over = [tuple(s for s in layout.subjects if s not in without) for layout in LAYOUTS]
+    layouts = [replace(layout, subjects=s) for layout, s in zip(LAYOUTS, left_over, strict=True) if s]
+    whole = sum(layout.share for layout in layouts)
     jobs: list[WorldJob] = []
-    counts = [0] * len(LAYOUTS)
+    counts = [0] * len(layouts)
     left = pictures
     while left > 0:
-        owed = [layout.share * (len(jobs) + 1) - count for layout, count in zip(LAYOUTS, counts, strict=True)]
+        owed = [n.share / whole * (len(jobs) + 1) - count for n, count in zip(layouts, counts, strict=True)]
         chosen = int(np.argmax(owed))
         counts[chosen] += 1
         n = min(left, PICTURES_PER_WORLD)
         empty_share = EMPTY_SHARE if left > BACKGROUND_SHARE * pictures else 1.0
-        jobs.append(WorldJob(model_path, camera, LAYOUTS[chosen], empty_share, len(jobs), n, seed))
+        empty_share = 0.0 if without else empty_share
+        jobs.append(WorldJob(model_path, camera, layouts[chosen], empty_share, len(jobs), n, seed))
         left -= n
     return jobs
 

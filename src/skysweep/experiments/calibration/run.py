@@ -20,9 +20,10 @@ from skysweep.experiments.calibration.fit import (
     fit_shares,
     kind_model,
 )
-from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, observe
+from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, observe
+from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
-from skysweep.scenarios.model import CameraModel
+from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.statistical.model import (
     VERSION,
     CalibratedCamera,
@@ -40,18 +41,24 @@ def calibrate(
     seed: int = 0,
     workers: int | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    add_to: StatisticalModel | None = None,
 ) -> StatisticalModel:
     """Measure a detector on rendered objects; write the sensor model and, as ``.png``, a picture of the fit.
 
+    With ``add_to`` only the kinds and poses are measured that this model lacks, and it is written with them.
     The same arguments give the same file, whatever the number of workers. ``model`` is an ONNX file, or
     "skysweep" for the shipped one; ``camera`` gives lens and effects. ``progress`` is called with pictures
     done and total. Raises UserError when the detector cannot be used or the results cannot be written.
     """
-    looks, background = observe(model, camera, pictures, seed, workers, progress)
+    known = add_to.measured if add_to else set()
+    if add_to:
+        _refuse_to_add(add_to, model, camera, known)
+    looks, background = observe(model, camera, pictures, seed, workers, progress, known)
     factors = factors_of(looks)
     curves = fit_curves(looks, factors)
     shares, fade_px = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
+    kinds = [kind_model(key, curve, *shares[key]) for key, curve in curves.items()]
     name, n = OWN_MODEL if model == OWN_MODEL else Path(model).name, len(looks.pixels)
     fitted = StatisticalModel(
         version=VERSION,
@@ -61,14 +68,27 @@ def calibrate(
         pixels=list(GRID_PX),
         fade_px=fade_px,
         box=fit_box(looks),
-        kinds=[kind_model(key, curve, *shares[key]) for key, curve in curves.items()],
+        kinds=kinds,
         contrasts=contrast_models(looks),
         background=[b for c in range(len(CLASSES)) if (b := fit_background(background, c)) is not None],
         held_out=goodness(told),
     )
+    if add_to:
+        added = {"kinds": [*add_to.kinds, *kinds], "contrasts": [*add_to.contrasts, *fitted.contrasts]}
+        fitted = add_to.model_copy(update=added)
     text = yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110)
     with whole_files(out_yaml.parent) as unfinished:
         header = "# Written by skysweep calibrate.\n"
         (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")
         draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
     return fitted
+
+
+def _refuse_to_add(
+    add_to: StatisticalModel, model: str, camera: CameraModel, known: set[tuple[str, str]]
+) -> None:
+    if known.issuperset(SUBJECTS):
+        raise UserError("--add-to: the sensor model has every kind and pose; there is nothing to add")
+    differences = add_to.differences(camera, DetectorModel(model=model))
+    if differences:
+        raise UserError(f"--add-to: was made for another detector or camera ({'; '.join(differences)})")

@@ -10,9 +10,10 @@ import shapely
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
+from skysweep.files.geojson import read_geojson
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.area_files import read_geojson
 
+_MOST_BYTES = 10_000_000
 _MOST_CORNERS = 1_000_000
 
 
@@ -23,7 +24,7 @@ def read_features(path: Path, frame: LocalFrame) -> shapely.Geometry:
     """
     if path.suffix.lower() not in (".geojson", ".json"):
         raise UserError(f"{path}: is no GeoJSON; save the shapes as .geojson in WGS 84")
-    data = read_geojson(path)
+    data = read_geojson(path, _MOST_BYTES)
     try:
         shapes = shapely.from_geojson(json.dumps(data))
     except (shapely.errors.GEOSException, ValueError):

@@ -68,6 +68,7 @@ class Chart:
         self._see(moment.time_s)
         picture = self._ground.copy()
         self._draw_still_life(picture)
+        self._draw_truth(picture, moment.time_s)
         here_px = self.pixels(moment.position_enu_m[None, :2])[0]
         for first, end, colour in self._pieces:
             if first < moment.n_states:
@@ -112,8 +113,12 @@ class Chart:
         square = np.array([[x - 4, y - 4], [x + 4, y - 4], [x + 4, y + 4], [x - 4, y + 4]])
         pen.area(picture, square, _WHITE, 1.0)
         pen.line(picture, square, _BLACK, 1.0, closed=True)
-        for thing in self._story.run.world.targets if self._story.run.has_truth else ():
-            pen.disc(picture, self.pixels(thing.position_enu_m[None, :2])[0], 6.0, _WHITE, 1)
+
+    def _draw_truth(self, picture: U8, time_s: float) -> None:
+        run = self._story.run
+        for thing in run.world.targets if run.has_truth else ():
+            place = run.world.position(thing, time_s)
+            pen.disc(picture, self.pixels(place[None, :2])[0], 6.0, _WHITE, 1)
 
     def _draw_frustum(self, picture: U8, moment: Moment, scale: float) -> None:
         ground = self._story.footprint_enu_m(moment)

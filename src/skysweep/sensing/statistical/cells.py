@@ -36,8 +36,15 @@ from skysweep.sensing.statistical.factors import (
 )
 from skysweep.sensing.statistical.luck import WEIGHT, unseen, update
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, score_of
-from skysweep.worlds.occlusion import FLAT, SHAPES, Grid, around, pixels_on_target, visible_share
-from skysweep.worlds.world import STANDING_SIGN_EDGE_M
+from skysweep.worlds.occlusion import (
+    FLAT,
+    SHAPES,
+    Grid,
+    around,
+    middle_above_ground_m,
+    pixels_on_target,
+    visible_share,
+)
 
 _MIN_DEPTH_M = 0.1
 _FRONT_MATTERS = 0.5  # in the score, from front to side
@@ -163,7 +170,7 @@ def _variants(
             mean, std = model.contrast(kind.kind, kind.pose, surface)
             contrast = float(np.clip((mean - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS))
             of_kind = contrast, kind.object_share, kind.pass_share, kind.contrast * std / CONTRAST_UNIT
-            shape = SHAPES.get(kind.pose, FLAT), _middle_m(kind, size_m)
+            shape = SHAPES.get(kind.pose, FLAT), middle_above_ground_m(kind.kind, kind.pose, size_m)
             for side in sides:
                 yield weight, table, (size_m, *shape, side, *of_kind, kind.factors)
 
@@ -173,13 +180,6 @@ def _sides(kind: KindModel) -> list[tuple[float, float]]:
     if kind.pose == "standing" and abs(kind.front) + abs(kind.front_near) > _FRONT_MATTERS:
         return [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
     return [(0.0, 0.0)]
-
-
-def _middle_m(kind: KindModel, size_m: float) -> float:
-    """Height of a target's middle above ground, as ``worlds.occlusion.middle_enu_m`` has it."""
-    if kind.pose != "standing":
-        return 0.0
-    return 0.5 * size_m + (0.0 if kind.kind == "person" else STANDING_SIGN_EDGE_M)
 
 
 @njit(cache=True)

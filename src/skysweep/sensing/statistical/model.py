@@ -221,6 +221,11 @@ class StatisticalModel(_Part):
             reason = str(error).removeprefix(f"{source}: ")
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
 
+    @property
+    def measured(self) -> set[tuple[str, str]]:
+        """The kinds and poses that were looked at, whether or not they were ever reported."""
+        return {(c.kind, c.pose) for c in (*self.kinds, *self.contrasts)}
+
     def contrast(self, kind: str, pose: str, surface: str) -> tuple[float, float]:
         """Mean and standard deviation of the difference in colour to the ground; usual if not measured."""
         table = next((c for c in self.contrasts if (c.kind, c.pose) == (kind, pose)), None)

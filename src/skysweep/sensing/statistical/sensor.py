@@ -17,7 +17,7 @@ from scipy.special import ndtri
 
 from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
-from skysweep.geometry.point_tree import PointTree
+from skysweep.geometry.point_tree import PointTree, refit
 from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.draws import GHOST_CLASS, NEVER, OCTAVES, SENSOR, THING, WIDTH, draw_look
@@ -64,6 +64,7 @@ class StatisticalSensor:
         self._lens, self._latency_s = camera.lens, camera.latency_s
         self._eye, self._exposures = eye, exposures
         self._pending: deque[Detections] = deque()
+        self._movers: list[tuple[int, WorldObject]] = []  # by their rows of the things
         self._row_names: list[str] = []
         self._ghost_names: list[str] = []
         self._look_number = 0
@@ -85,9 +86,10 @@ class StatisticalSensor:
         self._rows = np.empty(places, dtype=np.int64)
         most_ghosts = max(len(octave.ghosts) for octave in self._octaves)
         room = np.empty(len(things) + most_ghosts + len(occluders.solids), dtype=np.int64)
-        tree = PointTree.of(things["place"])
+        self._things, self._tree = things, PointTree.of(things["place"])
+        self._world, self._occluders = world, occluders
         of_solids = (occluders.solids, *occluders.grid)
-        self._of_things = (things.view(np.float64), *tree, *of_solids, *of_rows)
+        self._of_things = (things.view(np.float64), *self._tree, *of_solids, *of_rows)
         self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
     def sense(self, state: VehicleState) -> Detections | None:
@@ -104,6 +106,7 @@ class StatisticalSensor:
 
     def _look(self, time_s: float, believed: CameraPose) -> Detections:
         """The draws of one picture."""
+        self._move(time_s)
         position, R = self._eye.true_camera_pose()
         velocity_mps, rates_radps = self._eye.true_camera_motion()
         x, y, z = position.tolist()
@@ -133,6 +136,16 @@ class StatisticalSensor:
         confidences, boxes = confidence_of(self._scores[:end]), self._boxes[:end] / self._view.scale
         return Detections(time_s, boxes, confidences, tuple(names), believed, self._lens)
 
+    def _move(self, time_s: float) -> None:
+        """Put what moves where it is at this time. Its ground stays that on which it began."""
+        if not self._movers:
+            return
+        for row, thing in self._movers:
+            now, record = self._world.at(thing, time_s), self._things[row]
+            record["place"], record["facing"] = middle_enu_m(now), _facing(now)
+            record["beside"] = self._occluders.is_beside_a_crown(now)
+        refit(*self._tree, self._things["place"])
+
     def _tabulate_objects(
         self, world: World, occluders: Occluders, classes: Sequence[str], once: np.random.Generator
     ) -> tuple[NDArray[Any], ...]:
@@ -160,9 +173,10 @@ class StatisticalSensor:
                 occluders.is_beside_a_crown(thing),
                 self._contrast(thing, surface, colour),
             )
-            facing = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
-            its_rows = first_row, len(rows)
-            things.append((middle_enu_m(thing), thing.size_m, *looks_so, facing, its_rows, _NOT_SEEN, NEVER))
+            if thing.track is not None:
+                self._movers.append((len(things), thing))
+            its_rows, unseen = (first_row, len(rows)), (_NOT_SEEN, NEVER)
+            things.append((middle_enu_m(thing), thing.size_m, *looks_so, _facing(thing), its_rows, *unseen))
         return (
             np.array(things, dtype=THING),
             np.array(rows, dtype=float).reshape(-1, 3 * len(m.pixels) + WIDTH),
@@ -255,6 +269,11 @@ class _Grounds(NamedTuple):
             return np.ones(len(xy_enu_m), dtype=np.bool_)
         mine = self.factors[cover.codes_at(xy_enu_m)]
         return np.asarray(once.random(len(xy_enu_m)) * self.largest < mine)
+
+
+def _facing(thing: WorldObject) -> tuple[float, float]:
+    """Cosine and sine of its yaw."""
+    return math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
 
 
 def _kinds_of(thing: WorldObject, kinds: list[KindModel]) -> list[KindModel]:

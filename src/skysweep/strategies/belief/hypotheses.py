@@ -56,7 +56,7 @@ class Hypotheses:
             mean, own = _contrast(model, kind, surface)
             tables.append([*(score + kind.contrast * mean), *kind.spread, *kind.lapse])
             shape = SHAPES.get(kind.pose, FLAT)
-            height = 0.5 * size if kind.pose == "standing" else 0.0
+            height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
             numbers.append(
                 [size, shape, height, kind.view, kind.front, kind.object_share, kind.pass_share, unsure]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skysweep.worlds.assets import boats, people, signs, things
+from skysweep.worlds.assets import animals, boats, people, signs, things
 from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh
 
@@ -22,15 +22,18 @@ _MAKERS: dict[str, Callable[[Appearance, float, str], Mesh]] = {
     "stump": things.stump,
     "clothing": things.clothing,
     "buoy": things.buoy,
+    "sheep": animals.sheep,
+    "deer": animals.deer,
+    "dog": animals.dog,
 }
 
 KINDS = tuple(_MAKERS)
 
 
-def object_mesh(kind: str, size_m: float, pose: str, variant: int) -> Mesh:
+def object_mesh(kind: str, size_m: float, pose: str, variant: int, clothing: str | None = None) -> Mesh:
     """The mesh of a target or distractor: origin on the ground (or water line), x forward, z up, metres.
 
-    ``pose`` is face-up, standing, lying, floating or sitting; a kind ignores poses that do not apply to it.
+    ``pose`` and ``clothing`` are those of ``scenarios.model``; a kind ignores poses that do not apply to it.
     Raises KeyError for an unknown kind.
     """
-    return _MAKERS[kind](Appearance.of(kind, variant), size_m, pose)
+    return _MAKERS[kind](Appearance.of(kind, variant, clothing), size_m, pose)

@@ -15,7 +15,9 @@ STOREY_M = 3.0
 EAVES_M = 0.4
 
 
-def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) -> Mesh:
+def building_mesh(
+    size_m: tuple[float, float], height_m: float, variant: int, flat_roof: bool = False
+) -> Mesh:
     """A house of length (x) and width (y) with eaves at ``height_m``; the ridge runs along the length."""
     looks = Appearance.of("building", variant)
     wall, roof = looks.pick(_WALL), looks.pick(_ROOF)
@@ -23,6 +25,10 @@ def building_mesh(size_m: tuple[float, float], height_m: float, variant: int) ->
     rise = y * looks.between(0.45, 0.8)
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     parts = [_wall(a, b, height_m, wall) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    if flat_roof:
+        v = [(*corner, height_m) for corner in corners]
+        uv = np.array(corners) / 3.2
+        return merge([*parts, make_mesh(v, [[0, 1, 2], [0, 2, 3]], (0.42, 0.41, 0.40), Layer.PLAIN, uv=uv)])
     for side in (1, -1):
         v = [(side * x, -side * y, height_m), (side * x, side * y, height_m), (side * x, 0, height_m + rise)]
         uv = np.array([(-y, 0), (y, 0), (0, rise)]) / STOREY_M

@@ -18,10 +18,11 @@ class Appearance:
     kind: str
     variant: int
     rng: np.random.Generator
+    clothing: str | None = None  # of a person, as ``scenarios.model.Clothing``; None: any
 
     @classmethod
-    def of(cls, kind: str, variant: int) -> Appearance:
-        return cls(kind, variant, np.random.default_rng([crc32(kind.encode()), variant]))
+    def of(cls, kind: str, variant: int, clothing: str | None = None) -> Appearance:
+        return cls(kind, variant, np.random.default_rng([crc32(kind.encode()), variant]), clothing)
 
     @property
     def held_out(self) -> bool:

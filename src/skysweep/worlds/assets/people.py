@@ -22,6 +22,21 @@ _UPPER_HELD_OUT = "ce461e 146e78 f6f6f0 3c3c5a c4de28 a01e3c 465a32 968c78 3c82d
 _LOWER = "243054 1e1e22 5c5646 465c82 827458 3a3e34 787a7e"
 _LOWER_HELD_OUT = "34466e 2c2828 70644c 543c2e a09a8c 285046"
 _BAG = "b4281e 244678 323828 dc821e 28282c"
+_CLOTHES = {  # colours of the upper part; the lower part and what is worn over it are muted where that is
+    "bright": "f46e14 e8e21e dc281e c8f028 ff5a96 1eaaeb f6f6f0",
+    "muted": "5a4c36 465a32 6e6a5a 3e4436 50463c 74705c",
+    "black": "1c1c20 2a2a2e",
+    "blue": "1e3e8c 2a5ab0 5694c8",
+    "brown": "5a4c36 6b4a2e 7e5e3e",
+    "green": "2e683e 3c7a46 465a32",
+    "grey": "76787c 8e9094 606266",
+    "orange": "f46e14 f09618",
+    "red": "be2224 d2302a a01e26",
+    "white": "e8e8e4 f6f6f0",
+    "yellow": "e8e21e f0d020",
+}
+_MUTED_BELOW = "3a3e34 5c5646 4a4238 3c3c40"
+_CHILD_BELOW_M = 1.45  # of body height: the head is larger against the body
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,39 +51,35 @@ class Skeleton:
 
 
 def person(looks: Appearance, size_m: float, pose: str) -> Mesh:
-    """A person of body height ``size_m``: standing, lying (the default), sitting or floating in water."""
-    if pose == "standing":
-        body = _dress(looks, _standing(looks))
-    elif pose == "sitting":
-        body = _dress(looks, _sitting(looks))
-    elif pose == "floating":
+    """A person of body height ``size_m``; lying, where the pose is none of a person."""
+    if pose == "floating":
         return _floating(looks, size_m)
-    else:
+    if pose not in _UPRIGHT:
         return _lying(looks, size_m)
-    return body.moved(scale=size_m).grounded(0.3, 0.7)
+    return _dress(looks, _UPRIGHT[pose](looks), size_m).moved(scale=size_m).grounded(0.3, 0.7)
 
 
 def _floating(looks: Appearance, size_m: float) -> Mesh:
     """Upright in the water to the chest, arms out, or on the back with the face up."""
     if looks.chance(0.3):
-        body = _dress(looks, _stretched(looks, knees=0.05), swimmer=True)
+        body = _dress(looks, _stretched(looks, knees=0.05), size_m, swimmer=True)
         return _on_the_back(body, face_up=True).moved((0, 0, -0.045), scale=size_m)
     spread = looks.rng.uniform(np.radians(60), np.radians(100), 2)
     skeleton = _upright(looks, spread, looks.rng.uniform(-0.3, 0.8, 2), looks.rng.uniform(0.1, 0.9, 2))
     lean = looks.rng.normal(0, 0.12)
     c, s = np.cos(lean), np.sin(lean)
     R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    return _dress(looks, skeleton, swimmer=True).moved((0, 0, -0.775), R).moved(scale=size_m)
+    return _dress(looks, skeleton, size_m, swimmer=True).moved((0, 0, -0.775), R).moved(scale=size_m)
 
 
 def _lying(looks: Appearance, size_m: float) -> Mesh:
     """Stretched out on the back or the belly, or curled up on the side."""
     if looks.chance(0.25):
         right_side_down = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-        body = _dress(looks, _sitting(looks, curled=True)).moved(rotation=right_side_down)
+        body = _dress(looks, _sitting(looks, curled=True), size_m).moved(rotation=right_side_down)
         body = body.moved([*-body.vertices[:, :2].mean(axis=0), 0.11])
     else:
-        body = _on_the_back(_dress(looks, _stretched(looks, knees=0.35)), face_up=looks.chance(0.65))
+        body = _on_the_back(_dress(looks, _stretched(looks, knees=0.35), size_m), face_up=looks.chance(0.65))
     return body.moved(scale=size_m).grounded(0.15, 0.75)
 
 
@@ -124,6 +135,64 @@ def _standing(looks: Appearance) -> Skeleton:
     return _upright(looks, spread, looks.rng.uniform(-0.3, 0.4, 2), looks.rng.uniform(0.0, 0.7, 2))
 
 
+def _waving(looks: Appearance) -> Skeleton:
+    """One arm or both high up, the forearm to either side of the upper arm."""
+    both = looks.chance(0.5)
+    spread = looks.rng.uniform(2.1, 2.8, 2) if both else looks.rng.uniform([2.1, 0.06], [2.8, 0.4])
+    return _upright(looks, spread, looks.rng.uniform(-0.3, 0.3, 2), looks.rng.uniform(-0.5, 0.7, 2))
+
+
+def _walking(looks: Appearance) -> Skeleton:
+    """In mid-stride: one leg ahead, the other behind on its toes, the arms against the legs."""
+    hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
+    first, stride = (1, -1) if looks.chance(0.5) else (-1, 1), looks.between(0.3, 0.5)
+    arms, legs = [], []
+    for side in (1, -1):
+        ahead = stride if side == first[0] else -0.85 * stride
+        shin = ahead - (0.1 if ahead > 0 else looks.rng.uniform(0.35, 0.75))
+        thigh = [np.sin(ahead), 0.03 * side, -np.cos(ahead)]
+        leg = _leg([0, side * hips, 0.51], thigh, [np.sin(shin), 0, -np.cos(shin)])
+        legs.append(_with_toe(leg, [0.105, side * 0.015, -0.02 if ahead > 0 else -0.07]))
+        swing = -0.8 * ahead + looks.rng.normal(0, 0.08)
+        upper = [np.sin(swing), 0.16 * side, -np.cos(swing)]
+        bent = swing + looks.rng.uniform(0.25, 0.7)
+        arms.append(_arm([0.02, side * shoulders, 0.81], upper, [np.sin(bent), 0.05 * side, -np.cos(bent)]))
+    lean = Skeleton(np.array([0, 0, 0.53]), np.array([0.03, 0, 0.83]), np.array([0.05, 0, 0.924]), arms, legs)
+    return _on_its_feet(lean)
+
+
+def _crouching(looks: Appearance) -> Skeleton:
+    """Squatting on the feet, bent forward, the arms about the knees or on the ground."""
+    hips, shoulders = looks.between(0.05, 0.065), looks.between(0.098, 0.115)
+    lean = looks.between(0.35, 0.85)
+    up = np.array([np.sin(lean), 0, np.cos(lean)])
+    pelvis = np.array([0, 0, 0.17])
+    arms, legs = [], []
+    for side in (1, -1):
+        rise, out = looks.rng.uniform(0.2, 0.45), looks.rng.uniform(0.05, 0.45)
+        thigh = [np.cos(rise), side * out, np.sin(rise)]
+        leg = _leg([0.01, side * hips, 0.165], thigh, [-0.35, -0.2 * side * out, -1])
+        legs.append(_with_toe(leg, [0.105, side * 0.03, -0.015]))
+        shoulder = pelvis + 0.28 * up + [0, side * shoulders, 0]
+        reach = np.array([looks.rng.uniform(0.2, 0.9), side * looks.rng.uniform(-0.1, 0.5), -1.0])
+        arms.append(_arm(shoulder, reach, reach + np.array([0.5, -0.6 * side, 0.2])))
+    neck = pelvis + 0.30 * up
+    return _on_its_feet(Skeleton(pelvis, neck, neck + np.array([0.035, 0, 0.088]), arms, legs))
+
+
+def _on_its_feet(bones: Skeleton) -> Skeleton:
+    """The skeleton moved up or down until its lowest foot is on the ground."""
+    lowest = min(float(min(leg[2, 2] - 0.04, leg[3, 2] - 0.02)) for leg in bones.legs)
+    up = np.array([0.0, 0.0, -lowest])
+    return Skeleton(
+        bones.pelvis + up,
+        bones.neck + up,
+        bones.head + up,
+        [arm + up for arm in bones.arms],
+        [leg + up for leg in bones.legs],
+    )
+
+
 def _stretched(looks: Appearance, knees: float) -> Skeleton:
     """Stretched out in the plane of the body, limbs spread sideways."""
     hips, shoulders = looks.between(0.045, 0.055), looks.between(0.098, 0.115)
@@ -163,7 +232,16 @@ def _sitting(looks: Appearance, curled: bool = False) -> Skeleton:
     return Skeleton(pelvis, neck, neck + 0.095 * up + [0.012, 0, 0], arms, legs)
 
 
-def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
+_UPRIGHT = {
+    "standing": _standing,
+    "sitting": _sitting,
+    "crouching": _crouching,
+    "walking": _walking,
+    "waving": _waving,
+}
+
+
+def _dress(looks: Appearance, bones: Skeleton, size_m: float, swimmer: bool = False) -> Mesh:
     """Flesh and clothes on a skeleton, in body heights."""
     skin = looks.pick(_SKIN, _SKIN_HELD_OUT)
     hair = looks.pick(_HAIR, _HAIR_HELD_OUT)
@@ -173,6 +251,10 @@ def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
     long_sleeves, shorts, bare = looks.chance(0.6), looks.chance(0.25), swimmer and looks.chance(0.4)
     stout = looks.between(0.88, 1.22)
     cloth: dict[str, Any] = {"layer": Layer.FABRIC, "texture_size_m": 0.45}
+    muted = looks.clothing == "muted"
+    if looks.clothing is not None:
+        upper, bare = looks.pick(_CLOTHES[looks.clothing]), False
+        lower = looks.pick(_MUTED_BELOW) if muted else lower
     if bare:
         upper, long_sleeves = skin, False
     parts = [_torso(bones, stout, upper, lower, cloth)]
@@ -192,16 +274,19 @@ def _dress(looks: Appearance, bones: Skeleton, swimmer: bool = False) -> Mesh:
     up = bones.head - bones.neck
     up = up / np.linalg.norm(up)
     parts.append(tube([bones.neck - 0.01 * up, bones.neck + 0.05 * up], [0.032, 0.030], skin, n=6))
-    parts.append(ellipsoid((0.052, 0.044, 0.066), skin, n=10).moved(bones.head))
+    large = 1.0 + max(0.0, _CHILD_BELOW_M - size_m)
+    head = bones.head + 0.06 * (large - 1.0) * up
+    parts.append(ellipsoid((0.052, 0.044, 0.066), skin, n=10).moved(head, scale=large))
     cap = looks.chance(0.3)
     colour = looks.pick(_UPPER, _UPPER_HELD_OUT) if cap else hair
+    colour = upper if cap and muted else colour
     crown = ellipsoid((0.055, 0.049, 0.058), colour, n=10)
-    parts.append(crown.moved(bones.head + 0.018 * up - [0.012, 0, 0]))
+    parts.append(crown.moved(head + large * (0.018 * up - [0.012, 0, 0]), scale=large))
     if cap:
         peak = ellipsoid((0.05, 0.042, 0.006), colour, n=8)
-        parts.append(peak.moved(bones.head + 0.022 * up + [0.05, 0, 0]))
+        parts.append(peak.moved(head + large * (0.022 * up + [0.05, 0, 0]), scale=large))
     chest = 0.5 * (bones.pelvis + bones.neck) + 0.05 * up
-    if looks.chance(0.3 if not swimmer else 0.45):
+    if looks.chance(0.3 if not swimmer else 0.45) and not muted:
         if swimmer or looks.chance(0.4):  # life jacket or hi-vis vest
             vest = looks.pick("f46e14 e8e21e dc281e", "fa5a28 c8f028")
             parts.append(ellipsoid((0.085, 0.115, 0.115), vest, n=10, **cloth).moved(chest))

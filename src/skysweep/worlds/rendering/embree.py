@@ -5,11 +5,13 @@ One ray a pixel, four where parts meet; one shadow ray. Shading is compiled with
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import cv2
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from skysweep.arrays import F32, F64, I32, I64, U8
 from skysweep.errors import MissingExtraError
@@ -29,8 +31,10 @@ class EmbreeRenderer:
     backend: Final = "embree"
 
     def __init__(self, scene: Scene) -> None:
-        parts = [(scene.ground, 0)] + [(s.mesh, s.id) for s in scene.solids]
+        parts = [(scene.ground.mesh(), 0)] + [(s.mesh, s.id) for s in scene.solids]
         parts += [(_expanded(p), 0) for p in scene.plantings]
+        n_still = sum(len(m.faces) for m, _ in parts)
+        parts += [(m.mesh, m.id) for m in scene.movers]
         mesh = merge([m for m, _ in parts])
         face_counts = [len(m.faces) for m, _ in parts]
         self._mesh = mesh
@@ -43,16 +47,17 @@ class EmbreeRenderer:
         g = scene.ground_textures
         images = g.detail[None], g.middle[None], g.macro[None], scene.layers
         self._textures = tuple(_mips(image) for image in images)
-        self._everything = _embree_scene(mesh.vertices, mesh.faces)
-        self._object_faces = np.flatnonzero(self._ids > 0)
-        self._objects = None
-        if len(self._object_faces):
-            self._objects = _embree_scene(mesh.vertices, mesh.faces[self._object_faces])
+        objects = np.flatnonzero(self._ids[:n_still] > 0)
+        self._everything = [_Faces(mesh, np.arange(n_still))]
+        self._objects = [_Faces(mesh, objects)] if len(objects) else []
+        self._movers, self._moving, self._moved_s = scene.movers, np.arange(n_still, len(mesh.faces)), math.nan
+        self._moved: list[_Faces] = []
 
     def close(self) -> None:
         """Does nothing: the garbage collector frees the scene."""
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
+        self._move(time_s)
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
         colours, faces = self._shoot(lens, pose, x, y, time_s)
@@ -68,27 +73,39 @@ class EmbreeRenderer:
             colours[at] = np.mean(fine, axis=0)
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
+    def render_ids(
+        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
+    ) -> I32:
+        self._move(time_s)
         shape = (lens.height_px, lens.width_px)
-        if self._objects is None:
+        scenes = (self._everything if occluders else self._objects) + self._moved
+        if not scenes:
             return np.zeros(shape, np.int32)
-        origins, directions = _rays(lens, pose, *_pixel_centres(lens))
-        scene = self._everything if occluders else self._objects
-        faces = scene.run(origins, directions, output=1)["primID"]
-        ids = self._ids if occluders else self._ids[self._object_faces]
-        return np.where(faces >= 0, ids[faces], 0).astype(np.int32).reshape(shape)
+        faces = _nearest([s.hits(*_rays(lens, pose, *_pixel_centres(lens))) for s in scenes])["primID"]
+        return np.where(faces >= 0, self._ids[faces], 0).astype(np.int32).reshape(shape)
+
+    def _move(self, time_s: float) -> None:
+        """Have what moves where it is at this time, in a scene of its own."""
+        if not self._movers or time_s == self._moved_s:
+            return
+        moved = merge([mover.at(time_s) for mover in self._movers])
+        first = len(self._mesh.vertices) - len(moved.vertices)
+        self._mesh.vertices[first:], self._mesh.normals[first:] = moved.vertices, moved.normals
+        self._moved, self._moved_s = [_Faces(self._mesh, self._moving)], time_s
 
     def _shoot(self, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float) -> tuple[F32, I32]:
         """Colours (N, 3) 0..1 and faces (N,) seen through picture points."""
         origins, directions = _rays(lens, pose, x, y)
-        hit = self._everything.run(origins, directions, output=1)
+        scenes = self._everything + self._moved
+        hit = _nearest([s.hits(origins, directions) for s in scenes])
         faces = hit["primID"]
         points = origins + directions * np.where(faces >= 0, hit["tfar"], 0)[:, None]
         sun = self._sun.direction_enu.astype(np.float32)
         side = np.where((hit["Ng"] * directions).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
         normals = side * hit["Ng"] / np.maximum(np.linalg.norm(hit["Ng"], axis=1, keepdims=True), 1e-12)
         starts = (points + 0.01 * normals).astype(np.float32)
-        lit = self._everything.run(starts, np.tile(sun, (len(starts), 1)), query="OCCLUDED") < 0
+        towards_sun = np.tile(sun, (len(starts), 1))
+        lit = ~np.logical_or.reduce([s.hides(starts, towards_sun) for s in scenes])
         mesh, s = self._mesh, self._sun
         colours = _shade(
             faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, self._material,
@@ -99,15 +116,39 @@ class EmbreeRenderer:
         return colours, faces
 
 
-def _embree_scene(vertices: F32, faces: I32) -> Any:
-    try:
-        from embreex import rtcore_scene
-        from embreex.mesh_construction import TriangleMesh
-    except ImportError as error:
-        raise MissingExtraError("The Embree camera", "embree") from error
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, vertices, faces)
-    return scene
+class _Faces:
+    """Some faces of a mesh as an Embree scene. Raises MissingExtraError if embreex is not installed."""
+
+    def __init__(self, mesh: Mesh, numbers: NDArray[np.intp]) -> None:
+        try:
+            from embreex import rtcore_scene
+            from embreex.mesh_construction import TriangleMesh
+        except ImportError as error:
+            raise MissingExtraError("The Embree camera", "embree") from error
+        self._numbers = numbers.astype(np.int32)
+        self._scene = rtcore_scene.EmbreeScene()
+        TriangleMesh(self._scene, mesh.vertices, mesh.faces[numbers])
+
+    def hits(self, origins: F32, directions: F32) -> dict[str, Any]:
+        """What rays (N, 3) meet first; ``primID`` is the face's number in the mesh, -1 for none."""
+        found: dict[str, Any] = self._scene.run(origins, directions, output=1)
+        faces = found["primID"]
+        found["primID"] = np.where(faces >= 0, self._numbers[faces], -1)
+        return found
+
+    def hides(self, origins: F32, directions: F32) -> NDArray[np.bool_]:
+        """(N,) whether rays meet anything."""
+        return np.asarray(self._scene.run(origins, directions, query="OCCLUDED") >= 0)
+
+
+def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of the hits of the same rays in several scenes, the nearest of each ray."""
+    first, *others = found
+    for other in others:
+        closer = (other["primID"] >= 0) & ((first["primID"] < 0) | (other["tfar"] < first["tfar"]))
+        for key in ("u", "v", "Ng", "tfar", "primID"):
+            first[key][closer] = other[key][closer]
+    return first
 
 
 def _expanded(planting: Planting) -> Mesh:

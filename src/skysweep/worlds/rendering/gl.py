@@ -18,13 +18,16 @@ from skysweep.arrays import F64, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
-from skysweep.worlds.rendering.gl_batches import Plants, Tiles, ground_blocks, solid_blocks
+from skysweep.worlds.rendering.gl_batches import Movers, Plants, Tiles, solid_blocks
+from skysweep.worlds.rendering.gl_cover import Cover
+from skysweep.worlds.rendering.gl_ground import Ground
+from skysweep.worlds.rendering.gl_textures import filtered, filtered_array
 from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Scene
-from skysweep.worlds.textures import LAYER_PX
 
 Rectangle = tuple[int, int, int, int]  # left, first row, width, height
 
+_KINDS = ("ground", "solid", "plant")
 SAMPLES = 4
 SHADOW_PX = 4096
 SHADOW_SPANS_M = (64.0, 128.0, 320.0)  # widths of the shadow map on the ground; the least sufficient is used
@@ -42,22 +45,25 @@ class GLRenderer:
         self._free = weakref.finalize(self, gl.release)  # frees everything in it; nothing is freed otherwise
         self._sun = scene.sun
         self._terrain = scene.terrain
-        self._is_water = scene.terrain.surface == "water"
         self._low, self._high = scene.bounds_enu_m
         with gl:
             gl.enable(gl.DEPTH_TEST | gl.CULL_FACE)
             gl.front_face = "cw"  # pictures are drawn top row first, which mirrors every triangle
-            self._programs = _compile(gl, self._is_water)
+            self._cover = Cover(gl, scene.covering, scene.ground) if scene.covering else None
+            self._programs = _compile(gl, scene.terrain.surface == "water", self._cover)
             self._objects = Tiles(gl, solid_blocks([s for s in scene.solids if s.id > 0]))
+            self._movers = Movers(gl, scene.movers)
             self._buildings = Tiles(gl, solid_blocks([s for s in scene.solids if s.id == 0]))
             self._plants = [Plants(gl, p) for p in scene.plantings]
-            self._ground = Tiles(gl, ground_blocks(scene.ground))
+            self._ground = Ground(gl, scene.ground)
             self._textures = _upload(gl, scene)
             self._shadow = gl.depth_texture((SHADOW_PX, SHADOW_PX))
             self._shadow.compare_func = "<="
             self._shadow_target = gl.framebuffer(depth_attachment=self._shadow)
-            self._shadow_place: tuple[float, tuple[int, int]] | None = None
+            self._shadow_of: tuple[float, tuple[int, int], float | None] | None = None
             self._targets: dict[tuple[int, int], _Target] = {}
+            lakes = [self._cover.lake] if self._cover and self._cover.lake else []
+            self._lit = [*(self._programs[name] for name in _KINDS), *lakes]
             self._set_light()
 
     def close(self) -> None:
@@ -65,19 +71,20 @@ class GLRenderer:
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
         with self._context as gl:
-            self._aim_shadow(lens, pose)
+            self._movers.move(time_s)
+            self._aim_shadow(lens, pose, time_s)
             target = self._target(lens)
             view = Projection.of(lens, pose)
             self._shadow.use(4)
-            for name in ("ground", "solid", "plant"):
-                _set(self._programs[name], view_projection=view.matrix, eye=pose.position_enu_m)
-            if self._is_water:
-                _set(self._programs["ground"], time_s=time_s)
+            for program in self._lit:
+                _set(program, view_projection=view.matrix, eye=pose.position_enu_m, time_s=time_s)
+            if self._cover is not None:
+                self._cover.show(lens, pose, self._terrain.height_at_m(*pose.position_enu_m[:2]))
             rugged = self._rugged(lens, pose, view)
             if rugged != target.whole:
                 target.resolved.use()
                 target.resolved.clear()
-                self._ground.draw(self._programs["ground"], view)
+                self._draw_ground(view)
             if rugged is not None:
                 target.drawing.scissor = target.resolved.scissor = rugged
                 target.drawing.use()
@@ -87,13 +94,16 @@ class GLRenderer:
                 target.resolved.scissor = target.whole
             return target.read_rgb()
 
-    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True) -> I32:
+    def render_ids(
+        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
+    ) -> I32:
         with self._context:
+            self._movers.move(time_s)
             target = self._target(lens)
             view = Projection.of(lens, pose)
             target.resolved.use()
             target.resolved.clear(0.0, 0.0, 0.0, 0.0)
-            for name in ("ground", "solid", "plant"):
+            for name in _KINDS:
                 _set(self._programs[name + "_id"], view_projection=view.matrix)
             self._draw("_id", view, occluders)
             rgba = target.read_rgba().astype(np.int32)
@@ -101,11 +111,22 @@ class GLRenderer:
 
     def _draw(self, suffix: str, view: Projection, occluders: bool = True) -> None:
         self._objects.draw(self._programs["solid" + suffix], view)
+        self._movers.draw(self._programs["solid" + suffix], view)
         if occluders:
             self._buildings.draw(self._programs["solid" + suffix], view)
             for plants in self._plants:
                 plants.draw(self._programs["plant" + suffix], view)
-            self._ground.draw(self._programs["ground" + suffix], view)
+            if suffix:
+                self._ground.draw(self._programs["ground" + suffix], view)
+            else:
+                self._draw_ground(view)
+
+    def _draw_ground(self, view: Projection) -> None:
+        self._ground.draw(self._programs["ground"], view)
+        if self._cover is not None and self._cover.lake is not None:
+            self._context.depth_func = "<="
+            self._ground.draw(self._cover.lake, view, self._cover.wet)
+            self._context.depth_func = "<"
 
     def _rugged(self, lens: Lens, pose: CameraPose, view: Projection) -> Rectangle | None:
         """The part of the picture that has edges.
@@ -120,7 +141,8 @@ class GLRenderer:
             or rays_enu(lens, pose, lens.corners_px)[:, 2].max() > -_STEEP
         ):
             return whole
-        corners = np.concatenate([self._objects.corners(view), self._buildings.corners(view)])
+        edged = self._objects, self._movers, self._buildings
+        corners = np.concatenate([things.corners(view) for things in edged])
         if len(corners) == 0:
             return None
         size_px = np.array(whole[2:])
@@ -138,9 +160,9 @@ class GLRenderer:
 
     def _set_light(self) -> None:
         sun = self._sun
-        for name in ("ground", "solid", "plant"):
+        for program in self._lit:
             _set(
-                self._programs[name],
+                program,
                 sun_direction=sun.direction_enu,
                 sun_rgb=sun.sun_rgb,
                 sky_rgb=sun.sky_rgb,
@@ -155,8 +177,9 @@ class GLRenderer:
         for unit, texture in enumerate(self._textures):
             texture.use(unit)
 
-    def _aim_shadow(self, lens: Lens, pose: CameraPose) -> None:
-        """Redraw the shadow map when the place looked at has left the middle of the last one.
+    def _aim_shadow(self, lens: Lens, pose: CameraPose, time_s: float) -> None:
+        """Redraw the shadow map when the place looked at has left the middle of the last one, or something in
+        it moves.
 
         The map moves in steps, so that the shadows of a pose do not depend on earlier poses.
         """
@@ -167,18 +190,21 @@ class GLRenderer:
         step = span / 8
         aim = eye[:2] + min(reach, 0.4 * span) * forward[:2]
         cell = (round(aim[0] / step), round(aim[1] / step))
-        if (span, cell) == self._shadow_place:
-            return
-        self._shadow_place = (span, cell)
         place = np.array(cell) * step
         centre = np.array([*place, self._terrain.height_m(place)[0]])
         matrix = _shadow_matrix(self._sun.direction_enu, centre, span, self._high[2] - self._low[2])
-        for name in ("ground", "solid", "plant"):
-            _set(self._programs[name], shadow_matrix=matrix, shadow_bias_m=0.01 + 0.7 * span / SHADOW_PX)
+        view = Projection(matrix, None, SHADOW_PX / span)
+        shadow_of = span, cell, time_s if self._movers.is_in_sight(view) else None
+        if shadow_of == self._shadow_of:
+            return
+        self._shadow_of = shadow_of
+        for program in self._lit:
+            _set(program, shadow_matrix=matrix, shadow_bias_m=0.01 + 0.7 * span / SHADOW_PX)
+        for name in _KINDS:
             _set(self._programs[name + "_depth"], view_projection=matrix)
         self._shadow_target.use()
         self._shadow_target.clear()
-        self._draw("_depth", Projection(matrix, None, SHADOW_PX / span))
+        self._draw("_depth", view)
 
 
 class _Target:
@@ -220,7 +246,7 @@ def _open_context() -> moderngl.Context:
         ) from error
 
 
-def _compile(gl: moderngl.Context, is_water: bool) -> dict[str, moderngl.Program]:
+def _compile(gl: moderngl.Context, is_water: bool, cover: Cover | None) -> dict[str, moderngl.Program]:
     programs = {}
     ground = shaders.WATER_FS if is_water else shaders.GROUND_FS
     for name, vertex, fragment, ids in (
@@ -231,26 +257,16 @@ def _compile(gl: moderngl.Context, is_water: bool) -> dict[str, moderngl.Program
         programs[name] = gl.program(vertex, fragment)
         programs[name + "_id"] = gl.program(vertex, ids)
         programs[name + "_depth"] = gl.program(vertex, shaders.DEPTH_FS)
+    if cover is not None:
+        programs["ground"] = cover.land
     return programs
 
 
 def _upload(gl: moderngl.Context, scene: Scene) -> list[Any]:
     """Texture units 0-2: ground detail, middle, macro; 3: layers."""
     ground = scene.ground_textures
-    textures: list[Any] = [
-        gl.texture(image.shape[1::-1], 4, _rgba(image).tobytes())
-        for image in (ground.detail, ground.middle, ground.macro)
-    ]
-    size = (LAYER_PX, LAYER_PX, len(scene.layers))
-    textures.append(gl.texture_array(size, 4, np.stack([_rgba(i) for i in scene.layers]).tobytes()))
-    for texture in textures:
-        texture.build_mipmaps()
-        texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    return textures
-
-
-def _rgba(image: U8) -> U8:
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2RGBA))
+    single = [filtered(gl, image) for image in (ground.detail, ground.middle, ground.macro)]
+    return [*single, filtered_array(gl, list(scene.layers))]
 
 
 def film(light: F64) -> F64:

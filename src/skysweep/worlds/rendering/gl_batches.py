@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from skysweep.arrays import F64, I32
 from skysweep.worlds.meshes import Mesh, merge
 from skysweep.worlds.rendering.projection import Projection
-from skysweep.worlds.scene import Planting, Solid
+from skysweep.worlds.scene import Mover, Planting, Solid
 
 SOLID_TILE_M = 16.0
-GROUND_TILE_M = 64.0
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])  # of a box: low or high
 PLANT_DETAIL_PX = (8.0, 40.0)  # crown radii from which a plant is drawn finer
 
@@ -57,22 +57,6 @@ def solid_blocks(solids: list[Solid]) -> list[Block]:
     ]
 
 
-def ground_blocks(ground: Mesh) -> list[Block]:
-    """The ground cut into squares, so that only those in sight are drawn."""
-    centres = ground.vertices[ground.faces].mean(axis=1)[:, :2]
-    cells = np.floor(centres / GROUND_TILE_M).astype(np.int64)
-    _, group = np.unique(cells, axis=0, return_inverse=True)
-    order = np.argsort(group.ravel(), kind="stable")
-    edges = np.flatnonzero(np.diff(group.ravel()[order])) + 1
-    blocks = []
-    for faces in np.split(ground.faces[order], edges):
-        used, index = np.unique(faces, return_inverse=True)
-        attributes = ground.vertices, ground.normals, ground.colours, ground.texture
-        v, n, c, t = (values[used] for values in attributes)
-        blocks.append(_block(Mesh(v, n, c, t, index.reshape(-1, 3).astype(np.int32))))
-    return blocks
-
-
 class Tiles:
     """Blocks in one buffer, drawn when in sight."""
 
@@ -96,7 +80,7 @@ class Tiles:
             return
         array = self._arrays.get(program.glo)
         if array is None:
-            content = [_bound(program, self._vertices, _LAYOUT)]
+            content = [bound(program, self._vertices, _LAYOUT)]
             array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
         for k in self._seen(view).tolist():
             array.render(vertices=self._counts[k], first=self._firsts[k])
@@ -107,6 +91,60 @@ class Tiles:
 
     def _seen(self, view: Projection) -> NDArray[np.intp]:
         return np.flatnonzero(view.sees(self._centres, self._radii))
+
+
+class Movers:
+    """Objects that move: each in its part of one buffer, written anew where it is in sight."""
+
+    def __init__(self, gl: moderngl.Context, movers: tuple[Mover, ...]) -> None:
+        self._gl, self._movers = gl, movers
+        if not movers:
+            return
+        blocks = [_block(m.mesh, m.id) for m in movers]
+        self._radii = np.array([m.radius_m for m in movers])
+        self._firsts = np.cumsum([0, *(len(b.vertices) for b in blocks)]).tolist()
+        self._counts = [b.faces.size for b in blocks]
+        self._first_faces = np.cumsum([0, *self._counts]).tolist()
+        faces = np.concatenate([b.faces + s for b, s in zip(blocks, self._firsts, strict=False)])
+        self._faces = gl.buffer(faces.astype(np.int32).tobytes())
+        self._vertices = gl.buffer(reserve=self._firsts[-1] * _VERTEX.itemsize)
+        self._written_s = [math.nan] * len(movers)
+        self._arrays: dict[int, moderngl.VertexArray] = {}
+        self.move(0.0)
+
+    def move(self, time_s: float) -> None:
+        """Have all where they are at this time."""
+        if self._movers:
+            self._time_s = time_s
+            self._places = np.array([m.place(time_s) for m in self._movers])
+
+    def is_in_sight(self, view: Projection) -> bool:
+        return bool(self._movers) and len(self._seen(view)) > 0
+
+    def corners(self, view: Projection) -> F64:
+        """Corners (N, 3) of boxes that hold all in sight."""
+        if not self._movers:
+            return np.empty((0, 3))
+        seen = self._seen(view)
+        reach = (2.0 * _CORNERS - 1.0) * self._radii[seen, None, None]
+        return np.asarray((self._places[seen, None] + reach).reshape(-1, 3))
+
+    def draw(self, program: moderngl.Program, view: Projection) -> None:
+        if not self._movers:
+            return
+        array = self._arrays.get(program.glo)
+        if array is None:
+            content = [bound(program, self._vertices, _LAYOUT)]
+            array = self._arrays[program.glo] = self._gl.vertex_array(program, content, self._faces)
+        for k in self._seen(view).tolist():
+            if self._written_s[k] != self._time_s:
+                packed = _block(self._movers[k].at(self._time_s), self._movers[k].id).vertices
+                self._vertices.write(packed.tobytes(), self._firsts[k] * _VERTEX.itemsize)
+                self._written_s[k] = self._time_s
+            array.render(vertices=self._counts[k], first=self._first_faces[k])
+
+    def _seen(self, view: Projection) -> NDArray[np.intp]:
+        return np.flatnonzero(view.sees(self._places, self._radii))
 
 
 class Plants:
@@ -139,14 +177,14 @@ class Plants:
                 continue
             array = self._arrays.get((program.glo, detail))
             if array is None:
-                content = [_bound(program, vertices, _LAYOUT), _bound(program, instances, _PLACE_LAYOUT)]
+                content = [bound(program, vertices, _LAYOUT), bound(program, instances, _PLACE_LAYOUT)]
                 array = self._gl.vertex_array(program, content, faces)
                 self._arrays[(program.glo, detail)] = array
             instances.write(places.tobytes())
             array.render(instances=len(places))
 
 
-def _bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
+def bound(program: moderngl.Program, buffer: moderngl.Buffer, layout: tuple[str, ...]) -> tuple[Any, ...]:
     """A buffer with the attributes that the program kept; the rest becomes padding."""
     sizes = {"3f": "12x", "4f": "16x", "4f1": "4x", "1f": "4x"}
     rate = [f for f in layout[0].split() if f.startswith("/")]

@@ -50,6 +50,17 @@ class Projection:
         distance = centres @ self._planes[:, :3].T + self._planes[:, 3]
         return np.asarray((distance >= -radii[:, None]).all(axis=1))
 
+    def sees_boxes(self, low: F64, high: F64) -> NDArray[np.bool_]:
+        """Which boxes (N, 3), (N, 3) touch the frustum (far plane aside); a few that do not may be among them."""
+        seen = np.ones(len(low), bool)
+        for plane in self._planes:
+            seen &= np.where(plane[:3] > 0.0, high, low) @ plane[:3] >= -plane[3]
+        return seen
+
+    def nearest(self, low: F64, high: F64) -> F64:
+        """The place (N, 3) of each box that is nearest to the eye; without an eye, its low corner."""
+        return low if self._eye is None else np.asarray(np.clip(self._eye, low, high))
+
     def frame(self, points: F64) -> F64:
         """Low and high corner (2, 2) of the part of the picture, -1..1, that holds ``points`` (N, 3)."""
         clip = np.column_stack([points, np.ones(len(points))]) @ self.matrix.T

@@ -1,0 +1,227 @@
+"""Buildings and roads from GeoJSON with OpenStreetMap's names."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import shapely.affinity
+import shapely.ops
+from numpy.typing import ArrayLike
+from shapely.geometry import shape
+
+from skysweep.arrays import F64
+from skysweep.errors import UserError
+from skysweep.files.geojson import read_geojson
+from skysweep.files.reading import stamp_of
+from skysweep.geometry.frames import LocalFrame
+from skysweep.scenarios.model import MAX_BUILDINGS
+from skysweep.worlds.rasters import Bounds
+
+MAX_BYTES = 100_000_000
+_STOREY_M = 3.0
+_LOWEST_M = 2.0
+_BOXY = 0.85  # share of its rectangle that a footprint fills: one that fills less is cut
+_MOST_CUTS = 4  # one after another
+_SMALLEST_M2 = 4.0  # of a part
+_SIMPLER_M = 0.3
+_CORNERS = 60  # of a footprint that is worth cutting
+_LENGTH = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(m|ft|'|)\s*$", re.IGNORECASE)
+_ROADS_M = {
+    "motorway": 20.0, "trunk": 12.0, "primary": 9.0, "secondary": 7.5, "tertiary": 6.5,
+    "unclassified": 5.5, "residential": 5.5, "living_street": 5.0, "service": 4.0, "pedestrian": 4.0,
+    "track": 3.0, "cycleway": 2.5, "bridleway": 2.0, "footway": 1.5, "path": 1.2, "steps": 1.5,
+}  # fmt: skip
+_OTHER_ROAD_M = 5.0
+_PAVED = {"asphalt", "paved", "concrete", "concrete:plates", "paving_stones", "sett", "cobblestone", "metal"}
+_GROWN = {"grass", "grass_paver"}
+_UNPAVED_ROADS = {"track", "bridleway", "path"}  # where they do not say
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A building, or a part of one, in ENU metres."""
+
+    position_enu_m: tuple[float, float]  # of the centre
+    size_m: tuple[float, float]  # length, width
+    yaw_rad: float
+    eaves_m: float  # above the ground
+    is_flat: bool  # its roof; else a gable that rises by half the width at most
+
+    @property
+    def top_m(self) -> float:
+        """Of the ridge at most, above the ground."""
+        return self.eaves_m + (0.0 if self.is_flat else self.size_m[1] / 2)
+
+    def outline(self) -> shapely.Polygon:
+        """Its walls, seen from above."""
+        (x, y), (length, width) = self.position_enu_m, self.size_m
+        cos, sin = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        box = shapely.box(-length / 2, -width / 2, length / 2, width / 2)
+        return shapely.affinity.affine_transform(box, [cos, -sin, sin, cos, x, y])
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """A road's ground in ENU metres."""
+
+    outline: shapely.Geometry
+    surface: str
+
+
+def buildings(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> tuple[Box, ...]:
+    """The buildings of a file that touch the ground within bounds, as boxes that hold them.
+
+    Raises UserError where the file is no GeoJSON of footprints, or holds too many.
+    """
+    return _buildings(path, stamp_of(path), frame, bounds_enu_m)
+
+
+def roads(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> tuple[Road, ...]:
+    """The roads of a file within bounds, narrow ones first. Raises UserError where it is no GeoJSON."""
+    return _roads(path, stamp_of(path), frame, bounds_enu_m)
+
+
+@lru_cache(maxsize=4)
+def _buildings(
+    path: Path, _stamp: tuple[int, int] | None, frame: LocalFrame, bounds_enu_m: Bounds
+) -> tuple[Box, ...]:
+    boxes: list[Box] = []
+    for outline, tags in _features(path, "buildings_file", frame, bounds_enu_m):
+        if tags.get("building", "no") == "no":
+            continue
+        for part in shapely.get_parts(outline):
+            if part.geom_type == "Polygon" and part.area > 0.0:
+                boxes += _boxes(part, tags)
+        if len(boxes) > MAX_BUILDINGS:
+            raise UserError(
+                f"buildings_file: {path}: makes more than {MAX_BUILDINGS} boxes; leave the small ones out"
+            )
+    return tuple(boxes)
+
+
+@lru_cache(maxsize=4)
+def _roads(
+    path: Path, _stamp: tuple[int, int] | None, frame: LocalFrame, bounds_enu_m: Bounds
+) -> tuple[Road, ...]:
+    found: list[tuple[float, Road]] = []
+    for line, tags in _features(path, "roads_file", frame, bounds_enu_m):
+        kind = str(tags.get("highway", "")).removesuffix("_link")
+        if not kind or tags.get("tunnel", "no") != "no" or line.geom_type not in _LINES:
+            continue
+        width_m = _metres(tags.get("width")) or _ROADS_M.get(kind, _OTHER_ROAD_M)
+        outline = shapely.buffer(line, width_m / 2, cap_style="flat").intersection(shapely.box(*bounds_enu_m))
+        found.append((width_m, Road(outline, _surface(kind, tags))))
+    return tuple(road for _, road in sorted(found, key=lambda each: each[0]))
+
+
+_LINES = ("LineString", "MultiLineString")
+
+
+def _surface(kind: str, tags: dict[str, Any]) -> str:
+    """Asphalt, grass or bare ground, which is looked at as sand."""
+    told = str(tags.get("surface", "")).lower()
+    if told in _GROWN:
+        return "grass"
+    is_paved = told in _PAVED if told else kind not in _UNPAVED_ROADS
+    return "asphalt" if is_paved else "sand"
+
+
+def _features(
+    path: Path, field: str, frame: LocalFrame, bounds_enu_m: Bounds
+) -> Iterator[tuple[shapely.Geometry, dict[str, Any]]]:
+    """Shapes within bounds in ENU metres, and their tags."""
+    try:
+        data = read_geojson(path, MAX_BYTES)
+    except UserError as error:
+        raise UserError(f"{field}: {error}") from None
+    features = data.get("features") if isinstance(data, dict) else None
+    if not isinstance(features, list):
+        raise UserError(f"{field}: {path}: is no collection of features; export it again as GeoJSON")
+    ground = shapely.box(*bounds_enu_m)
+
+    def enu_m(lon_lat_deg: F64) -> F64:
+        heights = np.full(len(lon_lat_deg), frame.altitude_m)
+        return frame.enu_from_geodetic(np.column_stack([lon_lat_deg[:, ::-1], heights]))[:, :2]
+
+    for number, feature in enumerate(features, 1):
+        try:
+            lon_lat, tags = shape(feature["geometry"]), dict(feature.get("properties") or {})
+        except (AttributeError, KeyError, TypeError, ValueError, IndexError, shapely.errors.ShapelyError):
+            raise UserError(
+                f"{field}: {path}: feature {number} has no shape; export it again as GeoJSON"
+            ) from None
+        corners = shapely.get_coordinates(lon_lat)
+        if not np.isfinite(corners).all() or (np.abs(corners) > [180.0, 90.0]).any():
+            raise UserError(
+                f"{field}: {path}: feature {number} is not in longitude and latitude in degrees; export it "
+                "in EPSG:4326"
+            )
+        local = shapely.make_valid(shapely.transform(lon_lat, enu_m))
+        if len(corners) and shapely.intersects(ground, local):
+            yield local, tags
+
+
+def _metres(told: Any) -> float | None:
+    """A length as OpenStreetMap has it: metres, or with a unit; None where it is none."""
+    found = _LENGTH.match(str(told))
+    if not found or float(found[1]) == 0.0:
+        return None
+    return float(found[1]) * (1.0 if found[2].lower() in ("", "m") else 0.3048)
+
+
+def _boxes(outline: shapely.Polygon, tags: dict[str, Any]) -> Iterator[Box]:
+    storeys = _metres(tags.get("building:levels")) or 1.0
+    roof = str(tags.get("roof:shape", "")).lower()
+    for sides in _rectangles(shapely.Polygon(outline.exterior), _MOST_CUTS):
+        centre, length, width, yaw = sides
+        is_flat = roof == "flat" or (not roof and width > 12.0)
+        top = _metres(tags.get("height"))
+        eaves = storeys * _STOREY_M if top is None else top - (0.0 if is_flat else 0.5 * width)
+        yield Box(centre, (length, width), yaw, max(eaves, _LOWEST_M), is_flat)
+
+
+def _rectangles(
+    outline: shapely.Polygon, cuts: int
+) -> Iterator[tuple[tuple[float, float], float, float, float]]:
+    """Centre, length, width and yaw of rectangles that together hold a footprint; an L becomes two."""
+    rectangle = shapely.minimum_rotated_rectangle(outline)
+    a, b, c = shapely.get_coordinates(rectangle)[:3] if rectangle.geom_type == "Polygon" else np.zeros((3, 2))
+    sides = [b - a, c - b]
+    along, across = sorted(sides, key=lambda side: -float(np.hypot(*side)))
+    length, width = float(np.hypot(*along)), float(np.hypot(*across))
+    if length * width < _SMALLEST_M2:
+        return
+    if cuts and outline.area < _BOXY * length * width:
+        parts = _cut(outline.simplify(_SIMPLER_M), along / length, across / width)
+        if parts:
+            for part in parts:
+                yield from _rectangles(part, cuts - 1)
+            return
+    middle = (a + c) / 2
+    yield (float(middle[0]), float(middle[1])), length, width, math.atan2(along[1], along[0])
+
+
+def _cut(outline: shapely.Polygon, *directions: ArrayLike) -> list[shapely.Polygon]:
+    """The footprint cut through one of its corners so that the rectangles of its parts are smallest."""
+    corners = shapely.get_coordinates(outline)[:-1]
+    if not outline.is_valid or len(corners) > _CORNERS:
+        return []
+    best, found = 0.95 * shapely.minimum_rotated_rectangle(outline).area, []
+    far = 2.0 * math.hypot(*np.ptp(corners, axis=0))
+    for corner in corners:
+        for direction in directions:
+            reach = far * np.asarray(direction)
+            line = shapely.linestrings([corner - reach, corner + reach])
+            parts = list(shapely.get_parts(shapely.ops.split(outline, line)))
+            area = sum(shapely.minimum_rotated_rectangle(part).area for part in parts)
+            if len(parts) > 1 and area < best:
+                best, found = area, parts
+    return found
