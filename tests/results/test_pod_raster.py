@@ -41,6 +41,7 @@ def test_rasterio_reads_the_coverage_where_it_is_on_earth(run):
     assert (latitude, longitude) == pytest.approx((there[0], there[1]), abs=1e-8)
 
 
-def test_without_a_sensor_model_there_is_no_coverage(tiny_run):
+def test_without_a_sensor_model_there_is_no_coverage(tmp_path):
+    noisy = load_run(write_run(tmp_path / "run", [START], camera=CALIBRATED | {"noise_std": 20.0}))
     with pytest.raises(UserError, match="was made for another detector or camera"):
-        geotiff(tiny_run)
+        geotiff(noisy)

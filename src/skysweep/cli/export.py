@@ -17,12 +17,16 @@ def export(
         Path, typer.Argument(metavar="RUN_DIR", help="Run folder of a mission, which may still be flying.")
     ],
     form: Annotated[
-        Literal["cot", "kmz", "gpx", "geojson", "kml", "csv", "geotiff"],
-        typer.Option("--format", help="GeoTIFF: the coverage as probability of detection. Others: targets."),
+        Literal[
+            "cot", "kmz", "gpx", "geojson", "kml", "csv", "geotiff", "coverage-geojson", "coverage-kml"
+        ],
+        typer.Option(
+            "--format", help="geotiff, coverage-...: the coverage as probability of detection. Others: targets."
+        ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Default: targets.kmz and so on, or coverage.tif, in RUN_DIR."),
+        typer.Option(help="Default: targets.kmz and so on, or coverage.tif and so on, in RUN_DIR."),
     ] = None,
     to: Annotated[
         str | None,

@@ -53,18 +53,18 @@ def refit(boxes: F64, nodes: I64, order: I64, points: F64) -> None:
     """Fit the boxes of a tree to the same points (N, 3) after some of them have moved."""
     for node in range(len(nodes) - 1, -1, -1):
         first, end, following = nodes[node]
+        box = boxes[node]
         if following == node + 1:
-            for axis in range(3):
-                boxes[node, axis] = boxes[node, axis + 3] = points[order[first], axis]
+            box[:3] = box[3:] = points[order[first]]
             for k in order[first + 1 : end]:
                 for axis in range(3):
-                    boxes[node, axis] = min(boxes[node, axis], points[k, axis])
-                    boxes[node, axis + 3] = max(boxes[node, axis + 3], points[k, axis])
+                    box[axis] = min(box[axis], points[k, axis])
+                    box[axis + 3] = max(box[axis + 3], points[k, axis])
         else:
-            left, right = node + 1, nodes[node + 1, 2]
+            left, right = boxes[node + 1], boxes[nodes[node + 1, 2]]
             for axis in range(3):
-                boxes[node, axis] = min(boxes[left, axis], boxes[right, axis])
-                boxes[node, axis + 3] = max(boxes[left, axis + 3], boxes[right, axis + 3])
+                box[axis] = min(left[axis], right[axis])
+                box[axis + 3] = max(left[axis + 3], right[axis + 3])
 
 
 @njit(cache=True)

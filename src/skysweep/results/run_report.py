@@ -35,6 +35,7 @@ from skysweep.scenarios.files import dump_scenario
 from skysweep.text import printable
 from skysweep.types import SEARCHING, SETTLING, EventKind
 
+_POOR_POD = 0.5
 _EVIDENCE = {
     "Confirmed": "Pictures of confirmed targets",
     "Unchecked": "Pictures of unchecked candidates",
@@ -78,9 +79,11 @@ def _coverage(run: Run) -> list[Picture]:
         coverage = coverage_of(run)
     except UserError:
         return []
+    pod = coverage.pod()[coverage.inside]
     caption = (
         "How probably a target would have been reported at least once at each place, by the sensor model. "
-        f"The mean over the area is {coverage.pod()[coverage.inside].mean():.0%}. The line is the path."
+        f"The mean over the area is {pod.mean():.0%}; {(pod < _POOR_POD).mean():.0%} of it is below "
+        f"{_POOR_POD:.0%}. The line is the path."
     )
     return [Picture(data_uri(coverage_map_png(run, coverage), "image/png"), caption)]
 
