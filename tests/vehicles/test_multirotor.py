@@ -81,6 +81,20 @@ def test_lands_on_high_ground() -> None:
     assert v.true_position_enu_m[2] == pytest.approx(10.25)
 
 
+@pytest.mark.parametrize("slope", [-0.5, -0.05, 0.05, 0.5])
+@pytest.mark.parametrize("tick_s", [0.1, 0.5])
+def test_lands_on_a_slope_in_the_wind(slope: float, tick_s: float) -> None:
+    wind = Wind(mean_speed_mps=6.0, gust_std_mps=1.0)
+    v = Multirotor(VehicleLimits(), wind, CameraModel(), [0, 0, 0], lambda x, y: slope * x, 1)
+    v.place([0.0, 0.0, 12.0], [0.0, 0.0, 0.0], 0.0)
+    v.land()
+    landed_s = 0.0
+    while v.state().airborne and landed_s < 60.0:
+        v.advance(tick_s)
+        landed_s += tick_s
+    assert landed_s < 25.0
+
+
 def test_ground_stops_a_setpoint_below_it() -> None:
     v = hovering(3.0)
     v.command(go(0.0, 0.0, -5.0))

@@ -115,6 +115,7 @@ CAMERA_BELOW_M = 0.1
 POINTING_SHARE = 0.5  # of the gimbal's rate
 AVIONICS_W = 10.0
 LANDED_AFTER_S = 1.0
+GIVES_M = 0.05  # how far a slope may fall away below a vehicle that stands on it in the wind
 POSITION_ERROR_TIME_S = 30.0
 VERTICAL_POSITION_ERROR = 0.5  # of the horizontal one: the barometer helps
 ATTITUDE_ERROR_TIME_S = 0.2
@@ -392,7 +393,8 @@ def _move_body(x: Record, q: Record, R: Entries) -> None:
         x.velocity[i] += (force - (G if i == 2 else 0.0)) * STEP_S
         x.position[i] += x.velocity[i] * STEP_S
     floor = x.ground_height + LEG_HEIGHT_M
-    if x.position[2] <= floor:
+    stands = x.mode == LAND and x.contact_time > 0.0
+    if x.position[2] <= floor + (GIVES_M if stands else 0.0):
         x.position[2] = floor
         _stand(x, R)
         x.contact_time += STEP_S
