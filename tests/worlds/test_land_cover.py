@@ -15,7 +15,13 @@ from skysweep.worlds.world import build_terrain, build_trees, build_world, land_
 
 SIZE = (120, 140)
 CLASSES = [
-    {"code": 1, "surface": "forest floor", "trees_per_hectare": 100, "height_m": [4, 6], "conifer_fraction": 1},
+    {
+        "code": 1,
+        "surface": "forest floor",
+        "trees_per_hectare": 100,
+        "height_m": [4, 6],
+        "conifer_fraction": 1,
+    },
     {"code": 2, "surface": "rock"},
 ]
 
@@ -152,7 +158,9 @@ def test_an_l_becomes_two_boxes_that_hold_it(tmp_path):
 
 
 def test_buildings_occlude_and_are_kept_clear_of(tmp_path):
-    file = collection(tmp_path / "b.geojson", (shapely.box(100, 100, 140, 130), {"building": "yes", "height": "12"}))
+    file = collection(
+        tmp_path / "b.geojson", (shapely.box(100, 100, 140, 130), {"building": "yes", "height": "12"})
+    )
     scenario = over(others={"buildings_file": str(file)})
     known = known_obstacles(scenario)
     assert known.top_within_m(np.array([[120.0, 115.0]]), 0.0) == pytest.approx([12.0])
@@ -194,7 +202,9 @@ def test_roads_have_width_and_surface(tmp_path):
 
 
 def test_roads_alone_lie_on_the_terrain_s_surface(tmp_path):
-    file = collection(tmp_path / "r.geojson", (shapely.LineString([(0, 0), (600, 400)]), {"highway": "primary"}))
+    file = collection(
+        tmp_path / "r.geojson", (shapely.LineString([(0, 0), (600, 400)]), {"highway": "primary"})
+    )
     terrain = build_terrain(over(surface="snow", others={"roads_file": str(file)}))
     assert (terrain.surface_at(300, 200), terrain.surface_at(300, 100)) == ("asphalt", "snow")
 
@@ -211,7 +221,9 @@ def test_roads_alone_lie_on_the_terrain_s_surface(tmp_path):
 def test_no_geojson(tmp_path, text, sentence):
     (tmp_path / "b.geojson").write_text(text)
     for field in ("buildings_file", "roads_file"):
-        with pytest.raises(UserError, match=rf"^{field}: .*b\.geojson.*{sentence}|^{field}: .*ends too early"):
+        with pytest.raises(
+            UserError, match=rf"^{field}: .*b\.geojson.*{sentence}|^{field}: .*ends too early"
+        ):
             build_world(over(others={field: str(tmp_path / "b.geojson")}), 0)
 
 
@@ -220,7 +232,9 @@ def picture(size=SIZE):
     return np.stack([column, row, np.full(size, 7)]).astype(np.uint8)
 
 
-@pytest.mark.parametrize(("crs", "pixel", "turned_deg"), [("EPSG:3067", 10.0, 0.0), ("EPSG:3857", 25.0, 40.0)])
+@pytest.mark.parametrize(
+    ("crs", "pixel", "turned_deg"), [("EPSG:3067", 10.0, 0.0), ("EPSG:3857", 25.0, 40.0)]
+)
 def test_the_ground_s_picture_lies_where_it_should(tmp_path, crs, pixel, turned_deg):
     transform = placed(pixel, SIZE, crs, turned_deg)
     scenario = over(orthophoto=write(tmp_path / "o.tif", picture(), crs, transform, photometric="RGB"))
