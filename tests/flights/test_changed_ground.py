@@ -23,7 +23,7 @@ def scenario(dem):
     return over(area=AREA, dem=dem, others={"generators": generators, "camera": {"hfov_rad": 1.2}})
 
 
-@pytest.fixture()
+@pytest.fixture
 def dem(tmp_path):
     return write(tmp_path / "dem.tif", slope(SIZE), transform=placed(10.0, SIZE, middle_enu_m=(0, 0)))
 
@@ -40,11 +40,17 @@ def test_resume_and_report_want_the_files_that_were_flown_over(tmp_path, dem, mo
     lines = (run / "journal.jsonl").read_bytes().splitlines(keepends=True)
     (half / "journal.jsonl").write_bytes(b"".join(lines[: len(lines) // 2]))
     before = (half / "journal.jsonl").read_bytes()
-    write(dem, slope(SIZE) + np.float32(1.0) * np.arange(60), transform=placed(10.0, SIZE, middle_enu_m=(0, 0)))
-    with pytest.raises(UserError, match=r"begun with ground [0-9a-f]{64}, and now it is [0-9a-f]{64}; put back"):
+    write(
+        dem, slope(SIZE) + np.float32(1.0) * np.arange(60), transform=placed(10.0, SIZE, middle_enu_m=(0, 0))
+    )
+    with pytest.raises(
+        UserError, match=r"begun with ground [0-9a-f]{64}, and now it is [0-9a-f]{64}; put back"
+    ):
         resume_folder(half)
     assert (half / "journal.jsonl").read_bytes() == before
-    with pytest.raises(UserError, match=r"dem\.tif: are not the files of the ground that the mission was flown"):
+    with pytest.raises(
+        UserError, match=r"dem\.tif: are not the files of the ground that the mission was flown"
+    ):
         _ = load_flown(run).world
     write(dem, slope(SIZE), transform=placed(10.0, SIZE, middle_enu_m=(0, 0)))
     assert resume_folder(half)["mission_time_s"] == whole["mission_time_s"]
@@ -53,7 +59,8 @@ def test_resume_and_report_want_the_files_that_were_flown_over(tmp_path, dem, mo
 
 def test_missions_over_other_ground_have_other_keys(dem):
     def key():
-        return Matrix.of([("x", scenario(dem))], [0], "statistical", []).jobs()[0].config_hash
+        (job,) = Matrix.of([("x", scenario(dem))], [0], "statistical", []).jobs()
+        return job.config_hash
 
     first = key()
     assert key() == first

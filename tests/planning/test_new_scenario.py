@@ -19,7 +19,7 @@ from skysweep.worlds.world import build_terrain, elevation_of
 SIZE = (120, 140)
 
 
-@pytest.fixture()
+@pytest.fixture
 def place(tmp_path, monkeypatch):
     """A folder with an area and the files of its ground: woods in the west, meadow in the east."""
     monkeypatch.chdir(tmp_path)
@@ -41,9 +41,10 @@ def test_the_scenario_can_be_planned_and_flown(place):
     done = new("--landcover", "lc.tif", "--buildings", "b.geojson", "--out", "mine.yaml", "--json")
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
-    assert "every 10 m" in told["elevation"]
-    assert told["holes in it"] == "none"
-    assert told["buildings"] == "1"
+    assert told["dem_pixel_m"] == pytest.approx(10.0, abs=0.05)
+    assert "TM35FIN" in told["dem_crs"]
+    assert (told["filled"], told["buildings"], told["orthophoto_crs"]) == (0.0, 1, None)
+    assert set(told["surfaces"]) == {"forest floor", "grass"}
     scenario = load_scenario(place / "mine.yaml")
     assert scenario.name == "mine"
     assert scenario.terrain.dem == str(place / "dem.tif")
@@ -104,5 +105,8 @@ def test_no_place_to_take_off_from(place):
     steep = (100.0 + 8.0 * row).astype(np.float32)
     write(place / "dem.tif", steep, transform=placed(10.0, SIZE))
     refused = new("--out", "mine.yaml")
-    assert "has no open and level ground beside it to take off from; choose a place with --home" in refused.output
+    assert (
+        "has no open and level ground beside it to take off from; choose a place with --home"
+        in refused.output
+    )
     assert over().name == "here"

@@ -25,7 +25,8 @@ ROOT = Path(__file__).parents[2]
 
 def test_paths_start_at_the_scenario_s_folder(tmp_path):
     (tmp_path / "x.yaml").write_text(
-        AREA + "terrain: {dem: a/dem.tif, land_cover: lc.tif, orthophoto: /o.tif}\nbuildings_file: b.geojson\n"
+        AREA
+        + "terrain: {dem: a/dem.tif, land_cover: lc.tif, orthophoto: /o.tif}\nbuildings_file: b.geojson\n"
     )
     assert ground_files(load_scenario(tmp_path / "x.yaml")) == {
         "terrain.dem": tmp_path / "a/dem.tif",
@@ -52,7 +53,10 @@ def test_a_scenario_without_files_is_written_as_before():
 @pytest.mark.parametrize(
     ("terrain", "sentence"),
     [
-        ("{dem: d.tif, hills_height_m: 3}", "terrain.dem: is the ground's shape; delete heightmap_m and hills"),
+        (
+            "{dem: d.tif, hills_height_m: 3}",
+            "terrain.dem: is the ground's shape; delete heightmap_m and hills",
+        ),
         ("{dem_unit: feet}", "terrain.dem_unit: is that of dem, which is missing"),
         ("{land_cover_classes: [{code: 1, surface: rock}]}", "are those of land_cover, which is missing"),
         (
