@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.worlds.geotiffs import over, placed, write
 
 from skysweep.arrays import U8
 from skysweep.geometry.camera import CameraPose, Lens
@@ -17,7 +18,6 @@ from skysweep.worlds.rendering.from_above import ground_from_above
 from skysweep.worlds.rendering.picture_windows import MOST_WINDOWS, PictureWindows, window_px
 from skysweep.worlds.rendering.renderer import make_renderer
 from skysweep.worlds.world import GroundCover, TerrainSurface, World, build_world
-from tests.worlds.geotiffs import over, placed, write
 
 LENS = Lens(320, 180, 1.2)
 BOUNDS = (-100.0, -100.0, 100.0, 100.0)

@@ -49,12 +49,15 @@ def test_neighbours_of_any_levels_share_all_edges(levels: list[int]) -> None:
 def test_posts_lie_on_the_terrain_and_their_normals_agree_across_chunks() -> None:
     terrain = hills()
     grid, whole = GroundGrid(terrain), GroundGrid(terrain).mesh()
-    by_place = {tuple(v): tuple(n) for v, n in zip(whole.vertices.tolist(), whole.normals.tolist(), strict=True)}
+    by_place = {
+        tuple(v): tuple(n) for v, n in zip(whole.vertices.tolist(), whole.normals.tolist(), strict=True)
+    }
     for chunk in range(len(grid.low_enu_m)):
         vertices, normals = grid.posts(chunk)
         assert vertices[:, 2] == pytest.approx(terrain.height_m(vertices[:, :2]), abs=1e-4)
         low, high = grid.low_enu_m[chunk], grid.high_enu_m[chunk]
-        assert (vertices >= low - 1e-3).all() and (vertices <= high + 1e-3).all()
+        assert (vertices >= low - 1e-3).all()
+        assert (vertices <= high + 1e-3).all()
         inner = np.flatnonzero((vertices[:, :2] < [grid.x_m[-1], grid.y_m[-1]]).all(axis=1))
         for k in inner.tolist():
             assert by_place[tuple(vertices[k].tolist())] == tuple(normals[k].tolist())

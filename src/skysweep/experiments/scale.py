@@ -22,13 +22,15 @@ THREADS = 2
 _WARM_UP = 5  # looks
 _MARGIN_M = 100.0  # around the area, where trees stand too
 _TREES, _ROCKS, _CLOTHES = 60.0, 1.6, 0.05  # a hectare
+_MOST_ROCKS = 2000  # that a generator takes
 
 
 def valley(hectares: float) -> Scenario:
     """A square of wooded hills with six persons, searched by a 4K camera from 60 m."""
     side_m = 100.0 * math.sqrt(hectares)
     wooded_ha = (side_m + _MARGIN_M) ** 2 / 1e4
-    stones = {"class": "rock", "count": max(1, round(_ROCKS * hectares)), "size_m": 0.8, "seed": 5}
+    rocks = min(max(1, round(_ROCKS * hectares)), _MOST_ROCKS)
+    stones = {"class": "rock", "count": rocks, "size_m": 0.8, "seed": 5}
     clothes = {"class": "clothing", "count": max(1, round(_CLOTHES * hectares)), "seed": 8}
     persons = {"class": "person", "count": 6, "poses": ["lying", "standing"]}
     return Scenario.model_validate(
@@ -68,8 +70,8 @@ def valley(hectares: float) -> Scenario:
 def rendered(hectares: float) -> dict[str, float]:
     """The cost of a mission with pictures of an area: set-up, then ``LOOKS`` looks, in a process of its own.
 
-    ``setup_s`` is processor time until take-off, ``look_s`` that of one look with the flight in between, on all
-    cores together; ``rtf`` simulated seconds a wall second; ``memory_mb`` the peak of the process.
+    ``setup_s`` is processor time until take-off, ``look_s`` that of one look with the flight in between, on
+    all cores together; ``rtf`` simulated seconds a wall second; ``memory_mb`` the peak of the process.
     """
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(_rendered_here, hectares).result()
@@ -86,7 +88,11 @@ def _rendered_here(hectares: float) -> dict[str, float]:
                 continue
             looks, newest = looks + 1, look
             if looks == _WARM_UP:
-                flown_s, wall_s, used_s = mission.vehicle.state().time_s, time.perf_counter(), time.process_time()
+                flown_s, wall_s, used_s = (
+                    mission.vehicle.state().time_s,
+                    time.perf_counter(),
+                    time.process_time(),
+                )
             if looks == _WARM_UP + LOOKS:
                 break
         flown_s, wall_s = mission.vehicle.state().time_s - flown_s, time.perf_counter() - wall_s

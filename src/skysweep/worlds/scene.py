@@ -15,8 +15,8 @@ from skysweep.worlds.assets.buildings import building_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.ground_grid import GroundGrid
 from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
-from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
 from skysweep.worlds.rasters import GroundPicture
+from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
 from skysweep.worlds.world import GroundCover, TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
