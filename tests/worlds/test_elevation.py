@@ -1,6 +1,7 @@
 """Elevation models as they come: the ground is right, or one sentence says what is wrong."""
 
 import math
+import re
 import resource
 import time
 
@@ -9,10 +10,11 @@ import pyproj
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worlds.geotiffs import AREA, LATITUDE_DEG, over, placed, rasterio, slope, write
 
 from skysweep.errors import UserError
+from skysweep.planning.advice import warnings_for_plan
 from skysweep.worlds.world import build_terrain, elevation_of
-from tests.worlds.geotiffs import AREA, LATITUDE_DEG, over, placed, rasterio, slope, write
 
 SIZE = (120, 140)
 PLACES = np.array([[0.0, 0.0], [10.0, 390.0], [300.0, 200.0], [599.0, 1.0], [571.0, 333.0]])
@@ -127,9 +129,8 @@ def test_feet(tmp_path, unit):
     if unit == "crs":  # a compound one with heights in US survey feet
         crs = rasterio.CRS.from_wkt(pyproj.CRS("EPSG:3067+6360").to_wkt())
     told = {"dem_unit": "feet"} if unit == "dem_unit" else {}
-    dem = write(
-        tmp_path / "dem.tif", feet, crs, placed(10.0, SIZE), unit=unit if unit in ("ft", "US survey foot") else None
-    )  # fmt: skip
+    named = unit if unit in ("ft", "US survey foot") else None
+    dem = write(tmp_path / "dem.tif", feet, crs, placed(10.0, SIZE), unit=named)
     metres = over(dem=write(tmp_path / "metres.tif", slope(SIZE), transform=placed(10.0, SIZE)))
     np.testing.assert_allclose(
         build_terrain(over(dem=dem, **told)).heights_m, build_terrain(metres).heights_m, atol=0.01
@@ -258,3 +259,19 @@ def test_home_may_be_away_from_the_origin(tmp_path):
     scenario = over(dem=dem, others={"home": {"latitude_deg": LATITUDE_DEG, "longitude_deg": 25.0,
                     "altitude_amsl_m": 100.0, "position_enu_m": AREA[2]}})  # fmt: skip
     assert build_terrain(scenario).height_at_m(*AREA[2]) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("altitude_amsl_m", "told"),
+    [
+        (100.0, None),
+        (400.0, r"^home\.altitude_amsl_m: is 400 m, but terrain\.dem has \d+\.\d m there; write that$"),
+        (338.0, r"has 10\d\.\d m there; one of them is probably in feet, see terrain\.dem_unit$"),
+    ],
+)
+def test_another_altitude_of_home_is_said(tmp_path, altitude_amsl_m, told):
+    dem = write(tmp_path / "dem.tif", slope(SIZE, 0.02, 0.0), transform=placed(10.0, SIZE))
+    scenario = over(altitude_amsl_m=altitude_amsl_m, dem=dem)
+    said = [w for w in warnings_for_plan(scenario) if w.startswith("home.altitude")]
+    assert len(said) == (told is not None)
+    assert told is None or re.search(told, said[0])

@@ -53,13 +53,31 @@ def plan(
         str | None,
         typer.Option(metavar="TIME", help="Of take-off, as 2026-10-03T15:30+02:00: where the sun stands then."),
     ] = None,
+    advise: Annotated[
+        bool, typer.Option("--advise", help="Compare altitudes, speeds and overlaps before any is flown.")
+    ] = False,
+    gaps: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN_DIR",
+            help="A flown mission: plan what it missed, to fly it again.",
+            autocompletion=completion.runs,
+        ),
+    ] = None,
+    pod: Annotated[
+        float | None,
+        typer.Option(
+            help="Probability of detection: wanted of --advise (default 0.8); below it is a gap (default 0.5)."
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
     as_json: JsonOption = False,
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
 
-    With --prior: the paths that probably find most within a length, what they may find, and the map if they
-    find nothing.
+    Over hills it also says which ground no picture shows, how high the vehicle flies, and where the radio does
+    not reach it. With --prior: the paths that probably find most within a length, what they may find, and the
+    map if they find nothing.
 
     Examples:
 
@@ -67,8 +85,14 @@ def plan(
 
         skysweep plan my-area.kml --altitude 40 --sidelap 0.3 --out saturday
 
+        skysweep plan clusters --advise
+
+        skysweep plan --gaps runs/monday --pod 0.6 --out tuesday
+
         skysweep plan --prior map.tif --budget-m 20000 --sweep-width-m 30 --uavs 2 --start 22.1,60.2
     """
+    from skysweep.cli.plan_advice import answer_advice
+    from skysweep.cli.plan_gaps import plan_gaps, refuse_pod
     from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
@@ -87,6 +111,15 @@ def plan(
         "search.scan_speed_mps": speed,
         "camera.hfov_rad": hfov,
     }
+    if pod is not None:
+        refuse_pod(pod)
+        if not advise and gaps is None:
+            raise UserError("--pod: belongs to --advise and --gaps; add one of them, or leave it out")
+    if gaps is not None:
+        if source is not None or prior is not None or advise or any(v is not None for v in changes.values()):
+            raise UserError("--gaps: flies a run's own scenario again; write only --pod and --out beside it")
+        plan_gaps(as_json, gaps, 0.5 if pod is None else pod, out)
+        return
     chosen = None
     if source is not None:
         chosen = change_scenario(scenario_or_area(source), changes)
@@ -109,6 +142,9 @@ def plan(
         )
     if chosen is None:
         raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
+    if advise:
+        answer_advice(as_json, chosen, 0.8 if pod is None else pod)
+        return
     for warning in warnings_for_plan(chosen):
         warn(warning)
     moment = None if at is None else moment_of(at, "--at")

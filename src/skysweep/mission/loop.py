@@ -186,6 +186,7 @@ class Flight:
         else:
             self._notes.start(self._m)
         self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+        self._resume_between_sorties()
         while True:
             end = yield from self._climb()
             if end is _ALL_WELL:
@@ -361,6 +362,14 @@ class Flight:
     def _has_another_battery(self) -> bool:
         is_wanted = not self._guard.calls_home
         return is_wanted and self._sortie < self._m.scenario.vehicle.batteries
+
+    def _resume_between_sorties(self) -> None:
+        """The mission was interrupted on the ground between two sorties, and has taken off for the next one."""
+        kinds = [line["kind"] for line in self._before if line["kind"] in (SORTIE, NEXT_SORTIE)]
+        if kinds[-1:] == [SORTIE]:
+            searched = (r for r in reversed(self._before) if r.get("mode") in SEARCHING)
+            self._left_enu_m = next((np.array(r["p"]) for r in searched), self._left_enu_m)
+            self._begin_sortie()
 
     def _leave_for_battery(self) -> None:
         """Keep in mind from where on the ground was perhaps not looked at."""

@@ -80,8 +80,8 @@ def warnings_for_batteries(scenario: Scenario, altitude_agl_m: float | None = No
     long_h = needed.time_s / 3600.0
     how_long = f"{long_h:.1f} h" if long_h >= 1.0 else f"{60.0 * long_h:.0f} min"
     return [
-        f"vehicle.batteries: {lasts} for {needed.shares_flown[given - 1]:.0%} of the plan, where the search ends; "
-        f"the whole plan takes {needed.batteries} ({how_long} with the swaps), checks not counted; "
+        f"vehicle.batteries: {lasts} for {needed.shares_flown[given - 1]:.0%} of the plan, where the search "
+        f"ends; the whole plan takes {needed.batteries} ({how_long} with the swaps), checks not counted; "
         f"write {', or '.join(cures)}"
     ]
 

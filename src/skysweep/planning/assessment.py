@@ -46,7 +46,7 @@ class Assessment:
     def warnings(self) -> Iterator[str]:
         """A sentence for each thing that should change before take-off."""
         missed = self.proof.unseen_places()
-        if missed:
+        if missed and self.scenario.search.plan is None:
             yield (
                 f"safety.altitude_max_agl_m: {100 * (1.0 - self.proof.share):.2g} % of the area is seen by no "
                 f"picture, {_named([((p.x, p.y), a) for p, a in missed], 'm2')}; raise the ceiling, or write a "

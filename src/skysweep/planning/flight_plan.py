@@ -90,8 +90,8 @@ def estimate_flight(
     """Time, energy and batteries of flying ``plan`` at ``altitude_agl_m`` (default: the scan altitude).
 
     Sorties are those of a mission: each turns home when the rules of ``safety`` (``landing_reserve``,
-    ``battery_low``) say so, and after ``vehicle.swap_s`` on the ground the next one goes on there. Checks are not
-    counted. Raises UserError when a full battery does not last to the farthest place and back.
+    ``battery_low``) say so, and after ``vehicle.swap_s`` on the ground the next one goes on there. Checks are
+    not counted. Raises UserError when a full battery does not last to the farthest place and back.
     """
     altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     vehicle, lens = scenario.vehicle, scenario.camera.lens

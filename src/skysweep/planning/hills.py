@@ -8,12 +8,14 @@ that takes them much higher, so that fewer pixels are left, is flown by two.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from skysweep.geometry.areas import heading_axes
-from skysweep.planning.coverage import CoveragePlan, Rows, cost_m, plan_rows, plans_tried, rows_of
+from skysweep.planning.coverage import CoveragePlan, Rows, cost_m, footprints, plan_rows, plans_tried, rows_of
 from skysweep.planning.following import HIGHER, LegProfile, profiles_of
 from skysweep.planning.proof import prove
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M, Scenario
@@ -54,20 +56,24 @@ def with_profiles(
 ) -> CoveragePlan:
     """The plan with the profiles of its transects; without any where constant height and speed will do.
 
-    They are no higher than it takes to see every cell from some transect.
+    They are no higher than it takes to see, from some transect, every cell that is seen over flat ground.
     """
-    profiles = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain)
+    follows = partial(profiles_of, plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain)
+    profiles = follows()
     proof = prove(replace(plan, profiles=profiles), scenario, terrain)
-    if proof.seen.all() and all(_is_plain(p, altitude_agl_m) for p in profiles):
-        return plan
-    to_see = ~proof.seen
+    on_flat_ground = footprints(plan, scenario.camera.lens, altitude_agl_m).buffer(_EPS_M)
+    shapely.prepare(on_flat_ground)
+    wanted = shapely.contains_xy(on_flat_ground, proof.cells.centres_enu_m[:, :2])
+    to_see = np.zeros(len(wanted), dtype=bool)
     for _ in range(_ROUNDS):
-        if proof.seen.all():
+        missed = wanted & ~proof.seen
+        if not missed.any():
             break
-        to_see |= ~proof.seen
-        cells = proof.cells.only(to_see)
-        profiles = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain, cells)
+        to_see |= missed
+        profiles = follows(proof.cells.only(to_see))
         proof = prove(replace(plan, profiles=profiles), scenario, terrain)
+    if not to_see.any() and all(_is_plain(p, altitude_agl_m) for p in profiles):
+        return plan
     return replace(plan, profiles=profiles)
 
 

@@ -122,6 +122,6 @@ def _see(
                 )
                 at = min(int(share * last), last - 1)
                 height = flown[at] + (share * last - at) * (flown[at + 1] - flown[at])
-                needed = least_height(heights, bounds, ray_step, view, centres[i], x, y)
-                seen[i] = height >= needed - _EPS_M
+                enough = height + _EPS_M
+                seen[i] = least_height(heights, bounds, ray_step, view, centres[i], x, y, enough) <= enough
             i += 1

@@ -145,13 +145,19 @@ def least_height(
     place: F64,
     x: float,
     y: float,
+    enough: float,
 ) -> float:
-    """Height above (x, y) from which a place (3,) is in the picture and not behind other ground."""
+    """Height above (x, y) from which a place (3,) is in the picture and not behind other ground.
+
+    Beyond ``enough`` it is any height above that.
+    """
     dx, dy = place[0] - x, place[1] - y
     along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
     least = place[2] + max(along / view.along, across / view.across)
     pieces = int(math.ceil(math.hypot(dx, dy) / ray_step))
     for k in range(1, pieces):
+        if least > enough:
+            break
         share = k / pieces
         ground = bilinear_at(heights, bounds, place[0] - share * dx, place[1] - share * dy)
         least = max(least, place[2] + (ground - _TOUCHES_M - place[2]) / share)
@@ -169,5 +175,7 @@ def _least_heights(
 ) -> F64:
     least = np.empty(len(places))
     for k in range(len(places)):
-        least[k] = least_height(heights, bounds, ray_step, view, places[k], stations[k, 0], stations[k, 1])
+        least[k] = least_height(
+            heights, bounds, ray_step, view, places[k], stations[k, 0], stations[k, 1], math.inf
+        )
     return least

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ FIELD = "terrain.dem"
 MAX_POSTS = 4_000_000
 _MAX_HOLE_M = 50.0  # from its middle to where the height is known
 _HEIGHTS_M = -500.0, 9000.0  # on earth; what lies beyond stands for a hole
-_STRIP_PX = 20_000_000  # read at once
+_STRIP_PX = 4_000_000  # read at once
 _FOOT_M = 0.3048
 _UNITS_M = {
     **dict.fromkeys(["m", "metre", "metres", "meter", "meters"], 1.0),
@@ -37,6 +38,7 @@ class Elevation:
 
     heights_m: F64  # (rows south to north, columns west to east)
     home_amsl_m: float
+    filled: float  # share of the ground without heights in the file
     source: GeoTiff
     notes: tuple[str, ...]  # a sentence for each thing that had to be made up
 
@@ -94,7 +96,7 @@ def _elevation(
     i, j = np.interp(home[1], y, np.arange(len(y))), np.interp(home[0], x, np.arange(len(x)))
     at_home = float(ndimage.map_coordinates(heights, [[i], [j]], order=1)[0])
     home_amsl_m = at_home + float(plane_m(np.array([home]))[0, 0])
-    return Elevation(heights - at_home, home_amsl_m, dem, tuple(notes))
+    return Elevation(heights - at_home, home_amsl_m, float(missing.mean()), dem, tuple(notes))
 
 
 def _unit_m(dem: GeoTiff, unit: str | None) -> float:
@@ -135,17 +137,20 @@ def _sampled(dem: GeoTiff, places: F64, every: int, metres: float) -> F64:
 def _means(dem: GeoTiff, part: Part, every: int, metres: float) -> F64:
     pixels = dem.read(part)
     scale, offset = dem.scale_offset
-    heights = (pixels.values.astype(float) * scale + offset) * metres
+    heights = pixels.values.astype(np.float32 if every > 1 else float)
+    heights *= scale * metres
+    heights += offset * metres
     with np.errstate(invalid="ignore"):
         known = pixels.is_valid & (heights > _HEIGHTS_M[0]) & (heights < _HEIGHTS_M[1])
-    heights[~known] = np.nan
     if every == 1:
-        return np.asarray(heights)
+        return np.where(known, heights, np.nan)
     rows, columns = (-(-n // every) for n in heights.shape)
     room = ((0, rows * every - heights.shape[0]), (0, columns * every - heights.shape[1]))
-    blocks = np.pad(heights, room, constant_values=np.nan).reshape(rows, every, columns, every)
-    count = np.isfinite(blocks).sum(axis=(1, 3))
-    return np.where(count > 0, np.nansum(blocks, axis=(1, 3)) / np.maximum(count, 1), np.nan)
+    share, sums = (
+        cv2.resize(np.pad(each, room), (columns, rows), interpolation=cv2.INTER_AREA)
+        for each in (known.astype(np.float32), np.where(known, heights, np.float32(0.0)))
+    )
+    return np.where(share > 0.0, sums / np.maximum(share, np.float32(1e-9)), np.nan).astype(float)
 
 
 def _whole(

@@ -167,7 +167,8 @@ def _sorties(vehicle: Px4Vehicle, estimate: FlightEstimate) -> tuple[Check, ...]
     given = vehicle.scenario.vehicle.batteries
     if max(given, estimate.batteries) == 1:
         return ()
-    said = f"the plan without checks takes {estimate.batteries}, in {estimate.time_s / 60:.0f} min with the swaps"
+    minutes = f"{estimate.time_s / 60:.0f} min with the swaps"
+    said = f"the plan without checks takes {estimate.batteries}, in {minutes}"
     if estimate.batteries > given:
         lasts = f"vehicle.batteries ({given}) last for {estimate.shares_flown[given - 1]:.0%}"
         return (Check("sorties", None, f"{said}; {lasts}: write {estimate.batteries}"),)
