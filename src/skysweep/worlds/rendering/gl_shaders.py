@@ -79,7 +79,7 @@ void main() {{
 }}"""
 
 # A ground with several surfaces, by the codes of the four cells around a place; borders stray from those of
-# cells. A CPU computes all branches, so there are few: one surface a pixel, water and picture in other programs.
+# cells. A CPU computes all branches, so there are few: one surface a pixel; water, picture in other programs.
 _COVER = f"""
 uniform sampler2DArray details, middles, macros;
 uniform sampler2D wander, cover;
