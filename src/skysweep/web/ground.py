@@ -29,7 +29,9 @@ def ground_picture(scenario: Scenario, seed: int) -> bytes:
     Raises UserError if no renderer runs here.
     """
     told = scenario.model_dump_json(include=set(_SHOWN))
-    name = hashlib.sha256(json.dumps([told, ground_digest(scenario), seed, __version__]).encode()).hexdigest()[:32]
+    name = hashlib.sha256(
+        json.dumps([told, ground_digest(scenario), seed, __version__]).encode()
+    ).hexdigest()[:32]
     path = cache_folder() / "ground" / f"{name}.jpg"
     with suppress(OSError):
         return path.read_bytes()

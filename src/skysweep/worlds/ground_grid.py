@@ -1,7 +1,7 @@
 """The ground as a grid of posts in square chunks, each drawn as finely as a view needs, without cracks.
 
-Geometrical mipmapping (de Boer, 2000): a chunk leaves out posts where they lie closer together than the picture
-shows, and along its edges uses the posts of the coarser neighbour.
+Geometrical mipmapping (de Boer, 2000): a chunk leaves out posts where they lie closer together than the
+picture shows, and along its edges uses the posts of the coarser neighbour.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ class GroundGrid:
     def __init__(self, terrain: TerrainSurface) -> None:
         self._terrain = terrain
         west, south, east, north = terrain.bounds_enu_m
-        heights = np.full((_FLAT_POSTS,) * 2, terrain.heights_m[0, 0]) if terrain.is_flat else terrain.heights_m
+        heights = (
+            np.full((_FLAT_POSTS,) * 2, terrain.heights_m[0, 0]) if terrain.is_flat else terrain.heights_m
+        )
         rows, columns = heights.shape
         far = np.array([HORIZON_M, 0.25 * HORIZON_M, 0.05 * HORIZON_M])
         self.x_m = np.concatenate([west - far, np.linspace(west, east, columns), east + far[::-1]])
@@ -49,18 +51,22 @@ class GroundGrid:
         )
 
     def posts(self, chunk: int) -> tuple[F32, F32]:
-        """Places and normals (CHUNK_POSTS ** 2, 3) of a chunk's posts; beyond the last post it is repeated."""
+        """Places and normals (CHUNK_POSTS ** 2, 3) of a chunk's posts; the last one is repeated beyond it."""
         i, j = divmod(chunk, self._columns)
         rows = np.clip(np.arange(-1, CHUNK_POSTS + 1) + i * CHUNK_CELLS, 0, len(self.y_m) - 1)
         columns = np.clip(np.arange(-1, CHUNK_POSTS + 1) + j * CHUNK_CELLS, 0, len(self.x_m) - 1)
         mesh = self._mesh(rows, columns)
         inner = np.s_[1:-1, 1:-1]
         shape = len(rows), len(columns), 3
-        return mesh.vertices.reshape(shape)[inner].reshape(-1, 3), mesh.normals.reshape(shape)[inner].reshape(-1, 3)
+        return mesh.vertices.reshape(shape)[inner].reshape(-1, 3), mesh.normals.reshape(shape)[inner].reshape(
+            -1, 3
+        )
 
     def faces(self, chunks: Chunks, spacing_px: F64) -> list[I32]:
-        """Triangles (F, 3) of posts for each of ``chunks``, where neighbouring posts of chunk k span
-        ``spacing_px[k]`` (C,) in the picture."""
+        """Triangles (F, 3) of posts for each of ``chunks``.
+
+        Neighbouring posts of chunk k span ``spacing_px[k]`` (C,) in the picture.
+        """
         wanted = np.floor(np.log2(SPACING_PX / np.maximum(spacing_px, 1e-9)))
         levels = np.clip(wanted, 0, _LEVELS - 1).astype(int).reshape(self._rows, self._columns)
         around = np.pad(levels, 1, mode="edge")
@@ -96,7 +102,9 @@ def chunk_faces(level: int, edges: Edges) -> I32:
     r, c = rows.copy(), columns.copy()
     south, west, north, east = (2**edge for edge in edges)
     r = np.where(columns == 0, rows // west * west, np.where(columns == CHUNK_CELLS, rows // east * east, r))
-    c = np.where(rows == 0, columns // south * south, np.where(rows == CHUNK_CELLS, columns // north * north, c))
+    c = np.where(
+        rows == 0, columns // south * south, np.where(rows == CHUNK_CELLS, columns // north * north, c)
+    )
     faces = (r * CHUNK_POSTS + c)[_grid_faces(len(kept), len(kept))].astype(np.int32)
     a, b, d = faces.T
     return np.ascontiguousarray(faces[(a != b) & (b != d) & (d != a)])

@@ -28,7 +28,9 @@ class CameraEffects:
         self._seed = seed
         rng = np.random.default_rng([seed, 41])
         self._tile = np.empty((lens.height_px + _NOISE_PX, lens.width_px + _NOISE_PX, 3), np.int16)
-        for row in self._tile:  # one by one: a large picture's noise would take four times as much memory at once
+        for (
+            row
+        ) in self._tile:  # one by one: a large picture's noise would take four times as much memory at once
             unit = rng.normal(size=row.shape)
             unit[:, 1] *= 0.85  # green has twice the photosites
             row[:] = np.clip(np.round(unit * noise_std * 16), -2000, 2000)

@@ -73,7 +73,9 @@ class EmbreeRenderer:
         edge[:, :-1] |= part[:, 1:] != part[:, :-1]
         at = np.flatnonzero(edge.ravel())
         if len(at):
-            fine = [self._shoot(stage, lens, pose, x[at] + dx, y[at] + dy, time_s)[0] for dx, dy in _SUBPIXELS]
+            fine = [
+                self._shoot(stage, lens, pose, x[at] + dx, y[at] + dy, time_s)[0] for dx, dy in _SUBPIXELS
+            ]
             colours[at] = np.mean(fine, axis=0)
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
@@ -447,7 +449,14 @@ def _shade(
                 for k in range(3):
                     light[k] = (4.0 * a[k] * b[k] * c[k]) ** 2
                 if seen[3] > 0.0:
-                    _tile(detail, code, p[0] / DETAIL_M, p[1] / DETAIL_M, max(picture_m, windows[2]) / DETAIL_M, b)
+                    _tile(
+                        detail,
+                        code,
+                        p[0] / DETAIL_M,
+                        p[1] / DETAIL_M,
+                        max(picture_m, windows[2]) / DETAIL_M,
+                        b,
+                    )
                     for k in range(3):
                         tone, fine = (seen[k] / seen[3]) ** 2, min(max(a[k] / b[k], FINE_LEAST), FINE_MOST)
                         fine = 1.0 if code == surfaces[6] else fine

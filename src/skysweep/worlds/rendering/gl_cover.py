@@ -21,7 +21,7 @@ _FIRST_UNIT = 5  # of textures
 
 
 class Cover:
-    """The programs that draw a ground with several surfaces or a picture: ``land``, and ``lake`` if it has water.
+    """The programs that draw a ground with surfaces or a picture: ``land``, and ``lake`` if it has water.
 
     ``wet`` marks the chunks (C,) of the grid with water.
     """
@@ -38,7 +38,7 @@ class Cover:
         if "water" in cover.names:
             self.lake = gl.program(shaders.GROUND_VS, shaders.lake_shader(self._windows is not None))
             self.wet = _chunks_with(cover, cover.names.index("water"), grid)
-        self._textures = {
+        self._textures: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "details": filtered_array(gl, [look.detail for look in looks]),
             "middles": filtered_array(gl, [look.middle for look in looks]),
             "macros": filtered_array(gl, [look.macro for look in looks]),
@@ -93,7 +93,7 @@ class Cover:
 
 
 def _fours(gl: moderngl.Context, cover: GroundCover) -> moderngl.Texture:
-    """The codes of the four cells around each corner of cells: south-west, south-east, north-west, north-east."""
+    """The codes of the cells around each corner of cells: south-west, south-east, north-west, north-east."""
     padded = np.pad(cover.codes, 1, mode="edge")
     fours = np.stack([padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]], axis=2)
     texture = gl.texture(fours.shape[1::-1], 4, np.ascontiguousarray(fours).tobytes())

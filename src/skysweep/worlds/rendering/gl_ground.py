@@ -44,7 +44,8 @@ class Ground:
         spacing_px = view.pixels(view.nearest(low, high), np.full(len(low), grid.spacing_m))
         firsts = _POSTS * self._places(chunks)
         faces = np.concatenate(
-            [f + first for f, first in zip(grid.faces(chunks, spacing_px), firsts, strict=True)], dtype=np.int32
+            [f + first for f, first in zip(grid.faces(chunks, spacing_px), firsts, strict=True)],
+            dtype=np.int32,
         )
         self._faces.orphan(faces.nbytes)
         self._faces.write(faces)
@@ -56,8 +57,9 @@ class Ground:
 
     def _make_room(self, chunks: int) -> None:
         """Room for that many chunks, all of it empty."""
-        for of_gl in (*self._arrays.values(), self._vertices):
-            of_gl.release()
+        for array in self._arrays.values():
+            array.release()
+        self._vertices.release()
         self._arrays.clear()
         self._held.clear()
         self._vertices = self._gl.buffer(reserve=chunks * _CHUNK_BYTES)

@@ -43,7 +43,7 @@ void main() {{
     colour = film(hazed(albedo * albedo * light));
 }}"""
 
-# ``a``, ``b`` and ``c`` are the waves of three scales, ``tint`` the macro texture, ``streaks`` the middle one.
+# ``a``, ``b``, ``c`` are waves of three scales, ``tint`` is the macro texture, ``streaks`` the middle one.
 _WATER = """
 vec3 water(vec3 a, vec3 b, vec3 c, vec3 tint, float streaks, float lit) {
     vec2 slope = (a.xy - 0.5) * 0.32 + (b.xy - 0.5) * 0.42 + (c.xy - 0.5) * 0.40;
@@ -78,8 +78,8 @@ void main() {{
     colour = film(hazed(water(a, b, c, tint, streaks, sunlit())));
 }}"""
 
-# A ground with several surfaces, by the codes of the four cells around a place; borders stray from those of the cells.
-# On a CPU all branches are computed, so there are few: one surface a pixel, water and the picture in other programs.
+# A ground with several surfaces, by the codes of the four cells around a place; borders stray from those of
+# cells. A CPU computes all branches, so there are few: one surface a pixel; water, picture in other programs.
 _COVER = f"""
 uniform sampler2DArray details, middles, macros;
 uniform sampler2D wander, cover;

@@ -1,7 +1,7 @@
-"""The parts of the ground's picture that a view needs: nested squares, each coarser and wider than the one before.
+"""The parts of the ground's picture that a view needs: nested squares, each wider than the one before.
 
-A clipmap (Tanner, Migdal and Jones, 1998): what is held depends on the view, not on the picture's size. Squares
-move in steps, so that a picture does not depend on earlier ones, and seldom.
+A clipmap (Tanner, Migdal and Jones, 1998): what is held depends on the view, not on the picture's size.
+Squares move in steps, so that a picture does not depend on earlier ones, and seldom.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class PictureWindows:
         self._held: OrderedDict[tuple[int, int, float, int], Window] = OrderedDict()
 
     def of(self, lens: Lens, pose: CameraPose, ground_m: float) -> tuple[Window, ...]:
-        """The windows (at most ``MOST_WINDOWS``) of a view of ground at about ``ground_m``, the finest first."""
+        """The windows, at most ``MOST_WINDOWS``, of a view of ground at about ``ground_m``, finest first."""
         eye, forward = pose.position_enu_m, pose.R_camera_to_enu[:, 2]
         above_m = max(float(eye[2]) - ground_m, 1.0)
         reach_m = above_m / max(-float(forward[2]), 0.35)
@@ -58,9 +58,9 @@ class PictureWindows:
         found = []
         for _ in range(MOST_WINDOWS):
             ahead_m = min(reach_m, 0.4 * side_m)
-            step_m = side_m / _STEPS
-            cell = (round((eye[0] + ahead_m * forward[0]) / step_m), round((eye[1] + ahead_m * forward[1]) / step_m))
-            found.append(self._window(*cell, side_m, window_px(lens)))
+            aim_m = eye[:2] + ahead_m * forward[:2]
+            column, row = (round(v * _STEPS / side_m) for v in aim_m.tolist())
+            found.append(self._window(column, row, side_m, window_px(lens)))
             if 0.4 * side_m > min(ground_reach_m(lens, pose, above_m), HORIZON_M):
                 break
             side_m *= _WIDER
@@ -81,10 +81,10 @@ class PictureWindows:
 
 def window_px(lens: Lens) -> int:
     """A side of the windows of a lens."""
-    return min(2 ** math.ceil(math.log2(2 * lens.width_px)), _MOST_PX)
+    return min(1 << (2 * lens.width_px - 1).bit_length(), _MOST_PX)
 
 
 def ground_reach_m(lens: Lens, pose: CameraPose, above_m: float) -> float:
-    """How far away, level, a view sees the ground from ``above_m`` over it; far, where it sees the horizon."""
+    """How far away, level, a view from ``above_m`` over the ground sees it; far, if it sees the horizon."""
     corners = rays_enu(lens, pose, lens.corners_px)
     return above_m * float((np.hypot(*corners[:, :2].T) / np.maximum(-corners[:, 2], _LEVEL)).max())

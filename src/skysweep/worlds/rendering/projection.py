@@ -51,7 +51,7 @@ class Projection:
         return np.asarray((distance >= -radii[:, None]).all(axis=1))
 
     def sees_boxes(self, low: F64, high: F64) -> NDArray[np.bool_]:
-        """Which boxes (N, 3), (N, 3) touch the frustum (far plane aside); a few that do not may be among them."""
+        """Which boxes (N, 3), (N, 3) touch the frustum (far plane aside), and a few that do not."""
         seen = np.ones(len(low), bool)
         for plane in self._planes:
             seen &= np.where(plane[:3] > 0.0, high, low) @ plane[:3] >= -plane[3]

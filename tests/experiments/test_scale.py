@@ -1,0 +1,30 @@
+"""Plans and missions of one kind over areas of any size."""
+
+import pytest
+
+from skysweep.experiments import scale
+from skysweep.worlds.world import build_terrain
+
+
+@pytest.mark.parametrize("hectares", scale.HECTARES)
+def test_the_place_has_its_area_and_hills(hectares, tmp_path):
+    scenario = scale.place(hectares, tmp_path)
+    assert scenario.area_enu_m.area == pytest.approx(hectares * 1e4)
+    terrain = build_terrain(scenario)
+    west, south, east, north = terrain.bounds_enu_m
+    rows, columns = terrain.heights_m.shape
+    assert max((north - south) / (rows - 1), (east - west) / (columns - 1)) < 11.0
+    assert 5.0 < terrain.heights_m.max() - terrain.heights_m.min() <= 60.0
+
+
+@pytest.mark.slow
+def test_small_places_are_measured(monkeypatch):
+    told = []
+    measured = scale.scale((1, 2), told.append)
+    assert told == [f"{part}, {size} ha" for size in (1, 2) for part in scale.PARTS]
+    for row in measured["rows"]:
+        assert row["plan_s"] > 0.0 and row["statistical_s"] > 0.0
+        assert row["flown_km"] > row["planned_km"] > 0.1
+        assert row["rendered_look_s"] > 0.02
+        assert 200 < row["plan_mb"] < 4000 and 500 < row["rendered_mb"] < 4000
+    assert set(measured["slopes"]) == set(scale.PARTS)
