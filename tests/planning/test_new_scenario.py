@@ -92,6 +92,12 @@ def test_heights_suit_the_target(place, target):
     assert scenario.search.check_altitude_agl_m < scenario.search.scan_altitude_agl_m
 
 
+def test_another_target_is_refused(place):
+    refused = new("--out", "mine.yaml", "--target", "cat")
+    assert refused.exit_code == 2
+    assert "--target cat: is nothing to search for; write stop sign, person, boat" in refused.output
+
+
 def test_ground_that_does_not_reach_is_refused_with_nothing_written(place):
     write(place / "dem.tif", slope((20, 20)), transform=placed(10.0, (20, 20)))
     refused = new("--out", "mine.yaml")

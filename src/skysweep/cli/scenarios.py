@@ -13,7 +13,6 @@ from rich.table import Table
 
 from skysweep.cli.answers import JsonOption, answer, figures_table
 from skysweep.cli.common import ScenarioArg, friendly, lat_lon_of, tell, warn, working
-from skysweep.scenarios.model import TargetClass
 
 app = typer.Typer(no_args_is_help=True, help="List, show, check and write scenarios.")
 
@@ -106,7 +105,7 @@ def scenarios_new(
         Path | None, typer.Option(help="Footprints with OpenStreetMap's names, GeoJSON.")
     ] = None,
     roads: Annotated[Path | None, typer.Option(help="Roads with OpenStreetMap's names, GeoJSON.")] = None,
-    target: Annotated[TargetClass, typer.Option(help="What is searched for.")] = "person",
+    target: Annotated[str, typer.Option(help="What is searched for: person, boat or stop sign.")] = "person",
     home: Annotated[
         str | None,
         typer.Option(metavar="LAT,LON", help="Take-off place. Default: open ground beside the area."),

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import shapely
@@ -17,7 +17,7 @@ from skysweep.files.plain_yaml import dump_yaml
 from skysweep.planning.area_files import plain_name, read_area
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.scenarios.files import parse_scenario, with_paths_beside
-from skysweep.scenarios.model import DEFAULT_SIZE_M, Scenario
+from skysweep.scenarios.model import DEFAULT_SIZE_M, Scenario, TargetClass
 from skysweep.types import XY
 from skysweep.worlds.obstacles import Obstacles, known_obstacles
 from skysweep.worlds.world import elevation_of, ground_picture_of, land_cover_of, mapped_buildings
@@ -62,6 +62,10 @@ def draft_scenario(
     is the one given, or open and level ground just outside the area, near its middle. Raises UserError where
     a file is not what it should be, or does not cover the area.
     """
+    if target not in get_args(TargetClass):
+        raise UserError(
+            f"--target {target}: is nothing to search for; write {', '.join(get_args(TargetClass))}"
+        )
     folder = out.absolute().parent
     fields: dict[str, Any] = {
         "name": plain_name(out),
