@@ -1,7 +1,7 @@
 """From how high a place on hilly ground is seen by a camera that looks straight down.
 
-From farther up a place stays in the picture, and what lies between stops hiding it: whatever sees a place sees
-it from anywhere above, too. So a least height says all about a place and a station above the ground.
+From farther up a place stays in the picture, and what lies between stops hiding it: whatever sees a place
+sees it from anywhere above, too. So a least height says all about a place and a station above the ground.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def ray_step_m(terrain: TerrainSurface) -> float:
     """Between the samples of a line of sight."""
     west, south, east, north = terrain.bounds_enu_m
     rows, columns = terrain.heights_m.shape
-    return min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST
+    return float(min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST)
 
 
 @njit(cache=True)
@@ -121,8 +121,8 @@ def _nearest(
     for k in range(len(legs)):
         leg = legs[k]
         low, high = min(leg[0, 1], leg[1, 1]) - reach, max(leg[0, 1], leg[1, 1]) + reach
-        first = max(int(math.ceil((low - south) / size)), 0)
-        last = min(int(math.floor((high - south) / size)), len(starts) - 2)
+        first = max(math.ceil((low - south) / size), 0)
+        last = min(math.floor((high - south) / size), len(starts) - 2)
         for row in range(first, last + 1):
             begin, end = starts[row], starts[row + 1]
             west, east = strip_of_row(leg, south + row * size, reach)
@@ -154,7 +154,7 @@ def least_height(
     dx, dy = place[0] - x, place[1] - y
     along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
     least = place[2] + max(along / view.along, across / view.across)
-    pieces = int(math.ceil(math.hypot(dx, dy) / ray_step))
+    pieces = math.ceil(math.hypot(dx, dy) / ray_step)
     for k in range(1, pieces):
         if least > enough:
             break
