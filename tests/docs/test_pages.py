@@ -33,6 +33,7 @@ NOT_RUN = {
     "Needs a database server": 1,
     "Needs a served vehicle": 1,
     "Needs an aircraft": 1,
+    "Needs an elevation model": 1,
     "Needs a network": 1,
     "Needs jq": 1,
     "Runs until Ctrl-C": 2,

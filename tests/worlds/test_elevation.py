@@ -1,6 +1,7 @@
 """Elevation models as they come: the ground is right, or one sentence says what is wrong."""
 
 import math
+import re
 import resource
 import time
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from tests.worlds.geotiffs import AREA, LATITUDE_DEG, over, placed, rasterio, slope, write
 
 from skysweep.errors import UserError
+from skysweep.planning.advice import warnings_for_plan
 from skysweep.worlds.world import build_terrain, elevation_of
 
 SIZE = (120, 140)
@@ -257,3 +259,19 @@ def test_home_may_be_away_from_the_origin(tmp_path):
     scenario = over(dem=dem, others={"home": {"latitude_deg": LATITUDE_DEG, "longitude_deg": 25.0,
                     "altitude_amsl_m": 100.0, "position_enu_m": AREA[2]}})  # fmt: skip
     assert build_terrain(scenario).height_at_m(*AREA[2]) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("altitude_amsl_m", "told"),
+    [
+        (100.0, None),
+        (400.0, r"^home\.altitude_amsl_m: is 400 m, but terrain\.dem has \d+\.\d m there; write that$"),
+        (338.0, r"has 10\d\.\d m there; one of them is probably in feet, see terrain\.dem_unit$"),
+    ],
+)
+def test_another_altitude_of_home_is_said(tmp_path, altitude_amsl_m, told):
+    dem = write(tmp_path / "dem.tif", slope(SIZE, 0.02, 0.0), transform=placed(10.0, SIZE))
+    scenario = over(altitude_amsl_m=altitude_amsl_m, dem=dem)
+    said = [w for w in warnings_for_plan(scenario) if w.startswith("home.altitude")]
+    assert len(said) == (told is not None)
+    assert told is None or re.search(told, said[0])

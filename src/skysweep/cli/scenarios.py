@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -143,15 +144,39 @@ def scenarios_new(
     for warning in warnings_for(scenario):
         warn(warning)
     replace_file(out, draft.text.encode("utf-8"))
-    found = dict(understood(scenario))
-    at, search = scenario.home, scenario.search
-    found |= {
-        "area": f"{estimate.area_m2 / 1e4:.2f} ha",
-        "home": f"{at.latitude_deg:.5f}, {at.longitude_deg:.5f}, {at.altitude_amsl_m:.0f} m AMSL",
-        "scan": f"from {search.scan_altitude_agl_m:g} m, {estimate.pixels_on_target:.0f} px on a {target}",
-        "plan": f"{estimate.time_s / 60:.0f} min, batteries: {estimate.batteries}",
+    found, home_at = understood(scenario), scenario.home
+    record = {
+        "scenario": str(out),
+        **asdict(found),
+        "area_m2": estimate.area_m2,
+        "home_lat_lon_deg": [home_at.latitude_deg, home_at.longitude_deg],
+        "home_altitude_amsl_m": home_at.altitude_amsl_m,
+        "scan_altitude_agl_m": scenario.search.scan_altitude_agl_m,
+        "pixels_on_target": estimate.pixels_on_target,
+        "time_s": estimate.time_s,
+        "batteries": estimate.batteries,
     }
     table = figures_table()
-    for what, value in found.items():
-        table.add_row(what, value)
-    answer(as_json, {"scenario": str(out), **found}, table, f"scenario: {out}")
+    table.add_row("elevation", f"{found.dem_crs}, every {found.dem_pixel_m:.2g} m")
+    table.add_row("heights", f"{found.lowest_amsl_m:.0f} to {found.highest_amsl_m:.0f} m AMSL")
+    table.add_row("holes filled", f"{found.filled:.2%} of the ground" if found.filled else "none")
+    if found.orthophoto_pixel_m is not None:
+        table.add_row(
+            "orthophoto", f"{found.orthophoto_crs}, {100 * found.orthophoto_pixel_m:.3g} cm a pixel"
+        )
+    if found.surfaces is not None and found.land_covered is not None:
+        most = sorted(found.surfaces.items(), key=lambda each: -each[1])
+        shares = ", ".join(f"{share:.0%} {name}" for name, share in most if share >= 0.005)
+        table.add_row("land cover", f"{shares}; known of {found.land_covered:.0%} of the ground")
+    table.add_row("trees, buildings", f"{found.trees:,}, {found.buildings:,}")
+    table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
+    table.add_row(
+        "home",
+        f"{home_at.latitude_deg:.5f}, {home_at.longitude_deg:.5f}, {home_at.altitude_amsl_m:.0f} m AMSL",
+    )
+    table.add_row(
+        "scan",
+        f"from {scenario.search.scan_altitude_agl_m:g} m, {estimate.pixels_on_target:.0f} px on a {target}",
+    )
+    table.add_row("plan", f"{estimate.time_s / 60:.0f} min, batteries: {estimate.batteries}")
+    answer(as_json, record, table, f"scenario: {out}")

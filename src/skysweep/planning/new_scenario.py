@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,27 +99,48 @@ def draft_scenario(
     return Draft(text, scenario_of(text), estimate)
 
 
-def understood(scenario: Scenario) -> Iterator[tuple[str, str]]:
-    """What the files of a scenario's ground hold, as pairs of a name and its value."""
+@dataclass(frozen=True)
+class Understood:
+    """What the files of a scenario's ground hold. Of those that are not given, nothing is known (None)."""
+
+    dem_crs: str
+    dem_pixel_m: float
+    lowest_amsl_m: float
+    highest_amsl_m: float
+    filled: float  # share of the ground without a height in the file
+    orthophoto_crs: str | None
+    orthophoto_pixel_m: float | None
+    surfaces: dict[str, float] | None  # their shares of the ground
+    land_covered: float | None  # share of the ground that the land cover tells of
+    trees: int
+    buildings: int
+
+
+def understood(scenario: Scenario) -> Understood:
+    """What was made of the files of a drafted scenario's ground."""
     dem, cover, picture = elevation_of(scenario), land_cover_of(scenario), ground_picture_of(scenario)
-    if dem is not None:
-        low, high = dem.heights_m.min() + dem.home_amsl_m, dem.heights_m.max() + dem.home_amsl_m
-        yield (
-            "elevation",
-            f"{dem.source.crs.name}, every {dem.source.pixel_m:.2g} m, {low:.0f} to {high:.0f} m",
-        )
-        yield "holes in it", f"{dem.filled:.2%} filled" if dem.filled else "none"
-    if picture is not None:
-        yield "orthophoto", f"{picture.source.crs.name}, {100 * picture.pixel_m:.3g} cm a pixel"
+    assert dem is not None
+    surfaces = None
     if cover is not None:
-        names = np.bincount(cover.surfaces.ravel(), minlength=len(cover.names)) / cover.surfaces.size
-        shares = sorted(zip(names.tolist(), cover.names, strict=True), reverse=True)
-        told = ", ".join(f"{share:.0%} {name}" for share, name in shares if share >= 0.005)
-        yield "land cover", f"{told}; of {cover.covered:.0%} of the ground"
+        shares = np.bincount(cover.surfaces.ravel(), minlength=len(cover.names)) / cover.surfaces.size
+        surfaces = {
+            name: float(share) for name, share in zip(cover.names, shares, strict=True) if share > 0.0
+        }
     obstacles = known_obstacles(scenario)
     buildings = len(scenario.buildings) + len(mapped_buildings(scenario))
-    yield "trees", f"{len(obstacles.solids) - buildings:,}"
-    yield "buildings", f"{buildings:,}"
+    return Understood(
+        dem.source.crs.name,
+        dem.source.pixel_m,
+        float(dem.heights_m.min()) + dem.home_amsl_m,
+        float(dem.heights_m.max()) + dem.home_amsl_m,
+        dem.filled,
+        None if picture is None else picture.source.crs.name,
+        None if picture is None else picture.pixel_m,
+        surfaces,
+        None if cover is None else cover.covered,
+        len(obstacles.solids) - buildings,
+        buildings,
+    )
 
 
 def _search(target: str, obstacles: Obstacles) -> dict[str, float]:
