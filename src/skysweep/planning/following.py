@@ -91,7 +91,7 @@ class Following:
             x, y, share = foot_point(profile.leg_xy_enu_m, *here)
             if math.dist(here, (x, y)) <= BESIDE_M:
                 stations = np.arange(len(profile.height_m))
-                step_m = profile.length_m / stations[-1]
+                step_m = max(profile.length_m / stations[-1], 1e-9)
                 at = np.minimum(
                     share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1]
                 )

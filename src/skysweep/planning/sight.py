@@ -58,7 +58,8 @@ class GroundCells(NamedTuple):
 def ground_cells(area: shapely.Polygon, terrain: TerrainSurface, swath_m: float) -> GroundCells:
     """The cells whose middles lie in the area: ``CELLS_ACROSS`` a swath, or as many as can be handled."""
     west, south, east, north = area.bounds
-    size_m = max(swath_m / CELLS_ACROSS, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
+    wanted_m = min(swath_m, math.sqrt(area.area)) / CELLS_ACROSS
+    size_m = max(wanted_m, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
     columns, rows = (max(1, math.ceil(extent_m / size_m)) for extent_m in (east - west, north - south))
     x, y = np.meshgrid(west + (np.arange(columns) + 0.5) * size_m, south + (np.arange(rows) + 0.5) * size_m)
     shapely.prepare(area)
