@@ -73,7 +73,7 @@ def test_a_ridge_hides_the_vehicle_from_home_and_a_mast_on_it_sees_all():
         eye = np.array([*path.xy_enu_m[k], path.height_m[k]])
         ray = mast_enu_m(s, terrain) + share * (eye - mast_enu_m(s, terrain))
         assert (terrain.height_m(ray[:, :2]) > ray[:, 2]).any()
-    (x, y), length_m = path.stretches(hidden)[0]
+    (_, y), length_m = path.stretches(hidden)[0]
     assert y > 80.0
     assert length_m > 100.0
     judged = assess(plan, s)
@@ -100,7 +100,7 @@ def test_a_ceiling_that_leaves_ground_unseen_is_warned_of():
     plan = plan_scenario(s)[0]
     judged = assess(plan, s)
     (warning,) = (w for w in judged.warnings() if w.startswith("safety.altitude_max_agl_m"))
-    assert "is seen by no picture" in warning
+    assert "is in no picture" in warning
     assert judged.record()["seen_share"] < 1.0
     assert judged.record()["unseen"]
     assert "; not " in dict(judged.rows())["seen by the camera"]

@@ -183,3 +183,12 @@ def test_a_vehicle_on_its_way_finds_the_height_and_speed_of_its_place():
     assert following.at((x0, y0), (0.0, 1.0), 0.0) is None
     on_its_way_there = following.at((x0, y0 + 50.0), (x0, y0), 0.0)
     assert on_its_way_there == (-math.inf, pytest.approx(profile.height_m[0]), math.inf)
+
+
+def test_a_tiny_area_is_proven_too():
+    s = scenario(np.random.default_rng(1).uniform(0, 5, (9, 9)), corners=((0, 0), (3, 0), (3, 2), (0, 2)))
+    plan, _ = plan_scenario(s)
+    proof = prove(plan, s, build_terrain(s))
+    assert len(proof.seen) > 50
+    assert proof.seen.all()
+    assert Following(plan.profiles).at((1.0, 1.0), (9.0, 9.0), 10.0) is None

@@ -32,7 +32,7 @@ def plan_gaps(as_json: bool, run_folder: Path, least_pod: float, out: Path) -> N
     table = figures_table()
     table.add_row("mean POD", f"{pod.mean():.1%} of the area")
     if not gaps:
-        table.add_row("gaps", f"none with a POD below {least_pod:.0%}")
+        table.add_row("gaps", f"none with a POD below {100 * least_pod:.2g} %")
         answer(as_json, record, table)
         return
     name = f"{scenario.name[:74]} gaps"
@@ -47,7 +47,8 @@ def plan_gaps(as_json: bool, run_folder: Path, least_pod: float, out: Path) -> N
         (unfinished / names["yaml"]).write_text(dump_scenario(again), encoding="utf-8")
         (unfinished / names["geojson"]).write_bytes(gaps_geojson(gaps, scenario.frame))
         (unfinished / names["kml"]).write_bytes(gaps_kml(gaps, scenario.frame, scenario.name))
-    table.add_row("gaps", f"{len(gaps)} with a POD below {least_pod:.0%}, {area_m2 / 1e4:.2f} ha together")
+    low = f"{len(gaps)} with a POD below {100 * least_pod:.2g} %"
+    table.add_row("gaps", f"{low}, {area_m2 / 1e4:.2f} ha together")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
     table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
     written = {kind: str(out / file) for kind, file in names.items()}

@@ -69,7 +69,7 @@ def plan(
     pod: Annotated[
         float | None,
         typer.Option(
-            help="Probability of detection: wanted of --advise (default 0.8); below it is a gap (default 0.5)."
+            help="Probability of detection: wanted of --advise (default 0.8); less is a gap (default 0.5)."
         ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
@@ -77,9 +77,9 @@ def plan(
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
 
-    Over hills it also says which ground no picture shows, how high the vehicle flies, and where the radio does
-    not reach it. With --prior: the paths that probably find most within a length, what they may find, and the
-    map if they find nothing.
+    It also says which ground no picture shows, how high the vehicle flies over hills, and where the radio
+    does not reach it. With --prior: the paths that probably find most within a length, what they may find,
+    and the map if they find nothing.
 
     Examples:
 

@@ -1,9 +1,10 @@
 """From how high, how fast and with how much overlap to scan: flights compared before any is flown.
 
-The expected probability of detection (POD) is that of the target that is hardest to see, at a random place of
-flat, open ground between two transects: of the better of the passes beside it, as what one pass misses the next
-one misses more often than by chance. It is from the calibrated sensor (``sensing/statistical/sweep_width.py``).
-Trees, slopes and light take from it; time and batteries are those of the plan over the scenario's terrain.
+The expected probability of detection (POD) is that of the target that is hardest to see, at a random place
+of flat, open ground between two transects: of the better of the passes beside it, as what one pass misses the
+next one misses more often than by chance. It is from the calibrated sensor
+(``sensing/statistical/sweep_width.py``). Trees, slopes and light take from it; time and batteries are those
+of the plan over the scenario's terrain.
 """
 
 from __future__ import annotations

@@ -48,17 +48,17 @@ class Assessment:
         missed = self.proof.unseen_places()
         if missed and self.scenario.search.plan is None:
             yield (
-                f"safety.altitude_max_agl_m: {100 * (1.0 - self.proof.share):.2g} % of the area is seen by no "
-                f"picture, {_named([((p.x, p.y), a) for p, a in missed], 'm2')}; raise the ceiling, or write a "
-                "larger search.sidelap"
+                f"safety.altitude_max_agl_m: {100 * (1.0 - self.proof.share):.2g} % of the area is in no "
+                f"picture, {_named([((p.x, p.y), a) for p, a in missed], 'm2')}; raise the ceiling, or write "
+                "a larger search.sidelap"
             )
         ceiling_m = self.scenario.safety.altitude_max_agl_m
         highest = int(self.path.agl_m.argmax())
         if self.path.agl_m[highest] > ceiling_m + self.scenario.safety.fence_tolerance_m:
             x, y = self.path.xy_enu_m[highest].tolist()
             yield (
-                f"search.scan_speed_mps: at [{x:.0f}, {y:.0f}] the ground falls faster than the vehicle sinks, "
-                f"and it is {self.path.agl_m[highest]:.0f} m above it, higher than "
+                f"search.scan_speed_mps: at [{x:.0f}, {y:.0f}] the ground falls faster than the vehicle "
+                f"sinks, and it is {self.path.agl_m[highest]:.0f} m above it, higher than "
                 f"safety.altitude_max_agl_m ({ceiling_m:g}), which ends the mission; fly slower or lower, "
                 "write another search.transect_heading_deg, or raise the ceiling"
             )

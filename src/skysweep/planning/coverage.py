@@ -50,7 +50,7 @@ class CoveragePlan:
     profiles: tuple[LegProfile, ...] = ()  # of the transects; none over flat ground
 
     def lost_s(self, speed_mps: float) -> F64:
-        """Seconds (N - 1,) that each leg of the path takes longer than at this speed, as slopes slow it down."""
+        """Seconds (N - 1,) that each leg of the path takes longer than at this speed, on slopes."""
         lost = {p.leg_xy_enu_m.tobytes(): p.lost_s(speed_mps) for p in self.profiles}
         legs = np.stack([self.waypoints_xy_enu_m[:-1], self.waypoints_xy_enu_m[1:]], axis=1)
         return np.array([lost.get(leg.tobytes(), 0.0) for leg in legs])

@@ -1,8 +1,8 @@
 """The whole flight of a plan over its terrain: how high above the ground, where the radio reaches it.
 
-Transects are flown as their profiles say. On every other leg, also out and home, the vehicle follows the ground
-2 s ahead of it as its climb and descent allow, and waits where it would come nearer to the ground than it
-should: so it is predicted here as ``mission/loop.py`` flies it.
+Transects are flown as their profiles say. On every other leg, also out and home, the vehicle follows the
+ground 2 s ahead of it as its climb and descent allow, and waits where it would come nearer to the ground than
+it should: so it is predicted here as ``mission/loop.py`` flies it.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _hidden(
     highest = heights.max()
     for k in range(len(places)):
         dx, dy, dz = places[k, 0] - mast[0], places[k, 1] - mast[1], places[k, 2] - mast[2]
-        pieces = int(math.ceil(math.hypot(dx, dy) / ray_step))
+        pieces = math.ceil(math.hypot(dx, dy) / ray_step)
         for i in range(1, pieces):
             share = i / pieces
             z = mast[2] + share * dz

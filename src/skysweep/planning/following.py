@@ -35,7 +35,7 @@ _EPS_M = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class LegProfile:
-    """Heights and speeds along a straight leg, at K stations that are equally far apart; linear in between."""
+    """Heights and speeds along a straight leg, at K equally distant stations; linear in between."""
 
     leg_xy_enu_m: F64  # (2, 2)
     ground_m: F64  # (K,) the highest between the stations before and after, ENU
@@ -91,7 +91,7 @@ class Following:
             x, y, share = foot_point(profile.leg_xy_enu_m, *here)
             if math.dist(here, (x, y)) <= BESIDE_M:
                 stations = np.arange(len(profile.height_m))
-                step_m = profile.length_m / stations[-1]
+                step_m = max(profile.length_m / stations[-1], 1e-9)
                 at = np.minimum(
                     share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1]
                 )
@@ -116,10 +116,8 @@ def profiles_of(
 
     It stays below ``safety.altitude_max_agl_m``, also where more would be needed.
     """
-    vehicle, scan_mps = (
-        scenario.vehicle,
-        min(scenario.search.scan_speed_mps, scenario.vehicle.cruise_speed_mps),
-    )
+    vehicle = scenario.vehicle
+    scan_mps = min(scenario.search.scan_speed_mps, vehicle.cruise_speed_mps)
     grounds = [ground_along(leg, terrain) for leg in transects]
     needs = [ground + altitude_agl_m for ground in grounds]
     if to_see is not None:
@@ -135,7 +133,7 @@ def profiles_of(
 
 
 def ground_along(leg_xy_enu_m: F64, terrain: TerrainSurface) -> F64:
-    """The highest ground (K,) between a station of a leg (2, 2) and its neighbours, exact for this surface."""
+    """The highest ground (K,) between a station of a leg (2, 2) and its neighbours, exactly."""
     pieces = max(1, math.ceil(math.dist(*leg_xy_enu_m) / STATION_M))
     highest = _highest_between(terrain.heights_m, terrain.bounds_enu_m, leg_xy_enu_m, pieces)
     return np.asarray(np.maximum(np.append(highest, highest[-1]), np.insert(highest, 0, highest[0])))

@@ -1,8 +1,8 @@
 """Coverage of hilly ground: every cell of the area is seen, at heights and speeds that the vehicle can fly.
 
-The transects are those of flat ground along the heading that takes least time over these hills. They are flown
-higher where ground beside them rises out of the picture or hides more (``following.py``). A band in which
-that takes them much higher, so that fewer pixels are left, is flown by two.
+The transects are those of flat ground along the heading that takes least time over these hills. They are
+flown higher where ground beside them rises out of the picture or hides more (``following.py``). A band in
+which that takes them much higher, so that fewer pixels are left, is flown by two.
 """
 
 from __future__ import annotations

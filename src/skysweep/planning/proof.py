@@ -1,7 +1,7 @@
 """Proof, cell by cell, that a plan's pictures show all of an area, over flat or hilly ground.
 
-A cell is seen if its middle is inside the picture from a station of some transect, at the height that is flown
-there, and no ground is in between. Trees and buildings are not counted: they hide from some sides only.
+A cell is seen if its middle is inside the picture from a station of some transect, at the height that is
+flown there, and no ground is in between. Trees and buildings are not counted: they hide from some sides only.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ def _see(
 ) -> None:
     last, length = len(flown) - 1, math.hypot(leg[1, 0] - leg[0, 0], leg[1, 1] - leg[0, 1])
     low, high = min(leg[0, 1], leg[1, 1]) - reach, max(leg[0, 1], leg[1, 1]) + reach
-    first_row = max(int(math.ceil((low - south) / size)), 0)
-    last_row = min(int(math.floor((high - south) / size)), len(starts) - 2)
+    first_row = max(math.ceil((low - south) / size), 0)
+    last_row = min(math.floor((high - south) / size), len(starts) - 2)
     for row in range(first_row, last_row + 1):
         begin, end = starts[row], starts[row + 1]
         west, east = strip_of_row(leg, south + row * size, reach)

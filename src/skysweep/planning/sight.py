@@ -1,7 +1,7 @@
 """From how high a place on hilly ground is seen by a camera that looks straight down.
 
-From farther up a place stays in the picture, and what lies between stops hiding it: whatever sees a place sees
-it from anywhere above, too. So a least height says all about a place and a station above the ground.
+From farther up a place stays in the picture, and what lies between stops hiding it: whatever sees a place
+sees it from anywhere above, too. So a least height says all about a place and a station above the ground.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ class GroundCells(NamedTuple):
 def ground_cells(area: shapely.Polygon, terrain: TerrainSurface, swath_m: float) -> GroundCells:
     """The cells whose middles lie in the area: ``CELLS_ACROSS`` a swath, or as many as can be handled."""
     west, south, east, north = area.bounds
-    size_m = max(swath_m / CELLS_ACROSS, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
+    wanted_m = min(swath_m, math.sqrt(area.area)) / CELLS_ACROSS
+    size_m = max(wanted_m, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
     columns, rows = (max(1, math.ceil(extent_m / size_m)) for extent_m in (east - west, north - south))
     x, y = np.meshgrid(west + (np.arange(columns) + 0.5) * size_m, south + (np.arange(rows) + 0.5) * size_m)
     shapely.prepare(area)
@@ -86,7 +87,7 @@ def ray_step_m(terrain: TerrainSurface) -> float:
     """Between the samples of a line of sight."""
     west, south, east, north = terrain.bounds_enu_m
     rows, columns = terrain.heights_m.shape
-    return min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST
+    return float(min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST)
 
 
 @njit(cache=True)
@@ -121,8 +122,8 @@ def _nearest(
     for k in range(len(legs)):
         leg = legs[k]
         low, high = min(leg[0, 1], leg[1, 1]) - reach, max(leg[0, 1], leg[1, 1]) + reach
-        first = max(int(math.ceil((low - south) / size)), 0)
-        last = min(int(math.floor((high - south) / size)), len(starts) - 2)
+        first = max(math.ceil((low - south) / size), 0)
+        last = min(math.floor((high - south) / size), len(starts) - 2)
         for row in range(first, last + 1):
             begin, end = starts[row], starts[row + 1]
             west, east = strip_of_row(leg, south + row * size, reach)
@@ -154,7 +155,7 @@ def least_height(
     dx, dy = place[0] - x, place[1] - y
     along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
     least = place[2] + max(along / view.along, across / view.across)
-    pieces = int(math.ceil(math.hypot(dx, dy) / ray_step))
+    pieces = math.ceil(math.hypot(dx, dy) / ray_step)
     for k in range(1, pieces):
         if least > enough:
             break

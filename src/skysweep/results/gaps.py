@@ -31,8 +31,8 @@ class Gap(NamedTuple):
 def gaps_of(coverage: CoverageMap, scenario: Scenario, least_pod: float) -> list[Gap]:
     """Where the POD is below ``least_pod`` (0..1), the largest first.
 
-    Patches of a few cells are left out. Those nearer to each other than half a swath are one gap, since a path
-    over one shows the other.
+    Patches of a few cells are left out. Those nearer to each other than half a swath are one gap, since a
+    path over one shows the other.
     """
     pod, cell_m = coverage.pod(), coverage.cell_m
     low = coverage.inside & (pod < least_pod)
@@ -56,7 +56,7 @@ def gaps_of(coverage: CoverageMap, scenario: Scenario, least_pod: float) -> list
 
 
 def path_over(gaps: Sequence[Gap], scenario: Scenario) -> CoveragePlan:
-    """One path over all gaps, from home to the nearest one that is left, each along the largest one's heading."""
+    """One path over all gaps along the largest one's heading, on to the nearest one that is left."""
     if not gaps:
         raise UserError("gaps: there are none, so there is nothing to fly again; write a higher --pod")
     search, lens = scenario.search, scenario.camera.lens

@@ -1,0 +1,80 @@
+"""``skysweep plan``: what it says of terrain, radio and sun, its advice, and the gaps of a mission."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from skysweep.cli import app
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.scenarios.files import load_scenario
+
+RUNNER = CliRunner()
+
+
+def plan(*words: str):
+    return RUNNER.invoke(app, ["plan", *words])
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "wilderness"
+    done = RUNNER.invoke(app, ["run", "person-wilderness", "--sensor", "statistical", "--out", str(folder)])
+    assert done.exit_code == 0
+    return folder
+
+
+def test_a_plan_says_what_is_seen_and_where_the_sun_stands(tmp_path):
+    done = plan("person-wilderness", "--out", str(tmp_path), "--at", "2026-06-21T10:30Z", "--json")
+    assert done.exit_code == 0
+    record = json.loads(done.stdout)
+    assert record["seen_share"] == 1.0
+    assert record["unseen"] == []
+    assert record["height_agl_m"]["lowest_out_and_home"] > 2.0
+    assert record["sun"]["elevation_deg"] > 40.0
+    assert "each of" in plan("person-wilderness", "--out", str(tmp_path)).stdout
+
+
+def test_advice_is_a_table_with_one_best_row():
+    done = plan("clusters", "--advise", "--json")
+    assert done.exit_code == 0
+    record = json.loads(done.stdout)
+    assert record["best"] in record["options"]
+    shown = plan("clusters", "--advise", "--pod", "0.9").stdout
+    assert "expected POD" in shown
+    assert "best: " in shown
+
+
+def test_the_gaps_of_a_run_are_a_scenario_that_flies(tmp_path, run_folder):
+    done = plan("--gaps", str(run_folder), "--pod", "0.9", "--out", str(tmp_path / "again"), "--json")
+    assert done.exit_code == 0
+    record = json.loads(done.stdout)
+    assert len(record["gaps"]) > 1
+    again = load_scenario(record["yaml"])
+    path, _ = plan_scenario(again)
+    assert path.length_m == pytest.approx(record["path_length_m"], rel=1e-6)
+    whole, _ = plan_scenario(load_scenario("person-wilderness"))
+    assert path.length_m < 0.8 * whole.length_m
+    flown = RUNNER.invoke(
+        app, ["run", record["yaml"], "--sensor", "statistical", "--out", str(tmp_path / "second")]
+    )
+    assert flown.exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["clusters", "--pod", "0.5"], "--pod: belongs to --advise and --gaps"),
+        (["clusters", "--advise", "--pod", "1.5"], "--pod: 1.5 is no probability"),
+        (["clusters", "--gaps", "somewhere"], "--gaps: flies a run's own scenario"),
+        (["--gaps", "nowhere"], "nowhere: has no config.yaml"),
+        (["clusters", "--at", "noon"], "--at: 'noon' is no date and time"),
+        (["--advise"], "SOURCE: is missing"),
+    ],
+)
+def test_what_does_not_go_together_is_one_sentence(words, sentence):
+    done = plan(*words)
+    assert done.exit_code == 2
+    assert sentence in done.stderr
