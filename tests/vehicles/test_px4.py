@@ -500,6 +500,16 @@ def test_the_list_says_how_many_sorties_the_plan_takes(batteries, passed, says):
     assert battery.passed is False
 
 
+def test_nobody_changes_a_battery_while_the_motors_run():
+    there = LookAlike(5, scenario(vehicle={"batteries": 2}))
+    assert there.sky.face.parameters.set("COM_DISARM_LAND", -1.0)
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    checks = preflight(there.vehicle, demands(plan, 1.4, shares_flown=(0.6, 1.0)), False, 0.0)
+    (check,) = (c for c in checks if c.name == "sorties")
+    assert check.passed is False
+    assert "set COM_DISARM_LAND to 2" in check.said
+
+
 def test_a_plan_for_one_battery_has_no_word_of_sorties():
     there = LookAlike(5, scenario())
     plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
