@@ -288,7 +288,9 @@ class Truth(Protocol):
 class Vehicle(Protocol):
     """Flies. Time is its own: nothing in a mission reads a wall clock.
 
-    ``truth`` is of a vehicle that is simulated in this process; None of every other.
+    ``truth`` is of a vehicle that is simulated in this process; None of every other. A simulated vehicle may
+    also have ``change_battery()``, which puts in a full one on the ground. Every other one waits there until
+    the operator says that its battery was changed.
     """
 
     truth: Truth | None

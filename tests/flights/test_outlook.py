@@ -78,3 +78,18 @@ def test_a_vehicle_without_a_position_has_no_estimate(clock):
             camera = CameraPose(place, state.camera.R_camera_to_enu)
             outlook.look(state._replace(time_s=clock.now_s, position_enu_m=place, camera=camera), mode)
         assert (outlook.left_s is None) == (mode == Mode.RETURN)
+
+
+def test_the_time_left_counts_the_sorties_that_are_still_to_be_flown(clock):
+    field = {
+        "vehicle.battery_wh": 9.0,
+        "vehicle.batteries": 6,
+        "vehicle.swap_s": 60.0,
+        "search.strategy": "scan-only",
+    }
+    told = estimates(clock, change_scenario(load_scenario("clusters"), field))
+    end_s = told[-1][0]
+    assert "SWAP" in {mode for _, mode, _ in told}
+    known = [(now_s, left_s) for now_s, _, left_s in told if left_s is not None]
+    for now_s, left_s in known[:: len(known) // 20]:
+        assert left_s == pytest.approx(end_s - now_s, abs=0.2 * end_s)

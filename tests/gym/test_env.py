@@ -223,3 +223,21 @@ def test_without_gymnasium_the_extra_is_named():
 def test_the_example_runs(capsys):
     runpy.run_path(str(Path(__file__).parents[2] / "examples" / "gym_random.py"), run_name="__main__")
     assert "recall" in capsys.readouterr().out
+
+
+def test_an_agent_goes_on_with_another_battery():
+    """The decision in which the battery runs low takes as long as the swap."""
+    scenario = change_scenario(
+        load_scenario("clusters"),
+        {"vehicle.battery_wh": 14.0, "vehicle.batteries": 6, "vehicle.swap_s": 60.0},
+    )
+    env = make(scenario=scenario, actions="waypoint")
+    observation, info = env.reset(seed=1)
+    policy, over, charges = PlannedPath(info, till_check=3), False, []
+    while not over:
+        charges.append(observation["vehicle"][6])
+        observation, _, over, truncated, info = env.step(policy.act(observation))
+        assert not truncated
+    assert info["summary"]["completed"]
+    assert np.diff(charges).max() > 0.3
+    assert info["summary"]["total_energy_wh"] > 14.0

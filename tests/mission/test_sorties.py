@@ -235,3 +235,47 @@ def test_killed_between_two_sorties_it_resumes_bit_for_bit(tmp_path, mode):
     assert [{k: v for k, v in t.items() if k not in timings} for t in told[:1]] == [
         {k: v for k, v in t.items() if k not in timings} for t in told[1:]
     ]
+
+
+def test_a_check_that_the_battery_breaks_off_is_begun_again():
+    held = []
+
+    def holds(mode, lasted_s):
+        if mode == "CHECK" and lasted_s > 4.0 and not held:
+            held.append(HOLD)
+            return Order(HOLD)
+        return None
+
+    run, reason = flown(field(FAR_CHECKS | {"check_speed_mps": 2.0}, battery_wh=25.0), holds)
+    assert reason == "completed"
+    again_s = run.events("next_sortie")[0]["t"]
+    (before, *_) = [r["t"] for r in run.events("check_started")]
+    settled = run.events("confirmed", "rejected")
+    assert before < run.events("operator")[0]["t"] < run.events("sortie")[0]["t"]
+    assert settled[0]["t"] > again_s
+    assert "CHECK" in [m for t, m in zip(run.states.time_s, run.states.mode, strict=True) if t > again_s]
+    assert compute_summary(run)["n_confirmed"] == 2
+
+
+class DriftsOff(Gusty):
+    """A vehicle that comes down 100 m east of where it was going to land."""
+
+    def state(self):
+        state = self._vehicle.state()
+        landed = state.time_s > 30.0 and not state.airborne
+        return (
+            state._replace(position_enu_m=state.position_enu_m + np.array([100.0, 0.0, 0.0]))
+            if landed
+            else state
+        )
+
+
+def test_away_from_home_nobody_changes_its_battery():
+    run, reason = flown(field(), wrap=lambda vehicle: DriftsOff(vehicle, 0.0))
+    assert reason == "return energy"
+    assert run.n_sorties == 1
+    assert not run.events("sortie")
+    assert "It landed 100 m from home, where nobody changes its battery." in [
+        r["sentence"] for r in run.events("safety")
+    ]
+    assert [r["kind"] for r in run.records][-2:] == ["landed", "end"]

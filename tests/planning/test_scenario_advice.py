@@ -109,3 +109,23 @@ def test_localisation_error_grows_with_height_and_speed():
     scenario = load_scenario("sparse")
     assert localisation_std_m(scenario, 60) > localisation_std_m(scenario, 30) > 0.3
     assert localisation_std_m(scenario.with_search(scan_speed_mps=10), 30) > localisation_std_m(scenario, 30)
+
+
+def test_a_plan_that_takes_more_batteries_says_how_far_they_last_and_what_would_do():
+    vehicle = {"battery_wh": 8, "cruise_speed_mps": 10}
+    (warning,) = warnings_of(vehicle=vehicle)
+    assert warning.startswith("vehicle.batteries: 1 battery lasts for ")
+    needed = int(warning.split("write vehicle.batteries: ")[1].split(",")[0])
+    assert warnings_of(vehicle=vehicle | {"batteries": needed}) == []
+    (short,) = warnings_of(vehicle=vehicle | {"batteries": needed - 1}) if needed > 2 else [warning]
+    assert f"takes {needed}" in short
+    for field, value in (cure.split(": ") for cure in warning.split("write ")[1].split(", or ")[1:]):
+        assert warnings_of(vehicle=vehicle, search={field.removeprefix("search."): float(value)}) == []
+
+
+def test_a_strategy_that_covers_from_lower_needs_more_batteries():
+    scenario = parse_scenario(WELL + "vehicle: {battery_wh: 20}\n", "mine")
+    assert warnings_for(scenario) == []
+    (warning,) = warnings_for(scenario, scenario.search.check_altitude_agl_m)
+    assert warning.startswith("vehicle.batteries: 1 battery lasts for ")
+    assert "scan_altitude" not in warning

@@ -20,7 +20,7 @@ pytest.importorskip("mavsdk.mavsdk")
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.planning.plan_files import plan_of_mission
 from skysweep.types import Setpoint
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
@@ -63,8 +63,22 @@ def fly_until(vehicle, condition, longest_s=120.0):
         assert vehicle.state().time_s < end_s, vehicle.state()
 
 
-def demands(plan, energy_share=0.1, farthest_m=100.0, highest_m=20.0, return_clear_m=10.0):
-    return Demands(plan, energy_share, farthest_m, highest_m, return_clear_m)
+def demands(
+    plan, energy_share=0.1, farthest_m=100.0, highest_m=20.0, return_clear_m=10.0, shares_flown=(1.0,)
+):
+    estimate = FlightEstimate(
+        path_length_m=1000.0,
+        search_time_s=500.0,
+        time_s=600.0,
+        energy_wh=energy_share * scenario().vehicle.battery_wh,
+        batteries=len(shares_flown),
+        gsd_cm=5.0,
+        pixels_on_target=15.0,
+        area_m2=1e4,
+        n_transects=5,
+        shares_flown=shares_flown,
+    )
+    return Demands(plan, estimate, farthest_m, highest_m, return_clear_m)
 
 
 def hovering(vehicle, up=8.0):
@@ -464,6 +478,42 @@ def test_a_battery_that_is_not_enough_stops_it_before_the_fence_is_sent():
         (battery,) = (c for c in preflight(vehicle, demands(plan, 0.95), True) if c.passed is False)
         assert battery.name == "battery"
         assert server.face.pilot.fence.inside == ()
+
+
+@pytest.mark.parametrize(
+    ("batteries", "passed", "says"),
+    [
+        (1, {"battery": False, "sorties": None}, "vehicle.batteries (1) last for 60%: write 2"),
+        (2, {"battery": True, "sorties": True}, "the plan without checks takes 2, in 10 min with the swaps"),
+    ],
+)
+def test_the_list_says_how_many_sorties_the_plan_takes(batteries, passed, says):
+    there = LookAlike(5, scenario(vehicle={"batteries": batteries}))
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    wanted = demands(plan, 1.4, shares_flown=(0.6, 1.0))
+    checks = {c.name: c for c in preflight(there.vehicle, wanted, False, 0.0)}
+    assert {name: checks[name].passed for name in passed} == passed
+    assert says in checks["sorties"].said
+    there.sky.pilot.battery_share = 0.7
+    there.wait(2.0)
+    (battery,) = (c for c in preflight(there.vehicle, wanted, False, 0.0) if c.name == "battery")
+    assert battery.passed is False
+
+
+def test_nobody_changes_a_battery_while_the_motors_run():
+    there = LookAlike(5, scenario(vehicle={"batteries": 2}))
+    assert there.sky.face.parameters.set("COM_DISARM_LAND", -1.0)
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    checks = preflight(there.vehicle, demands(plan, 1.4, shares_flown=(0.6, 1.0)), False, 0.0)
+    (check,) = (c for c in checks if c.name == "sorties")
+    assert check.passed is False
+    assert "set COM_DISARM_LAND to 2" in check.said
+
+
+def test_a_plan_for_one_battery_has_no_word_of_sorties():
+    there = LookAlike(5, scenario())
+    plan = plan_of_mission(there.vehicle.scenario, plan_scenario(there.vehicle.scenario)[0])
+    assert "sorties" not in {c.name for c in preflight(there.vehicle, demands(plan), False, 0.0)}
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,7 @@ def scene_of(folder: Path, ended: bool) -> dict[str, Any]:
             "d_c_m": _finite(search.d_c_m),
         },
         "battery_capacity_wh": scenario.vehicle.battery_wh,
+        "batteries": scenario.vehicle.batteries,
         "hover_power_w": scenario.vehicle.hover_power_w,
         "classes": list(scenario.target_classes),
         "objects": _objects(world),

@@ -169,6 +169,10 @@ def _sorties(vehicle: Px4Vehicle, estimate: FlightEstimate) -> tuple[Check, ...]
         return ()
     minutes = f"{estimate.time_s / 60:.0f} min with the swaps"
     said = f"the plan without checks takes {estimate.batteries}, in {minutes}"
+    disarms_s = vehicle.link.parameter("COM_DISARM_LAND") if given > 1 else None
+    if disarms_s is not None and disarms_s <= 0.0:
+        spin = "the motors run on after landing, while a person changes the battery; set COM_DISARM_LAND to 2"
+        return (Check("sorties", False, spin),)
     if estimate.batteries > given:
         lasts = f"vehicle.batteries ({given}) last for {estimate.shares_flown[given - 1]:.0%}"
         return (Check("sorties", None, f"{said}; {lasts}: write {estimate.batteries}"),)

@@ -7,11 +7,13 @@ import type { Mode } from "./types";
 // Okabe and Ito's palette (https://jfly.uni-koeln.de/color/), as in the reports.
 export const MODE_COLOURS: Record<Mode, string> = {
   TAKEOFF: "#8a949e",
+  TRANSIT: "#56b4e9",
   SCAN: "#0072b2",
   CHECK: "#e69f00",
   HOLD: "#cc79a7",
   RETURN: "#56b4e9",
   LAND: "#8a949e",
+  SWAP: "#8a949e",
 };
 
 export const STATUS_COLOURS: Record<Status, string> = {

@@ -60,6 +60,10 @@ function inWords(line: Line): [string, EventTone] | null {
       return [operatorWords(line), "operator"];
     case "safety":
       return [`${line.sentence ?? line.cause ?? "Alarm"}`, line.action === "CONTINUE" ? "warning" : "danger"];
+    case "sortie":
+      return [`Sortie ${line.number} landed for another battery: ${line.why}`, "plain"];
+    case "next_sortie":
+      return [`Sortie ${line.number} took off`, "plain"];
     case "resumed":
       return ["Mission resumed", "plain"];
     case "landed":

@@ -23,7 +23,7 @@ export class Figures {
     time: cell("Time", "Mission time, and its end so far"),
     altitude: cell("Altitude AGL", "Height above the ground below the vehicle"),
     speed: cell("Speed", "Horizontal speed"),
-    battery: cell("Battery", "Charge that remains"),
+    battery: cell("Battery", "Charge that remains, and which battery it is"),
     left: cell("Time left", "Until the battery is empty, at the use of the last minute"),
     searched: cell("Area seen", "Share of the area that was looked at"),
     pos: cell("POS", "Probability of success: mean probability of detection over the area"),
@@ -54,7 +54,8 @@ export class Figures {
       const [x, y, z] = state.position_enu_m;
       say("altitude", metres(Math.max(z - store.groundAt(x, y), 0)));
       say("speed", `${Math.hypot(state.velocity_enu_mps[0], state.velocity_enu_mps[1]).toFixed(1)} m/s`);
-      say("battery", percent(state.battery));
+      const { batteries } = store.scene;
+      say("battery", batteries > 1 ? `${percent(state.battery)}, ${store.sortieAt(t)} of ${batteries}` : percent(state.battery));
     }
     const left_s = store.timeLeft_s(t);
     say("left", left_s === null ? "–" : clockTime(left_s));

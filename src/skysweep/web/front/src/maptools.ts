@@ -119,8 +119,10 @@ export class MapTools {
     const swatch = (background: string, text: string) =>
       h("span", { class: "swatch" }, h("i", { style: `background:${background}` }), text);
     if (colour === "mode") {
-      const modes = MODES.filter((mode) => mode !== "LAND");
-      this.ramp.replaceChildren(...modes.map((mode) => swatch(MODE_COLOURS[mode], mode === "TAKEOFF" ? "TAKEOFF, LAND" : mode)));
+      const unnamed = ["LAND", "SWAP", "TRANSIT"]; // in the colour of another one
+      const modes = MODES.filter((mode) => !unnamed.includes(mode));
+      const words: Partial<Record<string, string>> = { TAKEOFF: "TAKEOFF, LAND", RETURN: this.scene.batteries > 1 ? "RETURN, TRANSIT" : "RETURN" };
+      this.ramp.replaceChildren(...modes.map((mode) => swatch(MODE_COLOURS[mode], words[mode] ?? mode)));
       return;
     }
     const steps = Array.from({ length: ALTITUDE_STEPS }, (_, k) => h("i", { style: `background:${altitudeColour(k)}` }));

@@ -158,6 +158,7 @@ export class Store {
   readonly film = new Series<string>();
   pictures: Record<string, string> = {};
   private readonly candidates = new Map<number, Candidate>();
+  private readonly sorties_s: number[] = []; // when each but the first has taken off
   private readonly filmed = new Set<string>();
   private newestLook: Look | null = null;
   private times = new Float64Array(0);
@@ -217,6 +218,9 @@ export class Store {
       case "sighting":
         this.candidateOf(line)?.sightings.add(line.t, sightingOf(line, this.newestLook));
         if (!this.newestLook) this.detections.add(line.t, 1);
+        break;
+      case "next_sortie":
+        this.sorties_s.push(line.t);
         break;
       case "end":
         this.ended = line.reason ?? "";
@@ -341,6 +345,11 @@ export class Store {
       rejected: of("rejected"),
       unchecked: of("unchecked"),
     };
+  }
+
+  /** The number of the sortie that flies at `t`, from 1. */
+  sortieAt(t: number): number {
+    return 1 + countUpTo(this.sorties_s, this.sorties_s.length, t);
   }
 
   /** Seconds until the battery is empty at the rate of the last minute; null: it is not known. */

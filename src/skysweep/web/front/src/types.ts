@@ -3,7 +3,7 @@
 export type XY = [number, number];
 export type XYZ = [number, number, number];
 
-export const MODES = ["TAKEOFF", "SCAN", "CHECK", "HOLD", "RETURN", "LAND"] as const;
+export const MODES = ["TAKEOFF", "TRANSIT", "SCAN", "CHECK", "HOLD", "RETURN", "LAND", "SWAP"] as const;
 export type Mode = (typeof MODES)[number];
 
 export interface SceneObject {
@@ -49,6 +49,7 @@ export interface Scene {
     d_c_m: number | string | null;
   };
   battery_capacity_wh: number;
+  batteries: number;
   classes: string[];
   ground: { picture: string | null; heights: string; tiles: string | null };
   objects: SceneObject[];
@@ -96,6 +97,8 @@ export interface Line {
   action?: string;
   sentence?: string;
   waypoints_enu_m?: number[][];
+  number?: number;
+  why?: string;
   length_m?: number;
   again?: boolean;
 }
