@@ -16,6 +16,7 @@ from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.mission import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.following import Following
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.model import model_for
@@ -102,6 +103,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         witness,
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
+        change_battery=getattr(vehicle, "change_battery", None),
+        following=Following(plan.profiles) if plan.profiles else None,
     )
 
 
