@@ -22,7 +22,7 @@ from skysweep.tracking.georeference import GroundHeight, pixels_to_ground
 from skysweep.types import Candidate, Detections, Sighting
 
 _FAR = 1e6  # cost of what is no match
-WANDERS_S = 8.0  # after which what is seen near an old candidate is not taken for it any more
+WANDERS_M = 12.0  # farther away nothing is taken for an old candidate, however long ago it was seen
 _EDGE_PX = 1.0  # a box this near to an edge of the picture is cut by it
 
 
@@ -43,8 +43,8 @@ class GroundTracker:
 
     ``sizes_m`` tells the smallest and largest size of what is searched for, by class. A box that spans far
     less or more on the ground is something else, and left out; classes without a size are all taken. Where
-    they are expected to move, a candidate may have gone anywhere at ``speed_mps`` since it was last seen, for
-    up to WANDERS_S.
+    they are expected to move, a candidate may have gone anywhere at ``speed_mps`` since it was last seen, up
+    to WANDERS_M.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class GroundTracker:
 
     def _wander_m(self, time_s: float, candidate: Candidate) -> float:
         """Standard deviation along each axis of how far a candidate has gone since it was last seen."""
-        return self._speed_mps * min(time_s - candidate.last_seen_s, WANDERS_S) / math.sqrt(2.0)
+        return min(self._speed_mps * (time_s - candidate.last_seen_s), WANDERS_M) / math.sqrt(2.0)
 
     def _class_number(self, name: str) -> int:
         return self._class_numbers.setdefault(name, len(self._class_numbers))
