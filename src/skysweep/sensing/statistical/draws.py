@@ -23,7 +23,7 @@ from numba import njit
 from skysweep.arrays import F64, I64
 from skysweep.geometry.point_tree import in_view
 from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, TOO_SMALL, factors_of_look
-from skysweep.worlds.occlusion import around, pixels_on_target, visible_share
+from skysweep.worlds.occlusion import around, is_behind_a_hill, pixels_on_target, visible_share
 
 Record = Any  # of SENSOR
 
@@ -123,6 +123,8 @@ def draw_look(
     grid_frame: F64,
     grid_starts: I64,
     grid_order: I64,
+    heights: F64,
+    bounds: F64,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
@@ -145,7 +147,8 @@ def draw_look(
 
     ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records, the ghosts those
     of this altitude alone, of which the first has the number ``first_ghost``. ``tree`` and ``ghost`` arrays are the
-    ``PointTree`` of their places, ``grid`` arrays the ``Grid`` of the ``solids``.
+    ``PointTree`` of their places, ``grid`` arrays the ``Grid`` of the ``solids``,
+    ``heights`` and ``bounds`` the ground's ``relief``.
     ``tiles`` (T, 4) are parts of the picture. ``position``, ``R``, ``velocity`` and ``rates`` are the
     camera's truth, the last two in its own axes. ``log_pixels`` (G,) is the table's grid, ``pass_state``
     (rows,) what looks of one pass have in common. ``over_altitude`` (classes, 3, A): log altitudes,
@@ -170,6 +173,8 @@ def draw_look(
             grid_frame,
             grid_starts,
             grid_order,
+            heights,
+            bounds,
             table,
             log_pixels,
             pass_state,
@@ -214,6 +219,8 @@ def _draw_thing(
     grid_frame: F64,
     grid_starts: I64,
     grid_order: I64,
+    heights: F64,
+    bounds: F64,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
@@ -278,6 +285,8 @@ def _draw_thing(
                 thing.size,
             )
             clear = visible_share(position, place, thing.size, solids, room[:n_near])
+            if is_behind_a_hill(position, place, heights, bounds):
+                clear = 0.0
         if inside * clear < 1.0 - HIDDEN_MAX:
             continue
         factors = factors_of_look(

@@ -30,7 +30,7 @@ from skysweep.sensing.statistical.model import (
     score_of,
 )
 from skysweep.types import Detections, Truth, VehicleState
-from skysweep.worlds.occlusion import Occluders, middle_enu_m, shape_of
+from skysweep.worlds.occlusion import Occluders, relief, middle_enu_m, shape_of
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 _EPS_S = 1e-6
@@ -88,7 +88,7 @@ class StatisticalSensor:
         room = np.empty(len(things) + most_ghosts + len(occluders.solids), dtype=np.int64)
         self._things, self._tree = things, PointTree.of(things["place"])
         self._world, self._occluders = world, occluders
-        of_solids = (occluders.solids, *occluders.grid)
+        of_solids = (occluders.solids, *occluders.grid, *relief(world.terrain))
         self._of_things = (things.view(np.float64), *self._tree, *of_solids, *of_rows)
         self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
