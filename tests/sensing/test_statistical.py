@@ -450,12 +450,18 @@ def test_the_shipped_model_is_for_the_shipped_scenarios(name):
     [
         (
             {"camera.exposure_s": 0.1, "search.scan_speed_mps": 10.0},
-            "camera.exposure_s is 0.1, in which the camera moves 1 m at search.scan_speed_mps, farther than the "
-            "0.9 m of the smallest target",
+            "camera.exposure_s is 0.1, in which the camera moves 1 m at search.scan_speed_mps, farther than "
+            "the 0.9 m of the smallest target",
         ),
         ({"camera.noise_std": 6}, "camera.noise_std is 6 grey levels a pixel that the detector sees, not 2"),
-        ({"camera.jpeg_quality": 40}, "camera.jpeg_quality is 40, 6.2 times as coarse for the detector as 90"),
-        ({"detector.tiles": 3}, "detector.tiles is 3, which enlarges the camera's pixels 2.59 times, more than 2"),
+        (
+            {"camera.jpeg_quality": 40},
+            "camera.jpeg_quality is 40, 6.2 times as coarse for the detector as 90",
+        ),
+        (
+            {"detector.tiles": 3},
+            "detector.tiles is 3, which enlarges the camera's pixels 2.59 times, more than 2",
+        ),
         ({"detector.confidence_min": 0.05}, "confidence_min is 0.05, below 0.1"),
         ({"detector.model": __file__}, "not skysweep"),
     ],
@@ -498,7 +504,9 @@ def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
     (tmp_path / "a.yaml").write_text(text)
     assert model_for(load_scenario(tmp_path / "a.yaml")).fade_px == 77.0
     other = change_scenario(load_scenario(tmp_path / "a.yaml"), {"camera.noise_std": 9})
-    with pytest.raises(UserError, match=r"mine\.yaml: was made for another .*noise_std is 9 grey levels .*, not 2"):
+    with pytest.raises(
+        UserError, match=r"mine\.yaml: was made for another .*noise_std is 9 grey levels .*, not 2"
+    ):
         model_for(other)
 
 

@@ -88,9 +88,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         rig.sensor,
         vehicle,
         sensor,
-        GroundTracker(
-            world.terrain.height_m, scenario.target_sizes_m, speed_mps=search.target_speed_mps
-        ),
+        GroundTracker(world.terrain.height_m, scenario.target_sizes_m, speed_mps=search.target_speed_mps),
         spec.make(context),
         waypoints,
         cover_altitude_agl_m,

@@ -107,8 +107,8 @@ class MissionContext:
             self.sensor_view, self.search, smallest_m, self.gimbal_pitch_rad
         )
         return beyond and (
-            f"The sensor model was calibrated {beyond}: what it says there is a guess; write another altitude "
-            "of search, or another camera."
+            f"The sensor model was calibrated {beyond}: what it says there is a guess; write another "
+            "altitude of search, or another camera."
         )
 
     def ground_at_m(self, xy: XY) -> float:

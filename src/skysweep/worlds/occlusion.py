@@ -98,7 +98,8 @@ class Occluders:
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
         place = middle_enu_m(thing)
-        near = self._around(*place[:2], *camera_enu_m[:2], thing.size_m)
+        (x0, y0), (x1, y1) = place[:2].tolist(), camera_enu_m[:2].tolist()
+        near = self._around(x0, y0, x1, y1, thing.size_m)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
 
     def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
@@ -216,10 +217,11 @@ def is_behind_a_hill(camera: F64, place: F64, heights: F64, bounds: F64) -> bool
     post_m = min(
         (bounds[2] - bounds[0]) / (heights.shape[1] - 1), (bounds[3] - bounds[1]) / (heights.shape[0] - 1)
     )
-    n, from_m = int(math.ceil(math.hypot(dx, dy) / post_m)), place[2] + _POINT_HEIGHT_M
+    limits = bounds[0], bounds[1], bounds[2], bounds[3]
+    n, from_m = math.ceil(math.hypot(dx, dy) / post_m), place[2] + _POINT_HEIGHT_M
     for k in range(1, n):
         share = k / n
-        ground = bilinear_at(heights, bounds, place[0] + share * dx, place[1] + share * dy)
+        ground = bilinear_at(heights, limits, place[0] + share * dx, place[1] + share * dy)
         if ground > from_m + share * (camera[2] - from_m):
             return True
     return False

@@ -146,13 +146,13 @@ def draw_look(
     Returns where each part ends.
 
     ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records, the ghosts those
-    of this altitude alone, of which the first has the number ``first_ghost``. ``tree`` and ``ghost`` arrays are the
-    ``PointTree`` of their places, ``grid`` arrays the ``Grid`` of the ``solids``,
-    ``heights`` and ``bounds`` the ground's ``relief``.
-    ``tiles`` (T, 4) are parts of the picture. ``position``, ``R``, ``velocity`` and ``rates`` are the
-    camera's truth, the last two in its own axes. ``log_pixels`` (G,) is the table's grid, ``pass_state``
-    (rows,) what looks of one pass have in common. ``over_altitude`` (classes, 3, A): log altitudes,
-    densities and scales of the score. ``room`` is for indices of things, ghosts and solids, one after another.
+    of this altitude alone, of which the first has the number ``first_ghost``. The arrays ``tree_...`` and
+    ``ghost_...`` are the ``PointTree`` of their places, ``grid_...`` the ``Grid`` of the ``solids``,
+    ``heights`` and ``bounds`` the ground's ``relief``. ``tiles`` (T, 4) are parts of the picture.
+    ``position``, ``R``, ``velocity`` and ``rates`` are the camera's truth, the last two in its own axes.
+    ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows,) what looks of one pass have in common.
+    ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the score. ``room`` is for
+    indices of things, ghosts and solids.
     """
     s = sensor.view(SENSOR)[0]
     all_things = things.view(THING)
@@ -321,14 +321,14 @@ def _draw_thing(
 
 @njit(cache=True)
 def _merged(boxes: F64, scores: F64, rows: I64, first: int, end: int, iou_max: float) -> int:
-    """Drop, of the reports from ``first`` on, those that a better one of the same row overlaps; the new end."""
+    """Drop, from ``first`` on, the reports that a better one of the same row overlaps; the new end."""
     order = np.argsort(-scores[first:end]) + first
     is_kept = np.ones(end - first, dtype=np.bool_)
     for k in range(1, len(order)):
         for j in order[:k]:
-            if is_kept[j - first] and rows[j] == rows[order[k]]:
-                if _overlap(boxes[j], boxes[order[k]]) > iou_max:
-                    is_kept[order[k] - first] = False
+            same = is_kept[j - first] and rows[j] == rows[order[k]]
+            if same and _overlap(boxes[j], boxes[order[k]]) > iou_max:
+                is_kept[order[k] - first] = False
     n = first
     for i in range(first, end):
         if is_kept[i - first]:
@@ -342,7 +342,7 @@ def _overlap(a: F64, b: F64) -> float:
     """Intersection over union."""
     width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     both = max(width, 0.0) * max(height, 0.0)
-    return both / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both)
+    return float(both / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both))
 
 
 @njit(cache=True)

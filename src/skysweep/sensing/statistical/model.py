@@ -257,18 +257,18 @@ class StatisticalModel(_Part):
         least = min(view.scale, 1.0)
         noise, known = camera.noise_std * least, self.camera.noise_std
         if noise > known * _ROUNDING:
-            found.append(f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}")
+            found.append(
+                f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}"
+            )
         coarse, known = _jpeg_step(camera.jpeg_quality) * least, _jpeg_step(self.camera.jpeg_quality)
         if coarse > known * _ROUNDING:
             found.append(
-                f"camera.jpeg_quality is {camera.jpeg_quality:g}, {coarse / known:.2g} times as coarse for the "
-                f"detector as {self.camera.jpeg_quality:g}"
+                f"camera.jpeg_quality is {camera.jpeg_quality:g}, {coarse / known:.2g} times as coarse for "
+                f"the detector as {self.camera.jpeg_quality:g}"
             )
         return found
 
-    def extrapolation(
-        self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float
-    ) -> str:
+    def extrapolation(self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float) -> str:
         """In words, what the model was calibrated for instead of this search; empty if for this.
 
         ``smallest_m`` is the size of the smallest target. Beyond its tables the model repeats their ends.

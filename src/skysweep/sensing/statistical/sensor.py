@@ -30,7 +30,7 @@ from skysweep.sensing.statistical.model import (
     score_of,
 )
 from skysweep.types import Detections, Truth, VehicleState
-from skysweep.worlds.occlusion import Occluders, relief, middle_enu_m, shape_of
+from skysweep.worlds.occlusion import Occluders, middle_enu_m, relief, shape_of
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 _EPS_S = 1e-6
@@ -89,8 +89,8 @@ class StatisticalSensor:
         self._things, self._tree = things, PointTree.of(things["place"])
         self._world, self._occluders = world, occluders
         of_solids = (occluders.solids, *occluders.grid, *relief(world.terrain))
-        self._of_things = (things.view(np.float64), *self._tree, *of_solids, *of_rows)
-        self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
+        self._of_things: tuple[Any, ...] = (things.view(np.float64), *self._tree, *of_solids, *of_rows)
+        self._of_ghosts: tuple[Any, ...] = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
     def sense(self, state: VehicleState) -> Detections | None:
         """Draw a look if one is due; return the oldest result whose time has come."""

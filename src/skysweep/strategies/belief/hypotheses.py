@@ -28,7 +28,7 @@ from skysweep.sensing.statistical.luck import OWN, OWN_VAR, PIXELS, WEIGHT, unse
 from skysweep.sensing.statistical.model import BackgroundModel, KindModel, StatisticalModel, score_of
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
-from skysweep.worlds.occlusion import FLAT, SHAPES, pixels_on_target
+from skysweep.worlds.occlusion import FLAT, SHAPES, STANDING, pixels_on_target
 
 _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
 _WATER_KINDS = {"buoy", "boat"}
