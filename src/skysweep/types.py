@@ -41,9 +41,11 @@ class Mode(_Word):
     SCAN = "SCAN"  # covers the area from high up
     CHECK = "CHECK"  # comes down to look at candidates
     LOOK = "LOOK"  # flies to, or hovers at, a place that the operator asked for
+    TRANSIT = "TRANSIT"  # flies back, with another battery, to where the search was left
     HOLD = "HOLD"  # or is flown by somebody else
     RETURN = "RETURN"
     LAND = "LAND"
+    SWAP = "SWAP"  # stands at home while its battery is changed
 
 
 SEARCHING = (Mode.SCAN, Mode.CHECK)  # the modes of a strategy: names, on which nothing depends that is flown
@@ -224,7 +226,7 @@ class Observation(NamedTuple):
     refused: str = ""  # why the waypoint of the last command is not flown to; do not ask for it again
     lookout: Waypoint | None = None  # where that waypoint is looked at from, where not from itself
     verdicts: Mapping[int, EventKind] = NO_VERDICTS  # the operator's, by candidate: CONFIRMED or REJECTED
-    elsewhere: bool = False  # the operator sent the vehicle away since the last step; looks are from there
+    elsewhere: bool = False  # the vehicle was sent away since the last step, and looks may be from there
 
     @property
     def time_s(self) -> float:

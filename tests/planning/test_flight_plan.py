@@ -106,12 +106,13 @@ def test_a_small_battery_means_more_flights_and_more_time():
     small = s.model_copy(update={"vehicle": VehicleLimits(battery_wh=14)})
     estimate = estimate_flight(plan, small)
     assert 2 <= estimate.batteries <= 4
-    assert one.time_s + 60 < estimate.time_s < 2 * one.time_s
-    assert estimate.energy_wh <= estimate.batteries * 14 * 0.8 + 1e-6
+    swaps_s = (estimate.batteries - 1) * small.vehicle.swap_s
+    assert one.time_s + 60 + swaps_s < estimate.time_s < 2 * one.time_s + swaps_s
+    assert estimate.energy_wh <= estimate.batteries * 14 * (1 - small.safety.landing_reserve) + 1e-6
 
 
 def test_a_battery_that_cannot_reach_the_area_is_told_with_what_would():
-    s = scenario(home=Home(position_enu_m=(-3000, 0)))
+    s = scenario(home=Home(position_enu_m=(-4000, 0)))
     with pytest.raises(UserError, match=r"vehicle\.battery_wh: 98 Wh .*write at least (\d+)") as refusal:
         plan_scenario(s)
     needed = float(str(refusal.value).split("at least ")[1].split(",")[0])

@@ -158,11 +158,11 @@ def test_an_old_enter_does_not_take_the_vehicle_back(monkeypatch, tmp_path):
     with os.fdopen(terminal) as keyboard:
         monkeypatch.setattr("sys.stdin", keyboard)
         operator = _Operator(tmp_path)
-        operator.look(State(""))
+        operator.look(State(""), Mode.SCAN)
         os.write(ours, b"\n")
         time.sleep(0.1)
         assert operator() is None
-        operator.look(State("it is in Position"))
+        operator.look(State("it is in Position"), Mode.HOLD)
         os.write(ours, b"\n")
         time.sleep(0.1)
         assert operator() is None
@@ -172,3 +172,30 @@ def test_an_old_enter_does_not_take_the_vehicle_back(monkeypatch, tmp_path):
         time.sleep(0.1)
         assert operator() == Order(TAKE_BACK)
     os.close(ours)
+
+
+def test_enter_says_on_the_ground_that_the_battery_was_changed(monkeypatch, tmp_path):
+    ours, terminal = os.openpty()
+    with os.fdopen(terminal) as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        operator = _Operator(tmp_path)
+        operator.look(State(""), Mode.LAND)
+        operator.look(State(""), Mode.SWAP)
+        assert "change the battery" in operator.hint
+        os.write(ours, b"\n")
+        time.sleep(0.1)
+        assert operator() is None  # pressed before it could be read
+        time.sleep(1.1)
+        assert operator() is None
+        os.write(ours, b"\n")
+        time.sleep(0.1)
+        assert operator() == Order(CONTINUE)
+    os.close(ours)
+
+
+def test_without_a_keyboard_nobody_can_say_that_the_battery_was_changed(monkeypatch, tmp_path):
+    with open(os.devnull) as nobody:
+        monkeypatch.setattr("sys.stdin", nobody)
+        with pytest.raises(UserError, match=r"landed for another battery.*skysweep fly "):
+            _Operator(tmp_path).look(State(""), Mode.SWAP)
+        _Operator(tmp_path, live=True).look(State(""), Mode.SWAP)  # somebody may on the page

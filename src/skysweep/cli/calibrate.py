@@ -50,6 +50,10 @@ def calibrate(
             autocompletion=completion.scenarios,
         ),
     ] = "clusters",
+    add_to: Annotated[
+        Path | None,
+        typer.Option("--add-to", help="Sensor model: measure only the kinds and poses that it lacks."),
+    ] = None,
     pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
     seed: SeedOption = 0,
     workers: WorkersOption = None,
@@ -68,13 +72,17 @@ def calibrate(
 
         skysweep calibrate --model mine.onnx --camera my-scenario.yaml
 
+        skysweep calibrate --add-to sensor.yaml --pictures 4000 --out more.yaml
+
         skysweep calibrate validate --seeds 30
     """
     if context.invoked_subcommand is not None:
         return
     from skysweep.experiments.calibration.run import calibrate as fit
     from skysweep.scenarios.files import load_scenario
+    from skysweep.sensing.statistical.model import StatisticalModel
 
+    known = None if add_to is None else StatisticalModel.load(add_to)
     _refuse_unwritable(out)
     try:
         with bar() as progress:
@@ -84,7 +92,7 @@ def calibrate(
                 doing = "fitting" if done == total else "looking"
                 progress.update(task, completed=done, total=total, description=doing)
 
-            model = fit(detector, load_scenario(camera).camera, out, pictures, seed, workers, on_look)
+            model = fit(detector, load_scenario(camera).camera, out, pictures, seed, workers, on_look, known)
     except KeyboardInterrupt:
         say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None

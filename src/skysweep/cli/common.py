@@ -199,6 +199,17 @@ def lon_lat_of(text: str, option: str) -> tuple[float, float]:
     return longitude, latitude
 
 
+def lat_lon_of(text: str, option: str) -> tuple[float, float]:
+    """Latitude and longitude in degrees of an option's LAT,LON."""
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise UserError(f"{option} {text}: is no place; write LAT,LON in degrees")
+    return latitude, longitude
+
+
 def local_folder(address: str) -> Path | None:
     """The folder of a path or an fsspec URL, or None if it is not on this computer."""
     if "://" in address and not address.startswith(("file://", "local://")):

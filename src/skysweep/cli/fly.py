@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import select
 import shlex
 import signal
 import sys
@@ -41,13 +39,14 @@ from skysweep.cli.live import (
     live_page,
 )
 from skysweep.cli.missions import StatusLine, answer_mission, answers_complete, free_folder
-from skysweep.cli.terminal import unblocked
+from skysweep.cli.terminal import enter_pressed, unblocked
 from skysweep.errors import UserError
 from skysweep.text import printable
+from skysweep.types import Mode
 
 if TYPE_CHECKING:
     from skysweep.mission.orders import Order
-    from skysweep.types import Mode, VehicleState
+    from skysweep.types import VehicleState
     from skysweep.vehicles.px4.preflight import Check
 
 _READ_S = 1.0  # to read that the vehicle was taken over
@@ -171,7 +170,7 @@ def fly(
                 line = StatusLine(Outlook(), lambda doing: progress.update(task, doing=doing))
 
                 def watch(state: VehicleState, mode: Mode, new: Any) -> None:
-                    operator.look(state)
+                    operator.look(state, mode)
                     silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
                     line(state, mode, new, f"   {operator.hint}{silent}")
 
@@ -196,7 +195,7 @@ class _Operator:
     """The person at the keyboard: the first Ctrl-C holds, Enter goes on, the second Ctrl-C returns.
 
     A third one ends the program, which leaves the vehicle in Hold. Enter also takes the vehicle back after
-    somebody else took it over.
+    somebody else took it over, and says on the ground that its battery was changed.
     """
 
     def __init__(self, folder: Path, live: bool = False) -> None:
@@ -204,7 +203,8 @@ class _Operator:
         self._live = live  # the vehicle can be taken back on the page, too
         self._word: str | None = None
         self._presses = 0
-        self._taken, self._taken_s = False, 0.0  # by somebody else; since when this is shown
+        self._taken, self._waits = False, False  # by somebody else; on the ground for a battery
+        self._shown_s = 0.0  # when one of them began
         self._before: Any = None
 
     @property
@@ -212,33 +212,33 @@ class _Operator:
         """The current meaning of the keys."""
         if self._taken:
             return "somebody else flies it; Enter: take it back"
+        if self._waits and self._presses == 0:
+            return "change the battery; Enter: take off, Ctrl-C: hold"
         return ("Ctrl-C: hold", "Enter: go on, Ctrl-C: return", "returning")[min(self._presses, 2)]
 
     def __call__(self) -> Order | None:
         from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
 
-        if self._typed():
-            if self._taken and time.monotonic() - self._taken_s > _READ_S:
+        if enter_pressed():
+            was_read = time.monotonic() - self._shown_s > _READ_S
+            if self._taken and was_read:
                 self._presses, self._word = 0, TAKE_BACK
-            elif self._presses == 1 and not self._taken:
+            elif not self._taken and (self._presses == 1 or (self._waits and was_read)):
                 self._presses, self._word = 0, CONTINUE
         word, self._word = self._word, None
         return None if word is None else Order(word)
 
-    def _typed(self) -> bool:
-        """Whether Enter was pressed; all input is consumed, so that none of it counts later."""
-        typed = False
-        while sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
-            if not os.read(sys.stdin.fileno(), 1024):
-                break
-            typed = True
-        return typed
-
-    def look(self, state: VehicleState) -> None:
-        """Take note of a state. Raises UserError if the vehicle was taken and cannot be taken back here."""
-        if state.taken_over and not self._taken:
-            self._taken_s = time.monotonic()
-        self._taken = bool(state.taken_over)
+    def look(self, state: VehicleState, mode: Mode) -> None:
+        """Take note of a state. Raises UserError if the vehicle waits for a word that cannot be said here."""
+        taken, waits = bool(state.taken_over), mode is Mode.SWAP
+        if (taken and not self._taken) or (waits and not self._waits):
+            self._shown_s = time.monotonic()
+        self._taken, self._waits = taken, waits
+        if waits and not self._live and not sys.stdin.isatty():
+            raise UserError(
+                "the vehicle has landed for another battery, and there is no keyboard to say that it was "
+                f"changed; when it is:  skysweep fly {shlex.quote(str(self._folder))}"
+            )
         if self._taken and state.airborne and not self._live and not sys.stdin.isatty():
             raise UserError(
                 f"somebody else flies the vehicle ({state.taken_over}), and there is no keyboard to take it "

@@ -127,6 +127,7 @@ def run(
     from skysweep.flights.rig import Rig
     from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
+    from skysweep.strategies import strategy_spec
 
     named = {
         "search.strategy": strategy,
@@ -138,7 +139,8 @@ def run(
     }
     given = {field: value for field, value in named.items() if value is not None}
     chosen = change_scenario(load_scenario(scenario), changes_of(change) | given)
-    for warning in warnings_for(chosen):
+    cover_altitude_agl_m = strategy_spec(chosen.search.strategy).cover_altitude_agl_m(chosen.search)
+    for warning in warnings_for(chosen, cover_altitude_agl_m):
         warn(warning)
     folder = out or free_folder(Path("runs"), f"{chosen.name}-{chosen.search.strategy}-seed{seed}")
     refuse_unused_eye(sensor, camera)
@@ -243,8 +245,10 @@ class StatusLine:
         charge, left_s = state.battery_remaining, self._outlook.left_s
         battery = "unknown" if math.isnan(charge) else f"{charge:4.0%}"
         left = "" if left_s is None else f"   about {duration(left_s)} left"
+        n = self._outlook.batteries
+        sortie = "" if n == 1 else f"sortie {self._outlook.sortie} of {n}   "
         self._show(
-            f"{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
+            f"{sortie}{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
             f"battery {battery}{left}{more}"
         )
 
@@ -302,6 +306,7 @@ def _summary_table(summary: RunSummary) -> Table:
         ("Left unchecked", str(summary["n_unchecked"] or "")),
         ("Decided by the operator", str(summary["n_by_operator"] or "")),
         ("Area seen", _figure(100 * summary["area_covered"], "%")),
+        ("Sorties", str(summary["sorties"]) if summary["sorties"] > 1 else ""),
         ("Path length", _figure(summary["path_length_m"], "m")),
         ("Energy", _figure(summary["energy_wh"], "Wh", 1)),
         ("Speed", _figure(summary["real_time_factor"], "x real time", 1)),

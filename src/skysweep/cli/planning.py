@@ -10,7 +10,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import friendly, scenario_or_area, warn, working
+from skysweep.cli.common import duration, friendly, scenario_or_area, warn, working
 from skysweep.files.writing import whole_files
 
 
@@ -49,13 +49,35 @@ def plan(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Which of equally good paths.")] = 0,
+    at: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Of take-off, as 2026-10-03T15:30+02:00: where the sun stands then."),
+    ] = None,
+    advise: Annotated[
+        bool, typer.Option("--advise", help="Compare altitudes, speeds and overlaps before any is flown.")
+    ] = False,
+    gaps: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN_DIR",
+            help="A flown mission: plan what it missed, to fly it again.",
+            autocompletion=completion.runs,
+        ),
+    ] = None,
+    pod: Annotated[
+        float | None,
+        typer.Option(
+            help="Probability of detection: wanted of --advise (default 0.8); below it is a gap (default 0.5)."
+        ),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
     as_json: JsonOption = False,
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
 
-    With --prior: the paths that probably find most within a length, what they may find, and the map if they
-    find nothing.
+    Over hills it also says which ground no picture shows, how high the vehicle flies, and where the radio does
+    not reach it. With --prior: the paths that probably find most within a length, what they may find, and the
+    map if they find nothing.
 
     Examples:
 
@@ -63,14 +85,22 @@ def plan(
 
         skysweep plan my-area.kml --altitude 40 --sidelap 0.3 --out saturday
 
+        skysweep plan clusters --advise
+
+        skysweep plan --gaps runs/monday --pod 0.6 --out tuesday
+
         skysweep plan --prior map.tif --budget-m 20000 --sweep-width-m 30 --uavs 2 --start 22.1,60.2
     """
+    from skysweep.cli.plan_advice import answer_advice
+    from skysweep.cli.plan_gaps import plan_gaps, refuse_pod
     from skysweep.cli.plan_prior import SearchOptions, plan_with_prior, width_of_sensor
     from skysweep.errors import UserError
     from skysweep.planning.advice import warnings_for_plan
+    from skysweep.planning.assessment import assess
     from skysweep.planning.flight_plan import plan_scenario
     from skysweep.planning.picture import draw_plan
     from skysweep.planning.qgc import plan_for_qgc, write_plan
+    from skysweep.planning.sun import moment_of
     from skysweep.planning.surroundings import fence_words
     from skysweep.scenarios.files import change_scenario
 
@@ -81,6 +111,15 @@ def plan(
         "search.scan_speed_mps": speed,
         "camera.hfov_rad": hfov,
     }
+    if pod is not None:
+        refuse_pod(pod)
+        if not advise and gaps is None:
+            raise UserError("--pod: belongs to --advise and --gaps; add one of them, or leave it out")
+    if gaps is not None:
+        if source is not None or prior is not None or advise or any(v is not None for v in changes.values()):
+            raise UserError("--gaps: flies a run's own scenario again; write only --pod and --out beside it")
+        plan_gaps(as_json, gaps, 0.5 if pod is None else pod, out)
+        return
     chosen = None
     if source is not None:
         chosen = change_scenario(scenario_or_area(source), changes)
@@ -103,9 +142,16 @@ def plan(
         )
     if chosen is None:
         raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
+    if advise:
+        answer_advice(as_json, chosen, 0.8 if pod is None else pod)
+        return
     for warning in warnings_for_plan(chosen):
         warn(warning)
+    moment = None if at is None else moment_of(at, "--at")
     coverage, estimate = plan_scenario(chosen)
+    judged = assess(coverage, chosen, moment)
+    for warning in judged.warnings():
+        warn(warning)
     with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
         draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
         write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
@@ -114,10 +160,15 @@ def plan(
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
     table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
-    table.add_row("batteries", f"{estimate.batteries} ({estimate.energy_wh:.0f} Wh)")
+    n, swap_s = estimate.batteries, chosen.vehicle.swap_s
+    in_sorties = f", in {n} sorties, changed in {duration(swap_s)}" if n > 1 else ""
+    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh){in_sorties}")
     table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
+    for name, value in judged.rows():
+        table.add_row(name, value)
     written = {"plan": f"{out / chosen.name}.plan", "picture": f"{out / chosen.name}.png"}
-    record = {"scenario": chosen.name, **asdict(estimate), "heading_deg": coverage.heading_deg, **written}
+    figures = {**asdict(estimate), "heading_deg": coverage.heading_deg, **judged.record()}
+    record = {"scenario": chosen.name, **figures, **written}
     answer(as_json, record, table, *(f"{what}: {path}" for what, path in written.items()))

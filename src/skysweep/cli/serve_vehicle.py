@@ -17,6 +17,7 @@ from skysweep.cli.common import (
     spinner,
     warn,
 )
+from skysweep.cli.terminal import enter_pressed
 
 if TYPE_CHECKING:
     from skysweep.vehicles.served.autopilot import Autopilot
@@ -47,7 +48,7 @@ def serve_vehicle(
 ) -> None:
     """Let QGroundControl or a MAVSDK program fly the embedded vehicle, as if it were a PX4.
 
-    Runs until Ctrl-C.
+    Enter puts a full battery into the disarmed vehicle. Runs until Ctrl-C.
 
     Examples:
 
@@ -58,6 +59,7 @@ def serve_vehicle(
         skysweep serve-vehicle --port 14541 --local-port 0 --signing-key key.txt
     """
     from skysweep.vehicles.embedded.at_home import embedded_vehicle
+    from skysweep.vehicles.mavlink.modes import Refused
     from skysweep.vehicles.mavlink.signing import read_signing_key
     from skysweep.vehicles.served.server import EVERYWHERE, LOOPBACK, VehicleServer, address_of
 
@@ -72,12 +74,22 @@ def serve_vehicle(
     server = VehicleServer(vehicle, chosen, listeners, speed, interface, local_port, key)
     say(
         f"{chosen.name} at {speed:g}x: MAVSDK udpin://{to}:{port}, QGroundControl {to}:{gcs_port}; "
-        f"listening on {':'.join(map(str, server.address))}. Ctrl-C ends it."
+        f"listening on {':'.join(map(str, server.address))}. Enter changes its battery, Ctrl-C ends it."
     )
+
+    def watch(pilot: Autopilot) -> None:
+        if enter_pressed():
+            try:
+                pilot.change_battery()
+                say("battery changed")
+            except Refused as refusal:
+                warn(str(refusal))
+        progress.update(task, description=_status(pilot))
+
     with spinner() as progress:
         task = progress.add_task("")
         try:
-            server.run(lambda pilot: progress.update(task, description=_status(pilot)))
+            server.run(watch)
         except KeyboardInterrupt:
             say(f"stopped after {server.face.pilot.time_s:.0f} s of flight time")
         finally:

@@ -1,9 +1,10 @@
-"""Terminal output that never blocks a mission."""
+"""A terminal that never blocks a mission: output, and the Enter key."""
 
 from __future__ import annotations
 
 import io
 import os
+import select
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
@@ -31,6 +32,16 @@ def unblocked() -> Iterator[None]:
                 stack.callback(text.flush)
                 stack.enter_context(redirect(text))
         yield
+
+
+def enter_pressed() -> bool:
+    """Whether Enter was pressed; all input is consumed, so that none of it counts later."""
+    pressed = False
+    while sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
+        if not os.read(sys.stdin.fileno(), 1024):
+            break
+        pressed = True
+    return pressed
 
 
 class _Valve(io.RawIOBase):

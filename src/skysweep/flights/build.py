@@ -16,6 +16,7 @@ from skysweep.geometry.frames import yaw_from_heading
 from skysweep.mission.mission import Mission
 from skysweep.mission.witness import Witness
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.following import Following
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.model import model_for
@@ -82,6 +83,8 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
     context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
     needs_model = spec.needs_sensor_model or rig.sensor == "statistical"
     caveat = context.sensor_caveat if needs_model else ""
+    if rig.sensor == "statistical":
+        caveat = " ".join(filter(None, [caveat, _stand_ins(world, context)]))
     return Mission(
         scenario,
         seed,
@@ -100,6 +103,17 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         witness,
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
+        change_battery=getattr(vehicle, "change_battery", None),
+        following=Following(plan.profiles) if plan.profiles else None,
+    )
+
+
+def _stand_ins(world: World, context: MissionContext) -> str:
+    """A sentence if the sensor model never looked at some of the objects; empty if it did."""
+    told = context.sensor_model.stand_ins((o.kind, o.pose) for o in world.objects)
+    return told and (
+        f"The sensor model was not measured with everything here: {told}; "
+        "add what is missing with 'skysweep calibrate --add-to'."
     )
 
 

@@ -109,7 +109,7 @@ class Px4Flight:
         top_m = float(obstacles.top_within_m(ways, _BESIDE_M).max(initial=-np.inf)) - home_m
         return Demands(
             plan_of_mission(scenario, coverage),
-            estimate.energy_wh / scenario.vehicle.battery_wh,
+            estimate,
             float(np.linalg.norm(places - home, axis=1).max()),
             ground_m + self._altitude_agl_m,
             max(ground_m, top_m) + scenario.safety.clearance_m,

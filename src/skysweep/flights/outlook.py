@@ -10,10 +10,11 @@ import numpy as np
 from skysweep.arrays import F64
 from skysweep.mission.believable import has_place
 from skysweep.mission.mission import Mission
-from skysweep.planning.flight_plan import TAKE_OFF_LAG_S, landing_time_s, leg_time_s
+from skysweep.planning.flight_plan import TAKE_OFF_LAG_S, landing_time_s, leg_time_s, plan_scenario
 from skysweep.types import Mode, VehicleState
 
 _PLANNED = (Mode.TAKEOFF, Mode.SCAN)
+_BETWEEN = (Mode.RETURN, Mode.LAND, Mode.SWAP, Mode.TRANSIT)
 _PERIOD_S = 0.5  # on the wall, between two estimates
 _NEWEST = 0.3  # weight of the newest speed
 
@@ -22,13 +23,17 @@ class Outlook:
     """Estimates the time left from the plan and from how fast the mission runs.
 
     ``left_s`` is on the wall, until landing; None while it is unknown. What is left of the plan is what was
-    not yet spent in take-off and SCAN: every CHECK moves the end.
+    not yet spent in take-off and SCAN, and between the planned sorties: every CHECK moves the end. ``sortie``
+    counts the flights, each with one of ``batteries``.
     """
 
     def __init__(self) -> None:
         self.left_s: float | None = None
+        self.sortie = self.batteries = 1
         self._mission: Mission | None = None
         self._search_left_s = self._landing_s = 0.0
+        self._between_left_s = 0.0  # the planned sorties
+        self._mode = Mode.TAKEOFF
         self._rate: float | None = None  # mission time over wall time
         self._time_s: float | None = None  # of the mission, at the newest tick
         self._estimated_s: tuple[float, float] | None = None  # of the mission and on the wall
@@ -42,13 +47,19 @@ class Outlook:
         scan_s = leg_time_s(legs_m, mission.scenario.search.scan_speed_mps).sum()
         self._search_left_s = climb_s + float(scan_s)
         self._landing_s = _landing_s(mission, path[-1], mission.return_altitude_agl_m)
-        self._mission = mission
+        self._mission, self.batteries = mission, limits.batteries
+        if limits.batteries > 1:
+            estimate = plan_scenario(mission.scenario, mission.cover_altitude_agl_m)[1]
+            self._between_left_s = max(0.0, estimate.search_time_s - self._search_left_s)
 
     def look(self, state: VehicleState, mode: Mode) -> None:
         """Take note of a tick."""
-        if self._time_s is not None and mode in _PLANNED:
+        self.sortie += self._mode is Mode.SWAP and mode is not Mode.SWAP
+        if self._time_s is not None and (mode in _BETWEEN or (mode is Mode.TAKEOFF and self.sortie > 1)):
+            self._between_left_s = max(0.0, self._between_left_s - (state.time_s - self._time_s))
+        elif self._time_s is not None and mode in _PLANNED:
             self._search_left_s = max(0.0, self._search_left_s - (state.time_s - self._time_s))
-        self._time_s = state.time_s
+        self._time_s, self._mode = state.time_s, mode
         now_s = time.monotonic()
         if self._estimated_s is None:
             self._estimated_s = state.time_s, now_s
@@ -64,9 +75,10 @@ class Outlook:
     def _mission_left_s(self, mission: Mission, state: VehicleState, mode: Mode) -> float:
         if not has_place(state):
             return math.nan
-        if mode in (Mode.RETURN, Mode.LAND):
+        comes_back = self._search_left_s > 0.0 and self.sortie < self.batteries
+        if mode in (Mode.RETURN, Mode.LAND) and not comes_back:
             return _landing_s(mission, state.position_enu_m[:2], state.position_enu_m[2])
-        return self._search_left_s + self._landing_s
+        return self._search_left_s + self._between_left_s + self._landing_s
 
 
 def _landing_s(mission: Mission, xy_enu_m: F64, altitude_m: float) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
 from skysweep.mission.mission import Mission
-from skysweep.mission.notes import LOOKED
+from skysweep.mission.notes import LOOKED, NEXT_SORTIE, SORTIE
 from skysweep.mission.orders import ORDER, Operator, Order
 from skysweep.results.run_folder import CLOCK, Record
 from skysweep.types import SEARCHING, Answer, Detections, Doubt, Sensor, Vehicle, VehicleState
@@ -28,7 +28,8 @@ from skysweep.types import SEARCHING, Answer, Detections, Doubt, Sensor, Vehicle
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
 _PASSING = {  # not part of a step
-    *("setup", "start", "plan", "state", "safety", "resumed", CLOCK, ORDER, LOOKED, LOOK, SNAPSHOT)
+    *("setup", "start", "plan", "state", "safety", "resumed", CLOCK, ORDER, LOOKED, LOOK, SNAPSHOT),
+    *(SORTIE, NEXT_SORTIE),
 }
 _UNSEEN_S = 1.0  # of a scan before the interruption: perhaps not looked at
 

@@ -81,8 +81,8 @@ def write_world(
     """
     if any(o.track is not None for o in world.objects):
         raise UserError(
-            f"{scenario.name}: has objects with a motion, and nothing moves in Gazebo; delete every motion, or "
-            "render with gl or embree"
+            f"{scenario.name}: has objects with a motion, and nothing moves in Gazebo; delete every motion, "
+            "or render with gl or embree"
         )
     name = scenario.name
     if len(world.trees) > TREES_MAX:

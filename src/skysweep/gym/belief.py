@@ -27,7 +27,7 @@ from skysweep.arrays import F32, F64, I64
 from skysweep.geometry.camera import CameraPose
 from skysweep.gym.spaces import Chart
 from skysweep.mission.mission import Mission
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import USUAL_POSES, Scenario
 from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
@@ -85,7 +85,8 @@ def chances_of_look(scenario: Scenario) -> tuple[F64, F64]:
     """
     model = model_for(scenario)
     lucks, weights = hermegauss(_LUCKS)
-    kinds = [k for k in model.kinds if k.kind == k.reported_as and k.kind in scenario.target_classes]
+    own = [k for k in model.kinds if k.kind == k.reported_as and k.kind in scenario.target_classes]
+    kinds = [k for k in own if k.pose in (*USUAL_POSES, *scenario.target_poses[k.kind])]
     chances = np.mean([_chances(model, kind, scenario, lucks) for kind in kinds], axis=0)
     return np.ascontiguousarray(chances), weights / weights.sum()
 

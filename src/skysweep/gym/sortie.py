@@ -26,7 +26,7 @@ from skysweep.results.run_folder import Run
 from skysweep.results.summary import Summary
 from skysweep.scenarios.model import Scenario
 from skysweep.strategies import StrategySpec
-from skysweep.types import Candidate, EventKind, Mode, VehicleState
+from skysweep.types import SEARCHING, Candidate, EventKind, Mode, VehicleState
 from skysweep.worlds.world import World, build_world
 
 LEARNER = "learner"  # the strategy's name, in summaries
@@ -79,6 +79,8 @@ class Sortie:
             self.state = tick.state
             if tick.mode in (Mode.RETURN, Mode.LAND):
                 self.searches = False
+            elif tick.mode in SEARCHING:  # again, with another battery
+                self.searches = True
             if not self.searches:
                 continue
             ended_s = tick.state.time_s

@@ -16,7 +16,11 @@ from skysweep.types import XY, Detections, EventKind, VehicleState, Waypoint
 
 _LOOKS = 2  # at each place
 _THERE_M, _AWAY_M = 1.0, 3.0  # nearer: arrived; farther: no longer there
-_HOMEWARD = {Phase.RETURN: "the vehicle is on its way home", Phase.LAND: "the vehicle is landing"}
+_BUSY = {
+    Phase.RETURN: "the vehicle is on its way home",
+    Phase.LAND: "the vehicle is landing",
+    Phase.SWAP: "the vehicle is on the ground",
+}
 
 
 class Desk:
@@ -70,7 +74,7 @@ class Desk:
     def _refusal(self, xy: XY | None, phase: Phase, state: VehicleState, altitude_agl_m: float) -> str:
         if xy is None:
             return "The order to look has no place; give east and north in metres from home."
-        why = "somebody else flies the vehicle" if state.taken_over else _HOMEWARD.get(phase, "")
+        why = "somebody else flies the vehicle" if state.taken_over else _BUSY.get(phase, "")
         return _not_looked_at(xy, why or self._judge(xy, state, altitude_agl_m)[1])
 
     def _judge(self, xy: XY, state: VehicleState, altitude_agl_m: float) -> tuple[Waypoint | None, str]:

@@ -79,10 +79,10 @@ class Charge:
     Without a report: the last one, or a full battery, less the greater of measured and estimated use.
     """
 
-    def __init__(self, energy: ReturnEnergy, battery_wh: float) -> None:
+    def __init__(self, energy: ReturnEnergy, battery_wh: float, was_said: bool = False) -> None:
         self._energy, self._battery_wh = energy, battery_wh
         self._share, self._at_s, self._used_wh = 1.0, math.inf, math.inf
-        self.was_said = False
+        self.was_said = was_said
 
     def left(self, state: VehicleState) -> float:
         """The share, 0..1. To be asked with the states in order."""

@@ -104,6 +104,11 @@ class Looks:
         """Start looking."""
         self.newest_s = self._excused_s = time_s
 
+    def seen_until_enu_m(self) -> F64 | None:
+        """(3,) where the newest answered look was exposed; None if the track does not go back to it."""
+        before = [position for t, position, _ in self._track if t <= self.newest_s]
+        return before[-1] if before else None
+
     def take(self, now_s: float, detections: Detections) -> bool:
         """Whether an answer counts: not if it is a duplicate, misdated, misplaced or not trusted."""
         exposed_s = detections.time_s

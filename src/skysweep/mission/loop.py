@@ -21,11 +21,25 @@ from skysweep.mission.fence import Fence, Router
 from skysweep.mission.journal import Journal
 from skysweep.mission.looks import Looks
 from skysweep.mission.mission import Mission, Watch
-from skysweep.mission.notes import Notes
+from skysweep.mission.notes import NEXT_SORTIE, SORTIE, Notes
 from skysweep.mission.orders import CONTINUE, Operator
-from skysweep.mission.safety import CHECK_PERIOD_S, LOST, Action, Alarm, Guard, Phase, not_finite
+from skysweep.mission.safety import (
+    BATTERY_CHANGE,
+    CHECK_PERIOD_S,
+    LOST,
+    LOW_BATTERY,
+    RETURN_ENERGY,
+    Action,
+    Alarm,
+    Guard,
+    Phase,
+    not_finite,
+)
 from skysweep.planning.flight_plan import POSITION_GAIN, landing_time_s
+from skysweep.planning.following import LOOK_AHEAD_S, Planned
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.types import (
+    F64,
     SEARCHING,
     XY,
     Candidate,
@@ -44,7 +58,6 @@ from skysweep.types import (
 _Result = TypeVar("_Result")
 _Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, and its result
 
-_LOOK_AHEAD_S = 2.0  # of terrain
 _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
 _LANDING_LONGEST_S = 60.0  # and twice the way down
@@ -52,6 +65,8 @@ _LANDING_ORDERS = 3
 _CLIMBS_MPS = 1.0  # horizontally
 _DISPLACED_M = 10.0  # by somebody else, or by what the autopilot did while the link was lost
 _BACK_M = 2.0
+_AT_HOME_M = 20.0  # near enough to change the battery
+_LONGEST_WAIT_S = 600.0  # of a simulated vehicle, on the ground
 _ALL_WELL = Alarm(Action.CONTINUE, "completed", "")
 
 
@@ -114,6 +129,12 @@ class Flight:
         self._untold: tuple[Look, ...] = ()  # not yet in the journal
         self._left_enu_m = state.position_enu_m  # at the search's last step
         self._interrupted = self._going_back = False
+        self._seen_until_enu_m: F64 | None = None  # flown back to before that place, after a sortie
+        self._sortie = 1 + sum(line["kind"] == NEXT_SORTIE for line in before)
+        self._begun_wh = 0.0  # used before this sortie
+        self._gets_on = False  # whether the search was gone on with in this sortie
+        self._transits = False  # to where the sortie before has left the search
+        self._was_home = False  # since the strategy's last step
         self.end_reason: str | None = None
         self._refuse_before_take_off()
         self._ticks = self._fly()
@@ -164,29 +185,46 @@ class Flight:
             self._desk.resume(self._before, state, self._altitude_agl_m(state))
         else:
             self._notes.start(self._m)
-        end = yield from self._take_off()
-        if end is _ALL_WELL:
-            end = yield from self._search()
-        state = self._m.vehicle.state()
-        candidates = self._m.tracker.candidates()
+        self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+        self._resume_between_sorties()
+        while True:
+            end = yield from self._climb()
+            if end is _ALL_WELL:
+                end = yield from self._search()
+            is_last = not self._asks_for_battery(end)
+            if is_last:
+                self._give_up(end)
+            else:
+                self._leave_for_battery()
+            if end.action < Action.LAND:
+                yield from self._return()
+            in_the_air = yield from self._land()
+            landed = in_the_air is _ALL_WELL
+            if is_last or not landed:
+                break
+            stays = yield from self._change_battery(end)
+            if stays is not _ALL_WELL:
+                end = stays
+                break
+        if not is_last:
+            self._give_up(end)
+        reason = end.cause if landed else in_the_air.cause
+        self._notes.end(self._m.vehicle.state().time_s, reason, self._m.witness, landed)
+        self.end_reason = reason
+
+    def _give_up(self, end: Alarm) -> None:
+        """Say what the search leaves undone."""
+        state, candidates = self._m.vehicle.state(), self._m.tracker.candidates()
         if end is not _ALL_WELL:
             self._looks.give_up(state.time_s)
             self._notes.left_behind(state.time_s, candidates, self._looks.blind_legs())
             self._desk.give_up(state.time_s)
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
-        if end.action < Action.LAND:
-            yield from self._return()
-        in_the_air = yield from self._land()
-        landed = in_the_air is _ALL_WELL
-        reason = end.cause if landed else in_the_air.cause
-        self._notes.end(self._m.vehicle.state().time_s, reason, self._m.witness, landed)
-        self.end_reason = reason
 
-    # ---- the four phases; each returns what ended it early -----------------------------------------------
+    # ---- the phases of a sortie; each returns what ended it early ----------------------------------------
 
-    def _take_off(self) -> _Part[Alarm]:
+    def _climb(self) -> _Part[Alarm]:
         altitude, vehicle = self._m.cover_altitude_agl_m, self._m.vehicle
-        vehicle.takeoff(altitude)
         state = vehicle.state()
         longest_s = _TAKE_OFF_LONGEST_S + 2.0 * altitude / self._m.scenario.vehicle.climb_speed_mps
         latest_s = state.time_s + longest_s
@@ -211,9 +249,10 @@ class Flight:
     def _search(self) -> _Part[Alarm]:
         m = self._m
         state = m.vehicle.state()
-        self._mode = Mode.SCAN
         self._looks.begin(state.time_s)
-        self._left_enu_m = state.position_enu_m
+        if not self._transits:
+            self._mode = Mode.SCAN
+            self._left_enu_m = state.position_enu_m
         done_s = math.inf  # when the strategy finished
         while True:
             alarm = self._look_after(state, Phase.SEARCH)
@@ -238,7 +277,8 @@ class Flight:
                 state = yield from self._pass_time(state, Mode.LOOK, detections)
                 continue
             if self._goes_back(state):
-                state = yield from self._pass_time(state, Mode.HOLD, detections)
+                mode = Mode.TRANSIT if self._transits else Mode.HOLD
+                state = yield from self._pass_time(state, mode, detections)
                 continue
             observation = self._observation(state)
             command = self._of_the_undecided(m.strategy.step(self._of_the_area(observation)))
@@ -311,6 +351,104 @@ class Flight:
             state = yield from self._pass_time(state, Mode.LAND)
         return _ALL_WELL
 
+    # ---- between two sorties -----------------------------------------------------------------------------
+
+    def _asks_for_battery(self, end: Alarm) -> bool:
+        """Whether the search ends for its battery alone, and another one would let it go on."""
+        is_for_battery = end.action is Action.RETURN and end.cause in (LOW_BATTERY, RETURN_ENERGY)
+        return is_for_battery and self._has_another_battery and self._gets_on
+
+    @property
+    def _has_another_battery(self) -> bool:
+        is_wanted = not self._guard.calls_home
+        return is_wanted and self._sortie < self._m.scenario.vehicle.batteries
+
+    def _resume_between_sorties(self) -> None:
+        """The mission was interrupted on the ground between two sorties, and has taken off for the next one."""
+        kinds = [line["kind"] for line in self._before if line["kind"] in (SORTIE, NEXT_SORTIE)]
+        if kinds[-1:] == [SORTIE]:
+            searched = (r for r in reversed(self._before) if r.get("mode") in SEARCHING)
+            self._left_enu_m = next((np.array(r["p"]) for r in searched), self._left_enu_m)
+            self._begin_sortie()
+
+    def _leave_for_battery(self) -> None:
+        """Keep in mind from where on the ground was perhaps not looked at."""
+        self._looks.give_up(self._m.vehicle.state().time_s)
+        if not self._interrupted:
+            self._seen_until_enu_m = self._looks.seen_until_enu_m()
+
+    def _change_battery(self, end: Alarm) -> _Part[Alarm]:
+        """Wait on the ground for another battery, and take off with it; or what ends the mission there.
+
+        A simulated vehicle gets it after ``swap_s``. Any other one waits for a person's word, and for a
+        charge that is good for a sortie.
+        """
+        m, guard = self._m, self._guard
+        state = m.vehicle.state()
+        away_m = math.dist(state.position_enu_m[:2].tolist(), m.scenario.home.position_enu_m)
+        if away_m > _AT_HOME_M:
+            sentence = f"It landed {away_m:.0f} m from home, where nobody changes its battery."
+            self._notes.safety(state.time_s, Alarm(Action.CONTINUE, BATTERY_CHANGE, sentence))
+            return end
+        self._notes.sortie(state, self._sortie, end.cause, state.energy_used_wh - self._begun_wh)
+        self._snapshot(state.time_s)
+        self._mode, self._sent = Mode.SWAP, None
+        landed_s, is_changed = state.time_s, False
+        if m.change_battery is None:
+            guard.wait_for_battery()
+        self._next_check_s = -math.inf
+        while True:
+            alarm = self._look_after(state, Phase.SWAP)
+            if alarm.action in (Action.RETURN, Action.LAND):
+                return alarm
+            if alarm.action is Action.KEEP_OUT and m.change_battery is None:
+                guard.wait_for_battery()  # a person who gives it back says nothing of its battery
+            if alarm.action < Action.HOLD:
+                if m.change_battery is None:
+                    is_changed = self._takes_off_for_a_person(state)
+                elif state.time_s >= landed_s + m.scenario.vehicle.swap_s:
+                    m.change_battery()
+                    m.vehicle.takeoff(m.cover_altitude_agl_m)
+                    is_changed = True
+                if is_changed:
+                    self._begin_sortie()
+                    return _ALL_WELL
+            elif m.change_battery and state.time_s > landed_s + m.scenario.vehicle.swap_s + _LONGEST_WAIT_S:
+                return alarm
+            state = yield from self._pass_time(state, Mode.SWAP)
+
+    def _takes_off_for_a_person(self, state: VehicleState) -> bool:
+        """Whether the vehicle takes off with the battery that a person has put in."""
+        why = self._guard.refuses_battery(state)
+        if not why:
+            try:
+                self._m.vehicle.takeoff(self._m.cover_altitude_agl_m)
+                return True
+            except UserError as error:
+                if self._m.vehicle.state().airborne:
+                    raise
+                why = f"No take-off: {error}."
+        self._notes.safety(
+            state.time_s, Alarm(Action.HOLD, BATTERY_CHANGE, f"{why} Say continue when it is ready.")
+        )
+        self._guard.wait_for_battery()
+        self._next_check_s = -math.inf
+        return False
+
+    def _begin_sortie(self) -> None:
+        """Another sortie has taken off: the search is gone on with where it was left."""
+        state = self._m.vehicle.state()
+        self._sortie, self._begun_wh, self._gets_on = self._sortie + 1, state.energy_used_wh, False
+        self._notes.next_sortie(state, self._sortie)
+        self._guard.begin_sortie()
+        self._desk.start_over()
+        self._router = Router(self._fence)
+        self._mode, self._holding, self._sent = Mode.TRANSIT, False, None
+        self._transits = self._was_home = True
+        self._asked = self._flown_to = self._refusal = None
+        self._interrupted = self._going_back = True
+        self._next_check_s = -math.inf
+
     def _hover(self, state: VehicleState) -> None:
         """Interrupt a landing, which continues if the vehicle refuses."""
         try:
@@ -374,6 +512,7 @@ class Flight:
 
     def _observation(self, state: VehicleState) -> Observation:
         looks, self._waiting = self._waiting, ()
+        was_home, self._was_home = self._was_home, False
         return Observation(
             state,
             self._altitude_agl_m(state),
@@ -383,7 +522,7 @@ class Flight:
             self._refusal.cause if self._refusal is not None else "",
             self._flown_to if self._flown_to is not self._asked else None,
             self._desk.verdicts,
-            self._desk.hand_over(),
+            self._desk.hand_over() or was_home,
         )
 
     def _of_the_area(self, seen: Observation) -> Observation:
@@ -445,14 +584,32 @@ class Flight:
                 )
             self._refusal = self._guard.refusal(seen.vehicle, seen.altitude_agl_m, waypoint, self._flown_to)
             if self._refusal is not None:
-                self._notes.safety(seen.time_s, self._refusal)
+                end = replace(self._refusal, action=Action.RETURN)
+                if self._asks_for_battery(end) and waypoint.to_look:
+                    self._notes.safety(seen.time_s, end)
+                    self._left_enu_m, self._interrupted = self._above(waypoint), True
+                    return end
+                if (
+                    self._refusal.cause == RETURN_ENERGY
+                    and self._has_another_battery
+                    and not waypoint.to_look
+                ):
+                    self._refusal = None  # what is covered on the way counts, as far as the battery lasts
+                else:
+                    self._notes.safety(seen.time_s, self._refusal)
         elif self._refusal is not None:
             end = replace(self._refusal, action=Action.RETURN)
             self._notes.safety(seen.time_s, end)
             return end
         if self._refusal is None and self._flown_to is not None:
             self._m.vehicle.command(self._setpoint(seen.vehicle, self._paced(self._flown_to)))
+            self._gets_on = True
         return _ALL_WELL
+
+    def _above(self, waypoint: Waypoint) -> F64:
+        """The place (3,) above a waypoint at the height from which ground is covered."""
+        x, y = waypoint.xy_enu_m
+        return np.array([x, y, self._m.ground_at_m(x, y) + self._m.cover_altitude_agl_m])
 
     def _paced(self, waypoint: Waypoint) -> Waypoint:
         """The waypoint; ground is covered no faster than the looks allow."""
@@ -461,13 +618,20 @@ class Flight:
         return waypoint._replace(speed_mps=min(waypoint.speed_mps, self._looks.scan_speed_mps))
 
     def _setpoint(self, state: VehicleState, waypoint: Waypoint) -> Setpoint:
-        """Terrain following: the waypoint's height above the higher of the ground here and ahead."""
-        x, y, _ = state.position_enu_m.tolist()
+        """Terrain following: as planned, else the waypoint's height above the ground here and ahead."""
+        x, y, z = state.position_enu_m.tolist()
+        planned = self._planned((x, y), waypoint)
+        if planned is not None:
+            is_low = z < planned.height_m - ALTITUDE_TOLERANCE_M
+            speed_mps = min(waypoint.speed_mps, _CLIMBS_MPS if is_low else planned.speed_mps)
+            waypoint = waypoint._replace(speed_mps=speed_mps)
         to_x, to_y = self._aim((x, y), waypoint)
         distance = math.hypot(to_x - x, to_y - y)
-        share = min(1.0, waypoint.speed_mps * _LOOK_AHEAD_S / max(distance, 1e-6))
+        share = min(1.0, waypoint.speed_mps * LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
+        if planned is not None:
+            ground = max(ground, planned.ahead_height_m - waypoint.altitude_agl_m)
         place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
         yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
         pitch_rad = waypoint.gimbal_pitch_rad
@@ -477,6 +641,13 @@ class Flight:
         if self._sent is None or self._sent[0] != asked:
             self._sent = asked, Setpoint(np.array(place), waypoint.speed_mps, yaw_rad, None, pitch_rad)
         return self._sent[1]
+
+    def _planned(self, here: XY, waypoint: Waypoint) -> Planned | None:
+        """What the plan has for this place on the way to the waypoint."""
+        following = self._m.following
+        if following is None or not self._m.covers_from(waypoint.altitude_agl_m):
+            return None
+        return following.at(here, waypoint.xy_enu_m, waypoint.speed_mps * LOOK_AHEAD_S)
 
     def _aim(self, here: XY, waypoint: Waypoint) -> XY:
         """Where to fly straight to; round the corner where the waypoint is flown through."""
@@ -516,13 +687,18 @@ class Flight:
         if not self._interrupted:
             self._left_enu_m = state.position_enu_m
             return False
-        x, y, z = self._left_enu_m.tolist()
+        place = self._left_enu_m if self._seen_until_enu_m is None else self._seen_until_enu_m
+        x, y, z = place.tolist()
         away_m = math.dist(state.position_enu_m[:2].tolist(), (x, y))
         limit_m = _BACK_M if self._going_back else _DISPLACED_M
-        covered = self._m.covers_from(z - self._m.ground_at_m(x, y))
+        covered = self._transits or self._m.covers_from(z - self._m.ground_at_m(x, y))
         below_m = self._m.cover_altitude_agl_m - self._altitude_agl_m(state)
         too_low = self._going_back and below_m > _BACK_M
         self._going_back = self._interrupted = covered and (away_m > limit_m or too_low)
+        if not self._going_back and self._seen_until_enu_m is not None:
+            self._seen_until_enu_m, self._going_back, self._interrupted = None, True, True
+            return self._goes_back(state)
+        self._transits = self._transits and self._going_back
         if self._going_back:
             speed_mps = self._m.scenario.vehicle.cruise_speed_mps
             back = Waypoint((x, y), self._m.cover_altitude_agl_m, speed_mps)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from skysweep.arrays import F64
 from skysweep.mission.witness import Witness
+from skysweep.planning.following import Following
 from skysweep.scenarios.model import Scenario
 from skysweep.types import (
     Detections,
@@ -47,6 +48,8 @@ class Mission:
     witness: Witness | None = None  # of a simulated vehicle
     caveat: str = ""  # of what the strategy may believe, for the journal
     replays: bool = True  # deterministic; otherwise snapshots are journaled
+    change_battery: Callable[[], None] | None = None  # of a simulated vehicle; None: a person changes it
+    following: Following | None = None  # of the plan's transects, where they have profiles
 
     @property
     def return_altitude_agl_m(self) -> float:

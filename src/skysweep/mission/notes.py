@@ -28,6 +28,7 @@ from skysweep.types import (
 )
 
 LOOKED = "looked"  # kind of the line that ends a look for the operator
+SORTIE, NEXT_SORTIE = "sortie", "next_sortie"  # kinds of the lines that end a sortie, and begin another
 OPERATOR = "operator"  # who decided, in the field ``by`` of a verdict; without it the strategy did
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # do not end the mission
@@ -202,6 +203,16 @@ class Notes:
         if landed:
             self._journal.write(time_s, "landed")
         self._journal.write(time_s, "end", reason=reason)
+
+    def sortie(self, state: VehicleState, number: int, why: str, energy_wh: float) -> None:
+        """A sortie, but for the last one, has landed for another battery; what it used of its own."""
+        self._journal.write(
+            state.time_s, SORTIE, number=number, why=why, battery=state.battery_remaining, energy_wh=energy_wh
+        )
+
+    def next_sortie(self, state: VehicleState, number: int) -> None:
+        """Another sortie takes off."""
+        self._journal.write(state.time_s, NEXT_SORTIE, number=number, battery=state.battery_remaining)
 
     def _unsearched(self, time_s: float, legs: tuple[tuple[XY, XY], ...], again: bool) -> None:
         if legs:

@@ -17,6 +17,7 @@ from skysweep.mission.energy import Charge, ReturnEnergy, known_wind_xy, wind_xy
 from skysweep.mission.fence import Fence, SearchedArea
 from skysweep.mission.looks import Looks
 from skysweep.mission.progress import Progress
+from skysweep.planning.flight_plan import CHARGED
 from skysweep.scenarios.model import GIMBAL_PITCH_DEG, Scenario
 from skysweep.types import Setpoint, VehicleState, Waypoint
 from skysweep.worlds.obstacles import Obstacles
@@ -44,6 +45,8 @@ _NO_JUMP = (0.0, 0.0, 0.0)
 OUTSIDE = "outside the area"  # cause
 _PLACELESS = {"position lost", "position jump"}  # causes
 LOST = "vehicle lost"  # cause: silent for longer than a battery lasts
+LOW_BATTERY, RETURN_ENERGY = "low battery", "return energy"  # causes
+BATTERY_CHANGE = "battery change"  # cause
 OVER = {
     "telemetry silent": "Telemetry is back.",
     "position lost": "The position is known again.",
@@ -60,16 +63,18 @@ OVER = {
     "height": "The rangefinder agrees with the height again.",
     "operator": "The operator's hold is over.",
     "taken over": "The vehicle was handed back.",
+    BATTERY_CHANGE: "The wait for another battery is over.",
 }  # sentences for when a cause has cleared
 
 
 class Phase(Enum):
-    """The four parts of a mission."""
+    """The parts of a mission."""
 
     TAKEOFF = auto()
     SEARCH = auto()
     RETURN = auto()
     LAND = auto()
+    SWAP = auto()
 
 
 class Action(IntEnum):
@@ -119,6 +124,7 @@ class Guard:
         self._fence, self._energy, self._looks = fence, energy, looks
         self._since: dict[str, float] = {}
         self._word: str | None = None
+        self._waits_for_battery = False  # for a person's word that it was changed
         self._last: tuple[float, _XYZ, _XYZ] | None = None  # time, position, velocity
         self._jumped_m = _NO_JUMP
         self._charge = Charge(energy, scenario.vehicle.battery_wh)
@@ -147,6 +153,8 @@ class Guard:
             return ()
         if phase is Phase.LAND:
             return tuple(self._landing(state, altitude_agl_m, now_s))
+        if phase is Phase.SWAP:
+            return tuple(self._on_the_ground(state, now_s))
         found = [*self._link(state, now_s), *self._position(state, now_s)]
         found += self._battery(state, phase, now_s)
         lost = any(a.cause in ("position lost", "position jump") for a in found)
@@ -182,7 +190,7 @@ class Guard:
         causes: set[str] = set()
         if phase is Phase.LAND:
             causes |= {"telemetry silent", "position lost", "position jump"}
-        if phase is not Phase.SEARCH:
+        if phase not in (Phase.SEARCH, Phase.SWAP):
             causes.add("wind")
         if phase is not Phase.SEARCH or goal is None:
             causes |= {"setpoints ignored", "turned away"}
@@ -212,6 +220,37 @@ class Guard:
         """Obey the operator: hold, continue, return; None is nothing new."""
         if word is not None:
             self._word = None if word == "continue" else word
+            self._waits_for_battery = False
+
+    @property
+    def calls_home(self) -> bool:
+        """Whether the operator's newest order is to return."""
+        return self._word == "return"
+
+    def wait_for_battery(self) -> None:
+        """Stay on the ground until the operator says that the battery was changed."""
+        self._word, self._waits_for_battery = "hold", True
+
+    def refuses_battery(self, state: VehicleState) -> str:
+        """Why not to take off with the battery that is in now; empty if it is good for a sortie."""
+        left = state.battery_remaining
+        if math.isnan(left):
+            agreed = self._limits.battery_estimated and not self._charge.was_said
+            return "" if agreed else "The vehicle does not report the charge of its battery."
+        if left < CHARGED:
+            return f"The battery is at {left:.0%}, less than {CHARGED:.0%}: put in a charged one."
+        return ""
+
+    def begin_sortie(self) -> None:
+        """Forget what belongs to the last flight and its battery."""
+        self._charge = Charge(self._energy, self._battery_wh, self._charge.was_said)
+        self._homeward.restart()
+        self._progress.restart()
+        self._may_estimate = self._limits.battery_estimated
+        self._since.clear()
+        self._jumped_m, self._last = _NO_JUMP, None
+        self._disobeys, self._allowed = False, None
+        self._energy_due_s = 0.0
 
     def refusal(
         self, state: VehicleState, altitude_agl_m: float, waypoint: Waypoint, flown_to: Waypoint | None
@@ -261,7 +300,7 @@ class Guard:
         left_wh = self._usable_wh(state)
         needed_wh = self._energy.waypoint_wh(state, altitude_agl_m, flown_to)
         if needed_wh > left_wh:
-            return "return energy", (
+            return RETURN_ENERGY, (
                 f"with the way home it takes {needed_wh:.1f} Wh, and {max(left_wh, 0.0):.1f} Wh are left"
             )
         return "", ""
@@ -349,7 +388,7 @@ class Guard:
     def _low(self, state: VehicleState) -> Iterator[Alarm]:
         left = self._charge.left(state)
         if left < self._limits.battery_low:
-            yield Alarm(Action.RETURN, "low battery", f"The battery is at {left:.0%}.")
+            yield Alarm(Action.RETURN, LOW_BATTERY, f"The battery is at {left:.0%}.")
 
     def _energy_left(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
         x, y, _ = state.position_enu_m.tolist()
@@ -357,7 +396,7 @@ class Guard:
         if self._usable_wh(state) < needed_wh < math.inf:  # in too much wind the wind's own rule decides
             left = f"{self._charge.left(state):.0%}"
             sentence = f"The way home takes {needed_wh:.1f} Wh and the battery is at {left}."
-            yield Alarm(Action.RETURN, "return energy", sentence)
+            yield Alarm(Action.RETURN, RETURN_ENERGY, sentence)
 
     def _usable_wh(self, state: VehicleState) -> float:
         return (self._charge.left(state) - self._limits.landing_reserve) * self._battery_wh
@@ -502,6 +541,28 @@ class Guard:
                 unknown = math.isnan(state.battery_remaining)
                 asks = self._low(state) if unknown else self._landing_energy(state, altitude_agl_m)
                 yield from self._held([*asks])
+
+    def _on_the_ground(self, state: VehicleState, now_s: float) -> Iterator[Alarm]:
+        """The alarms between two sorties: what keeps it there."""
+        if state.taken_over or state.airborne:
+            yield _keeps_out(state.taken_over or "it is in the air")
+            return
+        yield from self._rate()
+        if self._word == "return":
+            yield Alarm(Action.RETURN, "operator", "The operator ends the mission on the ground.")
+        if self._waits_for_battery:
+            sentence = "It waits on the ground: change the battery, then say continue."
+            yield Alarm(Action.HOLD, BATTERY_CHANGE, sentence)
+        elif self._word == "hold":
+            yield _HELD
+        silent = state.silent_s > self._limits.link_hold_s
+        self._lasting_s("telemetry silent", silent, now_s)
+        if silent:
+            yield Alarm(Action.HOLD, "telemetry silent", f"No telemetry for {state.silent_s:.1f} s.")
+        if self._lasting_s("position lost", self._is_unsure(state), now_s) is not None:
+            yield Alarm(Action.HOLD, "position lost", "The position is not known well enough to take off.")
+        if (wind_mps := math.hypot(*wind_xy(state))) > self._limits.wind_max_mps:
+            yield Alarm(Action.HOLD, "wind", f"The wind blows at {wind_mps:.0f} m/s.")
 
     def _landing_energy(self, state: VehicleState, altitude_agl_m: float) -> Iterator[Alarm]:
         left, needed_wh = self._charge.left(state), self._energy.landing_wh(altitude_agl_m, wind_xy(state))

@@ -11,6 +11,8 @@ import shapely
 import shapely.affinity
 from numpy.typing import NDArray
 
+from skysweep.errors import UserError
+from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.scenarios.model import DEFAULT_SIZE_M, MAX_TREES, Building, Scenario, TargetClass
 from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
@@ -32,20 +34,64 @@ _FOOT_M, _LIKE_FEET = 0.3048, 0.03
 _RASTER = 316  # points across an area
 
 
-def warnings_for(scenario: Scenario) -> list[str]:
-    """One sentence for each thing that will probably spoil the mission; empty when all is well."""
-    return [*warnings_for_plan(scenario), *_about_targets(scenario)]
+def warnings_for(scenario: Scenario, cover_altitude_agl_m: float | None = None) -> list[str]:
+    """One sentence for each thing that will probably spoil the mission; empty when all is well.
+
+    ``cover_altitude_agl_m`` is the height from which the area is covered, by default the scan altitude.
+    """
+    return [*warnings_for_plan(scenario, cover_altitude_agl_m), *_about_targets(scenario)]
 
 
-def warnings_for_plan(scenario: Scenario) -> list[str]:
+def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = None) -> list[str]:
     """Those that need no targets."""
     return [
         *_about_ground(scenario),
+        *warnings_for_batteries(scenario, cover_altitude_agl_m),
         *_about_resolution(scenario),
         *_about_footprints(scenario),
         *_about_obstacles(scenario),
         *_about_speeds(scenario),
     ]
+
+
+def warnings_for_batteries(scenario: Scenario, altitude_agl_m: float | None = None) -> list[str]:
+    """Whether the scenario's batteries last for the plan, and what would do; empty if they do.
+
+    ``altitude_agl_m`` is the height from which the area is covered, by default the scan altitude. A plan that
+    cannot be flown at all is refused elsewhere.
+    """
+    search, given = scenario.search, scenario.vehicle.batteries
+    altitude = search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    needed = _estimate(scenario, altitude)
+    if needed is None or needed.batteries <= given:
+        return []
+    cures = [f"vehicle.batteries: {needed.batteries}"]
+    highest_m = min(
+        altitude * needed.pixels_on_target / WISHED_AT_SCAN_PX, scenario.safety.altitude_max_agl_m
+    )
+    higher = _estimate(scenario, highest_m) if altitude == search.scan_altitude_agl_m < highest_m else None
+    if higher is not None and higher.batteries <= given:
+        cures.append(f"search.scan_altitude_agl_m: {math.floor(highest_m)}")
+    fastest = scenario.with_search(scan_speed_mps=scenario.vehicle.cruise_speed_mps)
+    faster = _estimate(fastest, altitude) if fastest.search.scan_speed_mps > search.scan_speed_mps else None
+    if faster is not None and faster.batteries <= given:
+        cures.append(f"search.scan_speed_mps: {fastest.search.scan_speed_mps:g}")
+    lasts = "1 battery lasts" if given == 1 else f"{given} batteries last"
+    long_h = needed.time_s / 3600.0
+    how_long = f"{long_h:.1f} h" if long_h >= 1.0 else f"{60.0 * long_h:.0f} min"
+    return [
+        f"vehicle.batteries: {lasts} for {needed.shares_flown[given - 1]:.0%} of the plan, where the search "
+        f"ends; the whole plan takes {needed.batteries} ({how_long} with the swaps), checks not counted; "
+        f"write {', or '.join(cures)}"
+    ]
+
+
+def _estimate(scenario: Scenario, altitude_agl_m: float) -> FlightEstimate | None:
+    """Of the plan at a height; None if it cannot be flown."""
+    try:
+        return plan_scenario(scenario, altitude_agl_m)[1]
+    except UserError:
+        return None
 
 
 def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:

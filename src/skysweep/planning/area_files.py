@@ -84,11 +84,15 @@ def scenario_over(path: str | Path, home: Home, corners: Ring, holes: Sequence[R
 
     Raises UserError where the area cannot be searched from home.
     """
+    area = {"polygon_enu_m": corners, "holes_enu_m": list(holes)}
+    return validated(Scenario, {"name": plain_name(path), "area": area, "home": home}, str(path))
+
+
+def plain_name(path: str | Path) -> str:
+    """A scenario's name after a file."""
     stem = unicodedata.normalize("NFKD", Path(path).stem)
     plain = "".join(c for c in stem if not unicodedata.combining(c))
-    name = re.sub(r"[^A-Za-z0-9 ._-]+", "-", plain).lstrip(" ._-")[:80].rstrip(" ._-") or "area"
-    area = {"polygon_enu_m": corners, "holes_enu_m": list(holes)}
-    return validated(Scenario, {"name": name, "area": area, "home": home}, str(path))
+    return re.sub(r"[^A-Za-z0-9 ._-]+", "-", plain).lstrip(" ._-")[:80].rstrip(" ._-") or "area"
 
 
 def _only_polygon(path: Path) -> shapely.Polygon:

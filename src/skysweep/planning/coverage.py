@@ -14,15 +14,17 @@ it is there still sees all.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.areas import edge_headings, heading_axes, intervals_in_bands, swept_rectangles
 from skysweep.geometry.camera import Lens
+from skysweep.planning.following import LegProfile
 from skysweep.planning.routing import visit_order
 
 TURN_COST_M = 10.0  # what a stop at a waypoint costs, as a distance: 2 s at 5 m/s (see flight_plan)
@@ -45,6 +47,26 @@ class CoveragePlan:
     swath_m: float  # width of ground in the picture
     heading_deg: float
     length_m: float  # of the path, first waypoint to last
+    profiles: tuple[LegProfile, ...] = ()  # of the transects; none over flat ground
+
+
+class Rows(NamedTuple):
+    """Bands that share out an area across the flight direction, and where their transects lie.
+
+    In axes turned so that x is along the heading: ``bands_m`` (R, 2) from low to high y, ``centres_m`` (R,).
+    """
+
+    bands_m: F64
+    centres_m: F64
+
+    def halved(self, crowded: NDArray[np.bool_]) -> Rows:
+        """Two bands in place of each of those (R,), flown along their middles."""
+        twice = np.repeat(np.arange(len(crowded)), np.where(crowded, 2, 1))
+        same = twice[1:] == twice[:-1]
+        lower, upper = np.append(same, False), np.append(False, same)
+        bands, middles = self.bands_m[twice], self.bands_m.mean(axis=1)[twice]
+        bands[lower, 1], bands[upper, 0] = middles[lower], middles[upper]
+        return Rows(bands, np.where(crowded[twice], bands.mean(axis=1), self.centres_m[twice]))
 
 
 def plan_coverage(
@@ -63,20 +85,34 @@ def plan_coverage(
 
     Raises UserError when the area is no searchable polygon, or needs more than ``MAX_TRANSECTS`` transects.
     """
+    start = None if start_xy is None else np.asarray(start_xy, dtype=float)
+    return min(
+        plans_tried(area, lens, altitude_agl_m, sidelap, heading_deg, start),
+        key=lambda plan: cost_m(plan, start),
+    )
+
+
+def plans_tried(
+    area: shapely.Polygon,
+    lens: Lens,
+    altitude_agl_m: float,
+    sidelap: float,
+    heading_deg: float | None,
+    start: F64 | None,
+) -> list[CoveragePlan]:
+    """The plan along the heading or, without one, along each of the most promising ones.
+
+    The arguments are those of ``plan_coverage``, which raises what this raises.
+    """
     if area.geom_type != "Polygon" or area.is_empty or not area.is_valid:
         raise UserError("area: write one simple polygon with its corners in order around it")
     if not 0.0 <= sidelap < 1.0:
         raise UserError(f"sidelap: {sidelap:g} is no share of the swath; write a number from 0 to below 1")
     if not altitude_agl_m > 0.0:
         raise UserError(f"altitude_agl_m: {altitude_agl_m:g} is not above ground; write a number above 0")
-    start = None if start_xy is None else np.asarray(start_xy, dtype=float)
     width, height = lens.footprint_m(altitude_agl_m)
-    fixed = [heading_deg] if heading_deg is not None else None
-    plans = [
-        _plan_along(area, h, width, height, sidelap, start)
-        for h in fixed or _promising_headings(area, width, sidelap)
-    ]
-    return min(plans, key=lambda plan: _cost(plan, start))
+    headings = [heading_deg] if heading_deg is not None else _promising_headings(area, width, sidelap)
+    return [plan_rows(area, h, rows_of(area, h, width, sidelap), width, height, start) for h in headings]
 
 
 def footprints(plan: CoveragePlan, lens: Lens, altitude_agl_m: float) -> shapely.Geometry:
@@ -90,7 +126,8 @@ def rows_needed(extent_m: float, swath_m: float, sidelap: float) -> int:
     return 1 + max(0, int(np.ceil((extent_m - swath_m) / (swath_m * (1.0 - sidelap)) - 1e-9)))
 
 
-def _cost(plan: CoveragePlan, start: F64 | None) -> float:
+def cost_m(plan: CoveragePlan, start: F64 | None) -> float:
+    """What plans are compared by: the way from ``start`` (2,) and the path, and every turn as a distance."""
     approach = 0.0 if start is None else float(np.linalg.norm(plan.waypoints_xy_enu_m[0] - start))
     return approach + plan.length_m + TURN_COST_M * len(plan.waypoints_xy_enu_m)
 
@@ -103,7 +140,7 @@ def _promising_headings(area: shapely.Polygon, swath: float, sidelap: float) -> 
     costs = []
     for heading in candidates:
         turned = _turned(outline, heading_axes(heading))
-        bands, _ = _bands(turned, swath, sidelap)
+        bands = _rows(turned, swath, sidelap).bands_m
         sample = bands[:: -(-len(bands) // _BANDS_SAMPLED)]
         spans = np.concatenate(intervals_in_bands(turned, sample, min_gap=swath))
         per_transect = np.diff(spans).ravel() + swath + 2 * TURN_COST_M
@@ -115,18 +152,22 @@ def _turned(area: shapely.Polygon, axes: F64) -> shapely.Polygon:
     return shapely.transform(area, lambda xy: xy @ axes.T)
 
 
-def _bands(turned: shapely.Polygon, swath: float, sidelap: float) -> tuple[F64, F64]:
-    """Bands (R, 2) that share out the area's extent in y, and the y (R,) of their transects.
+def rows_of(area: shapely.Polygon, heading_deg: float, swath_m: float, sidelap: float) -> Rows:
+    """Rows of equal width along a heading.
 
     What the last swath has to spare is shared by all: between the transects and at both edges.
     """
+    return _rows(_turned(area, heading_axes(heading_deg)), swath_m, sidelap)
+
+
+def _rows(turned: shapely.Polygon, swath: float, sidelap: float) -> Rows:
     low, high = turned.bounds[1], turned.bounds[3]
     rows = rows_needed(high - low, swath, sidelap)
     _refuse_many(rows, swath)
     used = (high - low) / ((rows - 1) * (1.0 - sidelap) + 1.0)
     centres = low + used / 2 + used * (1.0 - sidelap) * np.arange(rows)
     edges = np.concatenate([[low], (centres[1:] + centres[:-1]) / 2, [high]])
-    return np.column_stack([edges[:-1], edges[1:]]), centres
+    return Rows(np.column_stack([edges[:-1], edges[1:]]), centres)
 
 
 def _refuse_many(transects: int, swath: float) -> None:
@@ -137,17 +178,18 @@ def _refuse_many(transects: int, swath: float) -> None:
         )
 
 
-def _plan_along(
+def plan_rows(
     area: shapely.Polygon,
     heading_deg: float,
+    rows: Rows,
     swath: float,
     picture_height: float,
-    sidelap: float,
     start: F64 | None,
 ) -> CoveragePlan:
+    """The plan with these rows along a heading. Raises UserError if it is too large."""
     axes = heading_axes(heading_deg)
     turned = _turned(area, axes)
-    bands, centres = _bands(turned, swath, sidelap)
+    bands, centres = rows
     corners = shapely.get_num_coordinates(turned)
     if len(bands) * corners > _MAX_ROWS_CORNERS:
         raise UserError(

@@ -20,8 +20,10 @@ from numpy.typing import ArrayLike
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.planning.coverage import CoveragePlan, plan_coverage
+from skysweep.planning.hills import plan_over_hills, with_profiles
 from skysweep.planning.qgc import coverage_from_qgc, read_plan
 from skysweep.scenarios.model import Scenario
+from skysweep.worlds.world import build_terrain
 
 ACCEPTANCE_M = 2.0  # PX4 NAV_ACC_RAD: a waypoint counts as reached
 POSITION_GAIN = 0.95  # PX4 MPC_XY_P, 1/s
@@ -29,24 +31,26 @@ LEG_LAG_S = 2.0  # to turn and get up to speed
 TAKE_OFF_LAG_S = 10.0  # arming, spool-up, PX4's gentle start and arrival
 LAND_SPEED_MPS, LAND_SLOW_BELOW_M, LAND_SLOW_FROM_M = 0.7, 5.0, 10.0  # PX4 MPC_LAND_SPEED, _ALT2, _ALT1
 DRAG_PER_S = 1.0  # deceleration by drag in m/s2 for each m/s of air speed (PX4 SIH_KDV, 1 kg)
-RESERVE = 0.2  # of a battery that is still there after landing
+CHARGED = 0.8  # share of a battery from which it is good for one of several sorties
+_SLOWEST_MPS = 1.0  # over ground
 _BREAK_EVERY_M = 20.0  # where a flight may be broken off for another battery
 _ALTITUDE_SLACK_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class FlightEstimate:
-    """Times run from the take-off command to touchdown, without the work on the ground between flights."""
+    """Times run from the take-off command to touchdown, with the swaps of batteries between sorties."""
 
     path_length_m: float  # of the plan, first waypoint to last
     search_time_s: float  # take-off to the end of the plan: the shortest possible mission time
-    time_s: float  # with return and landing, and with the flights to change batteries
-    energy_wh: float
-    batteries: int
+    time_s: float  # with return and landing
+    energy_wh: float  # of all batteries
+    batteries: int  # one a sortie
     gsd_cm: float
     pixels_on_target: float  # of the smallest target
     area_m2: float
     n_transects: int
+    shares_flown: tuple[float, ...]  # of the plan's time, after each sortie
 
 
 def plan_scenario(
@@ -60,8 +64,13 @@ def plan_scenario(
     """
     search = scenario.search
     altitude = search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
+    terrain = build_terrain(scenario)
     if search.plan is not None and altitude == search.scan_altitude_agl_m:
         plan = _drawn_plan(scenario, search.plan)
+        if not terrain.is_flat:
+            plan = with_profiles(plan, scenario, altitude, terrain)
+    elif not terrain.is_flat:
+        plan = plan_over_hills(scenario, altitude, terrain)
     else:
         plan = plan_coverage(
             scenario.area_enu_m,
@@ -80,56 +89,110 @@ def estimate_flight(
 ) -> FlightEstimate:
     """Time, energy and batteries of flying ``plan`` at ``altitude_agl_m`` (default: the scan altitude).
 
-    A battery is changed at home, as late as its charge allows less ``RESERVE``; the search goes on where it
-    was broken off. Raises UserError when a full battery does not last to the farthest place and back.
+    Sorties are those of a mission: each turns home when the rules of ``safety`` (``landing_reserve``,
+    ``battery_low``) say so, and after ``vehicle.swap_s`` on the ground the next one goes on there. Checks are
+    not counted. Raises UserError when a full battery does not last to the farthest place and back.
     """
     altitude = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     vehicle, lens = scenario.vehicle, scenario.camera.lens
-    home = np.array(scenario.home.position_enu_m, dtype=float)
-    up_s = altitude / vehicle.climb_speed_mps + TAKE_OFF_LAG_S
-    down_s = landing_time_s(altitude, vehicle.descent_speed_mps)
-    power_w = _power_w(scenario)
-    endurance_s = 3600.0 * vehicle.battery_wh * (1.0 - RESERVE) / power_w
+    stops, path = _path(plan.waypoints_xy_enu_m, scenario)
+    home = np.broadcast_to(np.array(scenario.home.position_enu_m, dtype=float), stops.shape)
+    hover_w = float(_power_w(scenario, scenario.wind.mean_speed_mps))
+    climb = Spent.at(altitude / vehicle.climb_speed_mps + TAKE_OFF_LAG_S, hover_w)
+    landing = Spent.at(landing_time_s(altitude, vehicle.descent_speed_mps), hover_w)
+    out = _legs(home, stops, scenario.search.scan_speed_mps, scenario) + climb
+    again = _legs(home, stops, vehicle.cruise_speed_mps, scenario) + climb
+    back = _legs(stops, home, vehicle.cruise_speed_mps, scenario) + landing
 
-    stops, times = _timed_path(plan.waypoints_xy_enu_m, scenario.search.scan_speed_mps)
-    distances = np.linalg.norm(stops - home, axis=1)
-    out_s = up_s + leg_time_s(distances, scenario.search.scan_speed_mps)
-    back_s = leg_time_s(distances, vehicle.cruise_speed_mps) + down_s
-    flights, at, total_s = 0, 0, 0.0
+    ends: list[int] = []  # of the sorties, among the stops
+    spent = Spent(np.zeros(()), np.zeros(()))
+    at = 0
     while True:
-        flights += 1
-        farthest = max(at + 2, int(np.searchsorted(times, times[at] + endurance_s)) + 1)
-        landed_s = out_s[at] + times[at:farthest] - times[at] + back_s[at:farthest]
-        in_reach = np.flatnonzero(landed_s <= endurance_s)
-        reached = at + (int(in_reach[-1]) if len(in_reach) else -1)
-        if reached == len(stops) - 1:
-            break
-        if reached <= at:
-            needed_wh = vehicle.battery_wh * float(landed_s[:2].max()) / endurance_s
+        there = again if ends else out
+        most = int(np.searchsorted(path.energy_wh, path.energy_wh[at] + vehicle.battery_wh)) + 1
+        reach = slice(at, max(at + 2, most))
+        search = path[reach] + Spent(
+            there.time_s[at] - path.time_s[at], there.energy_wh[at] - path.energy_wh[at]
+        )
+        needed_wh = _battery_for(search.energy_wh, back.energy_wh[reach], scenario)
+        is_last = reach.stop >= len(stops) and bool((needed_wh <= vehicle.battery_wh).all())
+        reached = at + (len(needed_wh) if is_last else int(np.argmax(needed_wh > vehicle.battery_wh))) - 1
+        if reached <= at and not is_last:
+            away_m = float(np.linalg.norm(stops[at] - home[at]))
             raise UserError(
-                f"vehicle.battery_wh: {vehicle.battery_wh:g} Wh do not last to a place {distances[at]:.0f} m "
-                f"from home and back; write at least {math.ceil(needed_wh)}, or move home nearer"
+                f"vehicle.battery_wh: {vehicle.battery_wh:g} Wh do not last to a place {away_m:.0f} m "
+                f"from home and back; write at least {math.ceil(needed_wh[:2].max())}, or move home nearer"
             )
-        total_s += float(landed_s[reached - at])
+        ends.append(reached)
+        spent += search[reached - at]
+        if is_last:
+            break
+        spent += back[reached] + Spent.at(vehicle.swap_s, 0.0)
         at = reached
-    search_time_s = total_s + float(landed_s[-1] - back_s[-1])
-    total_s += float(landed_s[-1])
+    whole = spent + back[-1]
     return FlightEstimate(
         path_length_m=plan.length_m,
-        search_time_s=search_time_s,
-        time_s=total_s,
-        energy_wh=total_s * power_w / 3600.0,
-        batteries=flights,
+        search_time_s=float(spent.time_s),
+        time_s=float(whole.time_s),
+        energy_wh=float(whole.energy_wh),
+        batteries=len(ends),
         gsd_cm=float(100.0 * lens.gsd_m(altitude)),
         pixels_on_target=scenario.pixels_on_target(altitude),
         area_m2=float(scenario.area_enu_m.area),
         n_transects=len(plan.transects),
+        shares_flown=tuple(float(path.time_s[end] / max(path.time_s[-1], 1e-9)) for end in ends),
     )
 
 
-def leg_time_s(distance_m: ArrayLike, speed_mps: float) -> F64:
+@dataclass(frozen=True, slots=True)
+class Spent:
+    """Time and energy, of one flight or (K,) of several."""
+
+    time_s: F64
+    energy_wh: F64
+
+    @classmethod
+    def at(cls, time_s: float, power_w: float) -> Spent:
+        """That time at this power."""
+        return cls(np.asarray(time_s), np.asarray(time_s * power_w / 3600.0))
+
+    def __add__(self, other: Spent) -> Spent:
+        return Spent(self.time_s + other.time_s, self.energy_wh + other.energy_wh)
+
+    def __getitem__(self, key: int | slice) -> Spent:
+        return Spent(self.time_s[key], self.energy_wh[key])
+
+
+def _battery_for(used_wh: F64, back_wh: F64, scenario: Scenario) -> F64:
+    """(K,) the smallest battery that lasts to places and back, by the rules that turn a mission home."""
+    safety = scenario.safety
+    needed_wh = np.maximum(
+        (used_wh + back_wh) / (1.0 - safety.landing_reserve), used_wh / (1.0 - safety.battery_low)
+    )
+    return np.asarray(needed_wh)
+
+
+def _legs(starts: F64, ends: F64, speed_mps: float, scenario: Scenario) -> Spent:
+    """Of straight legs (K, 2) to (K, 2), each flown from a stop, in the mean wind.
+
+    The vehicle keeps ``speed_mps`` over ground where its air speed allows.
+    """
+    way = ends - starts
+    length_m = np.linalg.norm(way, axis=1)
+    along = way / np.maximum(length_m, 1e-9)[:, None]
+    heading = math.radians(scenario.wind.from_heading_deg)
+    wind = -scenario.wind.mean_speed_mps * np.array([math.sin(heading), math.cos(heading)])
+    tail, cross = along @ wind, along[:, 0] * wind[1] - along[:, 1] * wind[0]
+    left = np.sqrt(np.maximum(scenario.safety.air_speed_max_mps**2 - cross**2, 0.0))
+    over_ground = np.minimum(speed_mps, np.maximum(tail + left, _SLOWEST_MPS))
+    time_s = leg_time_s(length_m, over_ground)
+    power_w = _power_w(scenario, np.hypot(over_ground - tail, cross))
+    return Spent(time_s, time_s * power_w / 3600.0)
+
+
+def leg_time_s(distance_m: ArrayLike, speed_mps: ArrayLike) -> F64:
     """Seconds from the command to go ``distance_m`` (N,) until within ``ACCEPTANCE_M`` of the end."""
-    distance = np.asarray(distance_m, dtype=float)
+    distance, speed_mps = np.asarray(distance_m, dtype=float), np.asarray(speed_mps, dtype=float)
     slowing = np.minimum(speed_mps / POSITION_GAIN, distance)
     cruise = np.maximum(distance - np.maximum(slowing, ACCEPTANCE_M), 0.0) / speed_mps
     approach = np.log(np.maximum(slowing, ACCEPTANCE_M) / ACCEPTANCE_M) / POSITION_GAIN
@@ -144,27 +207,26 @@ def landing_time_s(height_m: float, descent_speed_mps: float) -> float:
     return float(np.mean(1.0 / speeds) * height_m)
 
 
-def _power_w(scenario: Scenario) -> float:
-    """Power at scan speed in the mean wind, from any side."""
-    air_speed_mps = math.hypot(scenario.search.scan_speed_mps, scenario.wind.mean_speed_mps)
-    thrust_to_weight = math.hypot(1.0, DRAG_PER_S * air_speed_mps / 9.81)
-    return scenario.vehicle.hover_power_w * float(thrust_to_weight**1.5)
+def _power_w(scenario: Scenario, air_speed_mps: ArrayLike) -> F64:
+    """Power of level flight at air speeds (K,)."""
+    thrust_to_weight = np.hypot(1.0, DRAG_PER_S * np.asarray(air_speed_mps, dtype=float) / 9.81)
+    return np.asarray(scenario.vehicle.hover_power_w * thrust_to_weight**1.5)
 
 
-def _timed_path(waypoints: F64, speed_mps: float) -> tuple[F64, F64]:
-    """Places (K, 2) where the path may be broken off, and the seconds (K,) from the first one."""
-    legs = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
-    durations = leg_time_s(legs, speed_mps)
-    pieces = np.maximum(1, np.ceil(legs / _BREAK_EVERY_M).astype(int))
-    shares = [np.arange(1, n + 1) / n for n in pieces]
-    stops = [waypoints[:1]]
-    times = [np.zeros(1)]
-    begin = 0.0
-    for i, share in enumerate(shares):
-        stops.append(waypoints[i] + share[:, None] * (waypoints[i + 1] - waypoints[i]))
-        times.append(begin + share * durations[i])
-        begin += float(durations[i])
-    return np.concatenate(stops), np.concatenate(times)
+def _path(waypoints: F64, scenario: Scenario) -> tuple[F64, Spent]:
+    """Places (K, 2) where the path may be broken off, and what is spent (K,) from the first one to them."""
+    legs = _legs(waypoints[:-1], waypoints[1:], scenario.search.scan_speed_mps, scenario)
+    lengths_m = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    pieces = np.maximum(1, np.ceil(lengths_m / _BREAK_EVERY_M).astype(int))
+    leg = np.repeat(np.arange(len(pieces)), pieces)
+    nth = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 1
+    share = nth / pieces[leg]
+    stops = waypoints[leg] + share[:, None] * (waypoints[leg + 1] - waypoints[leg])
+    time_s, energy_wh = (
+        np.concatenate([[0.0], (np.cumsum(of) - of)[leg] + share * of[leg]])
+        for of in (legs.time_s, legs.energy_wh)
+    )
+    return np.concatenate([waypoints[:1], stops]), Spent(time_s, energy_wh)
 
 
 def _drawn_plan(scenario: Scenario, path: str) -> CoveragePlan:

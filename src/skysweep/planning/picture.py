@@ -16,12 +16,16 @@ from matplotlib.path import Path as Outline
 
 from skysweep.planning.coverage import CoveragePlan, footprints
 from skysweep.planning.flight_plan import FlightEstimate
+from skysweep.planning.flown_path import FlownPath, flown_path, hidden_from, mast_enu_m
 from skysweep.planning.surroundings import surroundings
 from skysweep.scenarios.model import Scenario
+from skysweep.worlds.world import TerrainSurface, build_terrain
 
 _INK, _PATH, _SWATH, _FENCE = "#1f2933", "#0b5fa5", "#7fb3dd", "#c0392b"
+_CONTOUR, _GROUND, _NO_RADIO = "#c9bfa8", "#d8cfba", "#e07b00"
 _ARROWS_MAX = 40
-_WIDTH_IN = 8.0
+_CONTOURS = 12
+_WIDTH_IN, _PROFILE_IN = 8.0, 2.0
 
 
 def draw_plan(path_png: str | Path, scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -> Path:
@@ -34,14 +38,21 @@ def draw_plan(path_png: str | Path, scenario: Scenario, plan: CoveragePlan, esti
 def plan_png(scenario: Scenario, plan: CoveragePlan, estimate: FlightEstimate) -> bytes:
     """The same picture as bytes."""
     altitude = scenario.search.scan_altitude_agl_m
+    terrain = build_terrain(scenario)
     figure = Figure(dpi=200, layout="constrained")
-    axes = figure.add_subplot()
+    if terrain.is_flat:
+        axes, profile_in = figure.add_subplot(), 0.0
+    else:
+        axes, below = figure.subplots(2, height_ratios=[3.2, 1.0])
+        profile_in = _PROFILE_IN
+        _draw_contours(axes, terrain)
+        _draw_profile(below, flown_path(plan, scenario, altitude, terrain), scenario, terrain)
     _draw_ground(axes, scenario, plan)
     _draw_path(axes, scenario, plan, altitude)
     axes.margins(0.06)
     axes.set_aspect("equal")
     tall = np.ptp(axes.get_ylim()) / np.ptp(axes.get_xlim())
-    figure.set_size_inches(_WIDTH_IN, float(np.clip(_WIDTH_IN * 0.9 * tall, 2.5, 10.0)) + 1.6)
+    figure.set_size_inches(_WIDTH_IN, float(np.clip(_WIDTH_IN * 0.9 * tall, 2.5, 10.0)) + 1.6 + profile_in)
     axes.set_xlabel("East of origin (m)")
     axes.set_ylabel("North of origin (m)")
     axes.tick_params(labelsize=8)
@@ -99,6 +110,39 @@ def _draw_path(axes: Axes, scenario: Scenario, plan: CoveragePlan, altitude_agl_
     axes.plot(*xy[0], "o", color="white", markeredgecolor=_PATH, markersize=5, label="Start")
     axes.plot(*xy[-1], "s", color=_PATH, markersize=5, label="End")
     axes.plot(*home, "*", color="#f2a900", markeredgecolor=_INK, markersize=13, label="Home")
+
+
+def _draw_contours(axes: Axes, terrain: TerrainSurface) -> None:
+    west, south, east, north = terrain.bounds_enu_m
+    rows, columns = terrain.heights_m.shape
+    axes.contour(
+        np.linspace(west, east, columns),
+        np.linspace(south, north, rows),
+        terrain.heights_m,
+        levels=_CONTOURS,
+        colors=_CONTOUR,
+        linewidths=0.5,
+        linestyles="solid",
+        zorder=1.5,
+    )
+
+
+def _draw_profile(axes: Axes, path: FlownPath, scenario: Scenario, terrain: TerrainSurface) -> None:
+    """The ground below the whole path, the height flown, and where the radio does not reach it."""
+    along_km = path.along_m / 1e3
+    lowest_m = float(path.ground_m.min())
+    axes.fill_between(along_km, lowest_m, path.ground_m, color=_GROUND, linewidth=0.0)
+    axes.plot(along_km, path.height_m, color=_PATH, linewidth=0.8)
+    hidden = hidden_from(mast_enu_m(scenario, terrain), path, terrain)
+    if hidden.any():
+        flown = np.where(hidden, path.height_m, np.nan)
+        axes.plot(along_km, flown, color=_NO_RADIO, linewidth=1.4, label="No line of sight to the radio")
+    axes.margins(x=0.0)
+    axes.set_xlabel("Along the path (km)")
+    axes.set_ylabel("Height (m)")
+    axes.tick_params(labelsize=8)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
 
 
 def draw_scale(axes: Axes) -> None:

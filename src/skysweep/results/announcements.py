@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from skysweep.mission.notes import LOOKED, OF_A_CANDIDATE, OPERATOR
+from skysweep.mission.notes import LOOKED, NEXT_SORTIE, OF_A_CANDIDATE, OPERATOR, SORTIE
 from skysweep.results.exports import found_targets, probability_words
-from skysweep.results.reporting.wording import clock, order_words, safety_words
+from skysweep.results.reporting.wording import clock, order_words, safety_words, sortie_words
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
 from skysweep.types import EventKind
@@ -45,6 +45,8 @@ class Announcer:
             self._say(f"not checked: {self._candidate(record)}")
         elif kind == LOOKED:
             self._say(order_words(record))
+        elif kind in (SORTIE, NEXT_SORTIE):
+            self._say(sortie_words(record))
         elif kind in ("safety", "unsearched", EventKind.MISFIT):
             self._say(safety_words(record))
 

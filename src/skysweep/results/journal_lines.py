@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
-from skysweep.mission.notes import LOOKED, OF_A_CANDIDATE, OPERATOR
+from skysweep.mission.notes import LOOKED, NEXT_SORTIE, OF_A_CANDIDATE, OPERATOR, SORTIE
 from skysweep.mission.orders import ORDER
 from skysweep.mission.safety import Action
 from skysweep.types import EventKind
@@ -78,6 +78,16 @@ class _Looked(_Line):
     p: _Place
 
 
+class _Sortie(_Line):
+    number: int = Field(ge=1)
+    battery: float | None = None
+
+
+class _Landed(_Sortie):
+    why: str
+    energy_wh: _Finite
+
+
 class _Safety(_Line):
     action: str = Field(pattern=f"^({'|'.join(Action.__members__)})$")
     sentence: str
@@ -142,6 +152,8 @@ _KNOWN: dict[str, type[_Line]] = {
     "safety": _Safety,
     ORDER: _Order,
     LOOKED: _Looked,
+    SORTIE: _Landed,
+    NEXT_SORTIE: _Sortie,
     "look": _Look,
     "unsearched": _Unsearched,
     "end": _Reason,

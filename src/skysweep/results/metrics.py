@@ -157,7 +157,13 @@ def whole_summary(run: Run, wall_time_s: float | None = None) -> RunSummary:
     """The summary of a run folder: also whether the mission ended, and what it left to people."""
     numbers = compute_summary(run, scan_only_time_s=_scan_only_time_s(run), wall_time_s=wall_time_s)
     n_by_operator = sum(c.by_operator for c in run.candidates)
-    return {**numbers, "ended": run.ended, "n_unchecked": len(run.unchecked), "n_by_operator": n_by_operator}
+    return {
+        **numbers,
+        "ended": run.ended,
+        "sorties": run.n_sorties,
+        "n_unchecked": len(run.unchecked),
+        "n_by_operator": n_by_operator,
+    }
 
 
 def _scan_only_time_s(run: Run) -> float | None:
@@ -305,9 +311,7 @@ def horizontal_distance_m(world: World, candidate: CandidateStory, target: World
     return float(np.linalg.norm(candidate.position_enu_m[:2] - true_enu_m[:2]))
 
 
-def _distances_m(
-    world: World, candidates: list[CandidateStory], targets: tuple[WorldObject, ...]
-) -> F64:
+def _distances_m(world: World, candidates: list[CandidateStory], targets: tuple[WorldObject, ...]) -> F64:
     """Distances (candidates, targets), very large for forbidden pairs."""
     distances = np.full((len(candidates), len(targets)), _FORBIDDEN_M)
     for i, candidate in enumerate(candidates):

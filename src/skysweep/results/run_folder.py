@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
@@ -17,7 +18,7 @@ from skysweep.detection.model_files import sha256_of
 from skysweep.errors import UserError
 from skysweep.files.line_file import read_sound_lines
 from skysweep.mission.journal import journal_remedy
-from skysweep.mission.notes import OF_A_CANDIDATE, OPERATOR
+from skysweep.mission.notes import NEXT_SORTIE, OF_A_CANDIDATE, OPERATOR, SORTIE
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import is_sound
 from skysweep.results.summary_file import read_summary
@@ -84,6 +85,18 @@ class CandidateStory:
         if self.covariance_m2 is None:
             return None
         return float(np.sqrt(5.991 * np.linalg.eigvalsh(self.covariance_m2)[-1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Sortie:
+    """One flight of a mission, with one battery. Times count from the mission's first take-off."""
+
+    number: int  # from 1
+    took_off_s: float
+    landed_s: float | None  # None: it has not landed, as far as the journal says
+    why: str  # it landed: a cause, or the end of the mission; empty: it has not
+    battery: float  # share left at landing, or in its last state; NaN: not known
+    energy_wh: float  # used until then
 
 
 @dataclass(frozen=True)
@@ -215,8 +228,42 @@ class Run:
         """When the search ended: it was finished, or left for the way home, or the journal ends."""
         if self.finished_s is not None:
             return self.finished_s
-        homeward = (r for r in self.records if r.get("mode") in (Mode.RETURN, Mode.LAND))
+        taken_off = [k for k, r in enumerate(self.records) if r["kind"] == NEXT_SORTIE]
+        of_last = self.records[taken_off[-1] :] if taken_off else self.records
+        homeward = (r for r in of_last if r.get("mode") in (Mode.RETURN, Mode.LAND))
         return next((self.since_start(r) for r in homeward), self.last_s)
+
+    @property
+    def n_sorties(self) -> int:
+        """Number of flights: one more than batteries were changed."""
+        return 1 + len(self.events(NEXT_SORTIE))
+
+    @cached_property
+    def sorties(self) -> tuple[Sortie, ...]:
+        """The flights of the mission, oldest first."""
+        begun_s = [0.0, *map(self.since_start, self.events(NEXT_SORTIE))]
+        landings = self.events(SORTIE)
+        sorties = [
+            Sortie(
+                k,
+                began_s,
+                self.since_start(r),
+                printable(str(r["why"])),
+                math.nan if r["battery"] is None else float(r["battery"]),
+                float(r["energy_wh"]),
+            )
+            for k, (began_s, r) in enumerate(zip(begun_s, landings, strict=False), start=1)
+        ]
+        if len(sorties) < len(begun_s):
+            states, why = self.states, self.end_reason if self.ended else ""
+            before_wh = sum(sortie.energy_wh for sortie in sorties)
+            battery, used_wh = (
+                v[-1] if len(states) else math.nan for v in (states.battery, states.energy_wh)
+            )
+            sorties.append(
+                Sortie(len(begun_s), begun_s[-1], self.landed_s, why, battery, float(used_wh) - before_wh)
+            )
+        return tuple(sorties)
 
     @property
     def landed_s(self) -> float | None:

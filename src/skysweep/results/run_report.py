@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from skysweep.errors import UserError
-from skysweep.mission.notes import LOOKED, OPERATOR
+from skysweep.mission.notes import LOOKED, NEXT_SORTIE, OPERATOR, SORTIE
 from skysweep.mission.orders import LOOK, ORDER
 from skysweep.mission.safety import OUTSIDE
 from skysweep.results.beliefs import KEY, beliefs
@@ -27,6 +27,7 @@ from skysweep.results.reporting.wording import (
     parameters,
     probability_of,
     safety_words,
+    sortie_words,
 )
 from skysweep.results.run_folder import Run
 from skysweep.results.summary import RunSummary, Summary
@@ -55,6 +56,8 @@ def write_run_report(run: Run, summary: RunSummary, folder: Path) -> Path:
         Section("What happened", steps=_timeline(run, [*found, *unchecked])),
         _found_section(run, found, unchecked),
     ]
+    if run.n_sorties > 1:
+        sections.append(Section("Sorties", grids=[_sorties(run)]))
     pictures = evidence(run)
     sections += [Section(t, pictures=pictures[v]) for v, t in _EVIDENCE.items() if pictures[v]]
     charts = beliefs(run)
@@ -105,6 +108,8 @@ def _run_lead(run: Run, s: Summary) -> str:
         text += f", {counted(n_by_operator, 'verdict')} by the operator"
     if run.unchecked:
         text += f", {counted(len(run.unchecked), 'candidate')} left unchecked"
+    if run.n_sorties > 1:
+        text += f". It was flown in {run.n_sorties} sorties"
     if s["collisions"]:
         text += f". The vehicle ran into {counted(s['collisions'], 'obstacle')}"
     if run.ended and not s["completed"]:
@@ -158,6 +163,8 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             check = [record]
         elif kind == LOOKED or (kind == ORDER and record["word"] == LOOK):
             steps.append((time_s, order_words(record)))
+        elif kind in (SORTIE, NEXT_SORTIE):
+            steps.append((time_s, sortie_words(record)))
         elif kind in SETTLING and record.get("by") == OPERATOR:
             steps.append((time_s, _verdicts([record], names)))
         elif kind in ("safety", "unsearched", EventKind.MISFIT):
@@ -298,6 +305,22 @@ def _found_section(run: Run, found: Sequence[FoundTarget], unchecked: Sequence[F
     if not found:
         text = "No target was confirmed."
     return Section("Found positions", paragraphs=[text], grids=grids)
+
+
+def _sorties(run: Run) -> Grid:
+    header = ("Sortie", "Took off (min:s)", "Landed (min:s)", "Why", "Battery at landing", "Energy (Wh)")
+    rows = [
+        (
+            str(s.number),
+            clock(s.took_off_s),
+            "-" if s.landed_s is None else clock(s.landed_s),
+            s.why or "-",
+            "-" if np.isnan(s.battery) else f"{s.battery:.0%}",
+            "-" if np.isnan(s.energy_wh) else f"{s.energy_wh:.1f}",
+        )
+        for s in run.sorties
+    ]
+    return Grid(header, rows)
 
 
 def _truth(run: Run, target: FoundTarget) -> tuple[str, str]:

@@ -55,6 +55,7 @@ class RunSummary(Summary):
     """The content of ``summary.json`` without its checksums. The mission may still fly."""
 
     ended: bool
+    sorties: int  # flights, each with a battery
     n_unchecked: int
     n_by_operator: int  # verdicts
 

@@ -145,6 +145,7 @@ class RosPoseVehicle:
         self._carrier, self.truth = vehicle, vehicle.truth
         self.advance, self.takeoff = vehicle.advance, vehicle.takeoff
         self.land, self.hold = vehicle.land, vehicle.hold
+        self.change_battery = getattr(vehicle, "change_battery", None)
         self._poses = link.listen(topic, [m.ODOMETRY], patience_s)
         self._newest = _first(self._poses, patience_s)
         self._pose = m.read_odometry(self._newest.message, self._poses.name)

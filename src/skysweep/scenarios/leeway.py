@@ -1,11 +1,11 @@
 """How wind drives what floats: leeway.
 
-The taxonomy of Allen and Plourde, "Review of Leeway: Field Experiments and Implementation" (USCG Research and
-Development Center, CG-D-08-99, 1999): slope, offset and standard error of the drift down the wind and across
-it, as SAROPS lists them (Allen, 2010). As in Breivik and Allen, "An operational search and rescue model for the
-Norwegian Sea and the North Sea" (Journal of Marine Systems 69, 2008), each object keeps its own error e of each
-part, slope + e / 20 and offset + e / 2, and drifts to the right or to the left of the wind, half and half. It
-never changes sides.
+The taxonomy of Allen and Plourde, "Review of Leeway: Field Experiments and Implementation" (USCG Research
+and Development Center, CG-D-08-99, 1999): slope, offset and standard error of the drift down the wind and
+across it, as SAROPS lists them (Allen, 2010). As in Breivik and Allen, "An operational search and rescue
+model for the Norwegian Sea and the North Sea" (Journal of Marine Systems 69, 2008), each object keeps its
+own error e of each part, slope + e / 20 and offset + e / 2, and drifts to the right or to the left of the
+wind, half and half. It never changes sides.
 """
 
 from __future__ import annotations

@@ -43,9 +43,7 @@ TargetClass = Literal["stop sign", "person", "boat"]
 DistractorClass = Literal[
     "red bucket", "red round sign", "rock", "stump", "clothing", "buoy", "sheep", "deer", "dog"
 ]
-ObjectPose = Literal[
-    "face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"
-]
+ObjectPose = Literal["face-up", "standing", "lying", "floating", "sitting", "crouching", "walking", "waving"]
 Clothing = Literal[
     "bright", "muted", "black", "blue", "brown", "green", "grey", "orange", "red", "white", "yellow"
 ]
@@ -69,6 +67,7 @@ DEFAULT_SIZE_M: dict[str, float] = {
 }
 SIZE_OF_AGE_M: dict[Age, float] = {"child": 1.2, "teenager": 1.55, "adult": 1.75}  # 6, 13 years; grown up
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
+USUAL_POSES = ("face-up", "standing", "lying", "floating")  # what is believed where a scenario says nothing
 
 _OF_FILES = {
     "dem",
@@ -295,7 +294,9 @@ class WalkMotion(Model):
         60.0, ge=0, le=180, description="Standard deviation of the turn between stretches"
     )
     rest_share: float = Field(0.0, ge=0, lt=1, description="Share of the time spent standing still")
-    stays_in_area: bool = Field(True, description="Whether it turns at the edge of the area if it starts in it")
+    stays_in_area: bool = Field(
+        True, description="Whether it turns at the edge of the area if it starts in it"
+    )
 
 
 class DriftMotion(Model):
@@ -437,6 +438,12 @@ class VehicleLimits(Model):
     descent_speed_mps: float = Field(1.5, ge=0.01, le=4)
     battery_wh: float = Field(98.0, gt=1, le=5000)
     hover_power_w: float = Field(190.0, gt=1, le=20000, description="Power drawn from the battery in hover")
+    batteries: int = Field(
+        1, ge=1, le=100, description="How many there are: with more than one it flies as many sorties"
+    )
+    swap_s: float = Field(
+        120.0, ge=0, le=3600, description="On the ground between two sorties, to change the battery"
+    )
     position_noise_m: float = Field(0.3, ge=0, le=20, description="Standard deviation of the slow GNSS error")
     attitude_noise_deg: float = Field(
         0.3, ge=0, le=10, description="Standard deviation of the slow attitude error"
@@ -451,6 +458,12 @@ class VehicleLimits(Model):
                 f"({self.hover_power_w:g} W); write less than lasts {MAX_HOVER_H:g} h, or more power"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_other_batteries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A vehicle with one battery has the same keys as before there were these fields."""
+        of_sorties = {"batteries": 1, "swap_s": type(self).model_fields["swap_s"].default}
+        return {k: v for k, v in write(self).items() if of_sorties.get(k) != v}
 
 
 class Gimbal(Model):
@@ -633,6 +646,10 @@ class Safety(Model):
     )
     altitude_max_agl_m: float = Field(120.0, gt=0, le=600, description="Ceiling above ground")
     altitude_min_agl_m: float = Field(1.0, ge=0, le=100, description="Lower than this while searching: home")
+    radio_mast_enu_m: tuple[float, float, Annotated[float, Field(ge=0, le=500)]] | None = Field(
+        None,
+        description="The radio's antenna: east, north, and height above the ground; default 2 m above home",
+    )
     battery_low: float = Field(0.15, ge=0, lt=1, description="Share of the battery left: home")
     battery_critical: float = Field(0.05, ge=0, lt=1, description="Share of the battery left: land at once")
     landing_reserve: float = Field(
@@ -672,6 +689,11 @@ class Safety(Model):
         description="Answers missing for longer: the stretch flown meanwhile is scanned again",
     )
     detector_dead_s: float = Field(60.0, gt=0, le=3600, description="No answer for longer: home")
+
+    @model_serializer(mode="wrap")
+    def _without_no_mast(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a mast, the keys are those from before there was this field."""
+        return {k: v for k, v in write(self).items() if k != "radio_mast_enu_m" or v is not None}
 
     @model_validator(mode="after")
     def _areas_are_simple(self) -> Safety:

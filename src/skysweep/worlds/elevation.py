@@ -37,6 +37,7 @@ class Elevation:
 
     heights_m: F64  # (rows south to north, columns west to east)
     home_amsl_m: float
+    filled: float  # share of the ground without heights in the file
     source: GeoTiff
     notes: tuple[str, ...]  # a sentence for each thing that had to be made up
 
@@ -94,7 +95,7 @@ def _elevation(
     i, j = np.interp(home[1], y, np.arange(len(y))), np.interp(home[0], x, np.arange(len(x)))
     at_home = float(ndimage.map_coordinates(heights, [[i], [j]], order=1)[0])
     home_amsl_m = at_home + float(plane_m(np.array([home]))[0, 0])
-    return Elevation(heights - at_home, home_amsl_m, dem, tuple(notes))
+    return Elevation(heights - at_home, home_amsl_m, float(missing.mean()), dem, tuple(notes))
 
 
 def _unit_m(dem: GeoTiff, unit: str | None) -> float:

@@ -53,9 +53,10 @@ WORLDCOVER = (  # ESA WorldCover 2021, product user manual, table 1; the trees: 
 class LandCover:
     """Cells over the ground, rows south to north, columns west to east."""
 
-    surfaces: U8  # (R, C), indices into SURFACES
+    surfaces: U8  # (R, C), indices into names
     classes: U8  # (R, C), indices of the classes; 255 where nothing grows
     bounds_enu_m: Bounds
+    names: tuple[str, ...]  # of the surfaces
     covered: float  # share of the ground that the map tells of
     notes: tuple[str, ...]
 
@@ -127,7 +128,7 @@ def _land_cover(
     for road in paved:
         _pave(surfaces, SURFACES.index(road.surface), road.outline, bounds_enu_m)
         _pave(grown, _NO_CLASS, road.outline, bounds_enu_m)
-    return LandCover(surfaces, grown, bounds_enu_m, covered, tuple(notes))
+    return LandCover(surfaces, grown, bounds_enu_m, SURFACES, covered, tuple(notes))
 
 
 def _pave(cells: U8, value: int, outline: shapely.Geometry, bounds_enu_m: Bounds) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from skysweep.scenarios.leeway import LEEWAY, leeway_mps
-from skysweep.scenarios.model import DriftMotion, Motion, PathMotion, WalkMotion, Wind
+from skysweep.scenarios.model import Motion, PathMotion, WalkMotion, Wind
 from skysweep.types import XY
 
 _SHORTEST_M = 1e-3  # of a leg of a path

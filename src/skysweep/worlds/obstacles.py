@@ -137,10 +137,10 @@ def known_obstacles(scenario: Scenario) -> Obstacles:
 def came_near(obstacles: Obstacles, track_enu_m: F64, modes: Sequence[str]) -> dict[str, Any]:
     """``collisions`` and ``min_clearance_m`` of a track (K, 3) flown in these modes (K,).
 
-    The ground does not count during take-off and landing. ``min_clearance_m`` is measured from the vehicle's
-    centre; it is None without a track.
+    The ground does not count during take-off and landing, and between two sorties. ``min_clearance_m`` is
+    measured from the vehicle's centre; it is None without a track.
     """
-    over_ground = np.array([mode not in (Mode.TAKEOFF, Mode.LAND) for mode in modes], dtype=bool)
+    over_ground = np.array([mode not in (Mode.TAKEOFF, Mode.LAND, Mode.SWAP) for mode in modes], dtype=bool)
     clearances_m = obstacles.clearances_m(track_enu_m, over_ground)
     nearest_m = float(clearances_m.min())
     return {

@@ -6,6 +6,7 @@ Columns and rows count from a raster's first corner: the middle of its first pix
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -174,35 +175,39 @@ def geotiff(path: Path, field: str, frame: LocalFrame) -> GeoTiff:
 
     Raises UserError where it is no GeoTIFF or does not say where it lies, MissingExtraError without rasterio.
     """
-    with opened(path, field) as file:
-        t = file.transform
-        if file.crs is None or t.is_identity or t.is_degenerate:
-            raise UserError(
-                f"{field}: {path}: does not say where it lies; save it as a GeoTIFF with its CRS and position"
-            )
-        block = max(h * w for h, w in file.block_shapes) * np.dtype(file.dtypes[0]).itemsize
-        if block * file.count > _MAX_BLOCK_BYTES:
-            raise UserError(f"{field}: {path}: can only be read as a whole; save it again in tiles")
-        try:
-            crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
-        except pyproj.exceptions.CRSError:
-            raise UserError(
-                f"{field}: {path}: its CRS is not known; save it again with a known one"
-            ) from None
-        return GeoTiff(
-            path,
-            field,
-            frame,
-            (file.width, file.height),
-            (t.a, t.b, t.c, t.d, t.e, t.f),
-            crs,
-            file.count,
-            file.dtypes[0],
-            (file.units[0] or "").strip(),
-            (file.scales[0], file.offsets[0]),
-            file.colorinterp[0].name == "palette",
-            bool(file.overviews(1)) or file.width * file.height <= 25_000_000,
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Dataset has no geotransform")  # that is an error here
+        with opened(path, field) as file:
+            return _described(path, field, frame, file)
+
+
+def _described(path: Path, field: str, frame: LocalFrame, file: Any) -> GeoTiff:
+    t = file.transform
+    if file.crs is None or t.is_identity or t.is_degenerate:
+        raise UserError(
+            f"{field}: {path}: does not say where it lies; save it as a GeoTIFF with its CRS and position"
         )
+    block = max(h * w for h, w in file.block_shapes) * np.dtype(file.dtypes[0]).itemsize
+    if block * file.count > _MAX_BLOCK_BYTES:
+        raise UserError(f"{field}: {path}: can only be read as a whole; save it again in tiles")
+    try:
+        crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
+    except pyproj.exceptions.CRSError:
+        raise UserError(f"{field}: {path}: its CRS is not known; save it again with a known one") from None
+    return GeoTiff(
+        path,
+        field,
+        frame,
+        (file.width, file.height),
+        (t.a, t.b, t.c, t.d, t.e, t.f),
+        crs,
+        file.count,
+        file.dtypes[0],
+        (file.units[0] or "").strip(),
+        (file.scales[0], file.offsets[0]),
+        file.colorinterp[0].name == "palette",
+        bool(file.overviews(1)) or file.width * file.height <= 25_000_000,
+    )
 
 
 @contextmanager

@@ -15,8 +15,8 @@ from skysweep.worlds.assets.buildings import building_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.ground_grid import GroundGrid
 from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
-from skysweep.worlds.textures import GroundTextures, border_noise, ground_textures, layer_image
 from skysweep.worlds.rasters import GroundPicture
+from skysweep.worlds.textures import GroundTextures, border_noise, ground_textures, layer_image
 from skysweep.worlds.world import GroundCover, TerrainSurface, World, WorldObject
 
 GROUND_LOOKS = 8
@@ -116,7 +116,7 @@ def build_scene(world: World) -> Scene:
         house = building_mesh(b.size_m, b.height_m, b.variant, b.flat_roof)
         solids.append(Solid(house.moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0))
     plantings = _plant(world)
-    shown = [s.mesh for s in (*solids, *movers)] + [p.meshes[-1] for p in plantings]
+    shown = [s.mesh for s in solids] + [m.mesh for m in movers] + [p.meshes[-1] for p in plantings]
     used = np.unique(np.concatenate([[0.0], *(m.texture[:, 2] for m in shown)])).astype(int)
     solids = [Solid(_renumbered(s.mesh, used), s.id) for s in solids]
     movers = [replace(m, mesh=_renumbered(m.mesh, used)) for m in movers]

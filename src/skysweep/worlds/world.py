@@ -34,7 +34,7 @@ from skysweep.scenarios.model import (
 )
 from skysweep.types import XY
 from skysweep.worlds.elevation import Elevation, elevation
-from skysweep.worlds.land_cover import SURFACES, WORLDCOVER, LandCover, growth, land_cover
+from skysweep.worlds.land_cover import WORLDCOVER, LandCover, growth, land_cover
 from skysweep.worlds.map_features import Box
 from skysweep.worlds.map_features import buildings as buildings_in
 from skysweep.worlds.motion import Placing, Track, track_of
@@ -215,7 +215,7 @@ def build_terrain(scenario: Scenario) -> TerrainSurface:
     cover = land_cover_of(scenario)
     if cover is None:
         return surface
-    return replace(surface, cover=GroundCover(cover.surfaces, cover.bounds_enu_m, SURFACES))
+    return replace(surface, cover=GroundCover(cover.surfaces, cover.bounds_enu_m, cover.names))
 
 
 def ground_bounds(scenario: Scenario) -> Bounds:
@@ -362,7 +362,9 @@ def _may_walk(area: shapely.Geometry, buildings: tuple[WorldBuilding, ...]) -> s
     walls = []
     for b in buildings:
         x, y = b.size_m[0] / 2, b.size_m[1] / 2
-        turned = shapely.affinity.rotate(shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True)
+        turned = shapely.affinity.rotate(
+            shapely.box(-x, -y, x, y), b.yaw_rad, origin=(0, 0), use_radians=True
+        )
         walls.append(shapely.affinity.translate(turned, *b.position_enu_m[:2]))
     free = area.difference(shapely.union_all(walls)) if walls else area
     shapely.prepare(free)

@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from skysweep.detection.model_files import OWN_MODEL, model_file, sha256_of
+from skysweep.errors import UserError
 from skysweep.experiments.calibration.check import goodness, tell
 from skysweep.experiments.calibration.figure import draw_fit
 from skysweep.experiments.calibration.fit import (
@@ -21,7 +22,6 @@ from skysweep.experiments.calibration.fit import (
     kind_model,
 )
 from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, observe
-from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
 from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.statistical.model import (

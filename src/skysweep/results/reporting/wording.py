@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from skysweep.mission.notes import LOOKED
+from skysweep.mission.notes import LOOKED, SORTIE
 from skysweep.results.metrics import MATCH_DISTANCE_M
 from skysweep.results.reporting.html import Grid
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import Scenario, VehicleLimits
 from skysweep.text import printable
 from skysweep.types import EventKind
 from skysweep.worlds.obstacles import BODY_RADIUS_M
@@ -39,11 +39,17 @@ def parameters(scenario: Scenario) -> Grid:
         f"{camera.rate_hz:g} Hz, latency {camera.latency_s:g} s, gimbal lag {camera.gimbal.lag_s:g} s",
         "Detector": f"{detector.model}, {detector.rate_hz:g} Hz, from confidence {detector.confidence_min:g}",
         "Vehicle": f"climb {vehicle.climb_speed_mps:g} m/s, descent {vehicle.descent_speed_mps:g} m/s, "
-        f"battery {vehicle.battery_wh:g} Wh, position noise {vehicle.position_noise_m:g} m",
+        f"{_batteries(vehicle)}, position noise {vehicle.position_noise_m:g} m",
         "Wind": f"{wind.mean_speed_mps:g} m/s from {wind.from_heading_deg:g}°, "
         f"gusts {wind.gust_std_mps:g} m/s",
     }
     return Grid(("What", "Value"), list(rows.items()), words=True)
+
+
+def _batteries(vehicle: VehicleLimits) -> str:
+    if vehicle.batteries == 1:
+        return f"battery {vehicle.battery_wh:g} Wh"
+    return f"{vehicle.batteries} batteries of {vehicle.battery_wh:g} Wh, changed in {vehicle.swap_s:g} s"
 
 
 def glossary(meanings: Mapping[str, str]) -> Grid:
@@ -100,6 +106,15 @@ def order_words(record: Mapping[str, Any]) -> str:
     if record["kind"] == LOOKED:
         return f"Looked{of} for the operator."
     return f"The operator orders: {printable(record['word'])}{of}."
+
+
+def sortie_words(record: Mapping[str, Any]) -> str:
+    """One sentence for a ``sortie`` or ``next_sortie`` line of a journal."""
+    charge = f", battery at {record['battery']:.0%}" if isinstance(record.get("battery"), float) else ""
+    if record["kind"] == SORTIE:
+        why = f"{printable(record['why'])}, {record['energy_wh']:.1f} Wh used"
+        return f"Sortie {record['number']} has landed for another battery ({why}{charge})."
+    return f"Sortie {record['number']} takes off{charge}."
 
 
 def decision_words(record: Mapping[str, Any]) -> str:

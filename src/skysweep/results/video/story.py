@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, rays_enu
+from skysweep.mission.notes import NEXT_SORTIE, SORTIE
 from skysweep.results.reporting.style import BLUE, GREY, ORANGE, VERMILLION
-from skysweep.results.reporting.wording import safety_words
+from skysweep.results.reporting.wording import safety_words, sortie_words
 from skysweep.results.run_folder import Run
 from skysweep.results.video.pen import Rgb, rgb
 from skysweep.ros.targets import RGBA, KnownTarget, TargetBoard
@@ -197,6 +198,8 @@ def event_words(record: Mapping[str, Any]) -> str:
     kind, who = record["kind"], f"candidate {record.get('candidate')}"
     if kind in ("safety", "unsearched", EventKind.MISFIT):
         return printable(safety_words(record))
+    if kind in (SORTIE, NEXT_SORTIE):
+        return sortie_words(record)
     what = printable(str(record.get("class_name", "")))
     words = {
         "start": "Take-off",

@@ -10,6 +10,7 @@ Psychophysics 63, 2001).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -224,7 +225,16 @@ class StatisticalModel(_Part):
     @property
     def measured(self) -> set[tuple[str, str]]:
         """The kinds and poses that were looked at, whether or not they were ever reported."""
-        return {(c.kind, c.pose) for c in (*self.kinds, *self.contrasts)}
+        return {(k.kind, k.pose) for k in self.kinds} | {(c.kind, c.pose) for c in self.contrasts}
+
+    def stand_ins(self, subjects: Iterable[tuple[str, str]]) -> str:
+        """In words, what is drawn for kinds and poses that were not looked at; empty if all were."""
+        told = []
+        for kind, pose in sorted(set(subjects) - self.measured):
+            pose_instead = next((k.pose for k in self.kinds if k.kind == kind), None)
+            instead = "is never reported" if pose_instead is None else f"is drawn as {pose_instead}"
+            told.append(f"a {kind} ({pose}) {instead}")
+        return "; ".join(told)
 
     def contrast(self, kind: str, pose: str, surface: str) -> tuple[float, float]:
         """Mean and standard deviation of the difference in colour to the ground; usual if not measured."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
-from skysweep.scenarios.model import DEFAULT_SIZE_M
+from skysweep.scenarios.model import DEFAULT_SIZE_M, USUAL_POSES
 from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
     CONTRAST_UNIT,
@@ -32,6 +32,7 @@ from skysweep.worlds.occlusion import FLAT, SHAPES, STANDING, pixels_on_target
 
 _SIZES = (0.7, 1.0, 1.5)  # of what is not searched for, times its usual size
 _WATER_KINDS = {"buoy", "boat"}
+_ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are any: no hypothesis
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _SURPRISE_MAX = 9.0
 
@@ -190,9 +191,12 @@ def _is_plausible(kind: KindModel, context: MissionContext) -> bool:
     """Whether a kind that is not reported under its own name may be met on this ground."""
     if kind.kind in context.sizes_m:
         return kind.pose in context.poses[kind.kind]
+    if kind.kind == "person" and kind.pose not in USUAL_POSES:
+        return False
     if kind.kind == "person":
         return (kind.pose == "floating") == (context.surface == "water")
-    return kind.kind not in (_LAND_KINDS if context.surface == "water" else _WATER_KINDS | {"stop sign"})
+    unlikely = _LAND_KINDS if context.surface == "water" else _WATER_KINDS | {"stop sign"}
+    return kind.kind not in unlikely | _ANIMALS
 
 
 def _contrast(model: StatisticalModel, kind: KindModel, surface: str) -> tuple[float, float]:

@@ -55,7 +55,7 @@ class Multirotor:
         q["gimbal_lag"] = camera.gimbal.lag_s
         q["hover_power"] = limits.hover_power_w
         self._wind_enu_mps = q["wind"].copy()
-        self._battery_wh = limits.battery_wh
+        self._battery_wh, self._before_wh = limits.battery_wh, 0.0  # of this battery; used of earlier ones
         self._ground_at_m = ground_at_m
         seeds = np.random.SeedSequence([seed, _VEHICLE_STREAM, unit] if unit else [seed, _VEHICLE_STREAM])
         self._rng: NDArray[np.uint64] = seeds.generate_state(1, np.uint64).astype(np.uint64)
@@ -81,7 +81,7 @@ class Multirotor:
             p[1],
             p[2:5],
             CameraPose(p[5], p[6:9]),
-            max(0.0, 1.0 - energy_wh / self._battery_wh),
+            max(0.0, 1.0 - (energy_wh - self._before_wh) / self._battery_wh),
             energy_wh,
             airborne != 0.0,
             0.0,
@@ -147,6 +147,12 @@ class Multirotor:
         """Points the gimbal above (+) or below the horizon at its own rate; its yaw follows the body."""
         self._q["gimbal_goal"] = pitch_rad
 
+    def change_battery(self) -> None:
+        """Puts in a full battery. Raises RuntimeError in the air."""
+        if self._x["airborne"]:
+            raise RuntimeError("the vehicle is in the air: land() before change_battery()")
+        self._before_wh = float(self._x["energy_wh"])
+
     def snapshot(self) -> dict[str, Any]:
         return {
             "state": self._state.tolist(),
@@ -154,6 +160,7 @@ class Multirotor:
             "time_s": self._time_s,
             "ground_at_step": self._ground_at_step,
             "gimbal_goal_rad": float(self._q["gimbal_goal"]),
+            "before_wh": self._before_wh,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -163,6 +170,7 @@ class Multirotor:
         self._time_s = snapshot["time_s"]
         self._ground_at_step = snapshot["ground_at_step"]
         self._q["gimbal_goal"] = snapshot["gimbal_goal_rad"]
+        self._before_wh = snapshot["before_wh"]
         self._known_poses = self._followed = None
 
     # ---- simulation only -----------------------------------------------------------------------------

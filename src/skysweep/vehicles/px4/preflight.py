@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from skysweep.planning.flight_plan import RESERVE
+from skysweep.planning.flight_plan import CHARGED, FlightEstimate
 from skysweep.planning.qgc import QgcPlan
 from skysweep.planning.surroundings import fence_words
 from skysweep.vehicles.mavlink.dialect import mavlink as m
@@ -16,6 +16,7 @@ from skysweep.vehicles.px4.vehicle import Px4Vehicle
 
 GIMBAL_S = 5.0  # on the wall, until it has turned
 READY_S = 30.0  # on the wall, for the estimator and PX4's own checks
+RESERVE = 0.2  # of a battery that is still there after the plan
 _MAX_STD_M = 5.0
 _FIXES = {2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
 _OFFBOARD_LOST = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold"}
@@ -47,7 +48,7 @@ class Demands:
     """The requirements of a flight. Heights are above home."""
 
     plan: QgcPlan
-    energy_share: float  # of a full battery, for the plan without checks
+    estimate: FlightEstimate  # of the plan without checks
     farthest_m: float  # from home, horizontally
     highest_m: float
     return_clear_m: float  # a Return at this height is clear of the ground and known obstacles
@@ -69,7 +70,8 @@ def preflight(
         Check("vehicle", True, f"{_version(vehicle)}, {vehicle.kind}"),
         Check("position", *_position(vehicle)),
         Check("home", True, _home(vehicle)),
-        Check("battery", *_battery(vehicle, demands.energy_share)),
+        Check("battery", *_battery(vehicle, demands.estimate)),
+        *_sorties(vehicle, demands.estimate),
         Check("low battery", *_low_battery(vehicle)),
         Check("mode", *_mode(vehicle)),
         Check("control", *_control(vehicle)),
@@ -143,9 +145,14 @@ def _home(vehicle: Px4Vehicle) -> str:
     return f"{latitude:.6f}, {longitude:.6f}, {away_m:.1f} m from the scenario's"
 
 
-def _battery(vehicle: Px4Vehicle, needed_share: float) -> Verdict:
-    full = vehicle.telemetry.battery_remaining
+def _battery(vehicle: Px4Vehicle, estimate: FlightEstimate) -> Verdict:
+    """One battery lasts for the plan, or the first of several is full."""
+    full, limits = vehicle.telemetry.battery_remaining, vehicle.scenario.vehicle
+    needed_share = estimate.energy_wh / limits.battery_wh
     needs = f"the plan without checks takes {needed_share:.0%}, {RESERVE:.0%} stay"
+    if limits.batteries > 1 and needed_share > CHARGED - RESERVE:
+        needed_share = CHARGED - RESERVE
+        needs = f"a sortie begins with at least {CHARGED:.0%}"
     if math.isnan(full):
         estimated = vehicle.scenario.safety.battery_estimated
         cure = "write safety.battery_estimated: true to fly"
@@ -153,6 +160,19 @@ def _battery(vehicle: Px4Vehicle, needed_share: float) -> Verdict:
             cure = "assumed to be full and estimated from then on"
         return None if estimated else False, f"does not say how full it is; {cure}; {needs}"
     return full >= needed_share + RESERVE, f"{full:.0%}; {needs}"
+
+
+def _sorties(vehicle: Px4Vehicle, estimate: FlightEstimate) -> tuple[Check, ...]:
+    """How many, where the plan takes more than one battery."""
+    given = vehicle.scenario.vehicle.batteries
+    if max(given, estimate.batteries) == 1:
+        return ()
+    minutes = f"{estimate.time_s / 60:.0f} min with the swaps"
+    said = f"the plan without checks takes {estimate.batteries}, in {minutes}"
+    if estimate.batteries > given:
+        lasts = f"vehicle.batteries ({given}) last for {estimate.shares_flown[given - 1]:.0%}"
+        return (Check("sorties", None, f"{said}; {lasts}: write {estimate.batteries}"),)
+    return (Check("sorties", True, f"{said}; there are {given}"),)
 
 
 def _mode(vehicle: Px4Vehicle) -> Verdict:

@@ -60,7 +60,7 @@ class Telemetry:
         self.gimbal_pitch_rad = gimbal_pitch_rad
         self._battery_wh = battery_wh
         self.boot_s = 0.0  # the vehicle's clock at the newest position
-        self._used_wh = 0.0
+        self._used_wh = self._before_wh = 0.0  # in all; of earlier batteries
         self._batteries: dict[int, Battery] = {}
         self._heard_s = 0.0  # of the vehicle's time, without its silences
         self._moved_s = -math.inf  # by the link's clock: when the vehicle's clock last advanced
@@ -176,6 +176,10 @@ class Telemetry:
             ground_below_m=self.ground_below_m,
         )
 
+    def begin_battery(self) -> None:
+        """From now on another battery is used."""
+        self._before_wh = self._used_wh
+
     def _take_mode(self, said: Fields) -> None:
         self.flown, self.mode_heard_s = _mode(said["custom_mode"]), self._link.now_s()
         intended = said.get("intended_custom_mode")  # not in HEARTBEAT
@@ -217,7 +221,7 @@ class Telemetry:
         if current_a > 0.0 and cells:
             self._used_wh += sum(cells) * 1e-3 * current_a * max(now_s - before.power_at_s, 0.0) / 3600.0
         elif percent >= 0:
-            self._used_wh = max(self._used_wh, (1.0 - share) * self._battery_wh)
+            self._used_wh = max(self._used_wh, self._before_wh + (1.0 - share) * self._battery_wh)
 
     def _distance(self, said: Fields) -> None:
         """Takes centimetres from a sensor that looks down, if they are between its limits."""

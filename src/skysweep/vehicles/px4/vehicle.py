@@ -60,7 +60,7 @@ _LEFT_OVER = (PX4Mode.OFFBOARD, PX4Mode.LAND, PX4Mode.RETURN, PX4Mode.MISSION, P
 class Px4Vehicle:
     """Connects to a PX4 and flies it; nothing moves before ``takeoff``.
 
-    Time is the vehicle's own and begins with ``takeoff``. A scenario without latitude and longitude is flown
+    Time is the vehicle's own and begins with the first ``takeoff``. A scenario without latitude and longitude is flown
     where the vehicle stands, with the vehicle's home; ``scenario`` is the resulting one. Heights are above
     the vehicle's home, on the scenario's ground there.
 
@@ -84,6 +84,7 @@ class Px4Vehicle:
         self._must_land = False  # a landing is ordered but not confirmed
         self._taking_off = False  # PX4's own take-off, before Offboard
         self._offboard_from_m: float | None = None  # height above ground where Offboard ends a take-off
+        self._has_flown = False
         self._closed = False
         self._pointed_s = -math.inf  # by the vehicle's clock
         self.link = open_link(url, timeout_s, system_id)
@@ -139,14 +140,19 @@ class Px4Vehicle:
                 self._due_s = told.boot_s
                 break
         if told.restarted:
-            raise UserError("the vehicle's clock went back: it restarted in flight; look after it by hand")
+            raise UserError(
+                "the vehicle's clock went back: it restarted in flight; look after it by hand"
+                if self._state.airborne
+                else "the vehicle restarted on the ground, as it does without its battery: continue the flight "
+                "from its run folder, with 'skysweep fly FOLDER'"
+            )
         self._look_after_orders()
         if self.gimbal and told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
             self.look(told.gimbal_pitch_rad)
         self._state = self._look()
 
     def takeoff(self, altitude_agl_m: float) -> None:
-        """Arms, lets PX4 take off, and returns when the vehicle leaves the ground; time begins here.
+        """Arms, lets PX4 take off, and returns when the vehicle leaves the ground; time begins here at first.
 
         A vehicle in the air climbs in Offboard. Offboard takes over before PX4's take-off ends, because its
         own Hold could not be distinguished from one that somebody chose.
@@ -157,7 +163,11 @@ class Px4Vehicle:
             self._start_clock()
             self.command(self._above_here(altitude_agl_m))
             self._state = self._look()
+            self._has_flown = True
             return
+        if self._has_flown:
+            self.telemetry.begin_battery()
+            self.stand_by()
         self._taking_off = True
         for left in reversed(range(_TAKE_OFF_TRIES)):
             self._arm()
@@ -173,6 +183,7 @@ class Px4Vehicle:
             raise UserError(f"the vehicle did not leave the ground in {_LEFT_GROUND_S:g} s; look after it")
         if not told.airborne:
             raise UserError(f"the vehicle did not take off: {self.authority.theirs}; it is on the ground")
+        self._has_flown, self.begins_in_air = True, False
         self._state = self._look()
         self._offboard_from_m = max(altitude_agl_m - _OFFBOARD_BELOW_M, 0.5 * altitude_agl_m)
         self._offboard.aim(self._above_here(altitude_agl_m), self.site)
@@ -192,7 +203,9 @@ class Px4Vehicle:
             self._offboard.aim(self._stop_here(), self.site)
 
     def regain(self) -> None:
-        """Hovers here after a person gave the vehicle back, unless PX4 refuses."""
+        """Hovers here after a person gave the vehicle back, unless PX4 refuses; on the ground, stands by."""
+        if self.authority.theirs and not (self.telemetry.airborne or self.telemetry.armed):
+            self.authority.regain(None)
         if self.authority.theirs and self.telemetry.airborne and self.authority.knows():
             self.authority.regain(None)
             self._offboard.aim(self._stop_here(), self.site)
@@ -462,6 +475,8 @@ class Px4Vehicle:
         return Setpoint(place, max(speed, 1.0), told.yaw_rad)
 
     def _start_clock(self) -> None:
+        if self._has_flown:
+            return
         self._since_boot_s = self._due_s = self.telemetry.boot_s
 
     def _look(self) -> VehicleState:

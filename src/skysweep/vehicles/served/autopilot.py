@@ -81,6 +81,16 @@ class Autopilot(Pilot):
     def battery_remaining(self) -> float:
         return self.state.battery_remaining if self.battery_share is None else self.battery_share
 
+    def change_battery(self) -> None:
+        """Puts in a full battery. Raises Refused while it is armed, or the vehicle has no batteries to change."""
+        change = getattr(self._vehicle, "change_battery", None)
+        if self.armed or change is None:
+            raise Refused("Battery not changed: armed" if self.armed else "Battery not changed: no other one")
+        change()
+        self.battery_share = None
+        self.state = self._vehicle.state()
+        self.say("battery changed", NOTICE)
+
     # ---- orders --------------------------------------------------------------------------------------
 
     def arm(self) -> None:

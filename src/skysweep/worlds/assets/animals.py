@@ -8,7 +8,7 @@ import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.worlds.assets.looks import Appearance
-from skysweep.worlds.meshes import Mesh, ellipsoid, icosphere, lumpy, make_mesh, merge, tube
+from skysweep.worlds.meshes import Mesh, ellipsoid, icosphere, lumpy, make_mesh, merge, tube, yaw_rotation
 from skysweep.worlds.textures import Layer
 
 _FLEECE = "e2dccc d8cfba ece8dc cabfa8 4a4038"
@@ -47,7 +47,9 @@ def sheep(looks: Appearance, size_m: float, pose: str) -> Mesh:
     long, wide, high = _SHEEP.barrel
     trunk = make_mesh(v * wool[:, None] * (long / 2, wide / 2, high / 2), f, fleece, Layer.FABRIC, 0.2)
     ears = _ears((0.06, 0.02, 0.025), face, 0.3)
-    return _animal(looks, _SHEEP, trunk, fleece, face, face, pose, grazes=0.7, extras=[ears]).moved(scale=size_m)
+    return _animal(looks, _SHEEP, trunk, fleece, face, face, pose, grazes=0.7, extras=[ears]).moved(
+        scale=size_m
+    )
 
 
 def deer(looks: Appearance, size_m: float, pose: str) -> Mesh:
@@ -57,7 +59,9 @@ def deer(looks: Appearance, size_m: float, pose: str) -> Mesh:
     extras = [_ears((0.07, 0.018, 0.035), hide, 0.9)]
     if looks.chance(0.33):
         extras += [_antler(side, looks) for side in (1.0, -1.0)]
-    return _animal(looks, _DEER, trunk, hide, hide, hide * 0.75, pose, grazes=0.5, extras=extras).moved(scale=size_m)
+    return _animal(looks, _DEER, trunk, hide, hide, hide * 0.75, pose, grazes=0.5, extras=extras).moved(
+        scale=size_m
+    )
 
 
 def dog(looks: Appearance, size_m: float, pose: str) -> Mesh:
@@ -97,7 +101,9 @@ def _ears(size: tuple[float, float, float], colour: F64, rise: float) -> Mesh:
 
 def _antler(side: float, looks: Appearance) -> Mesh:
     spread = looks.between(0.08, 0.14)
-    beam = np.array([[-0.03, 0.02 * side, 0.04], [-0.10, spread * side, 0.14], [-0.02, 1.4 * spread * side, 0.27]])
+    beam = np.array(
+        [[-0.03, 0.02 * side, 0.04], [-0.10, spread * side, 0.14], [-0.02, 1.4 * spread * side, 0.27]]
+    )
     tine = np.array([beam[1], beam[1] + [0.09, 0.01 * side, 0.05], beam[1] + [0.13, 0.02 * side, 0.10]])
     return merge([tube(line, [0.012, 0.010, 0.005], _ANTLER, n=5) for line in (beam, tine)])
 
@@ -120,36 +126,43 @@ def _animal(
     parts = [trunk.moved((-0.5 + long / 2, 0.0, middle))]
     for fore in (True, False):
         for side in (1.0, -1.0):
-            x = -0.5 + long * (0.84 if fore else 0.14)
-            y = 0.30 * side * wide
-            top = middle - 0.12 * high
-            if lies:  # folded beside the belly
-                ahead = 0.16 if fore else 0.20
-                line = [[x, 1.5 * y, 0.10], [x + ahead, 1.75 * y, 0.05], [x + 0.04, 1.85 * y, 0.03]]
-            else:
-                step = looks.rng.normal(0, 0.05)
-                bend = 0.02 if fore else -0.05
-                line = [[x, y, top], [x + 0.5 * step + bend, y, 0.48 * top], [x + step, y, 0.01]]
+            hip = np.array([-0.5 + long * (0.84 if fore else 0.14), 0.30 * side * wide, middle - 0.12 * high])
+            line = _folded(hip, fore) if lies else _stood(hip, fore, looks)
             thick = build.leg_radius * np.array([2.2, 1.1, 1.0])
-            colours = np.stack([coat, legs, legs])
-            parts.append(tube(np.array(line), thick, colours, n=6))
+            parts.append(tube(line, thick, np.stack([coat, legs, legs]), n=6))
     root = np.array([-0.5 + 0.93 * long, 0.0, middle + 0.22 * high])
     down = not lies and looks.chance(grazes)
     rise = -looks.between(0.5, 0.8) if down else build.neck_rise * looks.between(0.75, 1.1)
-    turn = looks.rng.normal(0, 0.25)
-    along = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+    turned = yaw_rotation(looks.rng.normal(0, 0.25))
+    along = turned @ [np.cos(rise), 0.0, np.sin(rise)]
     reach = min(build.neck * 1.35, (root[2] - 0.06) / -along[2]) if down else build.neck
     poll = root + reach * along
     neck_radius = 0.5 * min(wide, high) * np.array([0.72, 0.56, 0.42])
-    line = np.array([root - 0.10 * along, 0.5 * (root + poll), poll])
-    parts.append(tube(line, neck_radius, coat, n=9))
+    parts.append(tube(np.array([root - 0.10 * along, 0.5 * (root + poll), poll]), neck_radius, coat, n=9))
+    nod = 0.9 if down else 0.35  # the face points down and ahead
+    bowed = np.array([[np.cos(nod), 0, np.sin(nod)], [0, 1, 0], [-np.sin(nod), 0, np.cos(nod)]])
+    parts.append(merge([_head(build, face), *extras]).moved(poll, turned @ bowed))
+    return merge(parts).grounded(0.25, 0.72)
+
+
+def _folded(hip: F64, fore: bool) -> F64:
+    """A leg beside the belly of one that lies."""
+    x, y, _ = hip
+    ahead = 0.16 if fore else 0.20
+    return np.array([[x, 1.5 * y, 0.10], [x + ahead, 1.75 * y, 0.05], [x + 0.04, 1.85 * y, 0.03]])
+
+
+def _stood(hip: F64, fore: bool, looks: Appearance) -> F64:
+    """A leg that stands, a little ahead of or behind the hip."""
+    x, y, top = hip
+    step = looks.rng.normal(0, 0.05)
+    bend = 0.02 if fore else -0.05
+    return np.array([[x, y, top], [x + 0.5 * step + bend, y, 0.48 * top], [x + step, y, 0.01]])
+
+
+def _head(build: Build, face: F64) -> Mesh:
+    """Skull and muzzle about the poll, along x."""
     length, width, height = build.head
-    nod = -0.9 if down else -0.35  # the face points down and ahead
-    c, s = np.cos(nod), np.sin(nod)
-    ct, st = np.cos(turn), np.sin(turn)
-    R = np.array([[ct, -st, 0], [st, ct, 0], [0, 0, 1]]) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
     skull = ellipsoid((0.5 * length, 0.5 * width, 0.5 * height), face, n=10).moved((0.32 * length, 0, 0))
     muzzle = ellipsoid((0.3 * length, 0.32 * width, 0.32 * height), face * 0.85, n=8)
-    head = merge([skull, muzzle.moved((0.62 * length, 0, -0.12 * height)), *extras])
-    parts.append(head.moved(poll, R))
-    return merge(parts).grounded(0.25, 0.72)
+    return merge([skull, muzzle.moved((0.62 * length, 0, -0.12 * height))])

@@ -50,7 +50,11 @@ class EmbreeRenderer:
         objects = np.flatnonzero(self._ids[:n_still] > 0)
         self._everything = [_Faces(mesh, np.arange(n_still))]
         self._objects = [_Faces(mesh, objects)] if len(objects) else []
-        self._movers, self._moving, self._moved_s = scene.movers, np.arange(n_still, len(mesh.faces)), math.nan
+        self._movers, self._moving, self._moved_s = (
+            scene.movers,
+            np.arange(n_still, len(mesh.faces)),
+            math.nan,
+        )
         self._moved: list[_Faces] = []
 
     def close(self) -> None:
@@ -73,9 +77,7 @@ class EmbreeRenderer:
             colours[at] = np.mean(fine, axis=0)
         return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
 
-    def render_ids(
-        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
-    ) -> I32:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         self._move(time_s)
         shape = (lens.height_px, lens.width_px)
         scenes = (self._everything if occluders else self._objects) + self._moved

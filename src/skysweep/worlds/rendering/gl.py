@@ -94,9 +94,7 @@ class GLRenderer:
                 target.resolved.scissor = target.whole
             return target.read_rgb()
 
-    def render_ids(
-        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
-    ) -> I32:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         with self._context:
             self._movers.move(time_s)
             target = self._target(lens)
@@ -178,8 +176,7 @@ class GLRenderer:
             texture.use(unit)
 
     def _aim_shadow(self, lens: Lens, pose: CameraPose, time_s: float) -> None:
-        """Redraw the shadow map when the place looked at has left the middle of the last one, or something in
-        it moves.
+        """Redraw the shadow map when the place looked at has left the middle of the last one, or things move.
 
         The map moves in steps, so that the shadows of a pose do not depend on earlier poses.
         """

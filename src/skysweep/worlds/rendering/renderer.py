@@ -25,9 +25,7 @@ class Painter(Protocol):
     def backend(self) -> Backend: ...
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
-        """The picture (H, W, 3) RGB. Time moves the waves, and the
-        objects that move.
-        """
+        """The picture (H, W, 3) RGB. Time moves the waves and the objects that move."""
         ...
 
     def close(self) -> None:
@@ -38,9 +36,7 @@ class Painter(Protocol):
 class Renderer(Painter, Protocol):
     """A painter that also tells which object each pixel shows."""
 
-    def render_ids(
-        self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0
-    ) -> I32:
+    def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
 
         Without ``occluders`` only the objects are drawn: an object's visible fraction is its pixel count

@@ -1,0 +1,54 @@
+"""Say from how high, how fast and with how much overlap to scan."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from skysweep.cli.answers import answer
+from skysweep.cli.common import counting, warn
+from skysweep.flights.advise import Option, advise
+from skysweep.scenarios.model import Scenario
+
+
+def answer_advice(as_json: bool, scenario: Scenario, wanted_pod: float) -> None:
+    """Compare flights and answer with all of them and the best one."""
+    with counting("flights") as count:
+        advice = advise(scenario, wanted_pod, count)
+    if advice.uncalibrated:
+        warn(f"no expected POD: {advice.uncalibrated}")
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    for title in ("altitude", "speed", "sidelap", "pixels on target", "expected POD", "time", "batteries"):
+        table.add_column(title, justify="right")
+    for option in advice.options:
+        table.add_row(*_row(option), style="bold" if option is advice.best else None)
+    best = advice.best
+    record = {
+        "scenario": scenario.name,
+        "wanted_pod": wanted_pod,
+        "options": [asdict(option) for option in advice.options],
+        "best": None if best is None else asdict(best),
+        "why": advice.why,
+    }
+    if best is None:
+        answer(as_json, record, table, f"no flight is possible: {advice.why}")
+        return
+    fields = " ".join(f"--set search.{name}={value:g}" for name, value in best.search_fields.items())
+    words = f"best: {best.altitude_agl_m:g} m, {best.speed_mps:g} m/s, sidelap {best.sidelap:g}: {advice.why}"
+    answer(as_json, record, table, words, f"fly it: skysweep run ... {fields}")
+
+
+def _row(option: Option) -> list[str]:
+    lasts = [option.why_not.split(":")[0], ""]
+    if option.time_s is not None:
+        lasts = [f"{option.time_s / 3600:.2f} h", str(option.batteries)]
+    return [
+        f"{option.altitude_agl_m:g} m",
+        f"{option.speed_mps:g} m/s",
+        f"{option.sidelap:.0%}",
+        f"{option.pixels_on_target:.0f}",
+        "unknown" if option.pod is None else f"{option.pod:.0%}",
+        *lasts,
+    ]

@@ -1,0 +1,180 @@
+"""A scenario over real ground, drafted from an area and the files of its ground."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from skysweep.errors import UserError
+from skysweep.files.plain_yaml import dump_yaml
+from skysweep.planning.area_files import plain_name, read_area
+from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
+from skysweep.scenarios.files import parse_scenario, with_paths_beside
+from skysweep.scenarios.model import DEFAULT_SIZE_M, Scenario
+from skysweep.types import XY
+from skysweep.worlds.obstacles import Obstacles, known_obstacles
+from skysweep.worlds.world import elevation_of, ground_picture_of, land_cover_of, mapped_buildings
+
+_CAMERA = {"width_px": 3840, "height_px": 2160, "hfov_rad": 1.2, "rate_hz": 2.0}
+_LARGE_M = 3.0  # a target that spans enough pixels without tiles
+_VEHICLE = {"cruise_speed_mps": 10.0, "battery_wh": 400.0}
+_SCAN_PX, _CHECK_PX = 24.0, 110.0
+_HIGHEST_SCAN_M = 80.0
+_OVER_TREES_M = 8.0
+_TARGETS = 3
+_OUTSIDE_M = 15.0  # of the area, where home is looked for
+_HOMES = 300
+_STEEPEST_HOME_DEG = 8.0
+_CLEAR_M = 12.0  # of trees and buildings around home
+_HEADER = (
+    "# Written by 'skysweep scenarios new'. The vehicle and the camera are examples: write yours, then try\n"
+    "#   skysweep plan {name}\n"
+)
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A scenario and the text of its file."""
+
+    text: str
+    scenario: Scenario
+    estimate: FlightEstimate
+
+
+def draft_scenario(
+    area: Path,
+    files: Mapping[str, Path],
+    out: Path,
+    target: str,
+    home_lat_lon: tuple[float, float] | None = None,
+    dem_unit: str | None = None,
+) -> Draft:
+    """A scenario that searches an area for ``target`` and can be flown, to be written to ``out``.
+
+    ``files`` are those of the ground by field, as ``ground_files`` has them, ``terrain.dem`` among them. Home
+    is the one given, or open and level ground just outside the area, near its middle. Raises UserError where
+    a file is not what it should be, or does not cover the area.
+    """
+    folder = out.absolute().parent
+    fields: dict[str, Any] = {
+        "name": plain_name(out),
+        "description": f"A search for a {target} in {area.stem}",
+        "area": {"file": _beside(area, folder)},
+        "home": {},
+        "terrain": {"surface": "water"} if target == "boat" else {},
+    }
+    for field, path in files.items():
+        section = fields["terrain"] if field.startswith("terrain.") else fields
+        section[field.removeprefix("terrain.")] = _beside(path, folder)
+    if dem_unit is not None:
+        fields["terrain"]["dem_unit"] = dem_unit
+    fields["generators"] = [{"class": target, "pattern": "uniform", "count": _TARGETS, "seed": None}]
+    tiles = 1 if DEFAULT_SIZE_M[target] >= _LARGE_M else 2
+    fields |= {
+        "camera": dict(_CAMERA),
+        "vehicle": dict(_VEHICLE),
+        "detector": {"rate_hz": 1.0, "tiles": tiles},
+    }
+
+    def scenario_of(text: str) -> Scenario:
+        return with_paths_beside(parse_scenario(text, str(out), folder), folder)
+
+    if home_lat_lon is None:
+        home_lat_lon = _home(fields, area, scenario_of)
+    fields["home"] = {"latitude_deg": round(home_lat_lon[0], 7), "longitude_deg": round(home_lat_lon[1], 7)}
+    ground = elevation_of(scenario_of(dump_yaml(fields)))
+    assert ground is not None
+    fields["home"]["altitude_amsl_m"] = round(ground.home_amsl_m, 1)
+    fields["search"] = _search(target, known_obstacles(scenario_of(dump_yaml(fields))))
+    _, estimate = plan_scenario(scenario_of(dump_yaml(fields)))
+    fields["vehicle"]["batteries"] = estimate.batteries + 1  # checks take theirs
+    text = _HEADER.format(name=out.name) + dump_yaml(fields)
+    return Draft(text, scenario_of(text), estimate)
+
+
+def understood(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """What the files of a scenario's ground hold, as pairs of a name and its value."""
+    dem, cover, picture = elevation_of(scenario), land_cover_of(scenario), ground_picture_of(scenario)
+    if dem is not None:
+        low, high = dem.heights_m.min() + dem.home_amsl_m, dem.heights_m.max() + dem.home_amsl_m
+        yield (
+            "elevation",
+            f"{dem.source.crs.name}, every {dem.source.pixel_m:.2g} m, {low:.0f} to {high:.0f} m",
+        )
+        yield "holes in it", f"{dem.filled:.2%} filled" if dem.filled else "none"
+    if picture is not None:
+        yield "orthophoto", f"{picture.source.crs.name}, {100 * picture.pixel_m:.3g} cm a pixel"
+    if cover is not None:
+        names = np.bincount(cover.surfaces.ravel(), minlength=len(cover.names)) / cover.surfaces.size
+        shares = sorted(zip(names.tolist(), cover.names, strict=True), reverse=True)
+        told = ", ".join(f"{share:.0%} {name}" for share, name in shares if share >= 0.005)
+        yield "land cover", f"{told}; of {cover.covered:.0%} of the ground"
+    obstacles = known_obstacles(scenario)
+    buildings = len(scenario.buildings) + len(mapped_buildings(scenario))
+    yield "trees", f"{len(obstacles.solids) - buildings:,}"
+    yield "buildings", f"{buildings:,}"
+
+
+def _search(target: str, obstacles: Obstacles) -> dict[str, float]:
+    """Heights from which the smallest target spans enough pixels, above all trees; n_c as in the examples."""
+    focal_px = _CAMERA["width_px"] / 2 / math.tan(_CAMERA["hfov_rad"] / 2)
+    size_m = DEFAULT_SIZE_M[target]
+    tops_m = obstacles.solids[:, 8] - obstacles.terrain.height_m(obstacles.solids[:, :2])
+    lowest_m = float(tops_m.max(initial=0.0)) + _OVER_TREES_M
+    scan_m = math.floor(max(min(size_m * focal_px / _SCAN_PX, _HIGHEST_SCAN_M), lowest_m))
+    check_m = math.floor(min(max(size_m * focal_px / _CHECK_PX, scan_m / 3), 0.75 * scan_m))
+    return {
+        "n_c": 3.0,
+        "scan_altitude_agl_m": float(scan_m),
+        "check_altitude_agl_m": float(check_m),
+        "scan_speed_mps": 10.0,
+        "check_speed_mps": 4.0,
+    }
+
+
+def _home(
+    fields: Mapping[str, Any], area: Path, scenario_of: Callable[[str], Scenario]
+) -> tuple[float, float]:
+    """Latitude and longitude of open, level ground outside the area, as near to its middle as can be."""
+    polygon, frame = read_area(area)
+    middle = {"latitude_deg": frame.latitude_deg, "longitude_deg": frame.longitude_deg}
+    obstacles = known_obstacles(scenario_of(dump_yaml({**fields, "home": middle})))
+    terrain = obstacles.terrain
+    round_it = shapely.Polygon(polygon.exterior).buffer(_OUTSIDE_M).exterior
+    places = shapely.get_coordinates(
+        shapely.line_interpolate_point(
+            round_it, np.linspace(0.0, 1.0, _HOMES, endpoint=False), normalized=True
+        )
+    )
+    away_m = np.hypot(*(places - shapely.get_coordinates(polygon.centroid)[0]).T)
+    for k in np.argsort(away_m, kind="stable"):
+        x, y = places[k].tolist()
+        is_open = obstacles.top_within_m(places[k : k + 1], _CLEAR_M)[0] == -math.inf
+        is_dry = terrain.surface_at(x, y) != "water" or fields["terrain"].get("surface") == "water"
+        if is_open and is_dry and _slope_deg(obstacles, (x, y)) <= _STEEPEST_HOME_DEG:
+            latitude, longitude, _ = frame.geodetic_from_enu([[x, y, 0.0]])[0].tolist()
+            return latitude, longitude
+    raise UserError(
+        f"{area}: has no open and level ground beside it to take off from; choose a place with --home"
+    )
+
+
+def _slope_deg(obstacles: Obstacles, xy: XY) -> float:
+    steps = _CLEAR_M * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    east, west, north, south = obstacles.terrain.height_m(np.array(xy) + steps)
+    return math.degrees(math.atan(math.hypot(east - west, north - south) / (2 * _CLEAR_M)))
+
+
+def _beside(path: Path, folder: Path) -> str:
+    """The path from the scenario's folder, so that both can be moved together."""
+    try:
+        return Path(os.path.relpath(path.absolute(), folder)).as_posix()
+    except ValueError:  # another drive
+        return str(path.absolute())

@@ -1,0 +1,181 @@
+"""From how high a place on hilly ground is seen by a camera that looks straight down.
+
+From farther up a place stays in the picture, and what lies between stops hiding it: whatever sees a place sees
+it from anywhere above, too. So a least height says all about a place and a station above the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+
+from skysweep.arrays import F64, I64
+from skysweep.geometry.areas import heading_axes
+from skysweep.geometry.camera import Lens
+from skysweep.worlds.world import TerrainSurface, bilinear_at
+
+CELLS_ACROSS = 16  # a swath
+_MAX_CELLS = 2_000_000
+_RAYS_PER_POST = 2.0  # samples on a line of sight, for each post of the ground's grid that it passes
+_TOUCHES_M = 0.02  # of ground beside a line of sight that does not hide
+
+
+class View(NamedTuple):
+    """A picture straight down: half its extent along and across the heading, over the height."""
+
+    along: float
+    across: float
+    east: float  # of the heading's unit vector
+    north: float
+
+    @classmethod
+    def of(cls, lens: Lens, heading_deg: float) -> View:
+        """The view of a camera whose picture's height lies along a compass heading."""
+        width, height = lens.footprint_m(1.0)
+        east, north = heading_axes(heading_deg)[0].tolist()
+        return cls(height / 2.0, width / 2.0, east, north)
+
+
+class GroundCells(NamedTuple):
+    """Middles of square cells (N, 3) on the ground of an area, ENU, by row from south to north."""
+
+    centres_enu_m: F64
+    row_starts: I64  # (R + 1,) into the cells
+    south_m: float  # of the middles of the first row
+    size_m: float
+
+    def only(self, kept: NDArray[np.bool_]) -> GroundCells:
+        """Those that are marked (N,)."""
+        starts = np.concatenate([[0], np.cumsum(kept)])[self.row_starts]
+        return self._replace(centres_enu_m=self.centres_enu_m[kept], row_starts=starts)
+
+
+def ground_cells(area: shapely.Polygon, terrain: TerrainSurface, swath_m: float) -> GroundCells:
+    """The cells whose middles lie in the area: ``CELLS_ACROSS`` a swath, or as many as can be handled."""
+    west, south, east, north = area.bounds
+    size_m = max(swath_m / CELLS_ACROSS, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
+    columns, rows = (max(1, math.ceil(extent_m / size_m)) for extent_m in (east - west, north - south))
+    x, y = np.meshgrid(west + (np.arange(columns) + 0.5) * size_m, south + (np.arange(rows) + 0.5) * size_m)
+    shapely.prepare(area)
+    inside = shapely.contains_xy(area, x, y)
+    xy = np.column_stack([x[inside], y[inside]])
+    starts = np.concatenate([[0], np.cumsum(inside.sum(axis=1))])
+    return GroundCells(np.column_stack([xy, terrain.height_m(xy)]), starts, south + 0.5 * size_m, size_m)
+
+
+def nearest_transects(cells: GroundCells, legs_xy_enu_m: F64, reach_m: float) -> I64:
+    """The nearest of the legs (T, 2, 2) to each cell (N,); -1 if all are farther than ``reach_m``."""
+    nearest = np.full(len(cells.centres_enu_m), -1)
+    _nearest(nearest, *cells, legs_xy_enu_m, reach_m)
+    return nearest
+
+
+def least_heights(terrain: TerrainSurface, view: View, places_enu_m: F64, stations_xy_enu_m: F64) -> F64:
+    """Heights ENU (N,) above stations (N, 2) from which places (N, 3) on the ground are seen."""
+    return _least_heights(
+        terrain.heights_m, terrain.bounds_enu_m, ray_step_m(terrain), view, places_enu_m, stations_xy_enu_m
+    )
+
+
+def ray_step_m(terrain: TerrainSurface) -> float:
+    """Between the samples of a line of sight."""
+    west, south, east, north = terrain.bounds_enu_m
+    rows, columns = terrain.heights_m.shape
+    return min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST
+
+
+@njit(cache=True)
+def foot_point(leg: F64, x: float, y: float) -> tuple[float, float, float]:
+    """The nearest place of a leg (2, 2), and its share of the way."""
+    dx, dy = leg[1, 0] - leg[0, 0], leg[1, 1] - leg[0, 1]
+    share = ((x - leg[0, 0]) * dx + (y - leg[0, 1]) * dy) / max(dx * dx + dy * dy, 1e-12)
+    share = min(max(share, 0.0), 1.0)
+    return leg[0, 0] + share * dx, leg[0, 1] + share * dy, share
+
+
+@njit(cache=True)
+def strip_of_row(leg: F64, y: float, reach: float) -> tuple[float, float]:
+    """West and east of what may be within reach of a leg (2, 2) in a row."""
+    x0, y0, x1, y1 = leg[0, 0], leg[0, 1], leg[1, 0], leg[1, 1]
+    if y0 > y1:
+        x0, y0, x1, y1 = x1, y1, x0, y0
+    if y1 - y0 < 1e-9:
+        return min(x0, x1) - reach, max(x0, x1) + reach
+    slope, length = (x1 - x0) / (y1 - y0), math.hypot(x1 - x0, y1 - y0)
+    wide = reach * length / (y1 - y0)
+    low, high = min(x0, x1) - reach, max(x0, x1) + reach
+    middle = x0 + (y - y0) * slope
+    return max(low, middle - wide), min(high, middle + wide)
+
+
+@njit(cache=True)
+def _nearest(
+    nearest: I64, centres: F64, starts: I64, south: float, size: float, legs: F64, reach: float
+) -> None:
+    distance = np.full(len(centres), reach * reach)
+    for k in range(len(legs)):
+        leg = legs[k]
+        low, high = min(leg[0, 1], leg[1, 1]) - reach, max(leg[0, 1], leg[1, 1]) + reach
+        first = max(int(math.ceil((low - south) / size)), 0)
+        last = min(int(math.floor((high - south) / size)), len(starts) - 2)
+        for row in range(first, last + 1):
+            begin, end = starts[row], starts[row + 1]
+            west, east = strip_of_row(leg, south + row * size, reach)
+            i = begin + np.searchsorted(centres[begin:end, 0], west)
+            while i < end and centres[i, 0] <= east:
+                x, y = centres[i, 0], centres[i, 1]
+                at_x, at_y, _ = foot_point(leg, x, y)
+                away = (x - at_x) ** 2 + (y - at_y) ** 2
+                if away <= distance[i]:
+                    distance[i], nearest[i] = away, k
+                i += 1
+
+
+@njit(cache=True)
+def least_height(
+    heights: F64,
+    bounds: tuple[float, float, float, float],
+    ray_step: float,
+    view: View,
+    place: F64,
+    x: float,
+    y: float,
+    enough: float,
+) -> float:
+    """Height above (x, y) from which a place (3,) is in the picture and not behind other ground.
+
+    Beyond ``enough`` it is any height above that.
+    """
+    dx, dy = place[0] - x, place[1] - y
+    along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
+    least = place[2] + max(along / view.along, across / view.across)
+    pieces = int(math.ceil(math.hypot(dx, dy) / ray_step))
+    for k in range(1, pieces):
+        if least > enough:
+            break
+        share = k / pieces
+        ground = bilinear_at(heights, bounds, place[0] - share * dx, place[1] - share * dy)
+        least = max(least, place[2] + (ground - _TOUCHES_M - place[2]) / share)
+    return float(least)
+
+
+@njit(cache=True)
+def _least_heights(
+    heights: F64,
+    bounds: tuple[float, float, float, float],
+    ray_step: float,
+    view: View,
+    places: F64,
+    stations: F64,
+) -> F64:
+    least = np.empty(len(places))
+    for k in range(len(places)):
+        least[k] = least_height(
+            heights, bounds, ray_step, view, places[k], stations[k, 0], stations[k, 1], math.inf
+        )
+    return least

@@ -1,0 +1,108 @@
+"""Scenarios over one's own ground: drafted, written, planned and flown."""
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+from tests.worlds.geotiffs import LATITUDE_DEG, LONGITUDE_DEG, over, placed, slope, write
+from tests.worlds.test_land_cover import collection
+from typer.testing import CliRunner
+
+from skysweep.cli import app
+from skysweep.flights.fly import fly_in_memory
+from skysweep.planning.flight_plan import plan_scenario
+from skysweep.scenarios.files import load_scenario
+from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.world import build_terrain, elevation_of
+
+SIZE = (120, 140)
+
+
+@pytest.fixture()
+def place(tmp_path, monkeypatch):
+    """A folder with an area and the files of its ground: woods in the west, meadow in the east."""
+    monkeypatch.chdir(tmp_path)
+    field = shapely.box(200, 100, 400, 250)
+    collection(tmp_path / "area.geojson", (field, {}))
+    write(tmp_path / "dem.tif", slope(SIZE), transform=placed(10.0, SIZE))
+    codes = np.full(SIZE, 10, np.uint8)
+    codes[:, 60:] = 30
+    write(tmp_path / "lc.tif", codes, transform=placed(10.0, SIZE))
+    collection(tmp_path / "b.geojson", (shapely.box(300, 180, 320, 190), {"building": "barn"}))
+    return tmp_path
+
+
+def new(*words):
+    return CliRunner().invoke(app, ["scenarios", "new", "--area", "area.geojson", "--dem", "dem.tif", *words])
+
+
+def test_the_scenario_can_be_planned_and_flown(place):
+    done = new("--landcover", "lc.tif", "--buildings", "b.geojson", "--out", "mine.yaml", "--json")
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert "every 10 m" in told["elevation"]
+    assert told["holes in it"] == "none"
+    assert told["buildings"] == "1"
+    scenario = load_scenario(place / "mine.yaml")
+    assert scenario.name == "mine"
+    assert scenario.terrain.dem == str(place / "dem.tif")
+    assert scenario.home.altitude_amsl_m == pytest.approx(elevation_of(scenario).home_amsl_m, abs=0.06)
+    _, estimate = plan_scenario(scenario)
+    assert estimate.batteries <= scenario.vehicle.batteries
+    summary = fly_in_memory(scenario, 0)
+    assert summary["end_reason"] == "completed", summary
+    assert summary["area_seen"] > 0.9 if "area_seen" in summary else True
+
+
+def test_home_is_open_ground_beside_the_area(place):
+    assert new("--landcover", "lc.tif", "--out", "mine.yaml").exit_code == 0
+    scenario = load_scenario(place / "mine.yaml")
+    area = scenario.area_enu_m
+    home = shapely.Point(0, 0)
+    assert 5.0 < area.distance(home) < 20.0
+    assert build_terrain(scenario).surface_at(0.0, 0.0) == "grass"
+    assert known_obstacles(scenario).top_within_m(np.zeros((1, 2)), 10.0)[0] == -np.inf
+
+
+def test_home_may_be_given(place):
+    assert new("--out", "mine.yaml", "--home", f"{LATITUDE_DEG},{LONGITUDE_DEG}").exit_code == 0
+    home = load_scenario(place / "mine.yaml").home
+    assert (home.latitude_deg, home.longitude_deg) == (LATITUDE_DEG, LONGITUDE_DEG)
+    assert new("--out", "other.yaml", "--home", "somewhere").exit_code == 2
+
+
+def test_a_file_is_only_replaced_when_told(place):
+    (place / "mine.yaml").write_text("mine")
+    refused = new("--out", "mine.yaml")
+    assert refused.exit_code == 2
+    assert "--out mine.yaml: exists; write another, or --overwrite" in refused.output
+    assert (place / "mine.yaml").read_text() == "mine"
+    assert new("--out", "mine.yaml", "--overwrite").exit_code == 0
+    assert load_scenario(place / "mine.yaml").name == "mine"
+
+
+@pytest.mark.parametrize("target", ["person", "boat", "stop sign"])
+def test_heights_suit_the_target(place, target):
+    assert new("--out", "mine.yaml", "--target", target).exit_code == 0
+    scenario = load_scenario(place / "mine.yaml")
+    assert scenario.target_classes == (target,)
+    assert scenario.pixels_on_target(scenario.search.scan_altitude_agl_m) >= 20
+    assert scenario.search.check_altitude_agl_m < scenario.search.scan_altitude_agl_m
+
+
+def test_ground_that_does_not_reach_is_refused_with_nothing_written(place):
+    write(place / "dem.tif", slope((20, 20)), transform=placed(10.0, (20, 20)))
+    refused = new("--out", "mine.yaml")
+    assert refused.exit_code == 2
+    assert "short of the area" in refused.output
+    assert not (place / "mine.yaml").exists()
+
+
+def test_no_place_to_take_off_from(place):
+    row, _ = np.mgrid[: SIZE[0], : SIZE[1]]
+    steep = (100.0 + 8.0 * row).astype(np.float32)
+    write(place / "dem.tif", steep, transform=placed(10.0, SIZE))
+    refused = new("--out", "mine.yaml")
+    assert "has no open and level ground beside it to take off from; choose a place with --home" in refused.output
+    assert over().name == "here"

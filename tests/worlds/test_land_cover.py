@@ -1,0 +1,283 @@
+"""Surfaces, trees, buildings and roads from files."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import shapely
+from tests.worlds.geotiffs import over, placed, rasterio, slope, write
+
+from skysweep.errors import UserError
+from skysweep.scenarios.model import MAX_TREES
+from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.world import build_terrain, build_trees, build_world, land_cover_of, mapped_buildings
+
+SIZE = (120, 140)
+CLASSES = [
+    {"code": 1, "surface": "forest floor", "trees_per_hectare": 100, "height_m": [4, 6], "conifer_fraction": 1},
+    {"code": 2, "surface": "rock"},
+]
+
+
+def halves(dtype=np.uint8, west=1, east=2):
+    codes = np.full(SIZE, west, dtype)
+    codes[:, SIZE[1] // 2 :] = east
+    return codes
+
+
+def collection(path, *features):
+    """GeoJSON of (shape in ENU metres around home, tags)."""
+    frame = over().frame
+
+    def lon_lat(xy):
+        geodetic = frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
+        return geodetic[:, [1, 0]]
+
+    shapes = [
+        {
+            "type": "Feature",
+            "properties": tags,
+            "geometry": json.loads(shapely.to_geojson(shapely.transform(outline, lon_lat))),
+        }
+        for outline, tags in features
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": shapes}))
+    return path
+
+
+def test_classes_become_surfaces_and_trees(tmp_path):
+    cover = write(tmp_path / "lc.tif", halves(), transform=placed(10.0, SIZE))
+    scenario = over(land_cover=cover, land_cover_classes=CLASSES, surface="snow")
+    terrain = build_terrain(scenario)
+    assert terrain.surface_at(100, 200) == "forest floor"
+    assert terrain.surface_at(500, 200) == "rock"
+    assert terrain.cover.codes_at([[100, 200], [500, 200]]).tolist() == [
+        terrain.cover.names.index("forest floor"),
+        terrain.cover.names.index("rock"),
+    ]
+    trees = build_trees(scenario, terrain)
+    hectares = (land_cover_of(scenario).classes == 0).mean() * 720 * 520 / 1e4
+    assert len(trees) == pytest.approx(100 * hectares, rel=0.02)
+    assert all(terrain.surface_at(*t.position_enu_m[:2]) == "forest floor" for t in trees)
+    assert all(4 <= t.height_m <= 6 and t.kind == "conifer" for t in trees)
+    assert min(math.hypot(*t.position_enu_m[:2]) for t in trees) >= 6.0, "home is clear"
+
+
+def test_trees_are_those_of_the_seed_and_stand_on_the_ground(tmp_path):
+    cover = write(tmp_path / "lc.tif", halves(), transform=placed(10.0, SIZE))
+    dem = write(tmp_path / "dem.tif", slope(SIZE), transform=placed(10.0, SIZE))
+    scenario = over(land_cover=cover, land_cover_classes=CLASSES, dem=dem)
+    one, two = build_world(scenario, 1), build_world(scenario, 2)
+    places = np.array([t.position_enu_m for t in one.trees])
+    assert (places == [t.position_enu_m for t in two.trees]).all()
+    np.testing.assert_allclose(places[:, 2], one.terrain.height_m(places[:, :2]))
+    other = over(land_cover=cover, land_cover_classes=CLASSES, dem=dem, seed=9)
+    assert (places[0] != build_world(other, 1).trees[0].position_enu_m).any()
+
+
+def test_worldcover_is_known(tmp_path):
+    cover = write(tmp_path / "lc.tif", halves(west=10, east=80), transform=placed(10.0, SIZE))
+    terrain = build_terrain(over(land_cover=cover))
+    assert (terrain.surface_at(100, 200), terrain.surface_at(500, 200)) == ("forest floor", "water")
+
+
+def test_a_class_that_nobody_told_is_refused(tmp_path):
+    cover = write(tmp_path / "lc.tif", halves(east=37), transform=placed(10.0, SIZE))
+    with pytest.raises(UserError, match=r"has the class 37, which terrain\.land_cover_classes does not tell"):
+        build_terrain(over(land_cover=cover, land_cover_classes=CLASSES))
+
+
+def test_what_a_map_leaves_open_is_the_terrain_s_surface(tmp_path):
+    codes = halves()
+    codes[:, 100:] = 0
+    cover = write(tmp_path / "lc.tif", codes, transform=placed(10.0, SIZE), nodata=0)
+    terrain = build_terrain(over(land_cover=cover, land_cover_classes=CLASSES, surface="snow"))
+    assert terrain.surface_at(650, 200) == "snow"
+    small = write(tmp_path / "small.tif", halves()[:20, :20], transform=placed(10.0, (20, 20)))
+    scenario = over(land_cover=small, land_cover_classes=CLASSES, surface="snow")
+    assert build_terrain(scenario).surface_at(0, 0) == "snow"
+    assert "tells of 11% of the ground; the rest is snow" in land_cover_of(scenario).notes[0]
+
+
+@pytest.mark.parametrize(("values", "sentence"), [
+    (slope(SIZE), "is no map of classes"),
+    (np.zeros((3, *SIZE), np.uint8), "is no map of classes"),
+])  # fmt: skip
+def test_no_land_cover(tmp_path, values, sentence):
+    cover = write(tmp_path / "lc.tif", values, transform=placed(10.0, SIZE))
+    with pytest.raises(UserError, match=sentence):
+        build_terrain(over(land_cover=cover))
+    away = write(tmp_path / "away.tif", halves(), transform=placed(10.0, SIZE, middle_enu_m=(30_000, 0)))
+    with pytest.raises(UserError, match="does not overlap the area"):
+        build_terrain(over(land_cover=away, land_cover_classes=CLASSES))
+
+
+def test_more_trees_than_can_be_drawn_are_thinned_and_said(tmp_path):
+    from skysweep.planning.advice import warnings_for_plan
+
+    dense = [{"code": 1, "surface": "forest floor", "trees_per_hectare": 2000}, CLASSES[1]]
+    cover = write(tmp_path / "lc.tif", halves(east=1), transform=placed(10.0, SIZE))
+    scenario = over(land_cover=cover, land_cover_classes=dense)
+    trees = build_trees(scenario, build_terrain(scenario))
+    assert 0.99 * MAX_TREES < len(trees) <= MAX_TREES
+    assert any(f"of which {MAX_TREES:,} are drawn" in w for w in warnings_for_plan(scenario))
+
+
+def test_footprints_become_boxes_of_their_height(tmp_path):
+    turned = shapely.affinity.rotate(shapely.box(100, 100, 120, 110), 30)
+    flat = shapely.box(300, 100, 340, 130)
+    file = collection(
+        tmp_path / "b.geojson",
+        (turned, {"building": "house", "height": "9 m"}),
+        (flat, {"building": "retail", "building:levels": "2"}),
+        (shapely.box(200, 200, 210, 210), {"building": "no"}),
+        (shapely.box(5200, 200, 5210, 210), {"building": "yes"}),
+    )
+    house, hall = mapped_buildings(over(others={"buildings_file": str(file)}))
+    assert house.size_m == pytest.approx((20, 10), abs=0.05)
+    assert math.degrees(house.yaw_rad) % 180 == pytest.approx(30, abs=0.2)
+    assert (house.top_m, house.is_flat) == (pytest.approx(9.0, abs=0.05), False)
+    assert (hall.top_m, hall.is_flat) == (6.0, True)
+
+
+def test_an_l_becomes_two_boxes_that_hold_it(tmp_path):
+    l_shape = shapely.Polygon([(100, 100), (130, 100), (130, 110), (110, 110), (110, 125), (100, 125)])
+    file = collection(tmp_path / "b.geojson", (l_shape, {"building": "yes", "height": "20 ft"}))
+    boxes = mapped_buildings(over(others={"buildings_file": str(file)}))
+    assert len(boxes) == 2
+    together = shapely.union_all([box.outline() for box in boxes])
+    assert together.buffer(0.1).covers(l_shape)
+    assert together.area == pytest.approx(l_shape.area, rel=0.02)
+
+
+def test_buildings_occlude_and_are_kept_clear_of(tmp_path):
+    file = collection(tmp_path / "b.geojson", (shapely.box(100, 100, 140, 130), {"building": "yes", "height": "12"}))
+    scenario = over(others={"buildings_file": str(file)})
+    known = known_obstacles(scenario)
+    assert known.top_within_m(np.array([[120.0, 115.0]]), 0.0) == pytest.approx([12.0])
+    assert known.hide(np.array([120.0, 132.0, 0.0]), np.array([120.0, 60.0, 30.0]))
+    (building,) = build_world(scenario, 0).buildings
+    assert building.flat_roof
+
+
+def test_no_tree_stands_in_a_building(tmp_path):
+    cover = write(tmp_path / "lc.tif", halves(east=1), transform=placed(10.0, SIZE))
+    hall = shapely.box(100, 100, 300, 300)
+    file = collection(tmp_path / "b.geojson", (hall, {"building": "yes"}))
+    classes = [CLASSES[0] | {"trees_per_hectare": 500}, CLASSES[1]]
+    scenario = over(land_cover=cover, land_cover_classes=classes, others={"buildings_file": str(file)})
+    trees = np.array([t.position_enu_m[:2] for t in build_trees(scenario, build_terrain(scenario))])
+    assert not shapely.contains_xy(hall.buffer(-0.1), trees).any()
+
+
+def test_roads_have_width_and_surface(tmp_path):
+    line = shapely.LineString([(-50, 200), (650, 200)])
+    file = collection(
+        tmp_path / "r.geojson",
+        (line, {"highway": "primary"}),
+        (shapely.LineString([(300, -50), (300, 150)]), {"highway": "track"}),
+        (shapely.LineString([(500, -50), (500, 150)]), {"highway": "service", "tunnel": "yes"}),
+        (shapely.LineString([(400, -50), (400, 150)]), {"highway": "residential", "width": "12"}),
+    )
+    cover = write(tmp_path / "lc.tif", halves(east=1), transform=placed(10.0, SIZE))
+    scenario = over(land_cover=cover, land_cover_classes=CLASSES, others={"roads_file": str(file)})
+    terrain = build_terrain(scenario)
+    assert [terrain.surface_at(100, 200 + d) for d in (-6, -3.5, 0, 3.5, 6)] == [
+        "forest floor", "asphalt", "asphalt", "asphalt", "forest floor",
+    ]  # fmt: skip
+    assert terrain.surface_at(300, 100) == "sand"
+    assert terrain.surface_at(405, 100) == "asphalt"
+    assert terrain.surface_at(500, 100) == "forest floor"
+    trees = build_trees(scenario, terrain)
+    assert all(terrain.surface_at(*t.position_enu_m[:2]) == "forest floor" for t in trees)
+
+
+def test_roads_alone_lie_on_the_terrain_s_surface(tmp_path):
+    file = collection(tmp_path / "r.geojson", (shapely.LineString([(0, 0), (600, 400)]), {"highway": "primary"}))
+    terrain = build_terrain(over(surface="snow", others={"roads_file": str(file)}))
+    assert (terrain.surface_at(300, 200), terrain.surface_at(300, 100)) == ("asphalt", "snow")
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    ("{", "is not JSON"),
+    ('{"type": "Point", "coordinates": [1, 2]}', "is no collection of features"),
+    ('{"type": "FeatureCollection", "features": [3]}', "feature 1 has no shape"),
+    ('{"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {"building": "yes"}, '
+     '"geometry": {"type": "Point", "coordinates": [392146, 6764629]}}]}', "feature 1 is not in longitude"),
+    ('{"type": "FeatureCollection", "crs": {"type": "name", "properties": {"name": "EPSG:3067"}}, '
+     '"features": []}', "is not WGS 84"),
+])  # fmt: skip
+def test_no_geojson(tmp_path, text, sentence):
+    (tmp_path / "b.geojson").write_text(text)
+    for field in ("buildings_file", "roads_file"):
+        with pytest.raises(UserError, match=rf"^{field}: .*b\.geojson.*{sentence}|^{field}: .*ends too early"):
+            build_world(over(others={field: str(tmp_path / "b.geojson")}), 0)
+
+
+def picture(size=SIZE):
+    row, column = np.mgrid[: size[0], : size[1]]
+    return np.stack([column, row, np.full(size, 7)]).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("crs", "pixel", "turned_deg"), [("EPSG:3067", 10.0, 0.0), ("EPSG:3857", 25.0, 40.0)])
+def test_the_ground_s_picture_lies_where_it_should(tmp_path, crs, pixel, turned_deg):
+    transform = placed(pixel, SIZE, crs, turned_deg)
+    scenario = over(orthophoto=write(tmp_path / "o.tif", picture(), crs, transform, photometric="RGB"))
+    shown = build_world(scenario, 0).ground_picture
+    assert shown.bounds_enu_m == pytest.approx((-60, -60, 660, 460), abs=0.01)
+    west, south, east, north = 0.0, 0.0, 600.0, 400.0
+    seen = shown.read(west, south, east, north, 60, 40)
+    assert seen.shape == (40, 60, 4)
+    x, y = np.meshgrid(np.arange(60) * 10.0 + 5.0, 400.0 - np.arange(40) * 10.0 - 5.0)
+    flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    geodetic = scenario.frame.geodetic_from_enu(flat)
+    px, py = rasterio.warp.transform("EPSG:4326", crs, geodetic[:, 1], geodetic[:, 0])
+    t = transform
+    columns, rows = np.linalg.solve([[t.a, t.b], [t.d, t.e]], [np.array(px) - t.c, np.array(py) - t.f])
+    assert np.abs(seen[..., 0].ravel() - (columns - 0.5)).max() < 1.1
+    assert np.abs(seen[..., 1].ravel() - (rows - 0.5)).max() < 1.1
+    assert (seen[..., 2:] == [7, 255]).all()
+
+
+def test_where_there_is_no_picture_it_is_clear(tmp_path):
+    small = picture((20, 20))
+    mask = np.full((20, 20), 255, np.uint8)
+    mask[:10] = 0
+    values = np.concatenate([small, mask[None]])
+    file = write(tmp_path / "o.tif", values, transform=placed(10.0, (20, 20)), photometric="RGB", alpha="yes")
+    shown = build_world(over(orthophoto=file), 0).ground_picture
+    seen = shown.read(0.0, 0.0, 600.0, 400.0, 600, 400)
+    assert (seen[390, 10] == 0).all()
+    assert seen[150, 300, 3] == 0, "clear in the file"
+    assert seen[250, 300, 3] == 255
+    assert 0.9 * 20_000 < (seen[..., 3] > 0).sum() < 1.1 * 20_000
+    assert not shown.read(5000.0, 0.0, 5100.0, 100.0, 8, 8).any()
+
+
+def test_a_picture_without_colours_of_8_bits_is_refused(tmp_path):
+    file = write(tmp_path / "o.tif", picture().astype(np.uint16), transform=placed(10.0, SIZE))
+    with pytest.raises(UserError, match=r"terrain\.orthophoto: .* has uint16 values, not colours of 8 bits"):
+        build_world(over(orthophoto=file), 0)
+    away = write(tmp_path / "away.tif", picture(), transform=placed(10.0, SIZE, middle_enu_m=(0, 20_000)))
+    with pytest.raises(UserError, match=r"does not overlap the area, 1\d\.\d km away"):
+        build_world(over(orthophoto=away), 0)
+
+
+def test_a_picture_larger_than_memory_is_read_in_windows(tmp_path):
+    import tracemalloc
+
+    size = 60_000  # 10.8 GB
+    path = tmp_path / "huge.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=size, height=size, count=3, dtype="uint8", crs="EPSG:3067",
+        transform=placed(0.1, (size, size)), tiled=True, SPARSE_OK=True, BIGTIFF="YES", photometric="RGB",
+    ) as file:  # fmt: skip
+        window = rasterio.windows.Window(30_000, 30_000, 512, 512)
+        file.write(np.full((3, 512, 512), 90, np.uint8), window=window)
+    shown = build_world(over(orthophoto=path), 0).ground_picture
+    tracemalloc.start()
+    seen = shown.read(301.0, 150.0, 341.0, 190.0, 400, 400)
+    assert (seen[:80, 50:350, :3] == 90).all()
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
