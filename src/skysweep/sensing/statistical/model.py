@@ -278,6 +278,14 @@ class StatisticalModel(_Part):
             )
         return found
 
+    @property
+    def holds_for(self) -> str:
+        """The calibrated range in words."""
+        return (
+            f"{self.pixels[0]:g} to {self.pixels[-1]:g} pixels on target, as the detector sees them, up "
+            f"to {_VIEW_MAX_DEG:.0f} degrees off the vertical and blurred by up to the target's length"
+        )
+
     def extrapolation(self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float) -> str:
         """In words, what the model was calibrated for instead of this search; empty if for this.
 
