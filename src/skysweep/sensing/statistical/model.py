@@ -296,7 +296,8 @@ class StatisticalModel(_Part):
         cm = [100.0 * h / self.camera.lens.focal_px for b in self.background for h in b.altitude_agl_m]
         asked = [("pixels on target", view.pixels_on_target(smallest_m, h_s), self.pixels)]
         asked += [("pixels on target in a check", max(in_check, self.pixels[0]), self.pixels)]
-        asked += [("cm of ground a pixel", 100.0 * h_s / view.focal_px, cm)] if cm else []
+        for where, height_m in (("", h_s), (" in a check", h_c)) if cm else ():
+            asked.append((f"cm of ground a pixel{where}", 100.0 * height_m / view.focal_px, cm))
         asked += [("degrees off the vertical", 90.0 + math.degrees(gimbal_pitch_rad), [0.0, _VIEW_MAX_DEG])]
         return " and ".join(
             f"for {min(known):.3g} to {max(known):.3g} {unit}, not {value:.3g}"
