@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -50,9 +51,7 @@ def test_geojson_and_kml_lie_where_the_area_is(run):
     corners = run.scenario.frame.geodetic_from_enu([[0, 0, 0], [40, 0, 0], [0, 20, 0]])[:, 1::-1]
     area = shapely.Polygon(corners)
     assert placed.symmetric_difference(area).area < 1e-3 * area.area
-    assert {(f["properties"]["pod_min"], f["properties"]["pod_max"]) for f in features} <= {
-        *zip(EDGES[:-1], EDGES[1:], strict=True)
-    }
+    assert {(f["properties"]["pod_min"], f["properties"]["pod_max"]) for f in features} <= {*pairwise(EDGES)}
     root = ET.fromstring(kml(run))
     rings = [ring.text for ring in root.iterfind(".//outerBoundaryIs/LinearRing/coordinates", KML)]
     polygons = [shapely.Polygon([[*map(float, c.split(","))] for c in text.split()]) for text in rings]

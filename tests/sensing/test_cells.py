@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,11 +16,13 @@ from skysweep.scenarios.model import CameraModel, DetectorModel
 from skysweep.sensing.statistical.cells import SearchedCells
 from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.sensing.statistical.sweep_width import lateral_range
+from skysweep.worlds.world import GroundCover, TerrainSurface
 
 CAMERA = CameraModel(hfov_rad=1.4)
 MODEL = StatisticalModel.load()
 STILL = CameraMotion(np.zeros(3), np.zeros(3))
 NO_SOLIDS = np.zeros((0, 11))
+FLAT = TerrainSurface(np.zeros((2, 2)), (-1000, -1000, 1000, 1000), "grass")
 
 
 def grid(rows: int = 20, columns: int = 30, cell_m: float = 2.0, z: float = 0.0) -> np.ndarray:
@@ -28,14 +31,15 @@ def grid(rows: int = 20, columns: int = 30, cell_m: float = 2.0, z: float = 0.0)
 
 
 def cells_over(
-    centres: np.ndarray, solids: np.ndarray = NO_SOLIDS, name: str = "person", pose: str = "lying"
+    centres: np.ndarray,
+    solids: np.ndarray = NO_SOLIDS,
+    name: str = "person",
+    pose: str = "lying",
+    terrain: TerrainSurface = FLAT,
 ):
     wanted = np.ones(centres.shape[:2], dtype=bool)
     of_target = {name: (1.75, 1.75)}, {name: (pose,)}
-    ground = np.zeros(centres.shape[:2], dtype=int)
-    return SearchedCells(
-        centres, wanted, ground, ("grass",), solids, CAMERA, DetectorModel(), MODEL, *of_target
-    )
+    return SearchedCells(centres, wanted, terrain, solids, CAMERA, DetectorModel(), MODEL, *of_target)
 
 
 poses = st.builds(
@@ -98,9 +102,9 @@ def test_a_straight_pass_agrees_with_drawn_ones(name, pose, size_m, height_m):
     for share in np.linspace(0, 1, 4, endpoint=False):
         centres = np.stack([aside_m, 0 * aside_m, 0 * aside_m], axis=-1)[None]
         of_target = {name: (size_m, size_m)}, {name: (pose,)}
-        wanted, ground = np.ones((1, 3), bool), np.zeros((1, 3), int)
+        unknown = replace(FLAT, surface="unknown")
         cells = SearchedCells(
-            centres, wanted, ground, ("unknown",), NO_SOLIDS, CAMERA, DetectorModel(), MODEL, *of_target
+            centres, np.ones((1, 3), bool), unknown, NO_SOLIDS, CAMERA, DetectorModel(), MODEL, *of_target
         )
         for y in np.arange(-along_m / 2 - 5 + share * step_m, along_m / 2 + 5, step_m):
             cells.look(CameraPose(np.array([0.0, y, height_m]), R), motion)
@@ -138,6 +142,32 @@ def test_a_crown_hides_what_lies_behind_it_from_there():
     assert from_west[behind] == from_above[under] == 0.0
     assert from_west[before] == free[before] > 0.3
     assert from_east[behind] > 0.3
+
+
+def test_a_ridge_hides_what_lies_behind_it_from_there():
+    """A wall of ground, 30 m high, between the eye in the west and the east."""
+    heights = np.zeros((101, 101))
+    heights[:, 50] = 30.0
+    ridge = TerrainSurface(heights, (-1.0, -1.0, 41.0, 41.0), "grass")
+    eye = CameraPose(np.array([5.0, 20.0, 35.0]), rotation_camera_to_enu(0.0, -1.0))
+    flat, hilly = (cells_over(grid(20, 20), terrain=t) for t in (FLAT, ridge))
+    for cells in (flat, hilly):
+        cells.look(eye, STILL)
+    assert (flat.pod[:, 14:18].max(axis=0) > 0.3).all()
+    assert not hilly.pod[:, 14:18].any()
+    assert np.array_equal(hilly.pod[:, 4:9], flat.pod[:, 4:9])
+
+
+def test_what_covers_the_ground_counts_cell_by_cell():
+    centres, west_half = grid(10, 20), (0.0, 0.0, 40.0, 20.0)
+    snow, grass = (cells_over(centres, terrain=replace(FLAT, surface=s)) for s in ("snow", "grass"))
+    cover = GroundCover(np.array([[0, 1]], dtype=np.uint8), west_half, ("snow", "grass"))
+    mixed = cells_over(centres, terrain=replace(FLAT, cover=cover))
+    for cells in (snow, grass, mixed):
+        cells.look(CameraPose(np.array([20.0, 10.0, 60.0]), rotation_camera_to_enu(0.0, -1.5)), STILL)
+    assert np.array_equal(mixed.pod[:, :10], snow.pod[:, :10])
+    assert np.array_equal(mixed.pod[:, 10:], grass.pod[:, 10:])
+    assert np.abs(snow.pod - grass.pod).max() > 0.01
 
 
 def test_after_clear_the_same_looks_give_the_same():

@@ -36,7 +36,7 @@ from skysweep.sensing.statistical.model import (
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.types import VehicleState
 from skysweep.worlds.occlusion import Occluders
-from skysweep.worlds.world import TerrainSurface, World, WorldObject, WorldTree
+from skysweep.worlds.world import GroundCover, TerrainSurface, World, WorldObject, WorldTree
 
 CAMERA = CameraModel(hfov_rad=1.2, latency_s=0.0)
 LENS = CAMERA.lens
@@ -450,12 +450,18 @@ def test_the_shipped_model_is_for_the_shipped_scenarios(name):
     [
         (
             {"camera.exposure_s": 0.1, "search.scan_speed_mps": 10.0},
-            "camera.exposure_s is 0.1, in which the camera moves 1 m at search.scan_speed_mps, farther than the "
-            "0.9 m of the smallest target",
+            "camera.exposure_s is 0.1, in which the camera moves 1 m at search.scan_speed_mps, farther than "
+            "the 0.9 m of the smallest target",
         ),
         ({"camera.noise_std": 6}, "camera.noise_std is 6 grey levels a pixel that the detector sees, not 2"),
-        ({"camera.jpeg_quality": 40}, "camera.jpeg_quality is 40, 6.2 times as coarse for the detector as 90"),
-        ({"detector.tiles": 3}, "detector.tiles is 3, which enlarges the camera's pixels 2.59 times, more than 2"),
+        (
+            {"camera.jpeg_quality": 40},
+            "camera.jpeg_quality is 40, 6.2 times as coarse for the detector as 90",
+        ),
+        (
+            {"detector.tiles": 3},
+            "detector.tiles is 3, which enlarges the camera's pixels 2.59 times, more than 2",
+        ),
         ({"detector.confidence_min": 0.05}, "confidence_min is 0.05, below 0.1"),
         ({"detector.model": __file__}, "not skysweep"),
     ],
@@ -498,7 +504,9 @@ def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
     (tmp_path / "a.yaml").write_text(text)
     assert model_for(load_scenario(tmp_path / "a.yaml")).fade_px == 77.0
     other = change_scenario(load_scenario(tmp_path / "a.yaml"), {"camera.noise_std": 9})
-    with pytest.raises(UserError, match=r"mine\.yaml: was made for another .*noise_std is 9 grey levels .*, not 2"):
+    with pytest.raises(
+        UserError, match=r"mine\.yaml: was made for another .*noise_std is 9 grey levels .*, not 2"
+    ):
         model_for(other)
 
 
@@ -622,3 +630,23 @@ def test_what_is_out_of_view_changes_nothing_however_much_there_is():
         return [d.confidences.tolist() for d in found]
 
     assert seen([sign(2.0)]) == seen([sign(2.0), *far])
+
+
+def test_the_ground_hides_what_lies_behind_a_hill():
+    heights = np.zeros((101, 101))
+    heights[:, 55] = 30.0  # at 10 m east
+    ridge = TerrainSurface(heights, (-100, -100, 100, 100), "grass")
+    eye = CameraPose(np.array([0.0, 0.0, 32.0]), rotation_camera_to_enu(0.0, -1.2))
+    tables = model(table(scores=(3.0,) * 4))
+    for x, found in ((5.0, 1.0), (18.0, 0.0)):
+        hilly = looks([sign(x)], tables, eye, 50, surface=ridge)
+        assert np.mean([len(d) for d in hilly]) == pytest.approx(found, abs=0.05)
+        assert np.mean([len(d) for d in looks([sign(x)], tables, eye, 50)]) > 0.9
+
+
+def test_each_object_counts_on_the_ground_below_it():
+    tables, true = model(table(scores=(0.0,) * 4, grounds={"sand": -0.6})), nadir(height_for(30.0))
+    cover = GroundCover(np.array([[0, 1]], dtype=np.uint8), (-200, -200, 200, 200), ("sand", "grass"))
+    for x, shift in ((-3.0, -0.6), (3.0, 0.0)):
+        found = looks([sign(x)], tables, true, surface=replace(FLAT, cover=cover))
+        assert_rate(sum(map(len, found)), LOOKS, chance(shift))

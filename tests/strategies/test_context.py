@@ -76,7 +76,8 @@ def test_parameters_are_set_one_by_one():
         (95.0, "calibrated for 4 to 220 pixels on target, not 3.6: "),
         (
             110.0,
-            "calibrated for 4 to 220 pixels on target, not 3.11 and for 0.79 to 26.3 cm of ground a pixel, not 29: ",
+            "calibrated for 4 to 220 pixels on target, not 3.11 "
+            "and for 0.79 to 26.3 cm of ground a pixel, not 29: ",
         ),
     ],
 )

@@ -103,8 +103,14 @@ def calibrate(
         )
     picture = out.with_suffix(".png")
     held_out = [h.model_dump() for h in model.held_out]
-    record = {"sensor_model": str(out), "picture": str(picture), "held_out": held_out}
-    answer(as_json, record, *_fit_tables(model.held_out), f"sensor model: {out}, picture: {picture}")
+    record = {
+        "sensor_model": str(out),
+        "picture": str(picture),
+        "holds_for": model.holds_for,
+        "held_out": held_out,
+    }
+    written = f"sensor model: {out}, picture: {picture}"
+    answer(as_json, record, *_fit_tables(model.held_out), f"It holds for {model.holds_for}.", written)
 
 
 def _refuse_unwritable(out: Path) -> None:

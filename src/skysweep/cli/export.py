@@ -17,11 +17,10 @@ def export(
         Path, typer.Argument(metavar="RUN_DIR", help="Run folder of a mission, which may still be flying.")
     ],
     form: Annotated[
-        Literal[
-            "cot", "kmz", "gpx", "geojson", "kml", "csv", "geotiff", "coverage-geojson", "coverage-kml"
-        ],
+        Literal["cot", "kmz", "gpx", "geojson", "kml", "csv", "geotiff", "coverage-geojson", "coverage-kml"],
         typer.Option(
-            "--format", help="geotiff, coverage-...: the coverage as probability of detection. Others: targets."
+            "--format",
+            help="geotiff, coverage-...: the coverage as probability of detection. Others: targets.",
         ),
     ],
     out: Annotated[

@@ -42,7 +42,7 @@ class PointTree(NamedTuple):
         if len(points):
             add(0, len(points))
         return cls(
-            np.array(boxes, dtype=float).reshape(-1, 6) + (0.0, 0.0, 0.0, 0.0, 0.0, height_m),
+            np.array(boxes, dtype=float).reshape(-1, 6) + np.array([0.0, 0.0, 0.0, 0.0, 0.0, height_m]),
             np.array(nodes, dtype=np.int64).reshape(-1, 3),
             order.astype(np.int64),
         )

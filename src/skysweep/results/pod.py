@@ -63,13 +63,11 @@ class CoverageMap:
         terrain = build_terrain(scenario)
         trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
         xy = np.column_stack([x.ravel(), y.ravel()])
-        z, cover = terrain.height_m(xy).reshape(x.shape), terrain.cover
-        ground = np.zeros(x.shape, dtype=int) if cover is None else cover.codes_at(xy).reshape(x.shape)
+        z = terrain.height_m(xy).reshape(x.shape)
         self._cells = SearchedCells(
             np.stack([x, y, z], axis=-1),
             self.inside,
-            ground,
-            (terrain.surface,) if cover is None else cover.names,
+            terrain,
             Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0)).solids,
             scenario.camera,
             scenario.detector,

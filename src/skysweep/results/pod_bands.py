@@ -54,7 +54,7 @@ def bands_of(coverage: CoverageMap, area_enu_m: shapely.Polygon) -> list[Band]:
 
 
 def geojson(run: Run) -> bytes:
-    """A feature for each band, with its figures and the colours of simplestyle. Raises UserError as ``kml``."""
+    """A feature for each band, with its figures and simplestyle's colours. Raises UserError as ``kml``."""
     frame = run.scenario.frame
     features = [
         {

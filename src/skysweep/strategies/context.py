@@ -17,6 +17,7 @@ from skysweep.sensing.statistical.model import StatisticalModel, model_for
 from skysweep.sensing.statistical.view import View
 from skysweep.types import XY
 from skysweep.worlds.obstacles import Obstacles
+from skysweep.worlds.world import TerrainSurface
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class MissionContext:
     confidence_min: float  # of what the detector reports
     exposure_s: float
     vehicle: VehicleLimits
-    surface: str  # of the ground
+    surface: str  # of most of the ground
     is_wooded: bool
     obstacles: Obstacles  # known trees and buildings, and the ground
     load_sensor_model: Callable[[], StatisticalModel]
@@ -78,7 +79,7 @@ class MissionContext:
             scenario.detector.confidence_min,
             camera.exposure_s,
             scenario.vehicle,
-            scenario.terrain.surface,
+            _commonest_surface(obstacles.terrain),
             bool(scenario.trees or scenario.forests or scenario.terrain.land_cover),
             obstacles,
             load,
@@ -107,8 +108,8 @@ class MissionContext:
             self.sensor_view, self.search, smallest_m, self.gimbal_pitch_rad
         )
         return beyond and (
-            f"The sensor model was calibrated {beyond}: what it says there is a guess; write another altitude "
-            "of search, or another camera."
+            f"The sensor model was calibrated {beyond}: what it says there is a guess; write another "
+            "altitude of search, or another camera."
         )
 
     def ground_at_m(self, xy: XY) -> float:
@@ -119,3 +120,8 @@ class MissionContext:
         """Seconds from standing to standing; ``climb_m`` is negative downwards."""
         vertical_mps = self.vehicle.climb_speed_mps if climb_m > 0.0 else self.vehicle.descent_speed_mps
         return max(float(leg_time_s(distance_m, speed_mps)), abs(climb_m) / vertical_mps)
+
+
+def _commonest_surface(terrain: TerrainSurface) -> str:
+    cover = terrain.cover
+    return terrain.surface if cover is None else cover.names[int(np.bincount(cover.codes.ravel()).argmax())]

@@ -14,7 +14,7 @@ from numba import njit
 
 from skysweep.arrays import F64, I64
 from skysweep.worlds.grid import Grid, around
-from skysweep.worlds.world import STANDING_SIGN_EDGE_M, World, WorldObject
+from skysweep.worlds.world import STANDING_SIGN_EDGE_M, TerrainSurface, World, WorldObject, bilinear_at
 
 FLAT, STANDING, FLOATING, SITTING, CROUCHING = range(5)
 SHAPES = {  # of poses; all others are flat
@@ -97,7 +97,8 @@ class Occluders:
     def visible_fraction(self, camera_enu_m: F64, thing: WorldObject) -> float:
         """Share (0..1) of nine points of the object that the camera sees."""
         place = middle_enu_m(thing)
-        near = self._around(place[0], place[1], camera_enu_m[0], camera_enu_m[1], thing.size_m)
+        (x0, y0), (x1, y1) = place[:2].tolist(), camera_enu_m[:2].tolist()
+        near = self._around(x0, y0, x1, y1, thing.size_m)
         return float(visible_share(camera_enu_m, place, thing.size_m, self.solids, near))
 
     def _around(self, x0: float, y0: float, x1: float, y1: float, margin_m: float) -> I64:
@@ -125,6 +126,11 @@ def _walls(world: World) -> F64:
     return np.array(rows, dtype=float).reshape(-1, 11)
 
 
+def relief(terrain: TerrainSurface) -> tuple[F64, F64]:
+    """Heights (R, C) and bounds (4,) of the ground as plain arrays for compiled code."""
+    return np.ascontiguousarray(terrain.heights_m, dtype=float), np.array(terrain.bounds_enu_m, dtype=float)
+
+
 @njit(cache=True)
 def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64) -> float:
     """Share (0..1) of the points of an object at ``place`` that none of the ``near`` solids hides."""
@@ -148,6 +154,26 @@ def visible_share(camera: F64, place: F64, size_m: float, solids: F64, near: I64
                     place[2] + _POINT_HEIGHT_M,
                 )
     return float(1.0 - hidden.mean())
+
+
+@njit(cache=True)
+def is_behind_a_hill(camera: F64, place: F64, heights: F64, bounds: F64) -> bool:
+    """Whether the ground (R, C) over ``bounds`` rises above the line from the camera to a place on it.
+
+    The line is sampled as finely as the ground's posts.
+    """
+    dx, dy = camera[0] - place[0], camera[1] - place[1]
+    post_m = min(
+        (bounds[2] - bounds[0]) / (heights.shape[1] - 1), (bounds[3] - bounds[1]) / (heights.shape[0] - 1)
+    )
+    limits = bounds[0], bounds[1], bounds[2], bounds[3]
+    n, from_m = math.ceil(math.hypot(dx, dy) / post_m), place[2] + _POINT_HEIGHT_M
+    for k in range(1, n):
+        share = k / n
+        ground = bilinear_at(heights, limits, place[0] + share * dx, place[1] + share * dy)
+        if ground > from_m + share * (camera[2] - from_m):
+            return True
+    return False
 
 
 @njit(cache=True)

@@ -37,7 +37,16 @@ from skysweep.sensing.statistical.factors import (
 from skysweep.sensing.statistical.luck import WEIGHT, unseen, update
 from skysweep.sensing.statistical.model import KindModel, StatisticalModel, score_of
 from skysweep.worlds.grid import Grid, around
-from skysweep.worlds.occlusion import FLAT, SHAPES, middle_above_ground_m, pixels_on_target, visible_share
+from skysweep.worlds.occlusion import (
+    FLAT,
+    SHAPES,
+    is_behind_a_hill,
+    middle_above_ground_m,
+    pixels_on_target,
+    relief,
+    visible_share,
+)
+from skysweep.worlds.world import TerrainSurface
 
 _MIN_DEPTH_M = 0.1
 _FRONT_MATTERS = 0.5  # in the score, from front to side
@@ -63,17 +72,15 @@ class SearchedCells:
     """The chance of a report of a target in the middle of each cell of a grid, updated by every look.
 
     ``centres_enu_m`` (R, C, 3) are on the ground, by row from south to north; ``wanted`` (R, C) are the cells
-    that count; ``ground`` (R, C) what covers each, an index of ``surfaces``; ``solids`` those of
-    ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched class. Raises UserError where the
-    model does not know one of the classes.
+    that count; ``solids`` those of ``worlds.occlusion``; ``sizes_m`` and ``poses`` those of each searched
+    class. Raises UserError where the model does not know one of the classes.
     """
 
     def __init__(
         self,
         centres_enu_m: F64,
         wanted: NDArray[np.bool_],
-        ground: NDArray[np.integer[Any]],
-        surfaces: Sequence[str],
+        terrain: TerrainSurface,
         solids: F64,
         camera: CameraModel,
         detector: DetectorModel,
@@ -81,15 +88,20 @@ class SearchedCells:
         sizes_m: Mapping[str, tuple[float, float]],
         poses: Mapping[str, Sequence[str]],
     ) -> None:
-        self._wanted, self._solids, self._grid = wanted, solids, Grid.of(solids[:, :2], solids[:, 9])
-        self._centres, self._ground = centres_enu_m[wanted], ground[wanted].astype(np.int64)
+        self._wanted, self._centres = wanted, centres_enu_m[wanted]
+        self._solids, self._grid, self._relief = solids, Grid.of(solids[:, :2], solids[:, 9]), relief(terrain)
+        cover = terrain.cover
+        names = (terrain.surface,) if cover is None else cover.names
+        self._ground = np.zeros(len(self._centres), dtype=np.int64)
+        if cover is not None:
+            self._ground[:] = cover.codes_at(self._centres[:, :2])
         view = model.view_of(camera, detector)
         self._tiles = view.tiles_px
         self._optics = (view.focal_px, view.width_px, view.height_px, camera.exposure_s)
         self._fade_px = model.fade_px
         self._threshold = float(score_of(detector.confidence_min))
         self._log_pixels = np.log(model.pixels)
-        found = [list(_variants(model, surface, sizes_m, poses)) for surface in surfaces]
+        found = [list(_variants(model, surface, sizes_m, poses)) for surface in names]
         self._weights = np.array([weight for weight, _, _ in found[0]])
         self._tables = np.array([[table for _, table, _ in on_one] for on_one in found])
         variants = np.array([[variant for _, _, variant in on_one] for on_one in found], dtype=VARIANT)
@@ -125,6 +137,7 @@ class SearchedCells:
             *self._tree,
             self._solids,
             *self._grid,
+            *self._relief,
             self._room,
             self._tables,
             self._variants,
@@ -190,6 +203,8 @@ def _look(
     grid_frame: F64,
     grid_starts: I64,
     grid_order: I64,
+    heights: F64,
+    bounds: F64,
     room: I64,
     tables: F64,
     variant_floats: F64,
@@ -254,12 +269,14 @@ def _look(
                 if inside_x <= 0.0 or inside_y <= 0.0 or inside < 1.0 - HIDDEN_MAX:
                     continue
                 if clear == _NOT_KNOWN:
-                    clear = 1.0
                     if n_near < 0:
                         n_near, beside_m = _near(near, gathered, solids, centre, eye, largest)
+                    place = np.array((centre[0], centre[1], centre[2] + variant.middle))
+                    clear = 1.0
                     if n_near > 0:
-                        place = np.array((centre[0], centre[1], centre[2] + variant.middle))
                         clear = visible_share(eye, place, variant.size, solids, near[:n_near])
+                    if is_behind_a_hill(eye, place, heights, bounds):
+                        clear = 0.0
                 if inside * clear < 1.0 - HIDDEN_MAX:
                     continue
                 factors = factors_of_look(

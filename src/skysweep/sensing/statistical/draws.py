@@ -24,7 +24,7 @@ from skysweep.arrays import F64, I64
 from skysweep.geometry.point_tree import in_view
 from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, TOO_SMALL, factors_of_look
 from skysweep.worlds.grid import around
-from skysweep.worlds.occlusion import pixels_on_target, visible_share
+from skysweep.worlds.occlusion import is_behind_a_hill, pixels_on_target, visible_share
 
 Record = Any  # of SENSOR
 
@@ -124,6 +124,8 @@ def draw_look(
     grid_frame: F64,
     grid_starts: I64,
     grid_order: I64,
+    heights: F64,
+    bounds: F64,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
@@ -145,12 +147,13 @@ def draw_look(
     Returns where each part ends.
 
     ``sensor``, ``things``, ``ghosts`` and ``ghost_classes`` are the floats of their records, the ghosts those
-    of this altitude alone, of which the first has the number ``first_ghost``. ``tree`` and ``ghost`` arrays are the
-    ``PointTree`` of their places, ``grid`` arrays the ``Grid`` of the ``solids``.
-    ``tiles`` (T, 4) are parts of the picture. ``position``, ``R``, ``velocity`` and ``rates`` are the
-    camera's truth, the last two in its own axes. ``log_pixels`` (G,) is the table's grid, ``pass_state``
-    (rows,) what looks of one pass have in common. ``over_altitude`` (classes, 3, A): log altitudes,
-    densities and scales of the score. ``room`` is for indices of things, ghosts and solids, one after another.
+    of this altitude alone, of which the first has the number ``first_ghost``. The arrays ``tree_...`` and
+    ``ghost_...`` are the ``PointTree`` of their places, ``grid_...`` the ``Grid`` of the ``solids``,
+    ``heights`` and ``bounds`` the ground's ``relief``. ``tiles`` (T, 4) are parts of the picture.
+    ``position``, ``R``, ``velocity`` and ``rates`` are the camera's truth, the last two in its own axes.
+    ``log_pixels`` (G,) is the table's grid, ``pass_state`` (rows,) what looks of one pass have in common.
+    ``over_altitude`` (classes, 3, A): log altitudes, densities and scales of the score. ``room`` is for
+    indices of things, ghosts and solids.
     """
     s = sensor.view(SENSOR)[0]
     all_things = things.view(THING)
@@ -171,6 +174,8 @@ def draw_look(
             grid_frame,
             grid_starts,
             grid_order,
+            heights,
+            bounds,
             table,
             log_pixels,
             pass_state,
@@ -215,6 +220,8 @@ def _draw_thing(
     grid_frame: F64,
     grid_starts: I64,
     grid_order: I64,
+    heights: F64,
+    bounds: F64,
     table: F64,
     log_pixels: F64,
     pass_state: F64,
@@ -279,6 +286,8 @@ def _draw_thing(
                 thing.size,
             )
             clear = visible_share(position, place, thing.size, solids, room[:n_near])
+            if is_behind_a_hill(position, place, heights, bounds):
+                clear = 0.0
         if inside * clear < 1.0 - HIDDEN_MAX:
             continue
         factors = factors_of_look(
@@ -313,14 +322,14 @@ def _draw_thing(
 
 @njit(cache=True)
 def _merged(boxes: F64, scores: F64, rows: I64, first: int, end: int, iou_max: float) -> int:
-    """Drop, of the reports from ``first`` on, those that a better one of the same row overlaps; the new end."""
+    """Drop, from ``first`` on, the reports that a better one of the same row overlaps; the new end."""
     order = np.argsort(-scores[first:end]) + first
     is_kept = np.ones(end - first, dtype=np.bool_)
     for k in range(1, len(order)):
         for j in order[:k]:
-            if is_kept[j - first] and rows[j] == rows[order[k]]:
-                if _overlap(boxes[j], boxes[order[k]]) > iou_max:
-                    is_kept[order[k] - first] = False
+            same = is_kept[j - first] and rows[j] == rows[order[k]]
+            if same and _overlap(boxes[j], boxes[order[k]]) > iou_max:
+                is_kept[order[k] - first] = False
     n = first
     for i in range(first, end):
         if is_kept[i - first]:
@@ -334,7 +343,7 @@ def _overlap(a: F64, b: F64) -> float:
     """Intersection over union."""
     width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
     both = max(width, 0.0) * max(height, 0.0)
-    return both / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both)
+    return float(both / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - both))
 
 
 @njit(cache=True)

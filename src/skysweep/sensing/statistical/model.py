@@ -273,10 +273,18 @@ class StatisticalModel(_Part):
         coarse, known = _jpeg_step(camera.jpeg_quality) * least, _jpeg_step(self.camera.jpeg_quality)
         if coarse > known * _ROUNDING:
             found.append(
-                f"camera.jpeg_quality is {camera.jpeg_quality:g}, {coarse / known:.2g} times as coarse for the "
-                f"detector as {self.camera.jpeg_quality:g}"
+                f"camera.jpeg_quality is {camera.jpeg_quality:g}, {coarse / known:.2g} times as coarse for "
+                f"the detector as {self.camera.jpeg_quality:g}"
             )
         return found
+
+    @property
+    def holds_for(self) -> str:
+        """The calibrated range in words."""
+        return (
+            f"{self.pixels[0]:g} to {self.pixels[-1]:g} pixels on target, as the detector sees them, up "
+            f"to {_VIEW_MAX_DEG:.0f} degrees off the vertical and blurred by up to the target's length"
+        )
 
     def extrapolation(self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float) -> str:
         """In words, what the model was calibrated for instead of this search; empty if for this.
@@ -288,7 +296,8 @@ class StatisticalModel(_Part):
         cm = [100.0 * h / self.camera.lens.focal_px for b in self.background for h in b.altitude_agl_m]
         asked = [("pixels on target", view.pixels_on_target(smallest_m, h_s), self.pixels)]
         asked += [("pixels on target in a check", max(in_check, self.pixels[0]), self.pixels)]
-        asked += [("cm of ground a pixel", 100.0 * h_s / view.focal_px, cm)] if cm else []
+        for where, height_m in (("", h_s), (" in a check", h_c)) if cm else ():
+            asked.append((f"cm of ground a pixel{where}", 100.0 * height_m / view.focal_px, cm))
         asked += [("degrees off the vertical", 90.0 + math.degrees(gimbal_pitch_rad), [0.0, _VIEW_MAX_DEG])]
         return " and ".join(
             f"for {min(known):.3g} to {max(known):.3g} {unit}, not {value:.3g}"

@@ -30,7 +30,7 @@ from skysweep.sensing.statistical.model import (
     score_of,
 )
 from skysweep.types import Detections, Truth, VehicleState
-from skysweep.worlds.occlusion import Occluders, middle_enu_m, shape_of
+from skysweep.worlds.occlusion import Occluders, middle_enu_m, relief, shape_of
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 _EPS_S = 1e-6
@@ -88,7 +88,7 @@ class StatisticalSensor:
         room = np.empty(len(things) + most_ghosts + len(occluders.solids), dtype=np.int64)
         self._things, self._tree = things, PointTree.of(things["place"])
         self._world, self._occluders = world, occluders
-        of_solids = (occluders.solids, *occluders.grid)
+        of_solids = (occluders.solids, *occluders.grid, *relief(world.terrain))
         self._of_things = (things.view(np.float64), *self._tree, *of_solids, *of_rows)
         self._of_ghosts = (*of_ghosts, room, self._boxes, self._scores, self._rows)
 
@@ -113,6 +113,8 @@ class StatisticalSensor:
         height_m = z - self._ground_at_m(x, y)
         log_altitude = math.log(max(height_m * self._view.as_high, 1.0))
         octave = self._octaves[min(int(log_altitude / math.log(2.0)), OCTAVES - 1)]
+        of_octave = octave.ghosts, octave.first, *octave.tree
+        of_world: tuple[Any, ...] = (*self._of_things, *of_octave, *self._of_ghosts)
         n, end = draw_look(
             self._sensor,
             self._view.tiles_px,
@@ -122,11 +124,7 @@ class StatisticalSensor:
             rates_radps,
             log_altitude,
             self._look_number,
-            *self._of_things,
-            octave.ghosts,
-            octave.first,
-            *octave.tree,
-            *self._of_ghosts,
+            *of_world,
         )
         self._look_number += 1
         if not end:

@@ -2,7 +2,8 @@
 
 What a detector makes of a thing depends on the pixels that it gets, after a picture, or a tile of it, was
 scaled to the model's input. They are measured in pixels of the calibrated pictures: a scale of 1 shows things
-as those did. A picture that is enlarged holds no more than before, but the detector makes a little more of it.
+as those did. A picture that is enlarged holds no more than before, but the detector makes a little more of
+it.
 """
 
 from __future__ import annotations
