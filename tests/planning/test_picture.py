@@ -4,7 +4,7 @@ import pytest
 
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.picture import draw_plan
-from skysweep.scenarios.model import Area, CameraModel, Scenario
+from skysweep.scenarios.model import Area, CameraModel, Scenario, Terrain
 
 HOLE = [(60, 60), (120, 60), (120, 120), (60, 120)]
 
@@ -38,3 +38,16 @@ def test_the_same_plan_gives_the_same_picture(tmp_path):
     plan, estimate = plan_scenario(s)
     one, two = (draw_plan(tmp_path / f"{i}.png", s, plan, estimate).read_bytes() for i in range(2))
     assert one == two
+
+
+def test_over_hills_the_heights_along_the_path_are_below_the_map(tmp_path):
+    area = Area(polygon_enu_m=[(0, 0), (300, 0), (300, 200), (0, 200)])
+    wall = [[0.0] * 20] * 8 + [[60.0] * 20] + [[0.0] * 20] * 9
+    flat, hilly = (Scenario(name="t", area=area, terrain=Terrain(heightmap_m=h)) for h in (None, wall))
+    images = [
+        cv2.imread(str(draw_plan(tmp_path / f"{s.name}.png", s, *plan_scenario(s)))) for s in (flat, hilly)
+    ]
+    assert images[1].shape[0] > images[0].shape[0] + 300
+    no_radio_bgr = np.array([0x00, 0x7B, 0xE0])
+    marked = [(np.abs(image.astype(int) - no_radio_bgr) < 12).all(axis=2).sum() for image in images]
+    assert marked[0] < 50 < 500 < marked[1]
