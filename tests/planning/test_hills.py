@@ -170,7 +170,7 @@ def test_a_ceiling_leaves_cells_unseen_and_the_proof_says_so():
 def test_a_vehicle_on_its_way_finds_the_height_and_speed_of_its_place():
     s = scenario(0.5 * np.linspace(0, 420, 30)[None, :].repeat(6, axis=0), transect_heading_deg=90.0)
     profile = plan_scenario(s)[0].profiles[0]
-    following = Following([profile])
+    following = Following([profile], 3.0)
     (x0, y0), end = profile.leg_xy_enu_m.tolist()
     to = tuple(end)
     planned = following.at((x0, y0 + 3.0), to, 0.0)
@@ -181,8 +181,9 @@ def test_a_vehicle_on_its_way_finds_the_height_and_speed_of_its_place():
     assert whole_way.speed_mps == pytest.approx(profile.speed_mps[-1])
     assert following.at((x0, y0 + 30.0), to, 0.0) is None
     assert following.at((x0, y0), (0.0, 1.0), 0.0) is None
-    on_its_way_there = following.at((x0, y0 + 50.0), (x0, y0), 0.0)
-    assert on_its_way_there == (-math.inf, pytest.approx(profile.height_m[0]), math.inf)
+    on_its_way_there = following.at((x0, y0 + 50.0), (x0, y0), 10.0)
+    assert on_its_way_there == (-math.inf, pytest.approx(profile.height_m[0] - 4 * 0.8 * 6.0), math.inf)
+    assert following.at((x0, y0 + 8.0), (x0, y0), 10.0).ahead_height_m == pytest.approx(profile.height_m[0])
 
 
 def test_a_tiny_area_is_proven_too():
@@ -191,4 +192,4 @@ def test_a_tiny_area_is_proven_too():
     proof = prove(plan, s, build_terrain(s))
     assert len(proof.seen) > 50
     assert proof.seen.all()
-    assert Following(plan.profiles).at((1.0, 1.0), (9.0, 9.0), 10.0) is None
+    assert Following(plan.profiles, 3.0).at((1.0, 1.0), (9.0, 9.0), 10.0) is None

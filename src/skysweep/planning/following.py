@@ -74,7 +74,8 @@ class Planned(NamedTuple):
 class Following:
     """The profiles of a plan's transects, for a vehicle on its way along them."""
 
-    def __init__(self, profiles: Sequence[LegProfile]) -> None:
+    def __init__(self, profiles: Sequence[LegProfile], climb_speed_mps: float) -> None:
+        self._climb_mps = _RATE_SHARE * climb_speed_mps
         self._starts: dict[XY, LegProfile] = {}
         self._ends: dict[XY, list[LegProfile]] = {}
         for profile in profiles:
@@ -85,6 +86,8 @@ class Following:
     def at(self, here: XY, to: XY, ahead_m: float) -> Planned | None:
         """On the way to a transect's end, or to its start; None elsewhere.
 
+        ``ahead_m`` is the way in ``LOOK_AHEAD_S``. A start's height is climbed to no sooner than it takes:
+        valleys may lie in between.
         The speed is that of half of the way ahead, for a vehicle that takes its time to slow down.
         """
         for profile in self._ends.get(to, ()):
@@ -101,7 +104,11 @@ class Following:
                 speed_mps = np.interp(at[1], stations, profile.speed_mps)
                 return Planned(float(heights[0]), float(highest_m), float(speed_mps))
         begun = self._starts.get(to)
-        return None if begun is None else Planned(-math.inf, float(begun.height_m[0]), math.inf)
+        if begun is None:
+            return None
+        left_m = max(0.0, math.dist(here, to) - ahead_m)
+        climb_m = self._climb_mps * LOOK_AHEAD_S * left_m / max(ahead_m, 1e-9)
+        return Planned(-math.inf, float(begun.height_m[0]) - climb_m, math.inf)
 
 
 def profiles_of(
