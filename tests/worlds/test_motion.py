@@ -108,7 +108,7 @@ def test_what_drifts_goes_with_the_current_and_its_own_leeway():
             for k in range(40)
         ],
         axis=0,
-    )  # noqa: E501
+    )
     from_240 = np.array([np.sin(np.radians(60.0)), np.cos(np.radians(60.0))])
     assert downwind @ from_240 / np.linalg.norm(downwind) > 0.95
     assert 0.02 * 6.0 * 600 < np.linalg.norm(downwind) < 0.045 * 6.0 * 600
