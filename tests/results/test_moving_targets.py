@@ -32,6 +32,4 @@ def test_a_slow_mover_is_found_far_from_where_it_began():
     assert sum(s["recall"] for s in moved) >= 2
     found = [s for s in moved if s["recall"]]
     assert all(s["median_localisation_error_m"] < 2.0 for s in found)
-    assert all(
-        0.25 * s["time_to_confirm_s"][0] > 4.0 for s in found
-    )  # beyond the reach of a match at its start
+    assert all(0.25 * s["time_to_confirm_s"][0] > 4.0 for s in found)  # beyond a match at its start
