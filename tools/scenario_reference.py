@@ -48,9 +48,12 @@ def _value(spec: dict[str, Any]) -> str:
     if "$ref" in spec:
         name = spec["$ref"].rsplit("/", 1)[1]
         return f"[{name}](#{name.lower()})"
-    if "anyOf" in spec:
-        choices = [_value(s) for s in spec["anyOf"] if s.get("type") != "null"]
+    if "anyOf" in spec or "oneOf" in spec:
+        options = spec.get("anyOf", spec.get("oneOf", []))
+        choices = [_value(s) for s in options if s.get("type") != "null"]
         return " or ".join(choices)
+    if "const" in spec:
+        return f"`{spec['const']}`"
     if "enum" in spec:
         return ", ".join(f"`{choice}`" for choice in spec["enum"])
     if "prefixItems" in spec:
