@@ -23,8 +23,8 @@ def test_small_places_are_measured(monkeypatch):
     measured = scale.scale((1, 2), told.append)
     assert told == [f"{part}, {size} ha" for size in (1, 2) for part in scale.PARTS]
     for row in measured["rows"]:
-        assert row["plan_s"] > 0.0 and row["statistical_s"] > 0.0
+        assert min(row["plan_s"], row["statistical_s"]) > 0.0
         assert row["flown_km"] > row["planned_km"] > 0.1
         assert row["rendered_look_s"] > 0.02
-        assert 200 < row["plan_mb"] < 4000 and 500 < row["rendered_mb"] < 4000
+        assert 100 < row["plan_mb"] < row["rendered_mb"] < 4000
     assert set(measured["slopes"]) == set(scale.PARTS)

@@ -16,6 +16,7 @@ from skysweep.planning.prior.lost_person import (
 )
 from skysweep.planning.prior.maps import grid_over
 from skysweep.planning.prior.terrain import factors_near, factors_within, slope_deg, slope_factors
+from skysweep.scenarios.leeway import LEEWAY
 
 FRAME = LocalFrame(60.2, 22.1)
 HOUR_S = 3600.0
