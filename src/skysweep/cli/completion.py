@@ -36,9 +36,8 @@ def _where_readable(offer: Callable[[str], list[str]]) -> Callable[[str], list[s
 @_where_readable
 def scenarios(incomplete: str) -> list[str]:
     """Shipped scenarios, and YAML files that are named like them."""
-    shipped = (
-        f.name.removesuffix(".yaml") for f in files("skysweep.scenarios").joinpath("shipped").iterdir()
-    )
+    beside_code = (Path(f.name) for f in files("skysweep.scenarios").joinpath("shipped").iterdir())
+    shipped = (path.stem for path in beside_code if path.suffix in _SCENARIO_SUFFIXES)
     names = _begun(shipped, incomplete)
     if not names:
         return []

@@ -327,13 +327,14 @@ Motion = Annotated[PathMotion | WalkMotion | DriftMotion, Field(discriminator="k
 class _Placed(Model):
     """What moves, or is dressed. A file that does not use these has the same keys as before they existed."""
 
-    motion: Motion | None = Field(None, description="How it moves from mission time 0; default: not at all")
-
     @model_serializer(mode="wrap")
     def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {k: v for k, v in write(self).items() if k not in _OPEN_UNLESS_TOLD or v is not None}
 
 
+HowItMoves = Annotated[
+    Motion | None, Field(description="How it moves from mission time 0; default: not at all")
+]
 _OPEN_UNLESS_TOLD = ("motion", "clothing", "ages", "near")
 
 
@@ -346,6 +347,7 @@ class Target(_Placed):
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
     pose: ObjectPose | None = Field(None, description="Default depends on the class")
     clothing: Clothing | None = Field(None, description="Of a person; default: any")
+    motion: HowItMoves = None
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -359,6 +361,7 @@ class Distractor(_Placed):
         None, description="Counter-clockwise from east; default another one for every mission seed"
     )
     size_m: float | None = Field(None, gt=0.05, le=60, description="Default depends on the class")
+    motion: HowItMoves = None
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -396,6 +399,7 @@ class Generator(_Placed):
         None, description="Moves each object to the crown of the nearest tree, which hides a part of it"
     )
     seed: int | None = Field(0, ge=0, description="null: another layout for every mission seed")
+    motion: HowItMoves = None
 
     model_config = ConfigDict(populate_by_name=True)
 
