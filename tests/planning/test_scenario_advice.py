@@ -84,9 +84,9 @@ CASES = {
         "search.scan_speed_mps: 5 m/s is more than vehicle.cruise_speed_mps (4)",
     ),
     "a wind that blows it off its transects": (
-        {"vehicle": "{cruise_speed_mps: 9}", "search": "{scan_speed_mps: 9}", "wind": "{mean_speed_mps: 4}"},
-        "search.scan_speed_mps: 9 m/s against a wind of 4 m/s is more than the vehicle sustains "
-        "(safety.air_speed_max_mps: 9.8), and it is blown off its transects; write 5.8 or less",
+        {"wind": "{mean_speed_mps: 6}"},
+        "search.scan_speed_mps: 5 m/s against a wind of 6 m/s is more than the vehicle sustains "
+        "(safety.air_speed_max_mps: 9.8), and it is blown off its transects; write 3.8 or less",
     ),
     "storm": ({"wind": "{mean_speed_mps: 12}"}, "wind.mean_speed_mps: with gusts it blows at 13 m/s"),
 }

@@ -22,7 +22,8 @@ from skysweep.sensing.statistical.model import KindModel, model_for
 from skysweep.sensing.statistical.sweep_width import lateral_range
 
 _PIXELS = (10.0, 14.0, 20.0, 28.0, 40.0, 56.0, 80.0)  # on the smallest target, of the altitudes tried
-_SPEED_SHARES = (0.4, 0.7, 1.0)  # of the cruise speed, tried
+_SPEED_SHARES = (0.4, 0.7, 1.0)  # tried, of the speed that is kept against the wind
+_SLOWEST_MPS = 0.5
 _SIDELAPS = (0.1, 0.3, 0.5)
 _LOWEST_M = 10.0
 _ACROSS = 40  # places between two transects
@@ -118,9 +119,10 @@ def _settings(scenario: Scenario) -> Iterator[tuple[float, float]]:
     if pixel_metres / safety.altitude_max_agl_m > _PIXELS[0]:
         heights.add(safety.altitude_max_agl_m)
     cruise_mps = scenario.vehicle.cruise_speed_mps
-    speeds = {round(share * cruise_mps, 1) for share in _SPEED_SHARES} | {
-        min(search.scan_speed_mps, cruise_mps)
-    }
+    held_mps = max(safety.air_speed_max_mps - scenario.wind.mean_speed_mps, _SLOWEST_MPS)
+    fastest_mps = min(cruise_mps, held_mps)  # against the wind
+    speeds = {round(share * fastest_mps, 1) for share in _SPEED_SHARES}
+    speeds.add(min(search.scan_speed_mps, fastest_mps))
     for height_m in sorted(heights | {search.scan_altitude_agl_m}, reverse=True):
         for speed_mps in sorted(speeds):
             yield height_m, speed_mps
