@@ -42,11 +42,10 @@ from skysweep.cli.missions import StatusLine, answer_mission, answers_complete, 
 from skysweep.cli.terminal import enter_pressed, unblocked
 from skysweep.errors import UserError
 from skysweep.text import printable
-from skysweep.types import Mode
 
 if TYPE_CHECKING:
     from skysweep.mission.orders import Order
-    from skysweep.types import VehicleState
+    from skysweep.types import Mode, VehicleState
     from skysweep.vehicles.px4.preflight import Check
 
 _READ_S = 1.0  # to read that the vehicle was taken over
@@ -230,7 +229,7 @@ class _Operator:
 
     def look(self, state: VehicleState, mode: Mode) -> None:
         """Take note of a state. Raises UserError if the vehicle waits for a word that cannot be said here."""
-        taken, waits = bool(state.taken_over), mode is Mode.SWAP
+        taken, waits = bool(state.taken_over), mode == "SWAP"
         if (taken and not self._taken) or (waits and not self._waits):
             self._shown_s = time.monotonic()
         self._taken, self._waits = taken, waits
