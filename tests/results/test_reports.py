@@ -205,7 +205,7 @@ def test_a_report_with_many_pictures_stays_small_and_drops_none(tmp_path):
         busy.save(folder / "pictures" / picture_name(100 + k, 61 + k / 10), quality=85)
     write_results(load_run(folder), folder)
     page = read_page(folder / "report.html")
-    assert len(page.sources) == 1 + 60
+    assert len(page.sources) == 2 + 60, "map, probability of detection, pictures"
     assert (folder / "report.html").stat().st_size < 8e6
 
 

@@ -1,8 +1,7 @@
 """How the cost of plans and missions grows with the area: ``skysweep bench --scale``.
 
 One kind of place at four sizes: hills from an elevation model with a post every 10 m, 20 trees on a hectare,
-persons and rocks, a 4K camera whose pictures are looked at in tiles. Every measurement has a process of its
-own, so that its memory is its own peak.
+persons and rocks, a 4K camera. Every measurement has a process of its own, so that its memory is its own peak.
 """
 
 from __future__ import annotations
@@ -82,13 +81,13 @@ def place(hectares: float, folder: Path) -> Scenario:
                 {"class": "rock", "pattern": "uniform", "count": max(1, round(0.5 * hectares))},
             ],
             "camera": {"width_px": 3840, "height_px": 2160, "hfov_rad": 1.2, "rate_hz": 2.0},
-            "detector": {"tiles": 6, "rate_hz": 1.0},
+            "detector": {"rate_hz": 0.5},
             "vehicle": {"cruise_speed_mps": 10.0, "battery_wh": 400.0, "batteries": 100},
             "search": {
                 "n_c": 3,
                 "scan_altitude_agl_m": 60.0,
                 "check_altitude_agl_m": 20.0,
-                "scan_speed_mps": 10.0,
+                "scan_speed_mps": 7.5,
                 "check_speed_mps": 4.0,
             },
         }

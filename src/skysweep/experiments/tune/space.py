@@ -118,10 +118,11 @@ def _values_for(scenario: Scenario) -> dict[str, tuple[float, ...]]:
     search, cruise = scenario.search, scenario.vehicle.cruise_speed_mps
     px_at_1_m = scenario.pixels_on_target(1.0)
     side = math.sqrt(scenario.area_enu_m.area)
+    highest_m = min(px_at_1_m / UNSEEN_BELOW_PX, scenario.safety.altitude_max_agl_m)
     values: dict[str, Sequence[float]] = {
         N_C: _N_C_VALUES,
         D_C: [*(_round_distance(share * side) for share in _D_C_SHARES), math.inf],
-        H_S: _grid(min(px_at_1_m / EASILY_SEEN_PX, search.scan_altitude_agl_m), px_at_1_m / UNSEEN_BELOW_PX),
+        H_S: _grid(min(px_at_1_m / EASILY_SEEN_PX, search.scan_altitude_agl_m), highest_m),
         SCAN_SPEED: _grid(0.4 * cruise, cruise),
         CHECK_SPEED: _grid(0.1 * cruise, cruise),
         SIDELAP: _grid(0.0, _MAX_SIDELAP),
