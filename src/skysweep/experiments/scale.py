@@ -1,7 +1,7 @@
 """How the cost of plans and missions grows with the area: ``skysweep bench --scale``.
 
 One kind of place at four sizes: hills from an elevation model with a post every 10 m, 20 trees on a hectare,
-persons and rocks, a 4K camera. Every measurement has a process of its own, so that its memory is its own peak.
+persons and rocks, a 4K camera. Every measurement has a process of its own, so that its memory is its own.
 """
 
 from __future__ import annotations
