@@ -372,18 +372,13 @@ def test_a_take_off_that_drifts_is_made_up_for():
     flown.assert_landed_at_home()
 
 
-def test_a_gentle_slope_is_landed_on():
-    flown = Flown(terrain={"hills_height_m": 6.0, "hills_wavelength_m": 60.0, "seed": 1})
+@pytest.mark.parametrize("height_m", [6.0, 20.0])
+def test_a_slope_is_landed_on(height_m):
+    """The embedded vehicle does not tip over."""
+    flown = Flown(terrain={"hills_height_m": height_m, "hills_wavelength_m": 60.0, "seed": 1})
     assert (flown.reason, flown.safety) == ("completed", [])
     flown.assert_found()
     flown.assert_landed_at_home()
-
-
-def test_a_slope_too_steep_to_stand_on_is_given_up_with_a_word():
-    """It slides down a little at every touch."""
-    flown = Flown(terrain={"hills_height_m": 20.0, "hills_wavelength_m": 60.0, "seed": 1})
-    assert (flown.reason, flown.safety) == ("landing", [("landing", "LAND")] * 3)
-    flown.assert_found()
 
 
 # ---- battery -----------------------------------------------------------------------------------------

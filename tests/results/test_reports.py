@@ -71,7 +71,7 @@ def test_run_folder_gets_everything(tiny_folder):
         *(f"targets.{suffix}" for suffix in ("geojson", "kml", "gpx", "csv")),
     }
     page = read_page(tiny_folder / "report.html")
-    assert len(page.sources) == 1 + 1
+    assert len(page.sources) == 2 + 1, "map, probability of detection, pictures"
     for told in (
         "The search of 800 m² ended 1 min 0 s after take-off: 2 of 3 targets confirmed, 3 of 5 checks found "
         "no target.",
@@ -175,7 +175,7 @@ def test_evidence_has_every_candidate_with_a_verdict_or_left_unchecked(tmp_path)
     (folder / "pictures" / picture_name(4, 44.0)).write_bytes(b"torn")
     write_results(load_run(folder), folder)
     page = read_page(folder / "report.html")
-    assert len(page.sources) == 1 + 4
+    assert len(page.sources) == 2 + 4, "map, probability of detection, pictures"
     for heading, caption in (
         (
             "Pictures of confirmed targets",

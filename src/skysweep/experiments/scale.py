@@ -101,7 +101,6 @@ def place(hectares: float, folder: Path) -> Scenario:
 def _write_elevations(scenario: Scenario, path: Path) -> Path:
     try:
         import rasterio
-        from rasterio.transform import from_origin
         from rasterio.warp import transform
     except ImportError:
         raise MissingExtraError("bench --scale", "geo") from None
@@ -114,7 +113,7 @@ def _write_elevations(scenario: Scenario, path: Path) -> Path:
     for k, wavelength_m in enumerate(_WAVELENGTHS_M):
         waves = np.sin(2.0 * np.pi * x / wavelength_m + k) * np.sin(2.0 * np.pi * y[:, None] / wavelength_m)
         height_m += _HILLS_M / 4.0 * waves
-    where = from_origin(east_m + x[0], north_m + y[0], _POST_M, _POST_M)
+    where = rasterio.Affine(_POST_M, 0.0, east_m + x[0], 0.0, -_POST_M, north_m + y[0])
     fields = {"driver": "GTiff", "dtype": "float32", "count": 1, "crs": _UTM, "transform": where}
     with rasterio.open(path, "w", width=len(x), height=len(y), compress="deflate", **fields) as file:
         file.write(height_m.astype(np.float32), 1)
