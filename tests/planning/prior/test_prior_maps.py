@@ -236,6 +236,13 @@ def test_a_file_of_something_else_is_refused(tmp_path, name):
         read_map(tmp_path / "map.xlsx")
 
 
+@pytest.mark.parametrize("row", ["0.0,0.0\0,1.0", "0.0,0.0," + "1" * 200_000])
+def test_what_no_csv_reader_takes_is_refused(tmp_path, row):
+    (tmp_path / "map.csv").write_text(f"lon,lat,poa\n{row}\n")
+    with pytest.raises(UserError, match=r"map\.csv: (is no CSV file|line 2)"):
+        read_map(tmp_path / "map.csv")
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(["npz", "csv"]), st.data())
 def test_a_damaged_map_is_read_or_refused(tmp_path_factory, kind, data):

@@ -110,13 +110,16 @@ def _numbers(arrays: dict[str, NDArray[Any]], name: str, count: int) -> list[flo
 
 
 def _read_csv(path: Path) -> Raster:
-    lines = csv.reader(read_text_limited(path, MAX_MAP_BYTES).splitlines())
-    header = [name.strip().lower() for name in next(lines, [])]
+    try:
+        lines = list(csv.reader(read_text_limited(path, MAX_MAP_BYTES).splitlines()))
+    except csv.Error as error:  # a NUL on Python 3.10, a field without end
+        raise UserError(f"is no CSV file ({error}); write one with the header lon,lat,poa") from None
+    header = [name.strip().lower() for name in lines[0]] if lines else []
     if any(name not in header for name in _COLUMNS):
         raise UserError(f"line 1: is no header with {', '.join(_COLUMNS)}; write one")
     order = [header.index(name) for name in _COLUMNS]
     values = []
-    for number, line in enumerate(lines, 2):
+    for number, line in enumerate(lines[1:], 2):
         if line:
             try:
                 values.append([float(line[k]) for k in order])
