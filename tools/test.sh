@@ -18,7 +18,7 @@ export OMP_NUM_THREADS=1  # one core for each of pytest's workers
 # ROS 2 has an environment of its own: its wheels restart Python and change where libraries are looked for.
 ros_tests() {
     [ -e .venv-ros/bin/python ] || .venv/bin/python -m venv .venv-ros
-    if .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[px4,ros]' hypothesis pytest; then
+    if .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[px4,ros,web]' hypothesis pytest; then
         .venv-ros/bin/python -m pytest tests/ros
     else
         echo "test: the wheels of ROS 2 could not be installed for $(.venv/bin/python --version): its tests are SKIPPED" >&2

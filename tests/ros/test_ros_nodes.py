@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import socket
 import subprocess
@@ -11,6 +12,7 @@ import threading
 import time
 from contextlib import closing
 from pathlib import Path
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -204,6 +206,38 @@ def test_start_pause_abort_and_late_joiner(link, start, tiny, tmp_path):
     assert mission.returncode == 0, output
     (end,) = [r for r in read_journal(tmp_path / "run" / "journal.jsonl") if r["kind"] == "end"]
     assert end["reason"] == "operator"
+
+
+def test_the_live_page_and_the_services_steer_the_same_mission(link, start, tiny, tmp_path):
+    """Its folder is the one of the parameter, and every order is given once."""
+    options = ("--sensor", "statistical", "--speed", 4, "--wait", "--live", "--no-browser")
+    mission = start(*SKYSWEEP_ROS, "fly", tiny, *options, "--ros-args", "-p", "out:=elsewhere")
+    address = next(line for line in mission.stdout if line.startswith("http://")).strip()
+    base, _, token = address.partition("/#token=")
+    state = link.listen(topics.STATE.name, [topics.STATE.type_name], APPEAR_S)
+
+    def mode():
+        return state.newest() and state.newest().message.data
+
+    def order(word):
+        headers = {"authorization": f"Bearer {token}", "content-type": "application/json"}
+        body = json.dumps({"word": word}).encode()
+        urlopen(Request(f"{base}/api/runs/_/operator", body, headers), timeout=APPEAR_S).close()
+
+    next(line for line in mission.stdout if "waiting for /skysweep/mission/start" in line)
+    assert mode() == "READY"
+    order("continue")
+    eventually(lambda: mode() in ("SCAN", "CHECK"))
+    order("hold")
+    eventually(lambda: mode() == "HOLD")
+    assert call(link, "/skysweep/mission/start").message == "continue"
+    eventually(lambda: mode() != "HOLD")
+    order("return")
+    output, _ = mission.communicate(timeout=120)
+    assert mission.returncode == 0, output
+    journal = read_journal(tmp_path / "elsewhere" / "journal.jsonl")
+    assert [r["word"] for r in journal if r["kind"] == "operator"] == ["hold", "continue", "return"]
+    assert journal[-1]["reason"] == "operator"
 
 
 def test_parameters_win_over_options_and_names_can_be_remapped(link, start, tiny, tmp_path):

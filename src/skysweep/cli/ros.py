@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,6 +21,15 @@ from skysweep.cli.common import (
     friendly,
     say,
     spinner,
+)
+from skysweep.cli.live import (
+    LOOPBACK,
+    HostOption,
+    LiveOption,
+    NoBrowserOption,
+    PortOption,
+    TilesOption,
+    live_page,
 )
 from skysweep.cli.missions import answer_mission, flying, free_folder
 
@@ -59,12 +68,18 @@ def ros_fly(
     ] = "",
     pose: Annotated[str, typer.Option(help="Topic of odometry. Default: the vehicle's own.")] = "",
     out: Annotated[Path | None, typer.Option(help="Run folder. Default: runs/SCENARIO-...")] = None,
+    live: LiveOption = False,
+    host: HostOption = LOOPBACK,
+    port: PortOption = None,
+    no_browser: NoBrowserOption = False,
+    tiles: TilesOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fly one mission with pictures, poses, paths, detections and targets on topics.
 
-    Services of the node: ~/start, ~/pause, ~/abort (std_srvs/Trigger). ROS arguments follow --ros-args; every
-    option but --set is a parameter too (--wait is autostart:=false).
+    Services of the node: ~/start, ~/pause, ~/abort (std_srvs/Trigger). With --live it can be watched and
+    steered in the browser, too. ROS arguments follow --ros-args; every option but --set, --json and those of
+    the live page is a parameter too (--wait is autostart:=false).
 
     Examples:
 
@@ -72,19 +87,25 @@ def ros_fly(
 
         skysweep ros fly clusters --sensor statistical --speed 5 --wait
 
+        skysweep ros fly clusters --live --speed 5
+
         skysweep ros fly clusters --detector /my_model/detections
 
         skysweep ros fly --ros-args -r __ns:=/uav1 -p scenario:=clusters -p seed:=3
     """
-    from skysweep.flights.on_ros import Settings, fly_on_ros
+    from skysweep.flights.on_ros import Settings, ros_flight
+    from skysweep.flights.rig import Rig
 
     folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
     settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
-    with flying(folder.name, folder) as watch:
-        summary = fly_on_ros(
-            settings, changes_of(change), context.meta[_ROS_ARGUMENTS], watch, say, watch.prepare
-        )
-    answer_mission(as_json, folder, summary)
+    with ExitStack() as page:
+        with ros_flight(settings, changes_of(change), context.meta[_ROS_ARGUMENTS]) as flight:
+            folder = flight.folder
+            orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
+            with flying(folder.name, folder) as watch:
+                rig = Rig(watch=watch, operator=orders, say=say, prepare=watch.prepare, film=True)
+                summary = flight.fly(rig)
+        answer_mission(as_json, folder, summary)
 
 
 @app.command("detect", cls=_RosCommand)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
-from skysweep.flights.fly import fly_to_folder
-from skysweep.flights.rig import Rig, Say, nothing
-from skysweep.mission.mission import Mission, Watch
-from skysweep.results.run_folder import JOURNAL_FILE
+from skysweep.flights.fly import fly_to_folder, refuse_other_mission
+from skysweep.flights.pace import paced
+from skysweep.flights.rig import Rig
+from skysweep.mission.mission import Mission
 from skysweep.results.summary import RunSummary
-from skysweep.ros.face import MissionFace, RealTime
+from skysweep.ros.face import MissionFace
 from skysweep.ros.link import RosLink
 from skysweep.ros.parts import RosCamera, RosDetector, RosPoseVehicle
 from skysweep.scenarios.files import change_scenario, load_scenario
@@ -40,59 +40,74 @@ class Settings:
     pose: str = ""  # topic of odometry; empty: the vehicle's own
 
 
-def fly_on_ros(
-    settings: Settings,
-    changes: Mapping[str, Any] | None = None,
-    arguments: tuple[str, ...] = (),
-    watch: Watch = nothing,
-    say: Say = nothing,
-    prepare: Callable[[Mission], None] = nothing,
-) -> RunSummary:
-    """Fly one mission with everything on topics; write its run folder and return its summary.
+@dataclass(frozen=True, slots=True)
+class RosFlight:
+    """A mission that a node is about to fly; of ``ros_flight``."""
+
+    link: RosLink
+    settings: Settings
+    scenario: Scenario
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return Path(self.settings.out)
+
+    def fly(self, rig: Rig) -> RunSummary:
+        """Fly the mission with everything on topics; the summary of its run folder.
+
+        The sensor and the parts are those of the settings. Orders come from the services and the operator of
+        ``rig``. Raises UserError, before take-off, if a part is missing.
+        """
+        settings, link = self.settings, self.link
+        face = MissionFace(link, publish_looks=not settings.detector)
+        vehicle, camera, detector = _parts(link, self.scenario, settings)
+
+        def watch(state: VehicleState, mode: Mode, new: Detections | None) -> None:
+            face.watch(state, mode, new)
+            rig.watch(state, mode, new)
+
+        def prepare(mission: Mission) -> None:
+            rig.prepare(mission)
+            face.prepare(mission)
+            if not settings.autostart:
+                rig.say(f"waiting for {link.node.get_fully_qualified_name()}/start")
+                face.wait_for_start(rig.operator)
+
+        on_topics = replace(
+            rig,
+            sensor=settings.sensor,
+            vehicle=vehicle,
+            camera=camera,
+            detector=detector,
+            watch=watch,
+            operator=lambda: face.operator() or rig.operator(),
+            hear=face.note,
+            prepare=prepare,
+        )
+        summary = fly_to_folder(self.scenario, settings.seed, self.folder, paced(on_topics, settings.speed))
+        face.end(summary["end_reason"])
+        return summary
+
+
+@contextmanager
+def ros_flight(
+    settings: Settings, changes: Mapping[str, Any] | None = None, arguments: tuple[str, ...] = ()
+) -> Iterator[RosFlight]:
+    """A mission as a node, which lives as long as the context.
 
     ``changes`` are to the scenario's fields. ``arguments`` are ROS arguments; their parameters override
-    ``settings``. ``watch``, ``say`` and ``prepare`` are as in ``Rig``. Raises UserError, before take-off, if
-    a part is missing or a setting is wrong.
+    ``settings``. Raises UserError if a setting is wrong.
     """
     with closing(RosLink("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
         if settings.speed <= 0.0:
             raise UserError("speed: must be above 0; 1 is real time")
-        folder = Path(settings.out)
-        if not settings.out or (folder / JOURNAL_FILE).exists():
-            raise UserError(f"out: '{settings.out}' already holds a mission or is empty; write a new folder")
+        if not settings.out:
+            raise UserError("out: is empty; write a new folder")
+        refuse_other_mission(Path(settings.out))
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
-        face = MissionFace(link, publish_looks=not settings.detector)
-        vehicle, camera, detector = _parts(link, scenario, settings)
-        pace = RealTime(settings.speed)
-
-        def watch_all(state: VehicleState, mode: Mode, new: Detections | None) -> None:
-            face.watch(state, mode, new)
-            watch(state, mode, new)
-            pace.keep(state.time_s)
-
-        def prepare_all(mission: Mission) -> None:
-            prepare(mission)
-            face.prepare(mission)
-            if not settings.autostart:
-                say(f"waiting for {link.node.get_fully_qualified_name()}/start")
-                face.wait_for_start()
-
-        rig = Rig(
-            settings.sensor,
-            vehicle=vehicle,
-            camera=camera,
-            detector=detector,
-            watch=watch_all,
-            operator=face.operator,
-            say=say,
-            film=True,
-            hear=face.note,
-            prepare=prepare_all,
-        )
-        summary = fly_to_folder(scenario, settings.seed, folder, rig)
-        face.end(summary["end_reason"])
-        return summary
+        yield RosFlight(link, settings, scenario)
 
 
 @contextmanager

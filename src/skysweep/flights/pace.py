@@ -50,4 +50,8 @@ def paced(rig: Rig, speed: float | None) -> Rig:
         rig.watch(state, mode, new)
         pace.watch(state, mode, new)
 
-    return replace(rig, watch=watch, hear=pace.hear)
+    def hear(line: Mapping[str, Any]) -> None:
+        rig.hear(line)
+        pace.hear(line)
+
+    return replace(rig, watch=watch, hear=hear)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from skysweep.mission.mission import Mission
-from skysweep.mission.orders import CONTINUE, HOLD, RETURN, Order
+from skysweep.mission.orders import CONTINUE, HOLD, RETURN, Operator, Order
 from skysweep.ros import messages as m
 from skysweep.ros import topics
 from skysweep.ros.link import RosLink
@@ -43,7 +42,7 @@ class MissionFace:
         self._time_s = 0.0
         self._mission: Mission | None = None
         self._begun = threading.Event()
-        self._words: deque[str] = deque()
+        self._orders: deque[Order] = deque()
         for name, word in (("start", CONTINUE), ("pause", HOLD), ("abort", RETURN)):
             link.node.create_service(Trigger, f"~/{name}", self._answer(word))
         link.advertise(topics.STATE, topics.PLANNED_PATH, topics.FLOWN_PATH, topics.TARGETS, topics.JOURNAL)
@@ -60,13 +59,17 @@ class MissionFace:
         self._link.publish(topics.PLANNED_PATH, m.planned_path(np.column_stack([xy, z])))
         self._link.publish(topics.TARGETS, m.markers(0.0, ()))
 
-    def wait_for_start(self) -> None:
-        """Block until ``~/start`` is called."""
+    def wait_for_start(self, operator: Operator) -> None:
+        """Block until ``~/start`` is called or ``operator`` says continue; its other orders are kept."""
         while not self._begun.wait(0.2):
-            pass
+            order = operator()
+            if order is not None and order.word == CONTINUE:
+                self._begun.set()
+            elif order is not None:
+                self._orders.append(order)
 
     def operator(self) -> Order | None:
-        return Order(self._words.popleft()) if self._words else None
+        return self._orders.popleft() if self._orders else None
 
     def watch(self, state: VehicleState, mode: str, new: Detections | None) -> None:
         link, time_s = self._link, state.time_s
@@ -113,7 +116,7 @@ class MissionFace:
         def answer(_request: Any, response: Any) -> Any:
             response.success = True
             if self._begun.is_set():
-                self._words.append(word)
+                self._orders.append(Order(word))
                 response.message = word
             elif word == CONTINUE:
                 self._begun.set()
@@ -125,19 +128,3 @@ class MissionFace:
             return response
 
         return answer
-
-
-class RealTime:
-    """Limits a simulated vehicle's time to ``speed`` times the wall clock."""
-
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
-        self._start: tuple[float, float] | None = None
-
-    def keep(self, time_s: float) -> None:
-        """Sleep until the vehicle's time may be ``time_s``."""
-        now = time.monotonic()
-        if self._start is None:
-            self._start = now, time_s
-        begun, begun_s = self._start
-        time.sleep(max(0.0, (time_s - begun_s) / self._speed - (now - begun)))
