@@ -27,7 +27,8 @@ from skysweep.arrays import F32, F64, U8
 from skysweep.detection.model_files import model_file
 from skysweep.detection.network import PAD_GREY
 from skysweep.detection.training.evaluate import read_picture
-from skysweep.detection.training.labelled import LabelledDataset, LabelledImage, read_dataset
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
+from skysweep.detection.training.reading import read_dataset
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.writing import make_folder, whole_files
 
@@ -58,7 +59,7 @@ def train_detector(
     """Train on a labelled data set and write an ONNX model.
 
     Args:
-        dataset: COCO or YOLO folder (see :func:`skysweep.detection.training.labelled.read_dataset`).
+        dataset: COCO or YOLO folder (see :func:`skysweep.detection.training.reading.read_dataset`).
         out: the ONNX file to write.
         minutes: how long to train; the learning rate falls to nearly zero by then.
         init: a model to fine-tune: one that this function wrote, or "skysweep" for the shipped one. Its class
