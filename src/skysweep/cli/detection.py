@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import SeedOption, WorkersOption, bar, counting, friendly, tell, working
+from skysweep.cli.common import SeedOption, WorkersOption, bar, counting, friendly, tell, warn, working
 
 
 @friendly
@@ -238,3 +238,63 @@ def detect_evaluate(
     shown = [paired_grid(model, name, found) for name, found in others.items()]
     written = [] if report is None else [f"report: {report}"]
     answer(as_json, record, f"{data.layout} labels: {data.path}", *grids(evaluations), *shown, *written)
+
+
+@friendly
+def detect_run(
+    source: Annotated[Path, typer.Argument(metavar="FOLDER_OR_VIDEO", help="The pictures of a flight.")],
+    out: Annotated[Path, typer.Option(help="Run folder to write, or to go on with.")] = Path("looked-at"),
+    model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    find: Annotated[
+        list[str] | None,
+        typer.Option(help="Class to report; may be repeated. Default: person, boat, stop sign."),
+    ] = None,
+    confidence: Annotated[
+        float, typer.Option(min=0.05, max=0.99, help="Detections below are dropped.")
+    ] = 0.25,
+    tiles: TilesOption = 1,
+    boxes: BoxesOption = None,
+    pixels: PixelsOption = None,
+    poses: PosesOption = None,
+    dem: Annotated[
+        Path | None, typer.Option(help="Elevation model (GeoTIFF) of the ground; without one it is level.")
+    ] = None,
+    hfov_deg: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=150.0, help="Horizontal field of view, where the pictures do not say it."),
+    ] = None,
+    every: Annotated[
+        float, typer.Option(min=0.02, max=3600.0, help="Seconds between frames of a video.")
+    ] = 1.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Put what a detector finds in the pictures of a flight on the map, with the exports of a mission.
+
+    Place, height, direction and lens come from EXIF and XMP (DJI, Autel, Parrot, Skydio), or from --poses.
+    The same command goes on where it was interrupted.
+
+    Examples:
+
+        skysweep detect run DCIM/100MEDIA --out runs/search-1
+
+        skysweep detect run flight.mp4 --poses flight.csv --every 0.5 --dem hills.tif
+
+        skysweep export runs/search-1 --format kmz
+    """
+    from skysweep.flights.photographed.run import Options, look_at_flight
+
+    options = Options(model, tuple(find or ()), confidence, tiles, boxes, pixels, poses, dem, hfov_deg, every)
+    with counting("looking") as looking:
+        looked = look_at_flight(source, out, options, looking)
+    for problem in looked.left_out:
+        warn(f"{problem.name} {problem.why}")
+    record = {
+        "folder": str(out),
+        "pictures": looked.n_pictures,
+        "candidates": looked.n_candidates,
+        "left_out": [problem._asdict() for problem in looked.left_out],
+    }
+    lines = [f"{looked.n_candidates} candidates in {looked.n_pictures} pictures: {out / 'report.html'}"]
+    if looked.left_out:
+        lines.append(f"{len(looked.left_out)} pictures were left out")
+    answer(as_json, record, *lines)

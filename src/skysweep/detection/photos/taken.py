@@ -37,6 +37,13 @@ class Taken:
         return replace(self, **gaps)
 
     @property
+    def lat_lon_deg(self) -> tuple[float, float]:
+        """The place, which is known."""
+        assert self.latitude_deg is not None
+        assert self.longitude_deg is not None
+        return self.latitude_deg, self.longitude_deg
+
+    @property
     def over_ground_m(self) -> float | None:
         """Height above level ground: as measured, or else above the take-off place."""
         return self.height_m if self.altitude_agl_m is None else self.altitude_agl_m
