@@ -70,7 +70,8 @@ def test_curves_follow_the_pictures_and_the_rest_is_the_rendered_fit(tmp_path, m
         k for k in rendered.kinds if (k.kind, k.pose, k.reported_as) == ("person", "lying", "person")
     )
     rates = dict(zip(model.pixels, drawn_rates(lying, _NO_SHIFT), strict=True))
-    assert (rates[7.5] < 0.15, rates[40.0] > 0.9) == (True, True)
+    assert rates[7.5] < 0.15
+    assert rates[40.0] > 0.8  # the fit is smooth, the detector's threshold of 20 px is not
     assert lying.score[model.pixels.index(40.0)] == pytest.approx(float(score_of(0.7)), abs=0.15)
     assert (lying.object_share, lying.hidden, lying.grounds) == (
         known.object_share,

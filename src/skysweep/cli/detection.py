@@ -47,7 +47,8 @@ def train(
     out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("detector.onnx"),
     minutes: Annotated[float, typer.Option(min=0.01, help="How long to train.")] = 20.0,
     init: Annotated[
-        str | None, typer.Option(help="Fine-tune this model: 'skysweep' or an ONNX file of this command.")
+        str | None,
+        typer.Option(help="Fine-tune this model: 'skysweep', one of this command, or a YOLOX .pth or .onnx."),
     ] = None,
     learning_rate: Annotated[
         float | None,
@@ -63,6 +64,8 @@ def train(
         skysweep train training --minutes 20 --out detector.onnx
 
         skysweep train my-labelled-flights --init skysweep --minutes 5
+
+        skysweep train my-labelled-flights --init yolox_nano.pth --minutes 30
     """
     from skysweep.detection.training.train import train_detector
 

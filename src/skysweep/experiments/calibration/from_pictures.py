@@ -1,8 +1,9 @@
 """Fits the statistical sensor to labelled real pictures; what those cannot tell is the rendered fit's.
 
-Pictures tell how often, and with what confidence, a class is reported over its pixels, and, where their ground
-is known, how often nothing is reported as one. They do not tell an object's pose, side, shade or ground, nor what
-two looks at one object have in common: every pose of a kind gets the measured curve, and the rendered factors.
+Pictures tell how often, and with what confidence, a class is reported over its pixels, and, where their
+ground is known, how often nothing is reported as one. They do not tell an object's pose, side, shade or
+ground, nor what two looks at one object have in common: every pose of a kind gets the measured curve, and the
+rendered factors.
 """
 
 from __future__ import annotations
@@ -88,8 +89,8 @@ def calibrate_on_pictures(
     }
     if not curves:
         raise UserError(
-            f"{data.path}: of no class were {MIN_REPORTS} reports of {MIN_OBJECTS} objects; give more pictures, "
-            "if the detector finds anything in them"
+            f"{data.path}: of no class were {MIN_REPORTS} reports of {MIN_OBJECTS} objects; give more "
+            "pictures, if the detector finds anything in them"
         )
     keys = [(_SUBJECT[kind], CLASSES.index(kind)) for kind in curves]
     measured = [f"score, spread and lapse of {kind}" for kind in curves]
