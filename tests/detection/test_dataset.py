@@ -14,7 +14,7 @@ from skysweep.detection.training.dataset import (
     random_world,
     render_dataset,
 )
-from skysweep.detection.training.labelled import read_dataset
+from skysweep.detection.training.reading import read_dataset
 from skysweep.errors import UserError
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 

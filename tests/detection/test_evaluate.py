@@ -1,15 +1,19 @@
-import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console
 
-from skysweep.detection.training.evaluate import bin_of, evaluate, iou, match, scores_json, tables
+from skysweep.detection.training.evaluate import Score, bin_of, evaluate
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
+from skysweep.detection.training.matching import iou, match
 from skysweep.errors import UserError
+from skysweep.experiments.pictures.curves import calibration_error, precision_recall, reliability
+from skysweep.experiments.pictures.paired import differences
+from skysweep.experiments.pictures.report import write_report
+from skysweep.experiments.pictures.tables import classes_json, grids, scores_json
+from skysweep.results.reporting.tables import markdown
 from skysweep.types import Detections
 
 SIDE = 100
@@ -97,10 +101,7 @@ def test_tables_show_every_detector(tmp_path):
     data = dataset(tmp_path, ([((10, 10, 20, 20), "person")], [], [((50, 50, 60, 60), "buoy")], 30.0))
     found = evaluate(Oracle([[((10, 10, 20, 20), 0.9, "person")]]), data)
     missed = evaluate(Oracle([[]]), data)
-    console = Console(width=160, record=True, file=io.StringIO())
-    for table in tables({"ours": found, "stock": missed}):
-        console.print(table)
-    text = console.export_text()
+    text = "\n".join(map(markdown, grids({"ours": found, "stock": missed})))
     for part in ("ours", "stock", "person", "8 to 12", "25 to 50", "buoy", "1.00", "0.00"):
         assert part in text
 
@@ -151,3 +152,69 @@ def test_unreadable_picture(tmp_path):
     image = LabelledImage(tmp_path / "bad.jpg", NONE, (), NONE, NONE, ())
     with pytest.raises(UserError, match=r"bad\.jpg: not a readable picture"):
         evaluate(Oracle([[]]), LabelledDataset(tmp_path, ("person",), (image,)))
+
+
+def judged(folder, answers, **options):
+    data = dataset(
+        folder,
+        ([((10, 10, 20, 20), "person"), ((40, 40, 90, 60), "boat")], [], [], 30.0),
+        ([((10, 10, 20, 20), "person")], [], [], 30.0),
+    )
+    ground = tuple(replace(image, ground_m2=5000.0) for image in data.images)
+    return data, evaluate(Oracle(answers), replace(data, images=ground), **options)
+
+
+GOOD = [
+    [((10, 10, 20, 20), 0.9, "person"), ((70, 70, 80, 80), 0.8, "person")],
+    [((10, 10, 20, 20), 0.1, "person")],
+]
+POOR = [[], [((30, 30, 40, 40), 0.7, "person")]]
+
+
+def test_json_of_classes_and_false_ones_a_hectare(tmp_path):
+    _, result = judged(tmp_path, GOOD)
+    person = classes_json(result)["person"]
+    assert (person["recall"], person["precision"], person["false_per_picture"]) == (0.5, 0.5, 0.5)
+    assert person["by_pixels"] == [{"lo": 8.0, "hi": 12.0, "n": 2, "recall": 0.5}]
+    assert (result.hectares, person["false_per_hectare"]) == (1.0, 1.0)
+    curve = precision_recall(result, "person")
+    assert curve.recall.tolist() == [0.5, 0.5, 1.0]  # down to the floor, with the one of confidence 0.1
+    assert curve.average_precision == pytest.approx(0.5 * 1 + 0.5 * 2 / 3)
+
+
+def test_two_names_of_the_detector_for_one_of_ours_are_one_detection(tmp_path):
+    data = dataset(tmp_path, ([((10, 10, 20, 20), "person")], [], [], None))
+    twice = [[((10, 10, 20, 20), 0.9, "pedestrian"), ((10, 10, 20, 21), 0.8, "people")]]
+    result = evaluate(Oracle(twice, ("pedestrian", "people")), data)
+    assert result.total("person") == Score(n_targets=1, n_found=1, n_confirming=1, n_false=0)
+
+
+def test_reliability_by_hand(tmp_path):
+    _, result = judged(tmp_path, GOOD)
+    weak, sure, surest = reliability(result)
+    assert (weak.confidence, weak.share_right, sure.share_right, surest.share_right) == (0.1, 1.0, 0.0, 1.0)
+    assert calibration_error([weak, sure, surest]) == pytest.approx((0.9 + 0.8 + 0.1) / 3)
+
+
+def test_two_detectors_on_the_same_pictures(tmp_path):
+    (_, first), (_, second) = judged(tmp_path, GOOD), judged(tmp_path, POOR)
+    person, boat = differences(first, second)
+    assert (person.n_only_first, person.n_only_second) == (1, 0)
+    assert person.recall.mean == -0.5
+    assert person.false_per_picture.mean == 0.0
+    assert boat.recall is None  # one picture alone has a boat
+
+
+def test_report_holds_everything(tmp_path):
+    data, first = judged(tmp_path, GOOD)
+    _, second = judged(tmp_path, POOR)
+    write_report(tmp_path / "page.html", data, {"ours": first, "theirs": second})
+    page = (tmp_path / "page.html").read_text()
+    for part in (
+        "theirs less ours",
+        "person 0.80 where none is, 10 px, 0.png",
+        "boat not found, 50 px",
+        "1.0 ha",
+    ):
+        assert part in page
+    assert "http" not in page.replace("http-equiv", "")

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import yaml
 
-from skysweep.detection.training.labelled import LabelledImage, read_dataset, write_labels
+from skysweep.detection.training.labelled import LabelledImage, write_labels
+from skysweep.detection.training.reading import read_dataset
 from skysweep.errors import UserError
 
 

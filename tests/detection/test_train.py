@@ -3,7 +3,8 @@ import numpy as np
 import onnx
 import pytest
 
-from skysweep.detection.training.labelled import LabelledImage, read_dataset, write_labels
+from skysweep.detection.training.labelled import LabelledImage, write_labels
+from skysweep.detection.training.reading import read_dataset
 from skysweep.detection.training.train import SIDE_PX, _turn, mosaic, sample, train_detector
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError

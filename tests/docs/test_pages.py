@@ -32,7 +32,7 @@ NOT_RUN = {
     "Needs a Slurm cluster": 1,
     "Needs a database server": 1,
     "Needs a served vehicle": 1,
-    "Needs an aircraft": 1,
+    "Needs an aircraft": 2,
     "Needs an elevation model": 1,
     "Needs a network": 1,
     "Needs jq": 1,
@@ -41,7 +41,7 @@ NOT_RUN = {
     "Takes an hour": 2,
     "Takes half an hour": 2,
     "Takes hours": 2,
-    "Takes minutes": 1,
+    "Takes minutes": 2,
     "Takes minutes to hours": 1,
 }
 

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from skysweep.detection.training.labelled import read_dataset
+from skysweep.detection.training.reading import read_dataset
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.experiments.sweep.spec import load_spec

@@ -16,6 +16,7 @@ from skysweep.cli.common import (
     SeedOption,
     WorkersOption,
     bar,
+    counting,
     friendly,
     number_or_inf,
     say,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
+LEAST_PICTURES, MOST_PICTURES = 10, 1_000_000  # to render
 FIRST_LOOK = 6000  # pictures below which a fit is rough
 
 
@@ -54,7 +56,21 @@ def calibrate(
         Path | None,
         typer.Option("--add-to", help="Sensor model: measure only the kinds and poses that it lacks."),
     ] = None,
-    pictures: Annotated[int, typer.Option(min=10, max=1_000_000, help="How many to render.")] = 27000,
+    pictures: Annotated[
+        str,
+        typer.Option(
+            metavar="NUMBER|FOLDER", help="How many to render; or a folder of labelled real pictures."
+        ),
+    ] = "27000",
+    rendered: Annotated[
+        Path | None,
+        typer.Option(
+            help="With a FOLDER: sensor model of the same detector, fitted to renders. Default: ours."
+        ),
+    ] = None,
+    poses: Annotated[
+        Path | None, typer.Option(help="With a FOLDER: CSV that says how each picture was taken.")
+    ] = None,
     seed: SeedOption = 0,
     workers: WorkersOption = None,
     out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(
@@ -74,6 +90,8 @@ def calibrate(
 
         skysweep calibrate --add-to sensor.yaml --pictures 4000 --out more.yaml
 
+        skysweep calibrate --pictures my-labelled-flights --out ours.yaml
+
         skysweep calibrate validate --seeds 30
     """
     if context.invoked_subcommand is not None:
@@ -84,22 +102,27 @@ def calibrate(
 
     known = None if add_to is None else StatisticalModel.load(add_to)
     _refuse_unwritable(out)
+    if not pictures.isdecimal():
+        _calibrate_on_pictures(detector, Path(pictures), rendered, poses, out, as_json)
+        return
+    n = int(pictures)
+    if not LEAST_PICTURES <= n <= MOST_PICTURES:
+        raise UserError(f"--pictures {pictures}: write {LEAST_PICTURES} to {MOST_PICTURES}, or a folder")
     try:
         with bar() as progress:
-            task = progress.add_task("looking", total=pictures)
+            task = progress.add_task("looking", total=n)
 
             def on_look(done: int, total: int) -> None:
                 doing = "fitting" if done == total else "looking"
                 progress.update(task, completed=done, total=total, description=doing)
 
-            model = fit(detector, load_scenario(camera).camera, out, pictures, seed, workers, on_look, known)
+            model = fit(detector, load_scenario(camera).camera, out, n, seed, workers, on_look, known)
     except KeyboardInterrupt:
         say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
-    if pictures < FIRST_LOOK:
+    if n < FIRST_LOOK:
         warn(
-            f"{pictures} pictures are few: rarely seen cases are left out; "
-            f"{FIRST_LOOK} are enough for a first look"
+            f"{n} pictures are few: rarely seen cases are left out; {FIRST_LOOK} are enough for a first look"
         )
     picture = out.with_suffix(".png")
     held_out = [h.model_dump() for h in model.held_out]
@@ -111,6 +134,39 @@ def calibrate(
     }
     written = f"sensor model: {out}, picture: {picture}"
     answer(as_json, record, *_fit_tables(model.held_out), f"It holds for {model.holds_for}.", written)
+
+
+def _calibrate_on_pictures(
+    detector: str, folder: Path, rendered: Path | None, poses: Path | None, out: Path, as_json: bool
+) -> None:
+    from skysweep.detection.photos.pose_table import read_poses
+    from skysweep.detection.training.reading import read_dataset, with_our_classes, with_poses
+    from skysweep.experiments.calibration.from_pictures import calibrate_on_pictures
+    from skysweep.sensing.statistical.model import StatisticalModel
+
+    base = StatisticalModel.load(rendered)
+    table = None if poses is None else read_poses(poses)
+    data = with_our_classes(read_dataset(folder), {})
+    with counting("reading") as reading:
+        data = with_poses(data, table, reading)
+    with counting("looking") as looking:
+        model = calibrate_on_pictures(detector, data, base, out, looking)
+    told = model.pictures
+    assert told is not None
+    record = {
+        "sensor_model": str(out),
+        "holds_for": model.holds_for,
+        "held_out": [h.model_dump() for h in model.held_out],
+        "pictures": told.model_dump(),
+    }
+    answer(
+        as_json,
+        record,
+        *_fit_tables(model.held_out),
+        f"From {told.pictures} pictures: {'; '.join(told.measured)}.",
+        f"From renders, because pictures do not tell them: {'; '.join(told.from_renders)}.",
+        f"sensor model: {out}",
+    )
 
 
 def _refuse_unwritable(out: Path) -> None:

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.progress import TaskID
 
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import SeedOption, WorkersOption, bar, friendly, tell, working
+from skysweep.cli.common import SeedOption, WorkersOption, bar, counting, friendly, tell, warn, working
 
 
 @friendly
@@ -48,7 +47,8 @@ def train(
     out: Annotated[Path, typer.Option(help="ONNX file to write.")] = Path("detector.onnx"),
     minutes: Annotated[float, typer.Option(min=0.01, help="How long to train.")] = 20.0,
     init: Annotated[
-        str | None, typer.Option(help="Fine-tune this model: 'skysweep' or an ONNX file of this command.")
+        str | None,
+        typer.Option(help="Fine-tune this model: 'skysweep', one of this command, or a YOLOX .pth or .onnx."),
     ] = None,
     learning_rate: Annotated[
         float | None,
@@ -64,6 +64,8 @@ def train(
         skysweep train training --minutes 20 --out detector.onnx
 
         skysweep train my-labelled-flights --init skysweep --minutes 5
+
+        skysweep train my-labelled-flights --init yolox_nano.pth --minutes 30
     """
     from skysweep.detection.training.train import train_detector
 
@@ -143,51 +145,159 @@ def detect_inspect(
     answer(as_json, record, *lines)
 
 
+RenamesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class",
+        metavar="NAME=OURS",
+        help="Our name of a class, or 'ignored'; may be repeated (docs/detector.md).",
+    ),
+]
+PosesOption = Annotated[
+    Path | None, typer.Option("--poses", help="CSV: how each picture was taken, before what its file says.")
+]
+TilesOption = Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")]
+
+
 @friendly
 def detect_evaluate(
-    dataset: Annotated[Path, typer.Argument(help="COCO or YOLO folder.")],
+    dataset: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="COCO, SeaDronesSee, YOLO or VisDrone folder.")
+    ],
     model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    against: Annotated[
+        str | None, typer.Option(help="Another model, to compare with on the same pictures.")
+    ] = None,
     stock: Annotated[
         bool, typer.Option("--stock", help="Also fetch and evaluate the COCO-trained YOLOv3-tiny.")
     ] = False,
     confidence: Annotated[
-        float, typer.Option(min=0.01, max=0.99, help="Detections below are dropped.")
+        float, typer.Option(min=0.05, max=0.99, help="Detections below are not counted.")
     ] = 0.25,
-    tiles: Annotated[int, typer.Option(min=1, max=8, help="Split each picture into tiles x tiles.")] = 1,
+    tiles: TilesOption = 1,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    renames: RenamesOption = None,
+    poses: PosesOption = None,
+    report: Annotated[Path | None, typer.Option(help="HTML file to write, with curves and mistakes.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Recall, precision and false positives by pixels on target and altitude.
+    """How good a detector is on labelled pictures: recall, precision and false reports.
+
+    By class, pixels on target, altitude and light; a picture and, where height and lens are known, a hectare.
 
     Examples:
 
         skysweep detect evaluate held-out --stock
 
-        skysweep detect evaluate my-labelled-flights --model detector.onnx
-    """
-    from skysweep.detection.training.evaluate import evaluate, scores_json, tables
-    from skysweep.detection.training.labelled import read_dataset
-    from skysweep.detection.yolo import YoloDetector
+        skysweep detect evaluate VisDrone2019-DET-val --report visdrone.html
 
-    data = read_dataset(dataset)
+        skysweep detect evaluate my-labelled-flights --model old.onnx --against new.onnx --json
+    """
+    from skysweep.detection.photos.pose_table import read_poses
+    from skysweep.detection.training.class_map import parse_renames
+    from skysweep.detection.training.evaluate import CONFIDENCE_FLOOR, evaluate
+    from skysweep.detection.training.reading import read_dataset, with_our_classes, with_poses
+    from skysweep.detection.yolo import YoloDetector
+    from skysweep.experiments.pictures.paired import differences, paired_grid, paired_json
+    from skysweep.experiments.pictures.report import refuse_no_page, write_report
+    from skysweep.experiments.pictures.tables import classes_json, grids, scores_json
+
+    if report is not None:
+        refuse_no_page(report)
+    named = parse_renames(renames or [])
+    table = None if poses is None else read_poses(poses)
+    data = with_our_classes(read_dataset(dataset), named)
+    with counting("reading") as reading:
+        data = with_poses(data, table, reading)
     models: dict[str, Path | str] = {model: model}
+    if against is not None:
+        models[against] = against
     if stock:
         from skysweep.detection.training.stock import stock_model_path
 
         models["YOLOv3-tiny (COCO)"] = stock_model_path()
     evaluations = {}
-    with bar() as progress:
-        for name, path in models.items():
-            told = (boxes, pixels) if path == model else (None, None)
-            detector = YoloDetector(
-                path, confidence_min=confidence, tiles=tiles, threads=2, boxes=told[0], pixels=told[1]
+    for name, path in models.items():
+        told = (boxes, pixels) if path == model else (None, None)
+        detector = YoloDetector(
+            path, confidence_min=CONFIDENCE_FLOOR, tiles=tiles, threads=2, boxes=told[0], pixels=told[1]
+        )
+        with counting(name) as looking:
+            evaluations[name] = evaluate(
+                detector, data, confidence_min=confidence, renames=named, progress=looking
             )
-            task = progress.add_task(name, total=len(data.images))
+    first = evaluations[model]
+    others = {name: differences(first, other) for name, other in evaluations.items() if name != model}
+    if report is not None:
+        write_report(report, data, evaluations)
+    record = {
+        "layout": data.layout,
+        "classes": classes_json(first),
+        "detectors": {name: scores_json(evaluation) for name, evaluation in evaluations.items()},
+        "paired": {name: paired_json(found) for name, found in others.items()},
+        "report": None if report is None else str(report),
+    }
+    shown = [paired_grid(model, name, found) for name, found in others.items()]
+    written = [] if report is None else [f"report: {report}"]
+    answer(as_json, record, f"{data.layout} labels: {data.path}", *grids(evaluations), *shown, *written)
 
-            def show(done: int, _total: int, task: TaskID = task) -> None:
-                progress.update(task, completed=done)
 
-            evaluations[name] = evaluate(detector, data, confidence_min=confidence, progress=show)
-    record = {name: scores_json(evaluation) for name, evaluation in evaluations.items()}
-    answer(as_json, {"detectors": record}, *tables(evaluations))
+@friendly
+def detect_run(
+    source: Annotated[Path, typer.Argument(metavar="FOLDER_OR_VIDEO", help="The pictures of a flight.")],
+    out: Annotated[Path, typer.Option(help="Run folder to write, or to go on with.")] = Path("looked-at"),
+    model: Annotated[str, typer.Option(help="'skysweep' or the path of an ONNX file.")] = "skysweep",
+    find: Annotated[
+        list[str] | None,
+        typer.Option(help="Class to report; may be repeated. Default: person, boat, stop sign."),
+    ] = None,
+    confidence: Annotated[
+        float, typer.Option(min=0.05, max=0.99, help="Detections below are dropped.")
+    ] = 0.25,
+    tiles: TilesOption = 1,
+    boxes: BoxesOption = None,
+    pixels: PixelsOption = None,
+    poses: PosesOption = None,
+    dem: Annotated[
+        Path | None, typer.Option(help="Elevation model (GeoTIFF) of the ground; without one it is level.")
+    ] = None,
+    hfov_deg: Annotated[
+        float | None,
+        typer.Option(min=1.0, max=150.0, help="Horizontal field of view, where the pictures do not say it."),
+    ] = None,
+    every: Annotated[
+        float, typer.Option(min=0.02, max=3600.0, help="Seconds between frames of a video.")
+    ] = 1.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Put what a detector finds in the pictures of a flight on the map, with the exports of a mission.
+
+    Place, height, direction and lens come from EXIF and XMP (DJI, Autel, Parrot, Skydio), or from --poses.
+    The same command goes on where it was interrupted.
+
+    Examples:
+
+        skysweep detect run DCIM/100MEDIA --out runs/search-1
+
+        skysweep detect run flight.mp4 --poses flight.csv --every 0.5 --dem hills.tif
+
+        skysweep export runs/search-1 --format kmz
+    """
+    from skysweep.flights.photographed.run import Options, look_at_flight
+
+    options = Options(model, tuple(find or ()), confidence, tiles, boxes, pixels, poses, dem, hfov_deg, every)
+    with counting("looking") as looking:
+        looked = look_at_flight(source, out, options, looking)
+    for problem in looked.left_out:
+        warn(f"{problem.name} {problem.why}")
+    record = {
+        "folder": str(out),
+        "pictures": looked.n_pictures,
+        "candidates": looked.n_candidates,
+        "left_out": [problem._asdict() for problem in looked.left_out],
+    }
+    lines = [f"{looked.n_candidates} candidates in {looked.n_pictures} pictures: {out / 'report.html'}"]
+    if looked.left_out:
+        lines.append(f"{len(looked.left_out)} pictures were left out")
+    answer(as_json, record, *lines)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -15,7 +15,7 @@ from skysweep.geometry.camera import Lens
 from skysweep.mission.journal import Journal
 from skysweep.results.picture_files import picture_name, write_picture
 from skysweep.results.reporting.wording import clock
-from skysweep.types import Detections, EventKind, Frame, PictureSensor
+from skysweep.types import Detections, EventKind, Frame
 
 Image = NDArray[np.uint8]
 
@@ -26,6 +26,12 @@ _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _GAP_PX = 6  # between a label and its box
 _EDGE_PX = 2.0  # a box this near to the edge of the picture is cut off
 _CUT_OFF = 0.3  # factor on the score of a cut-off candidate
+
+
+class Looking(Protocol):
+    """What looks: ``last_look`` is the newest picture that was answered, with the answer."""
+
+    last_look: tuple[Frame, Detections] | None
 
 
 class PictureBook:
@@ -40,7 +46,7 @@ class PictureBook:
         self,
         journal: Journal,
         folder: Path,
-        sensor: PictureSensor,
+        sensor: Looking,
         ground_at_m: Callable[[float, float], float],
         before: Iterable[Mapping[str, Any]] = (),
     ) -> None:

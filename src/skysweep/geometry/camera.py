@@ -13,6 +13,9 @@ from numpy.typing import ArrayLike
 
 from skysweep.arrays import F64
 
+FLATTEST_RAD = math.radians(10.0)  # below the horizon: ground seen flatter counts as not seen
+_CELLS = 48  # of a picture on each side, in sums over it
+
 
 @dataclass(frozen=True, slots=True)
 class Lens:
@@ -50,6 +53,22 @@ class Lens:
         """Ground (width, height) in metres of a nadir picture over flat ground."""
         gsd_m = self.gsd_m(altitude_agl_m)
         return self.width_px * gsd_m, self.height_px * gsd_m
+
+    def seen_ground_m2(self, pose: CameraPose, height_m: float) -> float:
+        """Area of level ground in a picture, ``height_m`` below the camera, out to ``FLATTEST_RAD``.
+
+        A pixel's solid angle is cos³ / f²; the ground's distance and slope turn it into square metres.
+        """
+        u, v = np.meshgrid(
+            (np.arange(_CELLS) + 0.5) * self.width_px / _CELLS,
+            (np.arange(_CELLS) + 0.5) * self.height_px / _CELLS,
+        )
+        rays = rays_enu(self, pose, np.column_stack([u.ravel(), v.ravel()]))
+        steep = -rays[:, 2]
+        along = rays @ pose.R_camera_to_enu[:, 2]
+        solid = along**3 * (self.width_px * self.height_px / _CELLS**2) / self.focal_px**2
+        seen = steep >= np.sin(FLATTEST_RAD)
+        return float((solid[seen] * height_m**2 / steep[seen] ** 3).sum())
 
 
 @lru_cache

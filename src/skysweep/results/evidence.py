@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from skysweep.results.crops import crop_of
 from skysweep.results.exports import found_targets, unchecked_targets
 from skysweep.results.picture_files import SAME_LOOK_S, told_by_name
 from skysweep.results.reporting.html import Picture, data_uri
@@ -15,6 +16,7 @@ from skysweep.results.run_folder import CandidateStory, Run
 from skysweep.types import EventKind
 
 SHOWN_WIDTH_PX = 640  # in a report; the folder has the originals
+CROPPED_FROM_PX = 1920  # wide: four times as many pixels as are shown, and more
 VERDICTS = ("Confirmed", "Rejected", "Unchecked")
 
 
@@ -33,13 +35,16 @@ def evidence(run: Run) -> dict[str, list[Picture]]:
         else:
             pictures[told[0]] = path
     groups: dict[str, list[tuple[Path, str]]] = {verdict: [] for verdict in VERDICTS}
+    shown_of = {path: candidate for candidate, path in pictures.items()}
     for story in run.candidates:
         title = titles.get(story.id)
         if title is not None and story.id in pictures:
             path = pictures[story.id]
             groups[title.partition(" ")[0]].append((path, f"{title}: {_view(run, story, path)}"))
     return {
-        verdict: [Picture(uri, caption) for path, caption in shown if (uri := _small(path))]
+        verdict: [
+            Picture(uri, caption) for path, caption in shown if (uri := _small(run, path, shown_of.get(path)))
+        ]
         for verdict, shown in (groups | {"Other": other}).items()
     }
 
@@ -69,9 +74,15 @@ def _view(run: Run, story: CandidateStory, path: Path) -> str:
     return f"{sure}, from {height_m:.1f} m above ground, at {clock(since_start_s)}"
 
 
-def _small(path: Path) -> str | None:
-    """The picture as a data URI, at most ``SHOWN_WIDTH_PX`` wide; None where the file is damaged."""
+def _small(run: Run, path: Path, candidate: int | None) -> str | None:
+    """The picture as a data URI, at most ``SHOWN_WIDTH_PX`` wide; None where the file is damaged.
+
+    Of a picture so wide that a candidate would no longer be seen, only what is around the candidate is shown.
+    """
     image = cv2.imread(str(path))
+    if image is not None and candidate is not None and image.shape[1] > CROPPED_FROM_PX:
+        crop = crop_of(run, candidate)
+        image = image if crop is None else cv2.imdecode(np.frombuffer(crop, np.uint8), cv2.IMREAD_COLOR)
     if image is None:
         return None
     height, width = image.shape[:2]

@@ -102,6 +102,11 @@ class _Reason(_Line):
     reason: str
 
 
+class _LeftOut(_Line):
+    picture: str
+    why: str
+
+
 class _Clock(_Line):
     utc: str
 
@@ -158,6 +163,7 @@ _KNOWN: dict[str, type[_Line]] = {
     "unsearched": _Unsearched,
     "end": _Reason,
     "clock": _Clock,
+    "left_out": _LeftOut,
     EventKind.CHECK_STARTED: _Decision,
     EventKind.MISFIT: _Reason,
     **dict.fromkeys(OF_A_CANDIDATE, _OfCandidate),

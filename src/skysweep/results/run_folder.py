@@ -40,6 +40,8 @@ UNFINISHED = ".part"  # ends the name of a comparison's run folder until its mis
 CONFIG = "config"  # field of the journal's first line: SHA-256 of the configuration
 PLAN = "plan"  # and of ``search.plan``
 GROUND = "ground"  # and of the files of the ground, where there are some
+PHOTOGRAPHED = "pictures"  # instead of a strategy and a plan, where the pictures of a flight were looked at
+LEFT_OUT = "left_out"  # kind of a line that tells a picture of which nothing was made, and why
 CLOCK = "clock"  # kind of a line that tells the UTC of a mission in real time
 _ROUNDED_S = 1e-3
 
@@ -150,6 +152,11 @@ class Run:
     def has_its_plan(self) -> bool:
         """Whether the file of ``search.plan``, if any, is the one that was flown."""
         return digest_of_plan(self.scenario) == self._setup.get(PLAN)
+
+    @property
+    def is_photographed(self) -> bool:
+        """Whether it tells the pictures of somebody's flight, and no mission."""
+        return self.strategy == PHOTOGRAPHED
 
     @cached_property
     def keeps_looks(self) -> bool:

@@ -10,6 +10,7 @@ from skysweep.results.figures import run_map
 from skysweep.results.film import FilmedLooks
 from skysweep.results.foxglove import LAYOUT_FILE, layout_json
 from skysweep.results.metrics import whole_summary
+from skysweep.results.pictures_report import write_pictures_report
 from skysweep.results.recording import write_recording
 from skysweep.results.run_folder import SUMMARY_FILE, Run
 from skysweep.results.run_report import write_run_report
@@ -30,7 +31,8 @@ def write_results(run: Run, out: Path, wall_time_s: float | None = None) -> RunS
         write_exports(run, unfinished)
         write_recording(run, unfinished / "mission.mcap")
         (unfinished / LAYOUT_FILE).write_text(layout_json(FilmedLooks(run).has_pictures), encoding="utf-8")
-        write_run_report(run, summary, unfinished)
+        report = write_pictures_report if run.is_photographed else write_run_report
+        report(run, summary, unfinished)
     with whole_files(out) as unfinished:
         write_summary(unfinished / SUMMARY_FILE, summary, run.seal)
     return summary

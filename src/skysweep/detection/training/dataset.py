@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal, get_args
@@ -135,7 +136,10 @@ def _render_world(out: Path, index: int, n_pictures: int, seed: int, split: Spli
         side_px = SIDE_PX + 2 * ID_MARGIN_PX
         wide = Lens(side_px, side_px, 2 * np.arctan(side_px / 2 / lens.focal_px))
         seen, whole = renderer.render_ids(wide, pose), renderer.render_ids(wide, pose, occluders=False)
-        images.append(_label(path, world, seen, whole, float(pose.position_enu_m[2])))
+        height_m = float(pose.position_enu_m[2])
+        labelled = _label(path, world, seen, whole)
+        ground_m2 = round(lens.seen_ground_m2(pose, height_m), 2)
+        images.append(replace(labelled, altitude_agl_m=round(height_m, 2), ground_m2=ground_m2))
     return images
 
 
@@ -144,7 +148,6 @@ def _label(
     world: World,
     seen: I32,
     whole: I32,
-    altitude_agl_m: float,
 ) -> LabelledImage:
     """Labels from object ids (H, W), as seen and without occluders, both with the margin around."""
     picture = seen[ID_MARGIN_PX:-ID_MARGIN_PX, ID_MARGIN_PX:-ID_MARGIN_PX]
@@ -167,7 +170,6 @@ def _label(
         np.zeros((0, 4)),
         np.array([b for b, _ in decoys]).reshape(-1, 4),
         tuple(k for _, k in decoys),
-        round(altitude_agl_m, 2),
     )
 
 

@@ -1,32 +1,90 @@
-"""Recall, precision and false positives of a detector on labelled pictures, by pixels on target and altitude.
+"""What a detector makes of labelled pictures: every label, every detection, and counts of both.
 
 A detection is right when it overlaps a label of its class by an intersection over union of at least
-``_IOU_MIN``. The most confident detections choose first; each label is matched once (the COCO and PASCAL VOC
-rule). Pixels on target are the longer side of the box; a false positive counts in the bin of its own size.
+``_IOU_MIN``; one that lies in a crowd or an ignored region by more than half is neither right nor false.
+Pixels on target are the longer side of the box; a false positive counts in the bin of its own size. All is
+kept from ``CONFIDENCE_FLOOR`` on. The most confident detections choose first, so what is matched at a higher
+threshold is what is matched here with that confidence.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from rich.table import Table
 
-from skysweep.arrays import F64, I64, U8
+from skysweep.arrays import F64, U8
+from skysweep.detection.training.class_map import ours
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
+from skysweep.detection.training.matching import intersection_shares, iou, match, strongest
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.types import Detector, Frame
+from skysweep.types import Detections, Detector, Frame
 
 PIXEL_BINS = (0, 8, 12, 16, 24, 40, 60, 100, np.inf)
 ALTITUDE_BINS_M = (0, 3, 6, 12, 25, 50, 100, np.inf)
-_IOU_MIN = 0.5
-DECOY_IOU_MIN = 0.3
+LIGHT_BINS = (0, 50, 90, 130, 170, np.inf)  # mean brightness of the picture, 0..255
+CONFIDENCE_FLOOR = 0.05
 CONFIRMING_CONFIDENCE = 0.6  # the paper's c_t
+_IOU_MIN = 0.5
+_SAME_IOU = 0.5  # detections of two classes that are one of ours are of one thing from there on
+_DECOY_IOU_MIN = 0.3
+_NOWHERE = CameraPose(np.zeros(3), np.eye(3))
+
+Box = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One picture that was looked at."""
+
+    path: Path
+    altitude_agl_m: float | None
+    ground_m2: float | None
+    brightness: float  # mean, 0..255
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label, and how confidently it was found."""
+
+    picture: int
+    class_name: str
+    box_xyxy_px: Box
+    confidence: float  # of the detection that is right; 0: there is none
+
+    @property
+    def pixels(self) -> float:
+        """The longer side."""
+        return _pixels(self.box_xyxy_px)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A detection that is right or false."""
+
+    picture: int
+    class_name: str
+    box_xyxy_px: Box
+    confidence: float
+    label: int | None  # that it is right about
+
+    @property
+    def pixels(self) -> float:
+        """The longer side."""
+        return _pixels(self.box_xyxy_px)
+
+
+@dataclass(frozen=True, slots=True)
+class Decoy:
+    """A look-alike, and the most confident detection of any class on it."""
+
+    kind: str
+    pixels: float
+    confidence: float  # 0: none
 
 
 @dataclass
@@ -38,6 +96,14 @@ class Score:
     n_confirming: int = 0  # found with at least CONFIRMING_CONFIDENCE
     n_false: int = 0
 
+    def __add__(self, other: Score) -> Score:
+        return Score(
+            self.n_targets + other.n_targets,
+            self.n_found + other.n_found,
+            self.n_confirming + other.n_confirming,
+            self.n_false + other.n_false,
+        )
+
 
 @dataclass
 class DecoyScore:
@@ -48,16 +114,86 @@ class DecoyScore:
     n_confirmed: int = 0  # with at least CONFIRMING_CONFIDENCE
 
 
+Scores = dict[
+    tuple[str, float], Score
+]  # by class and the bin's lower edge; bins are (from, to), ``to`` excluded
+
+
 @dataclass
 class Evaluation:
-    """Counts of one detector on one data set. Bins are (from, to) with ``to`` excluded."""
+    """One detector on one data set. The counts are of detections from ``confidence_min`` on."""
 
-    n_images: int
     confidence_min: float
     classes: tuple[str, ...]
-    by_pixels: dict[tuple[str, float], Score] = field(default_factory=dict)  # (class, bin's lower edge)
-    by_altitude: dict[tuple[str, float], Score] = field(default_factory=dict)
-    decoys: dict[tuple[str, float], DecoyScore] = field(default_factory=dict)  # (kind, bin's lower edge)
+    pictures: list[Picture] = field(default_factory=list)
+    labels: list[Label] = field(default_factory=list)
+    reports: list[Report] = field(default_factory=list)
+    seen_decoys: list[Decoy] = field(default_factory=list)
+
+    @property
+    def n_images(self) -> int:
+        """The number of pictures."""
+        return len(self.pictures)
+
+    @property
+    def hectares(self) -> float | None:
+        """Ground in the pictures of which it is known; None where it is of none."""
+        known = [p.ground_m2 for p in self.pictures if p.ground_m2]
+        return sum(known) / 1e4 if known else None
+
+    @property
+    def by_pixels(self) -> Scores:
+        """By the size of labels and detections."""
+        return self._scores(lambda each: each.pixels, PIXEL_BINS)
+
+    @property
+    def by_altitude(self) -> Scores:
+        """By the altitude of the pictures whose it is known."""
+        return self._scores(lambda each: self.pictures[each.picture].altitude_agl_m, ALTITUDE_BINS_M)
+
+    @property
+    def by_light(self) -> Scores:
+        """By the mean brightness of the pictures."""
+        return self._scores(lambda each: self.pictures[each.picture].brightness, LIGHT_BINS)
+
+    @property
+    def decoys(self) -> dict[tuple[str, float], DecoyScore]:
+        """By kind and size."""
+        found: dict[tuple[str, float], DecoyScore] = {}
+        for decoy in self.seen_decoys:
+            score = found.setdefault((decoy.kind, bin_of(decoy.pixels, PIXEL_BINS)), DecoyScore())
+            score.n += 1
+            score.n_taken += decoy.confidence >= self.confidence_min
+            score.n_confirmed += decoy.confidence >= CONFIRMING_CONFIDENCE
+        return found
+
+    def total(self, class_name: str) -> Score:
+        """Of one class, over all sizes."""
+        return sum((s for (name, _), s in self.by_pixels.items() if name == class_name), Score())
+
+    def false_per_hectare(self, class_name: str) -> float | None:
+        """In the pictures whose ground is known; None where it is of none."""
+        if self.hectares is None:
+            return None
+        false = [r for r in self.reports if r.class_name == class_name and r.label is None]
+        counted = [
+            r for r in false if r.confidence >= self.confidence_min and self.pictures[r.picture].ground_m2
+        ]
+        return len(counted) / self.hectares
+
+    def _scores(self, value_of: Callable[[Label | Report], float | None], edges: Sequence[float]) -> Scores:
+        scores: Scores = {}
+        for label in self.labels:
+            if (value := value_of(label)) is not None:
+                score = scores.setdefault((label.class_name, bin_of(value, edges)), Score())
+                score.n_targets += 1
+                score.n_found += label.confidence >= self.confidence_min
+                score.n_confirming += label.confidence >= CONFIRMING_CONFIDENCE
+        for report in self.reports:
+            value = value_of(report)
+            if report.label is None and report.confidence >= self.confidence_min and value is not None:
+                scores.setdefault((report.class_name, bin_of(value, edges)), Score()).n_false += 1
+        return scores
 
 
 def evaluate(
@@ -65,67 +201,69 @@ def evaluate(
     dataset: LabelledDataset,
     *,
     confidence_min: float = 0.25,
+    renames: Mapping[str, str] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
-    """Run a detector over a data set and count, for the classes whose names both know.
+    """Run a detector over a data set whose classes have our names, for those that both know.
+
+    The detector's names become ours, as ``class_map.ours`` has them with ``renames``. Give it a threshold of
+    ``CONFIDENCE_FLOOR``, for curves over all thresholds.
 
     Raises UserError if they share no class, the set is empty, or a picture cannot be read.
     """
-    classes = tuple(c for c in dataset.class_names if c in detector.class_names)
+    known = {ours(name, renames) for name in detector.class_names}
+    classes = tuple(c for c in dataset.class_names if c in known)
     if not classes:
         raise UserError(
             f"{dataset.path}: its classes ({', '.join(dataset.class_names)}) are none of the detector's "
-            f"({', '.join(detector.class_names)}); name them alike"
+            f"({', '.join(detector.class_names)}); name them alike, such as --class boat=ship"
         )
     if not dataset.images:
         raise UserError(f"{dataset.path}: the data set has no pictures")
-    result = Evaluation(len(dataset.images), confidence_min, classes)
+    result = Evaluation(confidence_min, classes)
     for number, image in enumerate(dataset.images, start=1):
-        _count(result, detector, image)
+        _judge(result, detector, image, renames)
         progress(number, len(dataset.images))
     return result
 
 
-def _count(result: Evaluation, detector: Detector, image: LabelledImage) -> None:
+def _judge(
+    result: Evaluation, detector: Detector, image: LabelledImage, renames: Mapping[str, str] | None
+) -> None:
     picture = read_picture(image.path)
     height, width = picture.shape[:2]
     size = np.array([width, height] * 2, dtype=float)
     found = detector.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
-    altitude, names = image.altitude_agl_m, np.array(found.class_names, dtype=object)
-    sure = found.confidences >= result.confidence_min
-    for name in result.classes:
-        keep = sure & (names == name)
-        boxes, confidences = found.boxes_xyxy_px[keep], found.confidences[keep]
+    number = len(result.pictures)
+    brightness = float(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).mean())
+    result.pictures.append(Picture(image.path, image.altitude_agl_m, image.ground_m2, brightness))
+    of_class = {name: _of_class(found, name, renames) for name in result.classes}
+    for name, (boxes, confidences) in of_class.items():
         labels = image.boxes_xyxy[[c == name for c in image.class_names]] * size
-        matched = match(boxes, confidences, labels, _IOU_MIN)
-        in_crowd = np.any(intersection_shares(boxes, image.crowds_xyxy * size) > 0.5, axis=1)
-        for label, detection in zip(labels, matched, strict=True):
-            for score in _scores(result, name, _pixels(label), altitude):
-                score.n_targets += 1
-                score.n_found += bool(detection >= 0)
-                score.n_confirming += bool(detection >= 0 and confidences[detection] >= CONFIRMING_CONFIDENCE)
-        for index in set(range(len(boxes))) - set(matched.tolist()):
-            if not in_crowd[index]:
-                for score in _scores(result, name, _pixels(boxes[index]), altitude):
-                    score.n_false += 1
-    wanted = sure & np.array([c in result.classes for c in names], dtype=bool)
-    overlaps = iou(image.decoys_xyxy * size, found.boxes_xyxy_px[wanted]) >= DECOY_IOU_MIN
-    for kind, box, taken in zip(image.decoy_names, image.decoys_xyxy * size, overlaps, strict=True):
-        decoy = result.decoys.setdefault((kind, bin_of(_pixels(box), PIXEL_BINS)), DecoyScore())
-        decoy.n += 1
-        decoy.n_taken += bool(taken.any())
-        decoy.n_confirmed += bool((found.confidences[wanted][taken] >= CONFIRMING_CONFIDENCE).any())
+        matched = match(boxes, confidences, labels, _IOU_MIN).tolist()
+        excused = np.any(intersection_shares(boxes, image.crowds_xyxy * size) > 0.5, axis=1)
+        numbers = {}
+        for box, k in zip(labels, matched, strict=True):
+            numbers[k] = len(result.labels)
+            confidence = float(confidences[k]) if k >= 0 else 0.0
+            result.labels.append(Label(number, name, _box(box), confidence))
+        for k, (box, sure) in enumerate(zip(boxes, confidences.tolist(), strict=True)):
+            if k in numbers or not excused[k]:
+                result.reports.append(Report(number, name, _box(box), sure, numbers.get(k)))
+    boxes, confidences = (np.concatenate(parts) for parts in zip(*of_class.values(), strict=True))
+    overlaps = iou(image.decoys_xyxy * size, boxes) >= _DECOY_IOU_MIN
+    for kind, box, on_it in zip(image.decoy_names, image.decoys_xyxy * size, overlaps, strict=True):
+        result.seen_decoys.append(Decoy(kind, _pixels(_box(box)), float(confidences[on_it].max(initial=0.0))))
 
 
-_NOWHERE = CameraPose(np.zeros(3), np.eye(3))
-
-
-def _scores(result: Evaluation, name: str, pixels: float, altitude_agl_m: float | None) -> list[Score]:
-    scores = [result.by_pixels.setdefault((name, bin_of(pixels, PIXEL_BINS)), Score())]
-    if altitude_agl_m is not None:
-        key = (name, bin_of(altitude_agl_m, ALTITUDE_BINS_M))
-        scores.append(result.by_altitude.setdefault(key, Score()))
-    return scores
+def _of_class(found: Detections, name: str, renames: Mapping[str, str] | None) -> tuple[F64, F64]:
+    """Boxes (N, 4) and confidences (N,) of one of our classes, also where the detector has it as several."""
+    own = np.array([ours(n, renames) == name for n in found.class_names], dtype=bool)
+    boxes, confidences = found.boxes_xyxy_px[own], found.confidences[own]
+    if len({n for n, mine in zip(found.class_names, own.tolist(), strict=True) if mine}) > 1:
+        kept = strongest(boxes, confidences, _SAME_IOU)
+        return boxes[kept], confidences[kept]
+    return boxes, confidences
 
 
 def read_picture(path: Path) -> U8:
@@ -136,124 +274,15 @@ def read_picture(path: Path) -> U8:
     return np.ascontiguousarray(picture[..., ::-1], dtype=np.uint8)
 
 
-def _pixels(box: F64) -> float:
-    return float(max(box[2] - box[0], box[3] - box[1]))
+def _box(box: F64) -> Box:
+    left, top, right, bottom = box.tolist()
+    return left, top, right, bottom
+
+
+def _pixels(box: Box) -> float:
+    return max(box[2] - box[0], box[3] - box[1])
 
 
 def bin_of(value: float, edges: Sequence[float]) -> float:
     """The lower edge of the bin that holds ``value``."""
     return float(edges[max(int(np.searchsorted(edges, value, side="right")) - 1, 0)])
-
-
-def _intersections(a: F64, b: F64) -> F64:
-    corner = np.maximum(a[:, None, :2], b[None, :, :2])
-    extent = np.clip(np.minimum(a[:, None, 2:], b[None, :, 2:]) - corner, 0, None)
-    return np.asarray(extent.prod(axis=2))
-
-
-def _areas(boxes: F64) -> F64:
-    return np.asarray((boxes[:, 2:] - boxes[:, :2]).prod(axis=1))
-
-
-def iou(a: F64, b: F64) -> F64:
-    """Intersection over union (N, M) of boxes (N, 4) and (M, 4)."""
-    shared = _intersections(a, b)
-    return shared / np.maximum(_areas(a)[:, None] + _areas(b)[None] - shared, 1e-12)
-
-
-def intersection_shares(a: F64, b: F64) -> F64:
-    """Share (N, M) of each box of ``a`` that lies in each box of ``b``."""
-    return _intersections(a, b) / np.maximum(_areas(a)[:, None], 1e-12)
-
-
-def match(boxes: F64, confidences: F64, labels: F64, iou_min: float) -> I64:
-    """For each label (M, 4) the index of its detection, or -1. The most confident detections choose first."""
-    matched = np.full(len(labels), -1, dtype=np.int64)
-    overlap = iou(boxes, labels)
-    for index in np.argsort(-confidences, kind="stable"):
-        free = np.where(matched < 0, overlap[index], 0.0)
-        if len(free) and free.max() >= iou_min:
-            matched[free.argmax()] = index
-    return matched
-
-
-def _bin_label(lower: float, edges: Sequence[float]) -> str:
-    upper = edges[list(edges).index(lower) + 1]
-    return f">= {lower:g}" if np.isinf(upper) else f"{lower:g} to {upper:g}"
-
-
-def _share(part: int, whole: int) -> str:
-    return f"{part / whole:.2f}" if whole else "-"
-
-
-def scores_json(evaluation: Evaluation) -> dict[str, Any]:
-    """The counts of an evaluation, as JSON has them. Bins are ``from`` to ``to``, null without an end."""
-    return {
-        "n_images": evaluation.n_images,
-        "confidence_min": evaluation.confidence_min,
-        "by_pixels": _counts_json(evaluation.by_pixels, PIXEL_BINS),
-        "by_altitude": _counts_json(evaluation.by_altitude, ALTITUDE_BINS_M),
-        "look_alikes": _counts_json(evaluation.decoys, PIXEL_BINS),
-    }
-
-
-def _counts_json(
-    counts: Mapping[tuple[str, float], Score | DecoyScore], edges: Sequence[float]
-) -> list[dict[str, Any]]:
-    ends = [None if np.isinf(edge) else float(edge) for edge in edges]
-    upper = dict(zip(map(float, edges), ends[1:], strict=False))
-    return [
-        {"class": name, "from": lower, "to": upper[lower], **asdict(counted)}
-        for (name, lower), counted in sorted(counts.items(), key=lambda item: item[0])
-    ]
-
-
-def tables(evaluations: Mapping[str, Evaluation]) -> list[Table]:
-    """Tables with the detectors (by label) side by side: by pixels on target, altitude and look-alike."""
-    first = next(iter(evaluations.values()))
-    made = []
-    for title, attribute, edges, unit in (
-        ("By pixels on target", "by_pixels", PIXEL_BINS, "px"),
-        ("By altitude", "by_altitude", ALTITUDE_BINS_M, "m AGL"),
-    ):
-        if not getattr(first, attribute):
-            continue
-        table = Table("class", unit, "targets", title=f"{title} ({first.n_images} pictures)")
-        for label in evaluations:
-            confirming = f"at >= {CONFIRMING_CONFIDENCE:g}"
-            for header in (f"{label}\nrecall", confirming, "precision", "false / picture"):
-                table.add_column(header, justify="right")
-        for name in dict.fromkeys(c for e in evaluations.values() for c in e.classes):
-            for lower in edges[:-1]:
-                scores = [
-                    getattr(e, attribute).get((name, float(lower)), Score()) for e in evaluations.values()
-                ]
-                if any(s.n_targets or s.n_false for s in scores):
-                    cells = [
-                        cell
-                        for s in scores
-                        for cell in (
-                            _share(s.n_found, s.n_targets),
-                            _share(s.n_confirming, s.n_targets),
-                            _share(s.n_found, s.n_found + s.n_false),
-                            f"{s.n_false / first.n_images:.3f}",
-                        )
-                    ]
-                    n_targets = max(s.n_targets for s in scores)
-                    table.add_row(name, _bin_label(lower, edges), str(n_targets), *cells)
-            table.add_section()
-        made.append(table)
-    if first.decoys:
-        table = Table("look-alike", "px", "seen", title="Look-alikes taken for a target")
-        for label, evaluation in evaluations.items():
-            table.add_column(f"{label}\n>= {evaluation.confidence_min:g}", justify="right")
-            table.add_column(f">= {CONFIRMING_CONFIDENCE:g}", justify="right")
-        for kind in sorted({k for k, _ in first.decoys}):
-            for lower in PIXEL_BINS[:-1]:
-                counts = [e.decoys.get((kind, float(lower)), DecoyScore()) for e in evaluations.values()]
-                if counts[0].n:
-                    cells = [c for d in counts for c in (_share(d.n_taken, d.n), _share(d.n_confirmed, d.n))]
-                    table.add_row(kind, _bin_label(lower, PIXEL_BINS), str(counts[0].n), *cells)
-            table.add_section()
-        made.append(table)
-    return made

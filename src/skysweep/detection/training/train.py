@@ -27,11 +27,12 @@ from skysweep.arrays import F32, F64, U8
 from skysweep.detection.model_files import model_file
 from skysweep.detection.network import PAD_GREY
 from skysweep.detection.training.evaluate import read_picture
-from skysweep.detection.training.labelled import LabelledDataset, LabelledImage, read_dataset
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
+from skysweep.detection.training.reading import read_dataset
+from skysweep.detection.training.weights import OWN, Family, family_of, load_weights
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.files.writing import make_folder, whole_files
 
-DEPTH, WIDTH = 0.33, 0.25
 SIDE_PX = 320
 BATCH = 16
 PEAK_LEARNING_RATE = 2e-3
@@ -58,11 +59,12 @@ def train_detector(
     """Train on a labelled data set and write an ONNX model.
 
     Args:
-        dataset: COCO or YOLO folder (see :func:`skysweep.detection.training.labelled.read_dataset`).
+        dataset: COCO or YOLO folder (see :func:`skysweep.detection.training.reading.read_dataset`).
         out: the ONNX file to write.
         minutes: how long to train; the learning rate falls to nearly zero by then.
-        init: a model to fine-tune: one that this function wrote, or "skysweep" for the shipped one. Its class
-            head is kept for classes of the same name. None starts from random weights.
+        init: a model to fine-tune: one that this function wrote, "skysweep" for the shipped one, or a public
+            YOLOX checkpoint (.pth, .onnx; nano, tiny, s). Its class head is kept for classes of the same
+            name. None starts from random weights.
         learning_rate: its peak; by default ``PEAK_LEARNING_RATE``, and a quarter of it to fine-tune.
         seed: seeds initial weights, sampling and augmentation. Two runs still differ: the number of steps
             that fit into the time depends on the machine.
@@ -73,7 +75,7 @@ def train_detector(
         ``out``.
 
     Raises:
-        UserError: the data set is malformed or has no labels, ``init`` is no model of ours, or ``out`` cannot
+        UserError: the data set is malformed or has no labels, ``init`` is no YOLOX model, or ``out`` cannot
             be written.
         MissingExtraError: PyTorch or YOLOX is not installed.
     """
@@ -84,10 +86,10 @@ def train_detector(
     make_folder(out.parent)
     torch.manual_seed(seed)
     rng = np.random.default_rng([seed, 23])
-    network = _network(len(data.class_names))
+    network = _network(len(data.class_names), OWN if init is None else family_of(model_file(init)))
     network.head.initialize_biases(1e-2)
     if init is not None:
-        _load_weights(network, model_file(init), data.class_names)
+        load_weights(network, model_file(init), data.class_names)
     peak = learning_rate or PEAK_LEARNING_RATE * (FINE_TUNING_SHARE if init is not None else 1.0)
     average, steps = _optimise(network, data, rng, peak, minutes * 60, threads, progress)
     network.load_state_dict(average)
@@ -128,11 +130,14 @@ def _torch() -> Any:
     return torch
 
 
-def _network(n_classes: int) -> Any:
+def _network(n_classes: int, family: Family) -> Any:
+    torch = _torch()
     from yolox.models import YoloPafpn, YoloxHead, YoloxModule
 
-    torch = _torch()
-    network = YoloxModule(YoloPafpn(DEPTH, WIDTH), YoloxHead(n_classes, WIDTH))
+    separable = {"depthwise": True} if family.depthwise else {}
+    network = YoloxModule(
+        YoloPafpn(family.depth, family.width, **separable), YoloxHead(n_classes, family.width, **separable)
+    )
     network.head.use_l1 = True
     for module in network.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
@@ -330,36 +335,6 @@ def _recolour(picture: U8, rng: np.random.Generator) -> F32:
     p *= rng.uniform(0.9, 1.1, 3).astype(np.float32)
     p += rng.standard_normal(p.shape, dtype=np.float32) * np.float32(rng.uniform(0, 5))
     return np.clip(p, 0, 255)
-
-
-def _load_weights(network: Any, path: Path, class_names: Sequence[str]) -> None:
-    """Copy the weights of a model of :func:`train_detector`, those of the class head by class name."""
-    try:
-        import onnx
-    except ImportError as error:
-        raise MissingExtraError("fine-tuning", "train") from error
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such model to fine-tune; write the path of an ONNX file")
-    torch, new = _torch(), network.state_dict()
-    foreign = UserError(f"{path}: not a model that 'skysweep train' wrote; fine-tune one of those")
-    try:
-        model = onnx.load(str(path))
-        names = json.loads({p.key: p.value for p in model.metadata_props}["names"])
-    except Exception as error:  # protobuf's errors have no common base
-        raise foreign from error
-    old = {i.name: torch.from_numpy(onnx.numpy_helper.to_array(i).copy()) for i in model.graph.initializer}
-    if not {k for k, value in new.items() if value.ndim == 4} <= set(old):
-        raise foreign
-    rows = [(i, int(k)) for i, name in enumerate(class_names) for k, known in names.items() if known == name]
-    for key, value in new.items():
-        if key not in old:  # the exporter merges equal arrays, which only barely trained networks have
-            continue
-        if key.startswith("head.cls_preds"):
-            for to, origin in rows:
-                value[to] = old[key][origin]
-        else:
-            value.copy_(old[key])
-    network.load_state_dict(new)
 
 
 def _export(network: Any, path: Path, metadata: dict[str, str]) -> None:

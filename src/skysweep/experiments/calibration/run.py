@@ -76,7 +76,9 @@ def calibrate(
     if add_to:
         added = {"kinds": [*add_to.kinds, *kinds], "contrasts": [*add_to.contrasts, *fitted.contrasts]}
         fitted = add_to.model_copy(update=added)
-    text = yaml.safe_dump(fitted.model_dump(), sort_keys=False, default_flow_style=None, width=110)
+    text = yaml.safe_dump(
+        fitted.model_dump(exclude_none=True), sort_keys=False, default_flow_style=None, width=110
+    )
     with whole_files(out_yaml.parent) as unfinished:
         header = "# Written by skysweep calibrate.\n"
         (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")

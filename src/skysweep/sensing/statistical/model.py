@@ -176,6 +176,16 @@ class HeldOut(_Part):
     parts: list[Fit]
 
 
+class RealPictures(_Part):
+    """The labelled real pictures that a part of the model was fitted to, and what that part is."""
+
+    pictures: int
+    labels: dict[str, int] = Field(description="Looks at each kind")
+    hectares: float = Field(description="Of ground in the pictures of which it is known")
+    measured: list[str] = Field(description="What is from them")
+    from_renders: list[str] = Field(description="What they cannot tell, and is the rendered fit's")
+
+
 class StatisticalModel(_Part):
     """The whole model. Written by ``skysweep calibrate``, never by hand."""
 
@@ -190,6 +200,7 @@ class StatisticalModel(_Part):
     contrasts: list[ContrastModel]
     background: list[BackgroundModel]
     held_out: list[HeldOut] = []
+    pictures: RealPictures | None = Field(None, description="Where real pictures were fitted, too")
 
     @model_validator(mode="before")
     @classmethod

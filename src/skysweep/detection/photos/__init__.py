@@ -1,0 +1,1 @@
+"""A team's own pictures: where, when and through which lens they were taken."""

@@ -1,0 +1,58 @@
+"""Names of classes in public data sets, and ours for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from skysweep.errors import UserError
+
+IGNORED = "ignored"  # stands for a class whose boxes are neither hit nor false
+
+OURS: dict[str, str] = {
+    # VisDrone: https://github.com/VisDrone/VisDrone-Dataset
+    "pedestrian": "person",
+    "people": "person",
+    "van": "car",
+    "motor": "motorcycle",
+    "ignored regions": IGNORED,
+    "others": IGNORED,
+    # SeaDronesSee: https://github.com/Ben93kie/SeaDronesSee
+    "swimmer": "person",
+    "floater": "person",
+    "swimmer with life jacket": "person",
+    "swimmer on boat": "person",
+    "floater on boat": "person",
+    "jetski": "boat",
+    # common elsewhere
+    "human": "person",
+    "man": "person",
+    "woman": "person",
+    "child": "person",
+    "ship": "boat",
+    "vessel": "boat",
+    "sailboat": "boat",
+    "kayak": "boat",
+    "stopsign": "stop sign",
+}
+"""Ours by the other's name, in lower case and with spaces; names that are not here stay what they are."""
+
+
+def parse_renames(texts: Iterable[str]) -> dict[str, str]:
+    """NAME=OURS texts as a mapping. Raises UserError for any other text."""
+    found = {}
+    for text in texts:
+        name, equals, ours = (part.strip() for part in text.partition("="))
+        if not (name and equals and ours):
+            raise UserError(f"--class {text}: write NAME=OURS, such as people=person, or NAME={IGNORED}")
+        found[_plain(name)] = ours
+    return found
+
+
+def ours(name: str, renames: Mapping[str, str] | None = None) -> str:
+    """Our name of a class; ``renames`` come before ``OURS``."""
+    plain = _plain(name)
+    return (renames or {}).get(plain) or OURS.get(plain) or plain
+
+
+def _plain(name: str) -> str:
+    return " ".join(name.lower().replace("_", " ").replace("-", " ").split())

@@ -1,0 +1,83 @@
+"""Labels in YOLO's format: a text file a picture, with class number and box as shares of the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from skysweep.arrays import F64
+from skysweep.detection.training.labelled import (
+    MAX_LABEL_BYTES,
+    LabelledDataset,
+    LabelledImage,
+    boxes_of,
+    pictures_below,
+)
+from skysweep.errors import UserError
+from skysweep.files.plain_yaml import parse_foreign_yaml
+from skysweep.files.reading import read_text_limited
+
+
+def read_yolo(path: Path) -> LabelledDataset:
+    """Read a folder with ``images/`` and ``labels/``, or with a text file beside each picture.
+
+    Raises UserError if a label is malformed or the names of the classes are missing.
+    """
+    images_in, labels_in = (path / "images", path / "labels") if (path / "labels").is_dir() else (path, path)
+    names = _yolo_names(path)
+    pictures = pictures_below(images_in)
+    if not pictures:
+        raise UserError(f"{images_in}: there are no pictures; a YOLO folder has images/ and labels/")
+    images = []
+    for picture in pictures:
+        label = labels_in / picture.relative_to(images_in).with_suffix(".txt")
+        boxes, classes = _yolo_boxes(label, names) if label.is_file() else (boxes_of([]), ())
+        images.append(LabelledImage(picture, boxes, classes, boxes_of([]), boxes_of([]), ()))
+    return LabelledDataset(path, names, tuple(images), "YOLO")
+
+
+def names_file(path: Path) -> Path | None:
+    """The file that names the classes: in the folder, or in the one above, where the folder is one split."""
+    places = (folder / name for folder in (path, path.parent) for name in ("classes.txt", "data.yaml"))
+    return next((place for place in places if place.is_file()), None)
+
+
+def _yolo_names(path: Path) -> tuple[str, ...]:
+    described = names_file(path)
+    if described is None:
+        raise UserError(
+            f"{path}: class names are unknown; write data.yaml with names, or classes.txt, beside labels/"
+        )
+    if described.suffix == ".txt":
+        lines = read_text_limited(described, MAX_LABEL_BYTES).splitlines()
+        return tuple(line.strip() for line in lines if line.strip())
+    try:
+        names = parse_foreign_yaml(read_text_limited(described, MAX_LABEL_BYTES), str(described))["names"]
+    except (KeyError, TypeError) as error:
+        raise UserError(
+            f"{described}: names is missing; write  names: [first class, second class]"
+        ) from error
+    if isinstance(names, dict):
+        names = [names[key] for key in sorted(names)]
+    if not isinstance(names, list):
+        raise UserError(f"{described}: names is no list; write  names: [first class, second class]")
+    return tuple(str(name) for name in names)
+
+
+def _yolo_boxes(label: Path, names: tuple[str, ...]) -> tuple[F64, tuple[str, ...]]:
+    rows, classes = [], []
+    for number, line in enumerate(read_text_limited(label, MAX_LABEL_BYTES).splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            index, cx, cy, width, height = (float(part) for part in line.split())
+        except ValueError as error:
+            raise UserError(f"{label}: line {number}: write  class centre_x centre_y width height") from error
+        if not (0 <= cx <= 1 and 0 <= cy <= 1 and 0 <= width <= 1 and 0 <= height <= 1):
+            raise UserError(f"{label}: line {number}: boxes are shares of the picture, 0..1, not pixels")
+        if index != int(index) or not 0 <= index < len(names):
+            raise UserError(f"{label}: line {number}: class {index:g} is none of the {len(names)} named ones")
+        rows.append([cx - width / 2, cy - height / 2, cx + width / 2, cy + height / 2])
+        classes.append(names[int(index)])
+    return np.clip(boxes_of(rows), 0, 1), tuple(classes)

@@ -1,0 +1,259 @@
+"""Fits the statistical sensor to labelled real pictures; what those cannot tell is the rendered fit's.
+
+Pictures tell how often, and with what confidence, a class is reported over its pixels, and, where their
+ground is known, how often nothing is reported as one. They do not tell an object's pose, side, shade or
+ground, nor what two looks at one object have in common: every pose of a kind gets the measured curve, and the
+rendered factors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from skysweep.arrays import F64
+from skysweep.detection.model_files import existing_model_file, sha256_of
+from skysweep.detection.training.class_map import ours
+from skysweep.detection.training.evaluate import read_picture
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
+from skysweep.detection.training.matching import intersection_shares
+from skysweep.detection.yolo import YoloDetector
+from skysweep.errors import UserError
+from skysweep.experiments.calibration.check import goodness, tell
+from skysweep.experiments.calibration.fit import (
+    GRID_PX,
+    MIN_OBJECTS,
+    MIN_REPORTS,
+    ScoreCurve,
+    factors_of,
+    fit_background,
+    fit_curves,
+)
+from skysweep.experiments.calibration.looks import (
+    CLASSES,
+    CONFIDENCE_FLOOR,
+    HIT_RADIUS,
+    HIT_RADIUS_MIN_PX,
+    PIXELS,
+    SUBJECTS,
+    Background,
+    ScoredLooks,
+)
+from skysweep.files.writing import whole_files
+from skysweep.geometry.camera import CameraPose, Lens
+from skysweep.scenarios.model import CameraModel, DetectorModel
+from skysweep.sensing.statistical.model import BackgroundModel, KindModel, RealPictures, StatisticalModel
+from skysweep.types import Frame
+
+_EDGE_PX = 1.0  # a label this near to the picture's edge is cut, and left out
+_FEW = 0.5  # reports that are added to a count that is too small to fit
+FROM_RENDERS = (
+    "poses of a kind: every one has the measured curve",
+    "view, front, hidden, cut, edges, blur, contrast and grounds",
+    "object_share and pass_share, and again and same_share of the background",
+    "look-alikes and other kinds, and reports as another class",
+    "errors of boxes",
+)
+_NOWHERE = CameraPose(np.zeros(3), np.eye(3))
+_SUBJECT = {kind: k for k, (kind, _) in reversed(list(enumerate(SUBJECTS)))}  # the first pose stands for all
+
+
+def calibrate_on_pictures(
+    model: str,
+    data: LabelledDataset,
+    rendered: StatisticalModel,
+    out_yaml: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> StatisticalModel:
+    """Measure a detector on pictures whose classes have our names, and write the sensor model.
+
+    ``rendered`` is the model that 'skysweep calibrate' fitted to renders for the same detector. Raises
+    UserError when it is another's, the pictures tell too little, or the results cannot be written.
+    """
+    if sha256_of(existing_model_file(model)) != rendered.detector.sha256:
+        raise UserError(
+            f"--rendered: the sensor model is of {rendered.detector.name}, not of {model}; make one with  "
+            f"skysweep calibrate --model {model}  and give it as --rendered"
+        )
+    looks, background = look_at(model, data, rendered, progress)
+    factors = factors_of(looks)
+    curves = {
+        CLASSES[c]: curve
+        for (subject, c), curve in fit_curves(looks, factors).items()
+        if SUBJECTS[subject][0] == CLASSES[c]
+    }
+    if not curves:
+        raise UserError(
+            f"{data.path}: of no class were {MIN_REPORTS} reports of {MIN_OBJECTS} objects; give more "
+            "pictures, if the detector finds anything in them"
+        )
+    keys = [(_SUBJECT[kind], CLASSES.index(kind)) for kind in curves]
+    measured = [f"score, spread and lapse of {kind}" for kind in curves]
+    rates = [_background(background, c, rendered) for c in range(len(CLASSES))]
+    measured += [f"background of {b.reported_as}" for b, is_own in rates if b is not None and is_own]
+    counts = {kind: int((looks.subject == _SUBJECT[kind]).sum()) for kind in curves}
+    fitted = rendered.model_copy(
+        update={
+            "kinds": [_measured(kind, rendered, curves) for kind in rendered.kinds],
+            "background": [b for b, _ in rates if b is not None],
+            "held_out": goodness(tell(looks, factors, keys)),
+            "pictures": RealPictures(
+                pictures=len(data.images),
+                labels=counts,
+                hectares=round(float(background.hectares.sum()), 2),
+                measured=measured,
+                from_renders=list(FROM_RENDERS),
+            ),
+        }
+    )
+    text = yaml.safe_dump(
+        fitted.model_dump(exclude_none=True), sort_keys=False, default_flow_style=None, width=110
+    )
+    with whole_files(out_yaml.parent) as unfinished:
+        header = "# Written by skysweep calibrate, from real pictures.\n"
+        (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")
+    return fitted
+
+
+def _measured(kind: KindModel, rendered: StatisticalModel, curves: dict[str, ScoreCurve]) -> KindModel:
+    """A kind with the measured curve, where it is reported as what it is."""
+    curve = curves.get(kind.kind)
+    if curve is None or kind.reported_as != kind.kind:
+        return kind
+    at = np.log(rendered.pixels), np.log(GRID_PX)
+    tables = {"score": (curve.mean, 3), "spread": (curve.spread, 3), "lapse": (curve.lapse, 4)}
+    return kind.model_copy(
+        update={name: np.interp(*at, table).round(n).tolist() for name, (table, n) in tables.items()}
+    )
+
+
+def _background(
+    seen: Background, class_index: int, rendered: StatisticalModel
+) -> tuple[BackgroundModel | None, bool]:
+    """False reports of a class, and whether the pictures tell their rate.
+
+    Too few to fit scale the rendered rate to what was counted. The ground of the pictures is not known, so a
+    fitted rate is the same on every ground.
+    """
+    name = CLASSES[class_index]
+    known = next((b for b in rendered.background if b.reported_as == name), None)
+    if not len(seen.hectares):
+        return known, False
+    fitted = fit_background(seen, class_index)
+    if fitted is None:
+        if known is None:
+            return None, False
+        n = int((seen.class_index == class_index).sum())
+        per_hectare = np.interp(np.log(seen.altitude_agl_m), np.log(known.altitude_agl_m), known.per_hectare)
+        times = (n + _FEW) / max(float((per_hectare * seen.hectares).sum()), 1e-9)
+        scaled = [float(f"{times * rate:.3g}") for rate in known.per_hectare]
+        return known.model_copy(update={"per_hectare": scaled}), True
+    here = next(iter(fitted.surfaces.values()))  # all pictures count as of the first ground
+    update = {
+        "per_hectare": [float(f"{rate * here:.3g}") for rate in fitted.per_hectare],
+        "surfaces": dict.fromkeys(fitted.surfaces, 1.0),
+        "wooded": 1.0,
+    }
+    if known is not None:
+        update |= {"again": known.again, "same_share": known.same_share}
+    return fitted.model_copy(update=update), True
+
+
+def look_at(
+    model: str,
+    data: LabelledDataset,
+    rendered: StatisticalModel,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[ScoredLooks, Background]:
+    """Every whole label of one of our classes as a look, and the reports away from all labels.
+
+    Pixels are those of the calibrated pictures. Raises UserError if a picture or the model cannot be used.
+    """
+    detector = YoloDetector(model, None, confidence_min=CONFIDENCE_FLOOR, threads=2)
+    looks: list[tuple[int, float, F64, F64, F64]] = []  # picture, pixels, place, confidences, offsets
+    subjects: list[int] = []
+    grounds: list[tuple[int, float, float]] = []  # picture, altitude, hectares
+    strays: list[tuple[int, int, float, float]] = []  # row of those, class, confidence, pixels
+    for number, image in enumerate(data.images):
+        picture = read_picture(image.path)
+        height, width = picture.shape[:2]
+        size = np.array([width, height] * 2, dtype=float)
+        camera = CameraModel(width_px=width, height_px=height, hfov_rad=1.0)
+        scale = rendered.view_of(camera, DetectorModel(model=model)).scale
+        found = detector.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
+        names = [ours(name) for name in found.class_names]
+        classes = np.array([CLASSES.index(n) if n in CLASSES else -1 for n in names], dtype=int)
+        labels, boxes = image.boxes_xyxy * size, found.boxes_xyxy_px
+        middles, places = (boxes[:, :2] + boxes[:, 2:]) / 2, (labels[:, :2] + labels[:, 2:]) / 2
+        extents = (labels[:, 2:] - labels[:, :2]).max(axis=1, initial=0.0)
+        reach = np.maximum(HIT_RADIUS * extents, HIT_RADIUS_MIN_PX / scale)
+        gaps = np.linalg.norm(middles[:, None] - places[None], axis=2)
+        confidences = np.zeros((len(labels), len(CLASSES)))
+        offsets = np.full((len(labels), len(CLASSES), 2), np.nan)
+        for k in np.argsort(-found.confidences, kind="stable").tolist():
+            free = np.where((gaps[k] <= reach) & (confidences[:, classes[k]] == 0.0), gaps[k], np.inf)
+            if classes[k] >= 0 and len(free) and np.isfinite(free.min()):
+                nearest = int(free.argmin())
+                confidences[nearest, classes[k]] = found.confidences[k]
+                offsets[nearest, classes[k]] = scale * (middles[k] - places[nearest])
+        whole = ((labels[:, :2] > _EDGE_PX) & (labels[:, 2:] < size[2:] - _EDGE_PX)).all(axis=1)
+        for k, name in enumerate(image.class_names):
+            if whole[k] and name in CLASSES and PIXELS[0] <= scale * extents[k] <= PIXELS[1]:
+                subjects.append(_SUBJECT[name])
+                looks.append((number, scale * extents[k], scale * places[k], confidences[k], offsets[k]))
+        if image.ground_m2:
+            metres = np.sqrt(image.ground_m2 / (width * height)) / scale  # of ground for a calibrated pixel
+            grounds.append((number, metres * rendered.camera.lens.focal_px, image.ground_m2 / 1e4))
+            away = (gaps > 2.0 * reach[None]).all(axis=1) & (classes >= 0) & ~_excused(image, boxes, size)
+            for k in np.flatnonzero(away).tolist():
+                extent = scale * float((boxes[k, 2:] - boxes[k, :2]).max())
+                strays.append((len(grounds) - 1, int(classes[k]), float(found.confidences[k]), extent))
+        progress(number + 1, len(data.images))
+    return _looks(subjects, looks), _strays(grounds, strays)
+
+
+def _excused(image: LabelledImage, boxes: F64, size: F64) -> NDArray[np.bool_]:
+    return np.asarray((intersection_shares(boxes, image.crowds_xyxy * size) > 0.5).any(axis=1))
+
+
+def _looks(subjects: list[int], looks: list[tuple[int, float, F64, F64, F64]]) -> ScoredLooks:
+    """Looks of which nothing but their pixels is known: from above, whole and sharp, on the first ground."""
+    n = len(looks)
+    told = {
+        "subject": np.array(subjects, dtype=int),
+        "instance": np.arange(n),
+        "world": np.array([look[0] for look in looks], dtype=int),
+        "surface": np.zeros(n, dtype=int),
+        "picture": 2 * np.arange(n),
+        "pixels": np.array([look[1] for look in looks]),
+        "places_px": np.array([look[2] for look in looks]).reshape(n, 2),
+        "colour": np.full(n, np.nan),
+        "confidences": np.array([look[3] for look in looks]).reshape(n, len(CLASSES)),
+        "offsets_px": np.array([look[4] for look in looks]).reshape(n, len(CLASSES), 2),
+    }
+    return ScoredLooks(*(told.get(f.name, np.zeros(n)) for f in fields(ScoredLooks)))
+
+
+def _strays(
+    grounds: list[tuple[int, float, float]], strays: list[tuple[int, int, float, float]]
+) -> Background:
+    picture, altitude_agl_m, hectares = np.array(grounds, dtype=float).reshape(-1, 3).T
+    row, class_index, confidences, pixels = np.array(strays, dtype=float).reshape(-1, 4).T
+    n = len(picture)
+    return Background(
+        altitude_agl_m,
+        hectares,
+        picture.astype(int),
+        np.zeros(n, dtype=int),
+        np.zeros(n, dtype=bool),
+        row.astype(int),
+        class_index.astype(int),
+        confidences,
+        pixels,
+        np.full(len(row), np.nan),
+    )

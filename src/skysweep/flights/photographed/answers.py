@@ -1,0 +1,78 @@
+"""What the detector says of each picture, kept so that an interrupted run goes on where it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skysweep.detection.training.class_map import ours
+from skysweep.errors import UserError
+from skysweep.files.line_file import LineFile
+from skysweep.flights.photographed.shots import Reader, Shot
+from skysweep.geometry.camera import CameraPose
+from skysweep.types import Answer, Detector, Frame
+
+ANSWERS_FILE = "answers.jsonl"
+_NOWHERE = CameraPose(np.zeros(3), np.eye(3))
+
+
+def answers_of(
+    shots: Sequence[Shot],
+    detector: Detector,
+    classes: Sequence[str],
+    folder: Path,
+    setup: Mapping[str, Any],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[Answer]:
+    """The answer to each shot with our ``classes``, by our names; one that is damaged has a failure.
+
+    Each answer is kept in the folder at once. Those of an earlier run are taken from there.
+    Raises UserError if that was made with another ``setup``, or nothing can be written.
+    """
+    path = folder / ANSWERS_FILE
+    with (
+        closing(LineFile(path, "delete it, and all pictures are looked at again")) as kept,
+        closing(Reader()) as reader,
+    ):
+        if not kept.records:
+            kept.append({"setup": dict(setup)}, sync=True)
+        elif kept.records[0].get("setup") != setup:
+            raise UserError(
+                f"{folder}: was begun with another detector or other options; choose another --out"
+            )
+        known = {str(record.get("name")): record for record in kept.records[1:]}
+        found = []
+        for number, shot in enumerate(shots, start=1):
+            record = known.get(shot.name)
+            if record is None:
+                record = {"name": shot.name, **_look(shot, detector, classes, reader)}
+                kept.append(record, sync=False)
+            found.append(_answer(record))
+            progress(number, len(shots))
+    return found
+
+
+def _look(shot: Shot, detector: Detector, classes: Sequence[str], reader: Reader) -> dict[str, Any]:
+    try:
+        image = reader.read(shot)
+    except UserError:
+        return {"failure": "is damaged"}
+    found = detector.detect(Frame(shot.time_s, image, _NOWHERE, shot.lens))
+    names = [ours(name) for name in found.class_names]
+    wanted = [k for k, name in enumerate(names) if name in classes]
+    return {
+        "boxes_xyxy_px": found.boxes_xyxy_px[wanted].tolist(),
+        "confidences": found.confidences[wanted].tolist(),
+        "class_names": [names[k] for k in wanted],
+    }
+
+
+def _answer(record: Mapping[str, Any]) -> Answer:
+    if "failure" in record:
+        return Answer(np.empty((0, 4)), np.empty(0), (), str(record["failure"]))
+    boxes = np.array(record["boxes_xyxy_px"], dtype=float).reshape(-1, 4)
+    return Answer(boxes, np.array(record["confidences"], dtype=float), tuple(record["class_names"]))

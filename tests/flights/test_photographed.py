@@ -1,0 +1,188 @@
+import csv
+import json
+import math
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import skysweep as ss
+from skysweep.detection.yolo import YoloDetector
+from skysweep.errors import UserError
+from skysweep.flights.photographed.places import pose_of, scenario_of
+from skysweep.flights.photographed.run import Options, look_at_flight
+from skysweep.flights.photographed.shots import shots_of
+from skysweep.geometry.camera import Lens, project
+from skysweep.geometry.frames import LocalFrame
+from skysweep.results.run_folder import load_run
+from skysweep.tracking.georeference import pixels_to_ground
+from skysweep.worlds.world import build_world
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "detection"))
+from drone_pictures import dji, jpeg
+
+HOME = 60.45, 22.29
+SIGN = np.array([12.0, 9.0, 0.0])
+FOCAL_35_MM = 28.0
+SIZE_PX = 640, 480
+
+
+def world_with_a_sign():
+    scenario = {
+        "name": "field",
+        "area": {"polygon_enu_m": [[-40, -40], [60, -40], [60, 60], [-40, 60]]},
+        "home": {"latitude_deg": HOME[0], "longitude_deg": HOME[1]},
+        "targets": [{"class": "stop sign", "position_enu_m": SIGN[:2].tolist(), "size_m": 0.9}],
+        "camera": {"width_px": SIZE_PX[0], "height_px": SIZE_PX[1], "hfov_rad": hfov_rad()},
+    }
+    return ss.build_world(ss.Scenario.model_validate(scenario), seed=0)
+
+
+def hfov_rad():
+    focal_px = FOCAL_35_MM / math.hypot(36, 24) * math.hypot(*SIZE_PX)
+    return 2 * math.atan(SIZE_PX[0] / 2 / focal_px)
+
+
+def shot_from(world, folder, name, position, heading_deg, pitch_deg, image=None):
+    """Render a view and write it as a DJI's picture."""
+    pose = ss.camera_pose(position, heading_deg=heading_deg, pitch_deg=pitch_deg)
+    latitude, longitude, _ = LocalFrame(*HOME).geodetic_from_enu(position)[0]
+    xmp = dji(heading_deg, pitch_deg, position[2], latitude, longitude)
+    image = world.render(pose) if image is None else image
+    taken = f"2024:05:01 10:00:{len(list(folder.iterdir())):02d}"
+    (folder / name).write_bytes(jpeg(image, xmp, make="DJI", focal_35_mm=FOCAL_35_MM, taken=taken))
+    return pose
+
+
+def test_a_rendered_sign_is_found_within_metres(tmp_path):
+    """From above and aslant, as report, exports and pictures tell it; broken pictures are named."""
+    folder, out = tmp_path / "flight", tmp_path / "out"
+    folder.mkdir()
+    world = world_with_a_sign()
+    shot_from(world, folder, "a.jpg", (10.0, 8.0, 12.0), 30.0, -90.0)
+    shot_from(world, folder, "b.jpg", (6.0, 3.0, 10.0), 45.0, -60.0)
+    (folder / "broken.jpg").write_bytes(b"\xff\xd8 no picture")
+    (folder / "phone.jpg").write_bytes(jpeg(np.full((480, 640, 3), 90, np.uint8)))
+    whole = (folder / "b.jpg").read_bytes()
+    (folder / "cut.jpg").write_bytes(whole[: len(whole) // 3])
+    looked = look_at_flight(folder, out, Options(confidence_min=0.4))
+    assert looked.n_candidates == 1
+    assert {p.name: p.why.split(";")[0] for p in looked.left_out} == {
+        "cut.jpg": "is damaged",
+        "broken.jpg": "is no readable picture",
+        "phone.jpg": "does not say where it was taken",
+    }
+    (feature,) = json.loads((out / "targets.geojson").read_text())["features"]
+    longitude, latitude = feature["geometry"]["coordinates"]
+    found = LocalFrame(*HOME).enu_from_geodetic([(latitude, longitude, 0.0)])[0]
+    assert np.hypot(*(found - SIGN)[:2]) < 1.5
+    told = feature["properties"]
+    assert (told["class_name"], told["status"], told["picture"][:18]) == (
+        "stop sign",
+        "unchecked",
+        "pictures/candidate",
+    )
+    for name in ("targets.kml", "targets.gpx", "targets.csv", "map.png", "report.html"):
+        assert (out / name).stat().st_size > 200
+    page = (out / "report.html").read_text()
+    assert "phone.jpg" in page
+    assert "have a look" in page
+    assert load_run(out).ended
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    heading_deg=st.floats(-180, 180),
+    pitch_deg=st.floats(-90, -35),
+    height_m=st.floats(5, 120),
+    east_m=st.floats(-500, 500),
+    south=st.booleans(),
+)
+def test_a_place_in_a_picture_is_the_place_on_the_ground(
+    tmp_path_factory, heading_deg, pitch_deg, height_m, east_m, south
+):
+    """What the project's camera shows at a pixel lies, by the EXIF and XMP written for it, at that place."""
+    folder = tmp_path_factory.mktemp("flight")
+    frame = LocalFrame(-33.9 if south else 69.6, 151.2)
+    position = np.array([east_m, 20.0, height_m])
+    pose = ss.camera_pose(position, heading_deg=heading_deg, pitch_deg=pitch_deg)
+    latitude, longitude, _ = frame.geodetic_from_enu(position)[0]
+    xmp = dji(heading_deg, pitch_deg, height_m, latitude, longitude)
+    (folder / "a.jpg").write_bytes(jpeg(np.full((72, 96, 3), 90, np.uint8), xmp, focal_35_mm=FOCAL_35_MM))
+    shots, _ = shots_of(folder, None, None, 1.0, has_dem=False)
+    scenario = scenario_of(shots, "flight", {}, None)
+    world = build_world(scenario, 0)
+    seen = pose_of(shots[0], scenario, world)
+    pixel = np.array([[75.0, 45.0]])
+    flat = lambda xy: np.zeros(len(xy))  # noqa: E731
+    true = pixels_to_ground(Lens(96, 72, shots[0].lens.hfov_rad), pose, pixel, flat)
+    found = pixels_to_ground(shots[0].lens, seen, pixel, world.terrain.height_m)
+    geodetic = scenario.frame.geodetic_from_enu(found)
+    back = frame.enu_from_geodetic(np.column_stack([geodetic[:, :2], np.zeros(1)]))
+    assert np.hypot(*(back - true)[0, :2]) < 0.02 * height_m + 0.1
+    assert scenario.area_enu_m.buffer(0.5).covers(shapely.Point(*found[0, :2]))
+    assert project(shots[0].lens, seen, found)[1][0] > 0
+
+
+def test_the_same_command_goes_on_and_another_one_is_refused(tmp_path, monkeypatch):
+    folder, out = tmp_path / "flight", tmp_path / "out"
+    folder.mkdir()
+    grey = np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8)
+    for k in range(3):
+        shot_from(None, folder, f"{k}.jpg", (0.0, 5.0 * k, 20.0), 0.0, -90.0, grey)
+    done = []
+
+    def stop(n, total):
+        done.append(n)
+        if len(done) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        look_at_flight(folder, out, Options(), stop)
+    looks = []
+    real = YoloDetector.detect
+    monkeypatch.setattr(YoloDetector, "detect", lambda self, frame: looks.append(1) or real(self, frame))
+    assert look_at_flight(folder, out, Options()).n_pictures == 3
+    assert len(looks) == 1
+    assert load_run(out).summary["n_unchecked"] == 0
+    with pytest.raises(UserError, match="was begun with another detector or other options"):
+        look_at_flight(folder, out, Options(confidence_min=0.5))
+
+
+def test_a_video_with_poses(tmp_path):
+    path, out = tmp_path / "flight.mp4", tmp_path / "out"
+    world = world_with_a_sign()
+    image = world.render(ss.camera_pose((12.0, 9.0, 10.0), heading_deg=0, pitch_deg=-90))
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 5.0, SIZE_PX)
+    for _ in range(15):
+        video.write(image[..., ::-1])
+    video.release()
+    latitude, longitude, _ = LocalFrame(*HOME).geodetic_from_enu([(12.0, 9.0, 0.0)])[0]
+    with (tmp_path / "poses.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["time_s", "latitude_deg", "longitude_deg", "height_m", "heading_deg", "pitch_deg"])
+        for time_s in (0.5, 10.0):
+            rows.writerow([time_s, latitude, longitude, 10.0, 0.0, -90.0])
+    options = Options(poses=tmp_path / "poses.csv", hfov_deg=math.degrees(hfov_rad()), confidence_min=0.4)
+    looked = look_at_flight(path, out, options)
+    assert (looked.n_pictures, looked.n_candidates) == (2, 1)  # at 1 and 2 s; nothing is known of 0 s
+    with pytest.raises(UserError, match="a video does not say where it was taken"):
+        look_at_flight(path, tmp_path / "other", Options())
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda folder: folder / "gone", "neither a folder of pictures nor a video"),
+        (lambda folder: folder, "no picture can be put on the map: there are none in it"),
+    ],
+)
+def test_nothing_to_look_at_is_one_sentence(make, message, tmp_path):
+    with pytest.raises(UserError, match=message):
+        look_at_flight(make(tmp_path), tmp_path / "out", Options())
+    assert not (tmp_path / "out").exists()
