@@ -61,7 +61,7 @@ def write_report(path: Path, data: LabelledDataset, evaluations: Mapping[str, Ev
     sections += [Section(title, pictures=shown) for title, shown in worst_pictures(evaluations.items())]
     sections.append(Section("What the words mean", [_WORDS], folded=True))
     with whole_files(path.parent) as unfinished:
-        title = f"Detectors on {data.path.stem}"
+        title = f"Detectors on {'/'.join(data.path.resolve().parts[-2:])}"
         write_page(
             unfinished / path.name, title, _lead(data, evaluations), sections, _tiles(first_name, first)
         )
