@@ -65,12 +65,7 @@ def ids(visible, whole):
 def test_labels_are_boxes_of_what_is_visible(visible, whole, labelled, tmp_path):
     world = random_world(np.random.default_rng(3), "train")
     target = next(k for k, o in enumerate(world.objects) if o.is_target)
-    image = _label(
-        tmp_path / "a.jpg",
-        world,
-        *ids({target + 1: visible}, {target + 1: whole}),
-        30.0,
-    )
+    image = _label(tmp_path / "a.jpg", world, *ids({target + 1: visible}, {target + 1: whole}))
     expected = np.zeros((0, 4)) if labelled is None else [labelled]
     np.testing.assert_allclose(image.boxes_xyxy * SIDE_PX, expected)
 
@@ -79,7 +74,7 @@ def test_look_alikes_are_no_labels(tmp_path):
     world = random_world(np.random.default_rng(3), "train")
     decoy = next(k for k, o in enumerate(world.objects) if not o.is_target)
     box = {decoy + 1: (100, 50, 120, 60)}
-    image = _label(tmp_path / "a.jpg", world, *ids(box, box), 30.0)
+    image = _label(tmp_path / "a.jpg", world, *ids(box, box))
     assert image.class_names == ()
     assert image.decoy_names == (world.objects[decoy].kind,)
 

@@ -297,7 +297,7 @@ def detect_run(
         "candidates": looked.n_candidates,
         "left_out": [problem._asdict() for problem in looked.left_out],
     }
-    lines = [f"{looked.n_candidates} candidates in {looked.n_pictures} pictures: {out / 'report.html'}"]
+    lines = [f"candidates: {looked.n_candidates}, pictures: {looked.n_pictures}; {out / 'report.html'}"]
     if looked.left_out:
-        lines.append(f"{len(looked.left_out)} pictures were left out")
+        lines.append(f"pictures left out: {len(looked.left_out)}")
     answer(as_json, record, *lines)
