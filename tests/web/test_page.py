@@ -399,6 +399,7 @@ def test_a_live_mission_is_ordered_about_and_watched_to_its_end(tmp_path, open_p
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.get_by_role("tab", name="Events").click()
     page.locator(".events li", has_text="Operator: look here").wait_for(timeout=20_000)
+    seen("LOOK")
     orders.get_by_text("Hold").click()
     seen("HOLD")
     page.reload()

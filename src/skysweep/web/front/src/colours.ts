@@ -10,6 +10,7 @@ export const MODE_COLOURS: Record<Mode, string> = {
   TRANSIT: "#56b4e9",
   SCAN: "#0072b2",
   CHECK: "#e69f00",
+  LOOK: "#cc79a7",
   HOLD: "#cc79a7",
   RETURN: "#56b4e9",
   LAND: "#8a949e",

@@ -8,12 +8,14 @@ import { clockTime, metres, percent } from "./words";
 
 interface Cell {
   element: HTMLElement;
+  label: HTMLElement;
   value: HTMLElement;
 }
 
 function cell(label: string, title: string): Cell {
+  const term = h("dt", {}, label);
   const value = h("dd", {}, "–");
-  return { value, element: h("div", { title }, h("dt", {}, label), value) };
+  return { label: term, value, element: h("div", { title }, term, value) };
 }
 
 export class Figures {
@@ -55,7 +57,8 @@ export class Figures {
       say("altitude", metres(Math.max(z - store.groundAt(x, y), 0)));
       say("speed", `${Math.hypot(state.velocity_enu_mps[0], state.velocity_enu_mps[1]).toFixed(1)} m/s`);
       const { batteries } = store.scene;
-      say("battery", batteries > 1 ? `${percent(state.battery)}, ${store.sortieAt(t)} of ${batteries}` : percent(state.battery));
+      say("battery", percent(state.battery));
+      if (batteries > 1) setText(cells.battery.label, `Battery ${store.sortieAt(t)} of ${batteries}`);
     }
     const left_s = store.timeLeft_s(t);
     say("left", left_s === null ? "–" : clockTime(left_s));

@@ -119,9 +119,9 @@ export class MapTools {
     const swatch = (background: string, text: string) =>
       h("span", { class: "swatch" }, h("i", { style: `background:${background}` }), text);
     if (colour === "mode") {
-      const unnamed = ["LAND", "SWAP", "TRANSIT"]; // in the colour of another one
+      const unnamed = ["LAND", "LOOK", "SWAP", "TRANSIT"]; // in the colour of another one
       const modes = MODES.filter((mode) => !unnamed.includes(mode));
-      const words: Partial<Record<string, string>> = { TAKEOFF: "TAKEOFF, LAND", RETURN: this.scene.batteries > 1 ? "RETURN, TRANSIT" : "RETURN" };
+      const words: Partial<Record<string, string>> = { TAKEOFF: "TAKEOFF, LAND", HOLD: "HOLD, LOOK", RETURN: this.scene.batteries > 1 ? "RETURN, TRANSIT" : "RETURN" };
       this.ramp.replaceChildren(...modes.map((mode) => swatch(MODE_COLOURS[mode], words[mode] ?? mode)));
       return;
     }

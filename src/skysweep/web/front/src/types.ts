@@ -3,7 +3,7 @@
 export type XY = [number, number];
 export type XYZ = [number, number, number];
 
-export const MODES = ["TAKEOFF", "TRANSIT", "SCAN", "CHECK", "HOLD", "RETURN", "LAND", "SWAP"] as const;
+export const MODES = ["TAKEOFF", "TRANSIT", "SCAN", "CHECK", "LOOK", "HOLD", "RETURN", "LAND", "SWAP"] as const;
 export type Mode = (typeof MODES)[number];
 
 export interface SceneObject {
