@@ -11,10 +11,12 @@ import yaml
 from skysweep.cli import app
 
 PORT = os.environ["PAGE_PORT"]  # a free one: other tests serve vehicles, too
-QUICK = {  # None: a flag
-    "run": {"--sensor": "statistical", "--speed": "1000"},
-    "video": {"--size": "320x180", "--fps": "2"},
-    "compare paper": {"--sensor": "statistical", "--seeds": "1"},
+STATISTICAL = {"--sensor": "statistical", "--speed": "1000"}
+QUICK = {  # the first that fits; None: a flag
+    "run valley": STATISTICAL | {"--set": "area.polygon_enu_m=[[300,300],[700,300],[700,600],[300,600]]"},
+    "run": STATISTICAL,
+    "video": {"--size": "320x180", "--fps": "2", "--speed": "40"},
+    "compare paper": {"--sensor": "statistical", "--seeds": "1", "--set": "camera.rate_hz=2"},
     "tune": {"--trials": "1", "--seeds": "4", "--validation-seeds": "0", "--no-matters": None},
     "dataset": {"--images": "6"},
     "serve-vehicle": {"--port": PORT, "--local-port": "0"},
@@ -23,7 +25,7 @@ QUICK = {  # None: a flag
 
 
 def quick(arguments: list[str]) -> list[str]:
-    """The arguments with the quick form's options; the last of two counts."""
+    """The arguments with the quick form's options; the last of two counts, and --set adds up."""
     if arguments[:1] == ["sweep"]:
         return ["sweep", _quick_sweep(Path(arguments[1])), *arguments[2:]]
     for command, options in QUICK.items():
