@@ -150,8 +150,9 @@ def plan(
     for warning in warnings_for_plan(chosen):
         warn(warning)
     moment = None if at is None else moment_of(at, "--at")
-    coverage, estimate = plan_scenario(chosen)
-    judged = assess(coverage, chosen, moment)
+    with working(f"planning {chosen.name}"):
+        coverage, estimate = plan_scenario(chosen)
+        judged = assess(coverage, chosen, moment)
     for warning in judged.warnings():
         warn(warning)
     with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
