@@ -150,8 +150,42 @@ def test_the_same_command_goes_on_and_another_one_is_refused(tmp_path, monkeypat
     assert look_at_flight(folder, out, Options()).n_pictures == 3
     assert len(looks) == 1
     assert load_run(out).summary["n_unchecked"] == 0
-    with pytest.raises(UserError, match="was begun with another detector or other options"):
+    with pytest.raises(UserError, match="was begun with other pictures, another detector"):
         look_at_flight(folder, out, Options(confidence_min=0.5))
+
+
+@pytest.mark.parametrize("kept", ["journal.jsonl", "pictures/holiday.jpg"])
+def test_a_folder_that_holds_something_else_is_left_as_it_is(kept, tmp_path):
+    folder, out = tmp_path / "flight", tmp_path / "out"
+    folder.mkdir()
+    shot_from(None, folder, "0.jpg", (0, 0, 20), 0, -90, np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8))
+    (out / kept).parent.mkdir(parents=True)
+    (out / kept).write_text("mine")
+    with pytest.raises(UserError, match="holds something else; write a new folder"):
+        look_at_flight(folder, out, Options())
+    assert [p.read_text() for p in out.rglob("*") if p.is_file()] == ["mine"]
+
+
+@pytest.mark.parametrize(("source", "out"), [("a", "a"), ("a/pictures", "a"), ("a", "a/out")])
+def test_pictures_and_results_have_folders_of_their_own(source, out, tmp_path):
+    (tmp_path / source).mkdir(parents=True)
+    with pytest.raises(UserError, match="write a folder apart from"):
+        look_at_flight(tmp_path / source, tmp_path / out, Options())
+
+
+def test_pictures_of_the_same_name_are_other_pictures(tmp_path):
+    """Every card of a drone begins with DJI_0001.jpg."""
+    world = world_with_a_sign()
+    grey = np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8)
+    first, second, out = tmp_path / "first", tmp_path / "second", tmp_path / "out"
+    for folder, image in ((first, grey), (second, None)):
+        folder.mkdir()
+        shot_from(world, folder, "DJI_0001.jpg", (12.0, 9.0, 12.0), 0.0, -90.0, image)
+    assert look_at_flight(first, out, Options()).n_candidates == 0
+    with pytest.raises(UserError, match="was begun with other pictures"):
+        look_at_flight(second, out, Options())
+    (first / "DJI_0001.jpg").write_bytes((second / "DJI_0001.jpg").read_bytes())
+    assert look_at_flight(first, out, Options()).n_candidates == 1
 
 
 def test_a_video_with_poses(tmp_path):
@@ -175,11 +209,19 @@ def test_a_video_with_poses(tmp_path):
         look_at_flight(path, tmp_path / "other", Options())
 
 
+def make_empty(folder):
+    folder.mkdir()
+    return folder
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda folder: folder / "gone", "neither a folder of pictures nor a video"),
-        (lambda folder: folder, "no picture can be put on the map: there are none in it"),
+        (
+            lambda folder: make_empty(folder / "empty"),
+            "no picture can be put on the map: there are none in it",
+        ),
     ],
 )
 def test_nothing_to_look_at_is_one_sentence(make, message, tmp_path):

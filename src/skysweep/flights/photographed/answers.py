@@ -42,18 +42,26 @@ def answers_of(
             kept.append({"setup": dict(setup)}, sync=True)
         elif kept.records[0].get("setup") != setup:
             raise UserError(
-                f"{folder}: was begun with another detector or other options; choose another --out"
+                f"{folder}: was begun with other pictures, another detector or other options; "
+                "choose another --out"
             )
-        known = {str(record.get("name")): record for record in kept.records[1:]}
+        known = {(record.get("name"), record.get("file")): record for record in kept.records[1:]}
         found = []
         for number, shot in enumerate(shots, start=1):
-            record = known.get(shot.name)
+            file = _file(shot.path)
+            record = known.get((shot.name, file))
             if record is None:
-                record = {"name": shot.name, **_look(shot, detector, classes, reader)}
+                record = {"name": shot.name, "file": file, **_look(shot, detector, classes, reader)}
                 kept.append(record, sync=False)
             found.append(_answer(record))
             progress(number, len(shots))
     return found
+
+
+def _file(path: Path) -> str:
+    """What changes when a file is replaced by another one of its name: its size and time."""
+    status = path.stat()
+    return f"{status.st_size} {status.st_mtime_ns}"
 
 
 def _look(shot: Shot, detector: Detector, classes: Sequence[str], reader: Reader) -> dict[str, Any]:

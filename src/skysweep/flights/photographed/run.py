@@ -14,7 +14,7 @@ from skysweep.detection.training.class_map import ours
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
-from skysweep.flights.photographed.answers import answers_of
+from skysweep.flights.photographed.answers import ANSWERS_FILE, answers_of
 from skysweep.flights.photographed.places import scenario_of
 from skysweep.flights.photographed.shots import Problem, shots_of
 from skysweep.flights.photographed.telling import tell
@@ -60,6 +60,7 @@ def look_at_flight(
     An interrupted call goes on where it was when it is repeated. ``progress`` is called with the number of
     pictures that are done, and of all. Raises UserError where nothing can be done.
     """
+    _refuse_others(source, out)
     table = None if options.poses is None else read_poses(options.poses)
     hfov_rad = None if options.hfov_deg is None else math.radians(options.hfov_deg)
     shots, problems = shots_of(source, table, hfov_rad, options.every_s, options.dem is not None)
@@ -83,12 +84,28 @@ def look_at_flight(
     world = build_world(scenario, 0)
     make_folder(out)
     refuse_links(out)
-    setup = {**made_with, "sha256": sha256_of(existing_model_file(options.model)), "classes": list(classes)}
+    setup = {
+        **made_with,
+        "sha256": sha256_of(existing_model_file(options.model)),
+        "classes": list(classes),
+        "source": str(source.resolve()),
+    }
     answers = answers_of(shots, detector, classes, out, setup, progress)
     n = tell(out, scenario, world, shots, answers, problems)
     damaged = [Problem(s.name, a.failure) for s, a in zip(shots, answers, strict=True) if a.failure]
     write_results(load_flown(out), out)
     return Looked(len(shots) - len(damaged), n, (*problems, *damaged))
+
+
+def _refuse_others(source: Path, out: Path) -> None:
+    """Raises UserError where ``out`` holds anything that this command did not write, or shares a folder."""
+    pictures, results = source.resolve(), out.resolve()
+    if pictures.is_relative_to(results) or results.is_relative_to(pictures):
+        raise UserError(f"--out {out}: the pictures are kept there; write a folder apart from {source}")
+    if not out.exists() or (out / ANSWERS_FILE).is_file():
+        return
+    if not out.is_dir() or any(out.iterdir()):
+        raise UserError(f"--out {out}: holds something else; write a new folder")
 
 
 def _classes(known: Sequence[str], options: Options) -> tuple[str, ...]:
