@@ -129,6 +129,31 @@ def test_a_place_in_a_picture_is_the_place_on_the_ground(
     assert project(shots[0].lens, seen, found)[1][0] > 0
 
 
+def test_hills_count_where_they_are_known(tmp_path):
+    """Ground that rises by 0.2 to the east: the second picture, 30 m above take-off, is 18 m above it."""
+    rasterio = pytest.importorskip("rasterio")
+    folder, dem = tmp_path / "flight", tmp_path / "dem.tif"
+    folder.mkdir()
+    grey = np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8)
+    for k, east_m in enumerate((0.0, 60.0)):
+        shot_from(None, folder, f"{k}.jpg", (east_m, 0.0, 30.0), 0.0, -90.0, grey)
+    place = rasterio.Affine(1e-4, 0, HOME[1] - 0.02, 0, -5e-5, HOME[0] + 0.01)
+    longitudes = HOME[1] - 0.02 + 1e-4 * (np.arange(400) + 0.5)
+    east_m = LocalFrame(*HOME).enu_from_geodetic([(HOME[0], x, 0.0) for x in longitudes])[:, 0]
+    fields = {"driver": "GTiff", "dtype": "float32", "count": 1, "crs": "EPSG:4326", "transform": place}
+    with rasterio.open(dem, "w", width=400, height=400, **fields) as file:
+        file.write(np.tile(100.0 + 0.2 * east_m, (400, 1)).astype(np.float32), 1)
+    shots, _ = shots_of(folder, None, None, 1.0, has_dem=True)
+    scenario = scenario_of(shots, "flight", {}, dem)
+    world = build_world(scenario, 0)
+    lens, pose = shots[1].lens, pose_of(shots[1], scenario, world)
+    pixel = np.array([[SIZE_PX[0] / 2 + 0.5 * lens.focal_px, SIZE_PX[1] / 2]])  # 0.5 east for each metre down
+    found = pixels_to_ground(lens, pose, pixel, world.terrain.height_m)[0]
+    # x = 60 + 0.5 (30 - 0.2 x)
+    np.testing.assert_allclose(found, [75 / 1.1, 0.0, 15 / 1.1], atol=0.5)
+    assert look_at_flight(folder, tmp_path / "out", Options(dem=dem)).n_pictures == 2
+
+
 def test_the_same_command_goes_on_and_another_one_is_refused(tmp_path, monkeypatch):
     folder, out = tmp_path / "flight", tmp_path / "out"
     folder.mkdir()
