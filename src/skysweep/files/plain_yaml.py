@@ -13,6 +13,7 @@ from skysweep.errors import UserError
 MAX_YAML_BYTES = 5_000_000
 MAX_VALUES = 250_000
 MAX_NESTING = 20
+_TOO_DEEP = "lists are nested too deeply; check the brackets"
 
 _FastLoader: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -90,6 +91,8 @@ def _load(text: str, source: str, loader: type[yaml.SafeLoader]) -> Any:
     except yaml.MarkedYAMLError as error:
         at = error.problem_mark or error.context_mark
         where = f"line {at.line + 1}: " if at else ""
+        if "nesting depth" in str(error.problem):  # of libyaml: it reads ahead of the events counted here
+            raise UserError(f"{source}: {where}{_TOO_DEEP}") from None
         if isinstance(error, yaml.constructor.ConstructorError):
             raise UserError(f"{source}: {where}{error.problem}") from None
         raise UserError(
@@ -117,6 +120,6 @@ def _forbidden(text: str) -> Iterator[tuple[str, int]]:
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > MAX_NESTING:
-                yield "lists are nested too deeply; check the brackets", line
+                yield _TOO_DEEP, line
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
