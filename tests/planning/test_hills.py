@@ -4,12 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.planning.following import Following
 from skysweep.planning.proof import prove
+from skysweep.planning.sight import View, least_heights
 from skysweep.scenarios.model import Area, CameraModel, Safety, Scenario, Terrain, VehicleLimits
 from skysweep.worlds.world import build_terrain
 
@@ -80,8 +81,12 @@ def test_no_cell_of_the_area_lies_outside_every_footprint(heights, altitude_m, s
         assert (flown >= terrain.height_m(xy) + altitude_m - 1e-6).all()
 
 
+LEDGE = np.repeat([[0.0, 0.0], [31.0, 31.0]], [12, 11], axis=0)
+
+
 @settings(max_examples=10, deadline=None)
 @given(heights=rough_ground())
+@example(heights=LEDGE)  # its edge hides what lies below it from the next transect
 def test_what_the_proof_calls_seen_is_seen_by_rays(heights):
     s = scenario(heights)
     plan, _ = plan_scenario(s)
@@ -98,6 +103,21 @@ def test_what_the_proof_calls_seen_is_seen_by_rays(heights):
     for place in places:
         near = sorted(np.concatenate(fine), key=lambda eye: math.dist(eye[:2], place[:2]))[:250]
         assert any(sees(s, terrain, eye, plan.heading_deg, place) for eye in near)
+
+
+@settings(max_examples=100, deadline=None)
+@given(heights=rough_ground(), seed=st.integers(0, 2**32 - 1))
+def test_the_least_height_clears_all_ground_in_between_and_no_more(heights, seed):
+    terrain = build_terrain(scenario(heights))
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform((-80, -80), (380, 280), (2, 2))
+    place = np.array([*a, terrain.height_m(a)[0]])
+    view = View(1e6, 1e6, 0.0, 1.0)  # shows everything
+    (least,) = least_heights(terrain, view, place[None], b[None])
+    share = np.linspace(0.0, 1.0, 20_001)[1:]
+    ground = terrain.height_m(a + share[:, None] * (b - a))
+    needed = max(place[2], float((place[2] + (ground - 0.02 - place[2]) / share).max()))
+    assert needed - 1e-6 <= least <= needed + 0.05
 
 
 def test_the_proof_finds_what_is_missed():

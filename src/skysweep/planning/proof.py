@@ -23,7 +23,6 @@ from skysweep.planning.sight import (
     foot_point,
     ground_cells,
     least_height,
-    ray_step_m,
     strip_of_row,
 )
 from skysweep.scenarios.model import Scenario
@@ -75,7 +74,6 @@ def prove(plan: CoveragePlan, scenario: Scenario, terrain: TerrainSurface) -> Pr
             *cells,
             terrain.heights_m,
             terrain.bounds_enu_m,
-            ray_step_m(terrain),
             view,
             profile.leg_xy_enu_m,
             profile.height_m,
@@ -94,7 +92,6 @@ def _see(
     size: float,
     heights: F64,
     bounds: tuple[float, float, float, float],
-    ray_step: float,
     view: View,
     leg: F64,
     flown: F64,
@@ -123,5 +120,5 @@ def _see(
                 at = min(int(share * last), last - 1)
                 height = flown[at] + (share * last - at) * (flown[at + 1] - flown[at])
                 enough = height + _EPS_M
-                seen[i] = least_height(heights, bounds, ray_step, view, centres[i], x, y, enough) <= enough
+                seen[i] = least_height(heights, bounds, view, centres[i], x, y, enough) <= enough
             i += 1

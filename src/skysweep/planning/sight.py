@@ -78,9 +78,7 @@ def nearest_transects(cells: GroundCells, legs_xy_enu_m: F64, reach_m: float) ->
 
 def least_heights(terrain: TerrainSurface, view: View, places_enu_m: F64, stations_xy_enu_m: F64) -> F64:
     """Heights ENU (N,) above stations (N, 2) from which places (N, 3) on the ground are seen."""
-    return _least_heights(
-        terrain.heights_m, terrain.bounds_enu_m, ray_step_m(terrain), view, places_enu_m, stations_xy_enu_m
-    )
+    return _least_heights(terrain.heights_m, terrain.bounds_enu_m, view, places_enu_m, stations_xy_enu_m)
 
 
 def ray_step_m(terrain: TerrainSurface) -> float:
@@ -141,7 +139,6 @@ def _nearest(
 def least_height(
     heights: F64,
     bounds: tuple[float, float, float, float],
-    ray_step: float,
     view: View,
     place: F64,
     x: float,
@@ -150,33 +147,67 @@ def least_height(
 ) -> float:
     """Height above (x, y) from which a place (3,) is in the picture and not behind other ground.
 
-    Beyond ``enough`` it is any height above that.
+    Beyond ``enough`` it is any height above that. Ground between four posts is bilinear, a parabola along the
+    line of sight, so the crossings of the posts' grid and one place between two of them tell all.
     """
-    dx, dy = place[0] - x, place[1] - y
+    dx, dy = x - place[0], y - place[1]
     along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
     least = place[2] + max(along / view.along, across / view.across)
-    pieces = math.ceil(math.hypot(dx, dy) / ray_step)
-    for k in range(1, pieces):
-        if least > enough:
-            break
-        share = k / pieces
-        ground = bilinear_at(heights, bounds, place[0] - share * dx, place[1] - share * dy)
-        least = max(least, place[2] + (ground - _TOUCHES_M - place[2]) / share)
+    west, south, east, north = bounds
+    rows, columns = heights.shape
+    next_x, every_x = _crossings(place[0] - west, dx, (east - west) / (columns - 1))
+    next_y, every_y = _crossings(place[1] - south, dy, (north - south) / (rows - 1))
+    begin, ground = 0.0, place[2]
+    while begin < 1.0 and least <= enough:
+        end = min(next_x, next_y, 1.0)
+        middle = 0.5 * (begin + end)
+        halfway = bilinear_at(heights, bounds, place[0] + middle * dx, place[1] + middle * dy)
+        far = bilinear_at(heights, bounds, place[0] + end * dx, place[1] + end * dy)
+        least = max(least, _over(place[2], far, end))
+        steepest = _steepest(place[2], begin, end, ground, halfway, far)
+        if begin < steepest < end:
+            top = bilinear_at(heights, bounds, place[0] + steepest * dx, place[1] + steepest * dy)
+            least = max(least, _over(place[2], top, steepest))
+        next_x += every_x if next_x <= end else 0.0
+        next_y += every_y if next_y <= end else 0.0
+        begin, ground = end, far
     return float(least)
+
+
+@njit(cache=True)
+def _crossings(start: float, way: float, spacing: float) -> tuple[float, float]:
+    """Shares of a way at which it first crosses a multiple of ``spacing``, and from one to the next."""
+    if way == 0.0:
+        return math.inf, math.inf
+    line = math.floor(start / spacing) + 1 if way > 0.0 else math.ceil(start / spacing) - 1
+    return (line * spacing - start) / way, spacing / abs(way)
+
+
+@njit(cache=True)
+def _over(place: float, ground: float, share: float) -> float:
+    """Height at the end of a line of sight from ``place`` over ``ground`` at a share of it, above 0."""
+    return place + (ground - _TOUCHES_M - place) / share
+
+
+@njit(cache=True)
+def _steepest(place: float, begin: float, end: float, ground: float, halfway: float, far: float) -> float:
+    """Share at which the line of sight over a parabola rises steepest; -1 if that is at one of its ends."""
+    span = end - begin
+    bend = 2.0 * (ground - 2.0 * halfway + far) / span**2
+    slope = (4.0 * halfway - 3.0 * ground - far) / span
+    at_place = ground - slope * begin + bend * begin**2 - _TOUCHES_M - place
+    return math.sqrt(at_place / bend) if at_place < 0.0 and bend < 0.0 else -1.0
 
 
 @njit(cache=True)
 def _least_heights(
     heights: F64,
     bounds: tuple[float, float, float, float],
-    ray_step: float,
     view: View,
     places: F64,
     stations: F64,
 ) -> F64:
     least = np.empty(len(places))
     for k in range(len(places)):
-        least[k] = least_height(
-            heights, bounds, ray_step, view, places[k], stations[k, 0], stations[k, 1], math.inf
-        )
+        least[k] = least_height(heights, bounds, view, places[k], stations[k, 0], stations[k, 1], math.inf)
     return least
