@@ -151,7 +151,10 @@ def test_pictures_have_the_time_and_boxes_of_their_look(filmed, tmp_path):
     assert [stamp(m) for _, m in shown] == pytest.approx([11.2 - latency_s, 15.0 - latency_s])
     assert [round(cv2.imdecode(m.data, 0).mean()) for _, m in shown] == pytest.approx([50, 200], abs=2)
     found = of(messages, "/skysweep/camera/annotations")
-    assert [(t, len(m.points)) for t, m in found] == [(11.2, 0), (11.6, 2), (15.0, 1)]
+    assert [(t, len(m.texts)) for t, m in found] == [(11.2, 0), (11.6, 2), (15.0, 1)]
+    (empty,) = found[0][1].points
+    assert empty.timestamp == shown[0][1].header.stamp
+    assert not empty.points
     (outline,), (text,) = found[-1][1].points, found[-1][1].texts
     assert [(p.x, p.y) for p in outline.points] == [(10, 20), (30, 20), (30, 50), (10, 50)]
     assert outline.timestamp == shown[-1][1].header.stamp

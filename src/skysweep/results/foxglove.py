@@ -37,7 +37,11 @@ def layout_json(has_film: bool) -> str:
     panels: dict[str, Any] = {
         scene: _scene(),
         place: {"layer": "map", "followTopic": "", "zoomLevel": 17, "topicColors": {}, "disabledTopics": []},
-        picture: {"imageMode": _picture(has_film), "foxglovePanelTitle": "What the detector sees"},
+        picture: {
+            "imageMode": _picture(has_film),
+            "scene": {"transforms": {"enablePreloading": True}},
+            "foxglovePanelTitle": "What the detector sees",
+        },
         altitude: _plot("Altitude above ground (m)", topics.ALTITUDE, "data"),
         battery: _plot("Battery (share left)", topics.BATTERY, "percentage"),
         modes: {
@@ -62,14 +66,19 @@ def layout_json(has_film: bool) -> str:
 def _scene() -> dict[str, Any]:
     view = {"perspective": True, "distance": 70, "phi": 55, "thetaOffset": 40, "fovy": 45}
     aim = {"target": [0, 0, 0], "targetOffset": [0, 0, 0], "targetOrientation": [0, 0, 0, 1]}
+    visible: dict[str, dict[str, Any]] = {topic.full_name: {"visible": True} for topic in _SCENE}
+    frustum = {"distance": 8, "planarProjectionFactor": 1, "width": 0.12, "color": "#d97706"}  # m
+    visible[topics.CAMERA_INFO.full_name] |= frustum
+    transforms = {"showLabel": False, "axisScale": 0, "lineWidth": 0, "enablePreloading": True}
+    grid = {"layerId": "foxglove.Grid", "frameId": m.MAP, "size": 400, "divisions": 40, "color": "#8888883c"}
     return {
         "cameraState": view | aim | {"near": 0.5, "far": 5000},
         "followMode": "follow-position",
         "followTf": m.BASE,
-        "scene": {"transforms": {"showLabel": False, "axisScale": 0}},
+        "scene": {"transforms": transforms},
         "transforms": {},
-        "topics": {topic.full_name: {"visible": True} for topic in _SCENE},
-        "layers": {},
+        "topics": visible,
+        "layers": {"grid": {"instanceId": "grid", "visible": True, "label": "10 m"} | grid},
         "imageMode": {},
     }
 

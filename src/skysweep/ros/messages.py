@@ -293,8 +293,13 @@ def standard_detections(found: Detections) -> Any:
 def image_annotations(
     time_s: float, boxes_xyxy_px: F64, labels: Sequence[str], rgba: tuple[float, float, float, float]
 ) -> Any:
-    """``foxglove_msgs/ImageAnnotations``: boxes (N, 4) of the picture exposed at ``time_s``, with labels."""
-    when, outlines, texts = stamp(time_s), [], []
+    """``foxglove_msgs/ImageAnnotations``: boxes (N, 4) of the picture exposed at ``time_s``, with labels.
+
+    A viewer finds the picture by the time of its annotations, and shows none without: where there is no box,
+    an outline without points carries the time.
+    """
+    when, texts = stamp(time_s), []
+    outlines: list[dict[str, Any]] = [] if len(boxes_xyxy_px) else [{"timestamp": when}]
     for (x0, y0, x1, y1), label in zip(boxes_xyxy_px.tolist(), labels, strict=True):
         corners = [{"x": x, "y": y} for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
         outline = {"type": _LINE_LOOP, "points": corners, "outline_color": _colour(rgba), "thickness": 1.5}
@@ -304,7 +309,7 @@ def image_annotations(
                 "timestamp": when,
                 "position": corners[0],
                 "text": label,
-                "font_size": 8.0,
+                "font_size": 12.0,
                 "text_color": _colour((1.0, 1.0, 1.0, 1.0)),
                 "background_color": _colour((0.0, 0.0, 0.0, 0.6)),
             }
