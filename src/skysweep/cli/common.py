@@ -231,8 +231,9 @@ def bar() -> Progress:
 
 @contextmanager
 def counting(name: str) -> Iterator[Callable[[int, int], None]]:
-    """A bar that is told how many steps are done, and of how many."""
+    """A bar that is told how many steps are done, and of how many; nothing where nobody sees it."""
     with bar() as progress:
+        progress.disable = not errors.is_terminal
         task = progress.add_task(name, total=None)
         yield lambda done, of: progress.update(task, completed=done, total=of)
 

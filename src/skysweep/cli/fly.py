@@ -181,6 +181,7 @@ def fly(
                     operator=lambda: operator() or orders(),
                     say=say,
                     prepare=line.prepare,
+                    on_results=line.writes,
                     film=True,
                 )
                 if begun is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -165,6 +166,7 @@ def run(
                 operator=orders,
                 say=say,
                 prepare=watch.prepare,
+                on_results=watch.writes,
                 film=True,
             )
             rig = paced(rig, speed or (LIVE_SPEED if live else None))
@@ -205,7 +207,14 @@ def resume(
         return
     with live_page(run_dir, live, host, port, no_browser, tiles) as orders:
         with flying(run_dir.name, run_dir) as watch:
-            rig = Rig(watch=watch, operator=orders, say=say, prepare=watch.prepare, film=True)
+            rig = Rig(
+                watch=watch,
+                operator=orders,
+                say=say,
+                prepare=watch.prepare,
+                on_results=watch.writes,
+                film=True,
+            )
             rig = paced(rig, speed or (LIVE_SPEED if live else None))
             summary = resume_folder(run_dir, rig, from_sound_lines)
         answer_mission(as_json, run_dir, summary)
@@ -239,6 +248,7 @@ class StatusLine:
     def __init__(self, outlook: Outlook, show: Callable[[str], None]) -> None:
         self._outlook, self._show = outlook, show
         self.prepare = outlook.prepare
+        self._flown_s = 0.0
 
     def __call__(self, state: VehicleState, mode: Mode, _new: Any, more: str = "") -> None:
         self._outlook.look(state, mode)
@@ -251,6 +261,14 @@ class StatusLine:
             f"{sortie}{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
             f"battery {battery}{left}{more}"
         )
+
+    def writes(self, done: int, of: int) -> None:
+        """Show how much of the results is written: ``Rig.on_results``."""
+        now_s = time.monotonic()
+        if done == 0:
+            self._flown_s = now_s
+        left = "" if done == 0 else f"   about {duration((now_s - self._flown_s) * (of - done) / done)} left"
+        self._show(f"flown; writing the results, {done} of {of} parts{left}")
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer, figures_table
-from skysweep.cli.common import duration, friendly, scenario_or_area, warn, working
+from skysweep.cli.common import counting, duration, friendly, scenario_or_area, warn
 from skysweep.files.writing import whole_files
 
 
@@ -150,14 +150,18 @@ def plan(
     for warning in warnings_for_plan(chosen):
         warn(warning)
     moment = None if at is None else moment_of(at, "--at")
-    with working(f"planning {chosen.name}"):
+    with counting(f"planning {chosen.name}") as count:
+        count(0, 3)
         coverage, estimate = plan_scenario(chosen)
+        count(1, 3)
         judged = assess(coverage, chosen, moment)
+        count(2, 3)
+        with whole_files(out) as unfinished:
+            draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
+            write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
+        count(3, 3)
     for warning in judged.warnings():
         warn(warning)
-    with working(f"drawing {out / chosen.name}.png"), whole_files(out) as unfinished:
-        draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
-        write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
     table = figures_table()
     table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")

@@ -9,7 +9,7 @@ import typer
 
 from skysweep.cli import completion
 from skysweep.cli.answers import JsonOption, answer
-from skysweep.cli.common import counting, friendly, local_folder, warn, working
+from skysweep.cli.common import counting, friendly, local_folder, warn
 from skysweep.cli.missions import answer_mission
 from skysweep.errors import UserError
 
@@ -110,6 +110,6 @@ def _report_mission(as_json: bool, folder: Path, out: Path, from_sound_lines: bo
         warn(f"{folder}: an older skysweep wrote it; some damage may go undetected")
     if not run.ended:
         warn(f"{folder}: the mission was interrupted or is still flying; these are the results so far")
-    with working(f"writing {out}"):
-        summary = write_results(run, out, (run.summary or {}).get("wall_time_s"))
+    with counting("report") as count:
+        summary = write_results(run, out, (run.summary or {}).get("wall_time_s"), on_step=count)
     answer_mission(as_json, out, summary)

@@ -103,7 +103,14 @@ def ros_fly(
             folder = flight.folder
             orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
             with flying(folder.name, folder) as watch:
-                rig = Rig(watch=watch, operator=orders, say=say, prepare=watch.prepare, film=True)
+                rig = Rig(
+                    watch=watch,
+                    operator=orders,
+                    say=say,
+                    prepare=watch.prepare,
+                    on_results=watch.writes,
+                    film=True,
+                )
                 summary = flight.fly(rig)
         answer_mission(as_json, folder, summary)
 

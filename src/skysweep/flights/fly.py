@@ -74,7 +74,7 @@ def fly_to_folder(scenario: Scenario, seed: int, out: Path, rig: Rig = DEFAULT_R
             rig.prepare(mission)
             started += time.perf_counter() - asked  # waiting for a person is not flying
             fly_in(out, mission, journal, rig)
-            return finish(out, started)
+            return finish(out, started, rig)
 
 
 def begin(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> None:
@@ -222,7 +222,7 @@ def _is_simulated(mission: Mission) -> bool:
     return pictures is None or pictures.camera.renderer is not None or mission.vehicle.truth is not None
 
 
-def finish(folder: Path, started: float | None) -> RunSummary:
+def finish(folder: Path, started: float | None, rig: Rig) -> RunSummary:
     """Write the results of a flown mission; its summary.
 
     ``started`` is the beginning of the flight by ``time.perf_counter``; None: unknown. Raises UserError if
@@ -232,7 +232,7 @@ def finish(folder: Path, started: float | None) -> RunSummary:
 
     try:
         wall_time_s = None if started is None else time.perf_counter() - started
-        return write_results(load_flown(folder), folder, wall_time_s)
+        return write_results(load_flown(folder), folder, wall_time_s, rig.on_results)
     except CannotWriteError as error:
         raise UserError(
             f"{folder}: the results cannot be written ({error.strerror}), but the journal is complete; "

@@ -70,7 +70,7 @@ def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool =
         if journal.records[-1].get("kind") == _END:
             flown_scenario(folder, journal.records)
             journal.mend()
-            return finish(folder, None)
+            return finish(folder, None, rig)
         scenario = _scenario_to_go_on_with(folder, journal.records)
         if begun["replays"] == (rig.vehicle is not None):
             raise UserError(f"{folder}: {_OTHER_COMMAND[rig.vehicle is not None].format(folder)}")
@@ -89,7 +89,7 @@ def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool =
                 if mission.pictures is not None:
                     mission.pictures.recall(recorded_answers(journal.records))
                 fly_in(folder, mission, journal, rig, again=journal.records[1:])
-        return finish(folder, started)
+        return finish(folder, started, rig)
 
 
 def begun_scenario(folder: Path, from_sound_lines: bool = False, say: Say = nothing) -> Scenario:

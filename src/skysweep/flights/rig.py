@@ -48,3 +48,4 @@ class Rig:
     film: bool = False  # whether the run folder gets pictures of the camera all along, for page and video
     hear: Callable[[Mapping[str, Any]], None] = nothing  # gets every line of the journal
     prepare: Callable[[Mission], None] = nothing  # called once, right before take-off
+    on_results: Callable[[int, int], None] = nothing  # gets parts done and total while results are written
