@@ -35,6 +35,8 @@ def bench(
 ) -> None:
     """Measure this machine and print one JSON object: real-time factors, frames a second, milliseconds.
 
+    That takes about six minutes on two cores. Other work at the same time spoils it.
+
     Examples:
 
         skysweep bench > this-machine.json

@@ -267,8 +267,8 @@ class StatusLine:
         now_s = time.monotonic()
         if done == 0:
             self._flown_s = now_s
-        left = "" if done == 0 else f"   about {duration((now_s - self._flown_s) * (of - done) / done)} left"
-        self._show(f"flown; writing the results, {done} of {of} parts{left}")
+        left = f"   about {duration((now_s - self._flown_s) * (of - done) / done)} left" if done else ""
+        self._show(f"writing the results: {done} of {of} parts{left}" if done < of else "flown")
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from skysweep.types import EventKind
 from skysweep.worlds.obstacles import BODY_RADIUS_M
 
 _ACTIONS = {
-    "CONTINUE": "The mission goes on",
+    "CONTINUE": "Note",
     "REFUSE_CHECK": "A check is refused",
     "HOLD": "The vehicle holds",
     "KEEP_OUT": "Hands off",
