@@ -17,7 +17,7 @@ def context_of(
     waypoints=((0.0, 0.0),), look_s=1.0, parameters: Model = PARAMETERS, scenario="clusters", **search
 ) -> MissionContext:
     """What a strategy of this scenario may know, with another F and other parameters of the search."""
-    made = load_scenario(scenario)
+    made = load_scenario(scenario) if isinstance(scenario, str) else scenario
     made = made.with_search(**search) if search else made
     context = MissionContext.of(
         made, np.array(waypoints, dtype=float), 0.0, known_obstacles(made), parameters

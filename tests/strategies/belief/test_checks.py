@@ -8,6 +8,7 @@ from contexts import context_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.strategies.belief.checks import Checks
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
@@ -53,3 +54,21 @@ def test_what_is_surely_one_thing_is_not_come_down_for():
     assert height_m(0.0, 100.0) >= height_m(500.0, 100.0)
     assert height_m(0.0, 0.0, confirm_height_max_m=8.0) <= 8.0 + 1e-9
     assert height_m(500.0, 100.0, confirm_height_max_m=4.8) == pytest.approx(4.0)
+
+
+def test_what_a_tree_hides_is_looked_at_from_beside_it():
+    """A crown above a place: it is seen from beside, in the picture; in the open from straight above."""
+    wood = {"trees": [{"position_enu_m": [50.0, 40.0], "height_m": 6.0, "crown_radius_m": 1.5}]}
+    context = context_of(scenario=change_scenario(load_scenario("clusters"), wood))
+    checks, height_m = Checks(context, BeliefParameters()), 12.0
+    across_m, along_m = CONTEXT.lens.footprint_m(height_m)
+    hidden, open_ = np.array([50.5, 40.0, 0.0]), np.array([20.0, 20.0, 0.0])
+    assert checks.sides_m(open_, height_m)[0] == (0.0, 0.0)
+    for place, n_others in ((hidden, 1), (open_, 8)):
+        first, *others = checks.sides_m(place, height_m)
+        assert len(others) >= n_others
+        for aside_m in (first, *others):
+            assert not context.obstacles.hide(place, place + np.array([*aside_m, height_m]))
+            assert math.hypot(*aside_m) < 0.5 * math.hypot(across_m, along_m)
+        assert all(math.dist(first, other) >= 0.3 * along_m for other in others)
+    assert math.hypot(*checks.sides_m(hidden, height_m)[0]) > 1.0

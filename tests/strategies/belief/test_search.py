@@ -66,13 +66,35 @@ def test_a_team_may_insist_on_a_close_look(highest_m):
         assert min(heights) <= highest_m
 
 
-def test_it_goes_on_from_a_snapshot_as_if_nothing_had_happened():
+def test_a_victim_need_not_wait_for_the_scan():
+    """Dear waiting: doubts are looked at during the scan, which then goes on where it was left."""
+    patient, hasty = (flown("maritime", 31_001, parameters={"waiting_cost": w}) for w in (0.0, 1.0))
+    for records, leaves in ((patient, False), (hasty, True)):
+        scanned_s = of_kind(records, EventKind.WAYPOINT_REACHED)[-1]["t"]
+        left = [r for r in of_kind(records, EventKind.CHECK_STARTED) if r["t"] < scanned_s]
+        assert bool(left) == leaves
+        assert bool(of_kind(records, EventKind.SCAN_RESUMED)) == leaves
+        assert any("waiting for the scan's end" in r["reason"] for r in left) == leaves
+    assert _first_half_s(hasty) < _first_half_s(patient)
+    covered = [
+        fly_in_memory(scenario("maritime", parameters={"waiting_cost": w}), 31_001)["area_covered"]
+        for w in (0.0, 1.0)
+    ]
+    assert covered[1] > covered[0] - 0.005
+
+
+def _first_half_s(records):
+    """When half of what is confirmed was."""
+    confirmed = sorted(r["t"] for r in of_kind(records, EventKind.CONFIRMED))
+    return confirmed[len(confirmed) // 2]
+
+
+@pytest.mark.parametrize("waiting_cost", [0.0, 1.0])
+def test_it_goes_on_from_a_snapshot_as_if_nothing_had_happened(waiting_cost):
     """Broken off at any step: but for the newest looks, everything that decides is in the snapshot."""
-    mission = build_mission(scenario("maritime"), 31_003, Rig("statistical"))
-    strategy, again = (
-        mission.strategy,
-        build_mission(scenario("maritime"), 31_003, Rig("statistical")).strategy,
-    )
+    search = scenario("maritime", parameters={"waiting_cost": waiting_cost})
+    mission = build_mission(search, 31_003, Rig("statistical"))
+    strategy, again = mission.strategy, build_mission(search, 31_003, Rig("statistical")).strategy
     step, told = strategy.step, []
 
     def both(seen):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +19,9 @@ from skysweep.types import XY
 
 _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
 _IN_VIEW = 0.4  # of the picture's height: from so far before it a candidate is looked at
+_SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  # opposites follow each other
+_BESIDE = [(0.0, 0.0), *((s * u, s * v) for s in (0.4, 0.8) for u, v in _SIDES)]  # of half the picture
+_APART = 0.3  # of the picture's height: so far from each other are two sides
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
 LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
 _STOP_S = 3.0  # that braking and speeding up take, where a candidate is not in view for so many looks
@@ -35,6 +39,7 @@ class Checks:
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
         self._lowest_m = search.check_altitude_agl_m
         self._highest_m = search.scan_altitude_agl_m
+        self._obstacles = context.obstacles
         if search.confirm_height_max_m is not None:
             self._highest_m = min(self._highest_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
 
@@ -98,6 +103,23 @@ class Checks:
             again_s = doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
             looks.append((height_m, ways * takes_s + min(loss_s * doubt, again_s)))
         return looks
+
+    def sides_m(self, place_enu_m: F64, height_m: float) -> list[XY]:
+        """From how far east and north of a place (3,) the camera sees it at this height, best first.
+
+        The first is straight above or, where a tree or a wall hides it, the nearest that was tried. The
+        others are from all sides of that, so far apart that the picture of the place is another one.
+        """
+        across_m, along_m = self._lens.footprint_m(height_m)
+        right, down = self._R[:, 0] * across_m / 2.0, self._R[:, 1] * along_m / 2.0
+        seen = []
+        for u, v in _BESIDE:
+            aside = u * right + v * down
+            if not self._obstacles.hide(place_enu_m, place_enu_m + aside + np.array([0.0, 0.0, height_m])):
+                seen.append((float(aside[0]), float(aside[1])))
+        first, *rest = seen or [(0.0, 0.0)]
+        apart_m = _APART * along_m
+        return [first, *(xy for xy in rest if math.dist(xy, first) >= apart_m)]
 
 
 def _ordered(here: XY, places: F64, chosen: list[int]) -> list[int]:

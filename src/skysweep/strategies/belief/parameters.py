@@ -12,6 +12,12 @@ class BeliefParameters(Model):
 
     missed_cost_s: float = Field(1000.0, gt=0, description="Cost of a victim that is rejected")
     alarm_cost_s: float = Field(400.0, gt=0, description="Cost of confirming something else")
+    waiting_cost: float = Field(
+        0.05,
+        ge=0,
+        le=1,
+        description="Cost of a second that a victim waits to be found; with 0 the scan is never left",
+    )
     confirm_probability: float = Field(
         0.98,
         gt=0.5,

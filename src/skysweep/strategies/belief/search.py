@@ -1,27 +1,33 @@
 """The belief strategy: scan, decide wherever the odds are decided, and come down only where that pays.
 
 It differs from Algorithm 1 in three ways. A candidate is confirmed by its probability, from any height
-(``search.confirm_height_max_m`` limits that), and not by one confidence from close by. Nothing interrupts the
-scan: what is still in doubt is looked at in one tour afterwards. And the tour leaves out what costs more time
-than a wrong verdict would cost on average (Bayes risk; Wald, Sequential Analysis, 1947).
+(``search.confirm_height_max_m`` limits that), and not by one confidence from close by. The scan is left only
+where waiting would cost more than the detour; what is in doubt after it is looked at in one tour. And nothing
+is looked at that costs more time than a wrong verdict would cost on average (Bayes risk; Wald, Sequential
+Analysis, 1947).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import LOOKS_THERE, Checks
+from skysweep.strategies.belief.goal import Goal
 from skysweep.strategies.belief.parameters import BeliefParameters
+from skysweep.strategies.belief.timing import Timing
 from skysweep.strategies.context import MissionContext
 from skysweep.strategies.passing import is_past
 from skysweep.types import XY, Command, Event, EventKind, Mode, Observation, Waypoint
 
 _THERE_M = 1.5
+_BACK_M = 2.0  # where the scan was left, at its height
 _LEVEL_M = 1.6
 _HOVERS_MPS = 0.4
 _LOOKS_AT_LEAST = 2  # that tell something, before a verdict
@@ -29,6 +35,10 @@ _LOOKS_AT_MOST = 10  # from above a candidate, whatever they tell
 _HEIGHTS, _NAMED = 16, 3  # of looks that a check chooses from; of those named beside a verdict
 _LOWER = 1.5  # a lower look is from so many times less
 _SMALL_DOUBT_S = 5.0  # is no reason for one
+_SUPPOSED, _SUPPOSED_SHARE = 5.0, 0.1  # targets of a search before any is found, and how much that weighs
+_TURNS = 3  # to a candidate that is not worth the way after all, then to another: not for ever
+_MOST_URGENT = 10  # candidates that are priced at one look
+_SIDES, _SIDE_S = 4, 20.0  # more that a candidate is looked at from, while its doubt costs so much
 _NEARER = 0.6  # of the way to the goal: for a place this near the goal is changed
 _PATIENCE = 0.5  # share of the doubt with which a candidate in view is confirmed; the next look is free
 
@@ -43,14 +53,15 @@ class BeliefSearch:
         self._search, self._p = context.search, context.parameters
         self._suspects = Suspects(context, self._p)
         self._checks = Checks(context, self._p)
+        self._timing = Timing(context, self._p)
         self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
+        self._scan_lasts_s = max(self._timing.scan_s(self._to_scan), 1.0)
+        self._left: XY | None = None  # where the scan was left and has to go on
         self._settled: dict[int, EventKind] = {}
+        self._looked: set[int] = set()  # at enough, and left open until the scan's end
         self._route: list[int] = []  # candidates to look at, the goal first
-        self._goal: int | None = None
-        self._height_m = 0.0  # from which the goal is looked at
-        self._looks_above = 0  # it
-        self._looks_before: int | None = None  # that told something of it, when it was reached
-        self._stops = False  # at the goal, instead of flying through
+        self._goal: Goal | None = None
+        self._turns: dict[int, int] = {}  # how often each candidate became the goal
         self._said = ""  # of what does not fit
 
     def step(self, observation: Observation) -> Command:
@@ -69,16 +80,28 @@ class BeliefSearch:
         if seen.looks:
             self._confirm_the_sure(seen, events)
         x, y, _ = seen.vehicle.position_enu_m.tolist()
-        if self._to_scan and is_past(seen, self._to_scan[0]):
+        if self._to_scan:
+            waypoint = self._detour(seen, (x, y), events)
+            if waypoint is not None:
+                return Command(Mode.CHECK, waypoint, tuple(events))
+            self._go_on(seen, (x, y), events)
+        if not self._to_scan:
+            return self._check(seen, (x, y), events)
+        s, then = self._search, next(iter(self._to_scan[1:]), None)
+        to, then = (self._to_scan[0], then) if self._left is None else (self._left, None)
+        waypoint = Waypoint(to, s.scan_altitude_agl_m, s.scan_speed_mps, then_xy_enu_m=then)
+        return Command(Mode.SCAN, waypoint, tuple(events))
+
+    def _go_on(self, seen: Observation, here: XY, events: list[Event]) -> None:
+        """Take note of what was reached of the scan."""
+        up = seen.altitude_agl_m >= self._search.scan_altitude_agl_m - ALTITUDE_TOLERANCE_M
+        if self._left is not None and up and math.dist(here, self._left) <= _BACK_M:
+            self._left = None
+        if self._left is None and is_past(seen, self._to_scan[0]):
             self._to_scan.pop(0)
             events.append(Event(EventKind.WAYPOINT_REACHED))
             if not self._to_scan:
                 self._say_misfit(events)
-        if self._to_scan:
-            s, then = self._search, next(iter(self._to_scan[1:]), None)
-            waypoint = Waypoint(self._to_scan[0], s.scan_altitude_agl_m, s.scan_speed_mps, then_xy_enu_m=then)
-            return Command(Mode.SCAN, waypoint, tuple(events))
-        return self._check(seen, (x, y), events)
 
     def _say_misfit(self, events: list[Event]) -> None:
         misfit = self._suspects.fit.misfit()
@@ -92,7 +115,7 @@ class BeliefSearch:
         """Take over the operator's verdicts, which are for good."""
         self._settled.update(verdicts)
         self._route = [k for k in self._route if k not in verdicts]
-        if self._goal in verdicts:
+        if self._goal is not None and self._goal.id in verdicts:
             self._goal = None
 
     def _open(self) -> list[int]:
@@ -142,7 +165,7 @@ class BeliefSearch:
     ) -> None:
         events.append(self._event(kind, seen, k, reason, options))
         self._settled[k] = kind
-        if k == self._goal:
+        if self._goal is not None and k == self._goal.id:
             self._goal = None
 
     def _verdicts_s(self, k: int) -> dict[str, float]:
@@ -172,20 +195,59 @@ class BeliefSearch:
     def _mistake(self, k: int, verdict: str) -> str:
         """What being wrong costs, and after how many looks from the height of a check."""
         looked = ""
-        if k == self._goal and self._looks_before is not None:
-            n = self._suspects.all[k].n_looks - self._looks_before
-            looked = f"after {n} more look{'' if n == 1 else 's'} from {self._height_m:.0f} m "
+        goal = self._goal
+        if goal is not None and k == goal.id and goal.looks_before is not None:
+            n = self._suspects.all[k].n_looks - goal.looks_before
+            looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.height_m:.0f} m "
         return f"{looked}a mistake costs {self._verdicts_s(k)[verdict]:.0f} s on average"
 
     # ---- checks ------------------------------------------------------------------------------------------
 
+    def _detour(self, seen: Observation, here: XY, events: list[Event]) -> Waypoint | None:
+        """To a candidate for which the scan does not wait, if there is one."""
+        goal = self._goal
+        self._attend(seen, here, events)
+        if seen.looks and self._goal is None:
+            self._turn_to_the_urgent(seen, here, events)
+        if self._goal is None:
+            if goal is not None:
+                events.append(Event(EventKind.SCAN_RESUMED))
+            return None
+        return self._way_to(seen, self._goal, self._left)
+
+    def _turn_to_the_urgent(self, seen: Observation, here: XY, events: list[Event]) -> None:
+        """To the candidate where a look now saves most against one later, unless a verdict costs less."""
+        open_ = [k for k in self._open() if k not in self._looked and not self._suspects.all[k].in_view]
+        if not open_ or self._p.waiting_cost == 0.0:
+            return
+        scan = [self._left or here, *self._to_scan]
+        places = np.array([self._xy(seen, k) for k in open_])
+        waiting = self._p.waiting_cost * np.array([self._suspects.probability(k) for k in open_])
+        dear = 1.0 + self._p.waiting_cost * self._still_waiting()
+        saved_s = self._timing.saved_s(here, seen.altitude_agl_m, scan, places, waiting, dear)
+        for i in np.argsort(-saved_s)[:_MOST_URGENT].tolist():
+            if saved_s[i] <= 0.0:
+                return
+            k, waits_s = open_[i], self._waiting_s(open_[i])
+            if min(price_s for _, price_s in self._looks(seen, k)) < self._loss_s(k) + waits_s:
+                self._left = self._left or here
+                self._turn_to(seen, k, math.inf, events, f", and waiting for the scan's end {waits_s:.0f} s")
+                return
+
+    def _still_waiting(self) -> float:
+        """Targets that a detour keeps waiting: open ones, and as many ahead as were found behind."""
+        p = {k: self._suspects.probability(k) for k in self._suspects.all}
+        found = sum(0.0 if self._settled.get(k) is EventKind.REJECTED else p[k] for k in p)
+        ahead = self._timing.scan_s(self._to_scan) / self._scan_lasts_s
+        per_scan = (found + _SUPPOSED * _SUPPOSED_SHARE) / (1.0 - ahead + _SUPPOSED_SHARE)
+        return per_scan * ahead + sum(p[k] for k in self._open())
+
+    def _waiting_s(self, k: int) -> float:
+        """What it costs on average to leave a candidate open until the scan ends."""
+        return self._p.waiting_cost * self._suspects.probability(k) * self._timing.scan_s(self._to_scan)
+
     def _check(self, seen: Observation, here: XY, events: list[Event]) -> Command:
-        if seen.refused and self._goal is not None:
-            self._settle(seen, self._goal, EventKind.UNCHECKED, events, seen.refused)
-        if seen.looks:
-            for k in self._twins(seen, [k for k in self._open() if not self._suspects.all[k].in_view]):
-                self._confirm(seen, k, events)
-            self._judge_goal(seen, here, events)
+        self._attend(seen, here, events)
         if seen.looks or self._goal is None:
             self._choose_goal(seen, here, events)
         if self._goal is None:
@@ -193,39 +255,58 @@ class BeliefSearch:
                 self._decide(seen, k, events)
             self._say_misfit(events)
             return Command(Mode.CHECK, None, (*events, Event(EventKind.FINISHED)))
-        then = next((self._xy(seen, k) for k in self._route if k != self._goal), None)
-        waypoint = Waypoint(
-            self._xy(seen, self._goal),
-            self._height_m,
+        then = next((self._xy(seen, k) for k in self._route if k != self._goal.id), None)
+        return Command(Mode.CHECK, self._way_to(seen, self._goal, then), tuple(events))
+
+    def _attend(self, seen: Observation, here: XY, events: list[Event]) -> None:
+        """What the newest looks say of the goal, and of what may be one thing with a confirmed candidate."""
+        if seen.refused and self._goal is not None:
+            self._settle(seen, self._goal.id, EventKind.UNCHECKED, events, seen.refused)
+        if seen.looks:
+            if not self._to_scan:
+                for k in self._twins(seen, [k for k in self._open() if not self._suspects.all[k].in_view]):
+                    self._confirm(seen, k, events)
+            self._judge_goal(seen, here, events)
+
+    def _way_to(self, seen: Observation, goal: Goal, then: XY | None) -> Waypoint:
+        return Waypoint(
+            self._beside(seen, goal),
+            goal.height_m,
             self._p.check_speed_mps,
             to_look=True,
-            then_xy_enu_m=None if self._stops else then,
+            then_xy_enu_m=None if goal.stops else then,
         )
-        return Command(Mode.CHECK, waypoint, tuple(events))
 
     def _choose_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """The next candidate of the route; the goal is kept unless another candidate is much nearer."""
         open_ = self._open()
         places = np.array([seen.candidates[k].position_enu_m[:2] for k in open_]).reshape(-1, 2)
-        route = self._checks.route(here, places, [self._loss_s(k) for k in open_])
+        losses_s = [0.0 if k in self._looked else self._loss_s(k) for k in open_]
+        route = self._checks.route(here, places, losses_s)
         self._route = [open_[i] for i in route]
-        if self._goal is not None and self._goal not in self._route:
-            self._decide(seen, self._goal, events)  # for good, or two candidates could take turns for ever
+        if self._goal is not None and self._goal.id not in self._route:
+            if self._turns.get(self._goal.id, 0) >= _TURNS:
+                self._decide(seen, self._goal.id, events)
+            self._goal = None
         if not self._route:
             return
         first = self._route[0]
-        if self._goal is not None and first != self._goal:
-            goal_m = math.dist(here, self._xy(seen, self._goal))
+        if self._goal is not None and first != self._goal.id:
+            goal_m = math.dist(here, self._xy(seen, self._goal.id))
             if math.dist(here, self._xy(seen, first)) >= _NEARER * goal_m:
                 return
-        if first != self._goal:
+        if self._goal is None or first != self._goal.id:
+            self._turns[first] = self._turns.get(first, 0) + 1
             self._turn_to(seen, first, math.inf, events)
 
-    def _turn_to(self, seen: Observation, k: int, highest_m: float, events: list[Event]) -> None:
+    def _turn_to(
+        self, seen: Observation, k: int, highest_m: float, events: list[Event], more: str = ""
+    ) -> None:
         looks = self._looks(seen, k, highest_m, _HEIGHTS)
-        self._height_m, _ = min(looks, key=_price_s)
-        self._goal, self._looks_above, self._looks_before, self._stops = k, 0, None, False
-        reason = f"a verdict now costs {self._loss_s(k):.0f} s on average"
+        height_m, _ = min(looks, key=_price_s)
+        sides_m = self._checks.sides_m(seen.candidates[k].position_enu_m, height_m)
+        self._goal = Goal(k, height_m, sides_m[: 1 + _SIDES])
+        reason = f"a verdict now costs {self._loss_s(k):.0f} s on average{more}"
         events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, self._options(k, looks)))
 
     def _looks(
@@ -255,29 +336,52 @@ class BeliefSearch:
         return tuple(sorted(((what, round(cost_s, 1)) for what, cost_s in costs_s.items()), key=_price_s))
 
     def _judge_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
-        """Once it was looked at enough from its height: look from further down, or decide."""
+        """Once it was looked at enough from there: look from further down or another side, or decide."""
         if self._goal is None:
             return
-        to, height_m = self._xy(seen, self._goal), self._height_m
+        goal, k = self._goal, self._goal.id
+        to, height_m = self._beside(seen, goal), goal.height_m
         if seen.lookout is not None:
             to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
         if seen.altitude_agl_m > height_m + _LEVEL_M and not _hovers(seen):
             return
-        told = self._suspects.all[self._goal].n_looks
-        if self._looks_before is None:
-            self._looks_before = told
-        self._stops |= is_past(seen, to)
+        told = self._suspects.all[k].n_looks
+        if goal.looks_before is None:
+            goal.looks_before = told
+        goal.stops |= is_past(seen, to)
         if not seen.elsewhere and (math.dist(here, to) <= _THERE_M or _hovers(seen)):
-            self._looks_above += len(seen.looks)
-        looks = told - self._looks_before
-        is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(self._goal) < _SMALL_DOUBT_S
-        if not is_clear and looks < LOOKS_THERE and self._looks_above < _LOOKS_AT_MOST:
+            goal.looks_above += len(seen.looks)
+        looks = told - goal.looks_before
+        is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(k) < _SMALL_DOUBT_S
+        if not is_clear and looks < LOOKS_THERE and goal.looks_above < _LOOKS_AT_MOST:
             return
         lowest_m = self._search.check_altitude_agl_m
-        if self._height_m > _LOWER * lowest_m and self._loss_s(self._goal) > _SMALL_DOUBT_S:
-            self._turn_to(seen, self._goal, self._height_m / _LOWER, events)
+        if goal.height_m > _LOWER * lowest_m and self._loss_s(k) > _SMALL_DOUBT_S:
+            self._turn_to(seen, k, goal.height_m / _LOWER, events)
+        elif self._loss_s(k) > _SIDE_S and len(goal.sides_m) > 1:
+            goal.turn_to_next_side()
+            options = self._options(k, self._looks(seen, k))
+            reason = "another side may show more"
+            events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, options))
+        elif is_clear or not self._waits(k):
+            self._decide(seen, k, events)
         else:
-            self._decide(seen, self._goal, events)
+            self._looked.add(k)
+            reason = "more of the scan will tell how likely such a thing is a target"
+            events.append(self._event(EventKind.REASSESSED, seen, k, reason))
+            self._goal = None
+
+    def _waits(self, k: int) -> bool:
+        """Whether a verdict can wait for the end of the scan: by then it is known how many are targets."""
+        if not self._to_scan:
+            return False
+        costs_s = self._verdicts_s(k)
+        return costs_s.get("confirm", math.inf) > min(costs_s["reject"], self._waiting_s(k))
+
+    def _beside(self, seen: Observation, goal: Goal) -> XY:
+        """From where it is looked at."""
+        (x, y), (east_m, north_m) = self._xy(seen, goal.id), goal.sides_m[0]
+        return x + east_m, y + north_m
 
     def _xy(self, seen: Observation, k: int) -> XY:
         x, y, _ = seen.candidates[k].position_enu_m.tolist()
@@ -297,25 +401,28 @@ class BeliefSearch:
         """The whole state as plain data, but for the newest looks."""
         return {
             "to_scan": [list(p) for p in self._to_scan],
+            "left": None if self._left is None else list(self._left),
             "settled": [[k, str(kind)] for k, kind in self._settled.items()],
+            "looked": sorted(self._looked),
             "suspects": self._suspects.snapshot(),
             "route": list(self._route),
-            "goal": self._goal,
-            "height_m": self._height_m,
-            "looks_above": self._looks_above,
-            "looks_before": self._looks_before,
-            "stops": self._stops,
+            "goal": None if self._goal is None else asdict(self._goal),
+            "turns": [[k, n] for k, n in self._turns.items()],
             "said": self._said,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue from a snapshot."""
         self._to_scan = [(x, y) for x, y in snapshot["to_scan"]]
+        left, goal = snapshot["left"], snapshot["goal"]
+        self._left = None if left is None else (left[0], left[1])
         self._settled = {k: EventKind(kind) for k, kind in snapshot["settled"]}
+        self._looked = set(snapshot["looked"])
         self._suspects.restore(snapshot["suspects"])
-        self._route, self._goal = list(snapshot["route"]), snapshot["goal"]
-        self._height_m, self._stops, self._said = snapshot["height_m"], snapshot["stops"], snapshot["said"]
-        self._looks_above, self._looks_before = snapshot["looks_above"], snapshot["looks_before"]
+        self._route, self._turns = list(snapshot["route"]), dict(snapshot["turns"])
+        if goal is not None:
+            goal = Goal(**{**goal, "sides_m": [(east_m, north_m) for east_m, north_m in goal["sides_m"]]})
+        self._goal, self._said = goal, snapshot["said"]
 
 
 def _hovers(seen: Observation) -> bool:

@@ -1,0 +1,24 @@
+"""The candidate that the vehicle is on its way to, and from where it is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skysweep.types import XY
+
+
+@dataclass(slots=True)
+class Goal:
+    """One candidate, from one height, from one side after the other."""
+
+    id: int
+    height_m: float  # above it
+    sides_m: list[XY]  # how far east and north of it: this one, then those left
+    looks_above: int = 0  # it, from this side
+    looks_before: int | None = None  # that told something of it, when it was reached
+    stops: bool = False  # there, instead of flying through
+
+    def turn_to_next_side(self) -> None:
+        """Look from there as if it had just become the goal."""
+        self.sides_m.pop(0)
+        self.looks_above, self.looks_before, self.stops = 0, None, False
