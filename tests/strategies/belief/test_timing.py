@@ -34,7 +34,7 @@ def test_nothing_is_urgent_while_waiting_is_free():
 def test_a_visit_after_the_scan_costs_what_is_waited_until_then():
     """Too far for the lanes, and beside another that is looked at after the scan."""
     after_s = 50.0 / 5.0 + 0.01 * TIMING.scan_s(LANES)
-    assert saved_s((0.0, -200.0), 0.01, others=[(0.0, -250.0)]) == pytest.approx(after_s - 2 * 40.0)
+    assert saved_s((0.0, -200.0), 0.01, others=[(0.0, -250.0)]) == pytest.approx(after_s - 2 * 40.0 - 8.0)
 
 
 def test_what_was_passed_is_nearest_now():

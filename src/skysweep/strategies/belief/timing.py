@@ -11,6 +11,7 @@ from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
 from skysweep.types import XY
 
+_LEAVING_S = 8.0  # that braking, turning and coming back to the scan's way take
 _NOW_S = 5.0  # of the scan, during which a visit is one from here
 
 
@@ -44,11 +45,12 @@ class Timing:
         back_s = np.maximum(np.linalg.norm(places - path[0], axis=1) / self._speed_mps, climb_s)
         anyway_m = float(np.linalg.norm(path[0] - here))
         anyway_s = max(anyway_m / self._speed_mps, (self._high_m - above_m) / self._up_mps)
-        now_s = there_s + back_s - anyway_s
+        leaving_s = _LEAVING_S if anyway_m == 0.0 else 0.0  # else it was left before
+        now_s = there_s + back_s - anyway_s + leaving_s
         away_m, until_s = _nearest(places, *self._later(path, ends_s))
         away_s = away_m / self._speed_mps
         whole_s = (self._high_m - self._low_m) / self._down_mps
-        lane_s = dear * (np.maximum(away_s, whole_s) + np.maximum(away_s, climb_s))
+        lane_s = dear * (np.maximum(away_s, whole_s) + np.maximum(away_s, climb_s) + _LEAVING_S)
         lane_s += waiting[:, None] * until_s
         tour_s = _apart_m(np.vstack([places, path[-1]]))[:-1] / self._speed_mps + waiting * ends_s[-1]
         return np.asarray(np.minimum(lane_s.min(axis=1), tour_s) - dear * now_s)
