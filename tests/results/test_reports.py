@@ -52,7 +52,11 @@ def read_page(path):
 def test_run_folder_gets_everything(tiny_folder):
     (tiny_folder / "pictures").mkdir()
     Image.new("RGB", (32, 18)).save(tiny_folder / "pictures" / "confirmed_stop-sign_0.jpg")
-    summary = write_results(load_run(tiny_folder), tiny_folder, wall_time_s=8.0)
+    told = []
+    summary = write_results(
+        load_run(tiny_folder), tiny_folder, wall_time_s=8.0, on_step=lambda done, of: told.append((done, of))
+    )
+    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
     written = json.loads((tiny_folder / "summary.json").read_text())
     assert {key: written[key] for key in summary} == summary
     assert list(written)[len(summary) :] == ["journal", "crc"]

@@ -87,6 +87,7 @@ def test_every_action_has_its_words():
     }
     assert len(told) == 5
     assert "The vehicle holds: The wind blows at 12 m/s." in told
+    assert "Note: The wind blows at 12 m/s." in told, "it does not say that a held mission goes on"
     blind = {"kind": "unsearched", "length_m": 41.7, "again": True}
     assert safety_words(blind) == "42 m of the scan turned out to be flown blind; they are scanned again."
     assert "not scanned again" in safety_words(blind | {"again": False})

@@ -238,7 +238,7 @@ class BeliefSearch:
         """Targets that a detour keeps waiting: open ones, and as many ahead as were found behind."""
         p = {k: self._suspects.probability(k) for k in self._suspects.all}
         found = sum(0.0 if self._settled.get(k) is EventKind.REJECTED else p[k] for k in p)
-        ahead = self._timing.scan_s(self._to_scan) / self._scan_lasts_s
+        ahead = min(self._timing.scan_s(self._to_scan) / self._scan_lasts_s, 1.0)
         per_scan = (found + _SUPPOSED * _SUPPOSED_SHARE) / (1.0 - ahead + _SUPPOSED_SHARE)
         return per_scan * ahead + sum(p[k] for k in self._open())
 
