@@ -50,7 +50,7 @@ def plan_gaps(as_json: bool, run_folder: Path, least_pod: float, out: Path) -> N
     low = f"{len(gaps)} with a POD below {100 * least_pod:.2g} %"
     table.add_row("gaps", f"{low}, {area_m2 / 1e4:.2f} ha together")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
-    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
+    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing, without checks")
     written = {kind: str(out / file) for kind, file in names.items()}
     record |= {"path_length_m": estimate.path_length_m, "time_s": estimate.time_s, **written}
     answer(as_json, record, table, *(f"{kind}: {path}" for kind, path in written.items()))

@@ -166,10 +166,10 @@ def plan(
     table.add_row("area", f"{estimate.area_m2 / 1e4:.2f} ha")
     table.add_row("transects", f"{estimate.n_transects}, heading {coverage.heading_deg:.0f}\N{DEGREE SIGN}")
     table.add_row("path length", f"{estimate.path_length_m:.0f} m")
-    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing")
+    table.add_row("time", f"{estimate.time_s / 60:.1f} min with take-off, return and landing, without checks")
     n, swap_s = estimate.batteries, chosen.vehicle.swap_s
     in_sorties = f", in {n} sorties, changed in {duration(swap_s)}" if n > 1 else ""
-    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh){in_sorties}")
+    table.add_row("batteries", f"{n} ({estimate.energy_wh:.0f} Wh) without checks{in_sorties}")
     table.add_row("fence", fence_words(chosen))
     table.add_row("ground sample distance", f"{estimate.gsd_cm:.1f} cm")
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
