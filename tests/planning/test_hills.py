@@ -114,7 +114,7 @@ def test_the_least_height_clears_all_ground_in_between_and_no_more(heights, seed
     place = np.array([*a, terrain.height_m(a)[0]])
     view = View(1e6, 1e6, 0.0, 1.0)  # shows everything
     (least,) = least_heights(terrain, view, place[None], b[None])
-    share = np.linspace(0.0, 1.0, 20_001)[1:]
+    share = np.unique(np.concatenate([np.linspace(0.0, 1.0, 20_001)[1:], np.geomspace(1e-5, 1.0, 20_000)]))
     ground = terrain.height_m(a + share[:, None] * (b - a))
     needed = max(place[2], float((place[2] + (ground - 0.02 - place[2]) / share).max()))
     assert needed - 1e-6 <= least <= needed + 0.05

@@ -97,6 +97,7 @@ class BeliefSearch:
         up = seen.altitude_agl_m >= self._search.scan_altitude_agl_m - ALTITUDE_TOLERANCE_M
         if self._left is not None and up and math.dist(here, self._left) <= _BACK_M:
             self._left = None
+            events.append(Event(EventKind.SCAN_RESUMED))
         if self._left is None and is_past(seen, self._to_scan[0]):
             self._to_scan.pop(0)
             events.append(Event(EventKind.WAYPOINT_REACHED))
@@ -205,15 +206,10 @@ class BeliefSearch:
 
     def _detour(self, seen: Observation, here: XY, events: list[Event]) -> Waypoint | None:
         """To a candidate for which the scan does not wait, if there is one."""
-        goal = self._goal
         self._attend(seen, here, events)
         if seen.looks and self._goal is None:
             self._turn_to_the_urgent(seen, here, events)
-        if self._goal is None:
-            if goal is not None:
-                events.append(Event(EventKind.SCAN_RESUMED))
-            return None
-        return self._way_to(seen, self._goal, self._left)
+        return None if self._goal is None else self._way_to(seen, self._goal, self._left)
 
     def _turn_to_the_urgent(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """To the candidate where a look now saves most against one later, unless a verdict costs less."""
