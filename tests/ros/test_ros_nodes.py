@@ -225,7 +225,7 @@ def test_the_live_page_and_the_services_steer_the_same_mission(link, start, tiny
         urlopen(Request(f"{base}/api/runs/_/operator", body, headers), timeout=APPEAR_S).close()
 
     next(line for line in mission.stdout if "waiting for /skysweep/mission/start" in line)
-    assert mode() == "READY"
+    eventually(lambda: mode() == "READY")
     order("continue")
     eventually(lambda: mode() in ("SCAN", "CHECK"))
     order("hold")
