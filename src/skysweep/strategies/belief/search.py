@@ -256,7 +256,10 @@ class BeliefSearch:
 
     def _attend(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """What the newest looks say of the goal, and of what may be one thing with a confirmed candidate."""
-        if seen.refused and self._goal is not None:
+        if seen.refused and self._goal is not None and self._goal.sides_m[0] != (0.0, 0.0):
+            self._goal.sides_m = [self._goal.sides_m[0], (0.0, 0.0)]  # a side is refused, not the candidate
+            self._goal.turn_to_next_side()
+        elif seen.refused and self._goal is not None:
             self._settle(seen, self._goal.id, EventKind.UNCHECKED, events, seen.refused)
         if seen.looks:
             if not self._to_scan:
@@ -289,7 +292,8 @@ class BeliefSearch:
         first = self._route[0]
         if self._goal is not None and first != self._goal.id:
             goal_m = math.dist(here, self._xy(seen, self._goal.id))
-            if math.dist(here, self._xy(seen, first)) >= _NEARER * goal_m:
+            tired = self._turns.get(first, 0) >= _TURNS
+            if tired or math.dist(here, self._xy(seen, first)) >= _NEARER * goal_m:
                 return
         if self._goal is None or first != self._goal.id:
             self._turns[first] = self._turns.get(first, 0) + 1
@@ -397,7 +401,7 @@ class BeliefSearch:
         """The whole state as plain data, but for the newest looks."""
         return {
             "to_scan": [list(p) for p in self._to_scan],
-            "left": None if self._left is None else list(self._left),
+            "left_xy": None if self._left is None else list(self._left),
             "settled": [[k, str(kind)] for k, kind in self._settled.items()],
             "looked": sorted(self._looked),
             "suspects": self._suspects.snapshot(),
@@ -410,7 +414,7 @@ class BeliefSearch:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue from a snapshot."""
         self._to_scan = [(x, y) for x, y in snapshot["to_scan"]]
-        left, goal = snapshot["left"], snapshot["goal"]
+        left, goal = snapshot["left_xy"], snapshot["goal"]
         self._left = None if left is None else (left[0], left[1])
         self._settled = {k: EventKind(kind) for k, kind in snapshot["settled"]}
         self._looked = set(snapshot["looked"])
