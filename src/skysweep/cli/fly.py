@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -25,7 +25,6 @@ from skysweep.cli.common import (
     errors,
     friendly,
     refuse_unused_eye,
-    say,
     status,
     warn,
 )
@@ -173,17 +172,8 @@ def fly(
                     silent = f"   silent for {state.silent_s:.1f} s" if state.silent_s > 1.0 else ""
                     line(state, mode, new, f"   {operator.hint}{silent}")
 
-                rig = Rig(
-                    sensor,
-                    renderer,
-                    _DETECTOR_THREADS,
-                    watch=watch,
-                    operator=lambda: operator() or orders(),
-                    say=say,
-                    prepare=line.prepare,
-                    on_results=line.writes,
-                    film=True,
-                )
+                rig = Rig(sensor, renderer, _DETECTOR_THREADS, operator=lambda: operator() or orders())
+                rig = replace(line.over(rig), watch=watch)
                 if begun is not None:
                     summary = flight.resume(begun, camera, rig, from_sound_lines)
                 else:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -49,6 +50,7 @@ from skysweep.errors import UserError
 if TYPE_CHECKING:
     from skysweep.experiments.matrix import MissionJob
     from skysweep.flights.outlook import Outlook
+    from skysweep.flights.rig import Rig
     from skysweep.results.summary import RunSummary, Summary
     from skysweep.types import Mode, VehicleState
     from skysweep.worlds.rendering.renderer import Backend
@@ -156,19 +158,8 @@ def run(
     with live_page(folder, live, host, port, no_browser, tiles) as orders:
         with flying(chosen.name, folder) as watch, parts_on_topics(chosen, seed, sensor, *on_topics) as parts:
             vehicle, eye, finder = parts
-            rig = Rig(
-                sensor,
-                engine,
-                vehicle=vehicle,
-                camera=eye,
-                detector=finder,
-                watch=watch,
-                operator=orders,
-                say=say,
-                prepare=watch.prepare,
-                on_results=watch.writes,
-                film=True,
-            )
+            rig = Rig(sensor, engine, vehicle=vehicle, camera=eye, detector=finder, operator=orders)
+            rig = watch.over(rig)
             rig = paced(rig, speed or (LIVE_SPEED if live else None))
             summary = fly_to_folder(chosen, seed, folder, rig)
         answer_mission(as_json, folder, summary)
@@ -207,15 +198,7 @@ def resume(
         return
     with live_page(run_dir, live, host, port, no_browser, tiles) as orders:
         with flying(run_dir.name, run_dir) as watch:
-            rig = Rig(
-                watch=watch,
-                operator=orders,
-                say=say,
-                prepare=watch.prepare,
-                on_results=watch.writes,
-                film=True,
-            )
-            rig = paced(rig, speed or (LIVE_SPEED if live else None))
+            rig = paced(watch.over(Rig(operator=orders)), speed or (LIVE_SPEED if live else None))
             summary = resume_folder(run_dir, rig, from_sound_lines)
         answer_mission(as_json, run_dir, summary)
 
@@ -247,7 +230,6 @@ class StatusLine:
 
     def __init__(self, outlook: Outlook, show: Callable[[str], None]) -> None:
         self._outlook, self._show = outlook, show
-        self.prepare = outlook.prepare
         self._flown_s = 0.0
 
     def __call__(self, state: VehicleState, mode: Mode, _new: Any, more: str = "") -> None:
@@ -261,6 +243,11 @@ class StatusLine:
             f"{sortie}{mode:8s} t = {state.time_s:6.1f} s   {state.position_enu_m[2]:5.1f} m up   "
             f"battery {battery}{left}{more}"
         )
+
+    def over(self, rig: Rig) -> Rig:
+        """A flight that this line shows, that says what happens, and whose pictures are kept."""
+        rig = replace(rig, watch=self, say=say, film=True)
+        return replace(rig, prepare=self._outlook.prepare, on_results=self.writes)
 
     def writes(self, done: int, of: int) -> None:
         """Show how much of the results is written: ``Rig.on_results``."""

@@ -103,15 +103,7 @@ def ros_fly(
             folder = flight.folder
             orders = page.enter_context(live_page(folder, live, host, port, no_browser, tiles))
             with flying(folder.name, folder) as watch:
-                rig = Rig(
-                    watch=watch,
-                    operator=orders,
-                    say=say,
-                    prepare=watch.prepare,
-                    on_results=watch.writes,
-                    film=True,
-                )
-                summary = flight.fly(rig)
+                summary = flight.fly(watch.over(Rig(operator=orders)))
         answer_mission(as_json, folder, summary)
 
 
