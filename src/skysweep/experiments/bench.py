@@ -54,9 +54,9 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
     ``statistical_mission_rtf`` and ``statistical_mission_s`` (seconds for a mission of 400 s) use one core
     and a sensor at 10 Hz. ``belief_mission_rtf`` is that of the belief strategy in a wood, at its detector's
     rate; ``belief_step_ms`` and ``belief_step_worst_ms`` are median and worst of its steps that get a look.
-    ``missions_per_minute_2_workers`` counts whole missions, from scenario to summary,
-    of the paper's three scenarios at their own detector rate. ``local_parallel_efficiency`` is the rate of
-    two workers over twice that of one, ``worker_memory_mb`` the peak memory of a worker.
+    ``missions_per_minute_2_workers`` counts whole missions, from scenario to summary, of the paper's three
+    scenarios at their own detector rate. ``local_parallel_efficiency`` is the rate of two workers over twice
+    that of one, ``worker_memory_mb`` the peak memory of a worker.
 
     ``video_rtf`` is that of making a video as ``skysweep video`` does, set-up included, of the first
     ``_FILMED_S`` seconds of a mission; None without the extra ``video``.

@@ -17,9 +17,8 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.fence import Fence
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY, Waypoint
-from skysweep.worlds.obstacles import Obstacles
+from skysweep.worlds.obstacles import Obstacles, keep_m
 
-_SIGMAS = 3.0  # of the position error, added to the clearance
 _ROOM_M = 0.5  # extra distance for control errors
 _BRAKING_S = 1.5  # to a stop, from any speed
 _CLIMB_SHARE = 0.5  # of the climb speed that is planned with on a leg
@@ -112,11 +111,6 @@ class Clearance:
     def _is_clear(self, places: F64, height_m: float) -> NDArray[np.bool_]:
         away_m = self._keep_m + _ROOM_M
         return self._obstacles.top_within_m(places, away_m) + away_m <= height_m
-
-
-def keep_m(scenario: Scenario) -> float:
-    """Distance to keep by the believed position, so that the true one keeps the clearance."""
-    return scenario.safety.clearance_m + _SIGMAS * scenario.vehicle.position_noise_m
 
 
 def too_high(scenario: Scenario, obstacles: Obstacles) -> list[shapely.Polygon]:

@@ -16,7 +16,7 @@ from skysweep.scenarios.model import Model, Scenario, Search, VehicleLimits
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
 from skysweep.sensing.statistical.view import View
 from skysweep.types import XY
-from skysweep.worlds.obstacles import Obstacles
+from skysweep.worlds.obstacles import Obstacles, keep_m
 from skysweep.worlds.world import TerrainSurface
 
 
@@ -44,6 +44,7 @@ class MissionContext:
     surface: str  # of most of the ground
     is_wooded: bool
     obstacles: Obstacles  # known trees and buildings, and the ground
+    keep_m: float  # distance that the vehicle keeps from them
     load_sensor_model: Callable[[], StatisticalModel]
     load_sensor_view: Callable[[], View]
     parameters: Model  # the strategy's own
@@ -82,6 +83,7 @@ class MissionContext:
             _commonest_surface(obstacles.terrain),
             bool(scenario.trees or scenario.forests or scenario.terrain.land_cover),
             obstacles,
+            keep_m(scenario),
             load,
             lambda: load().view_of(camera, scenario.detector),
             parameters,

@@ -32,6 +32,7 @@ from skysweep.worlds.world import (
     build_trees,
 )
 
+_SIGMAS = 3.0  # of the position error, added to the clearance
 BODY_RADIUS_M = 0.3  # of the vehicle: anything nearer to its centre is touched
 _EAVES_M = 0.4
 _CROWN_FROM = 0.35  # of a tree's height
@@ -129,6 +130,11 @@ class Obstacles:
         above_m = track_enu_m[over_ground, 2] - self.terrain.height_m(track_enu_m[over_ground, :2])
         clearances[-1] = above_m.min(initial=np.inf)
         return clearances
+
+
+def keep_m(scenario: Scenario) -> float:
+    """Distance to keep by the believed position, so that the true one keeps the clearance."""
+    return scenario.safety.clearance_m + _SIGMAS * scenario.vehicle.position_noise_m
 
 
 def known_obstacles(scenario: Scenario) -> Obstacles:

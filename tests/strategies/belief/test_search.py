@@ -3,18 +3,23 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.strategies.contexts import context_of
 
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory, fly_to_folder
 from skysweep.flights.rig import Rig
+from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import Flight
 from skysweep.results.metrics import compute_summary
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.strategies.belief.parameters import BeliefParameters
-from skysweep.types import EventKind
+from skysweep.strategies.belief.search import BeliefSearch
+from skysweep.types import Candidate, EventKind, Look, Mode, Observation, Sighting, VehicleState
 
 SEEDS = range(31_000, 31_006)
 
@@ -181,3 +186,81 @@ def test_two_targets_beside_each_other_are_two(tmp_path):
     summary = fly_to_folder(load_scenario("clusters").with_search(strategy="belief"), 3, tmp_path / "run")
     assert summary["recall"] == 1.0
     assert summary["duplicates"] == 0
+
+
+class Beside:
+    """Two candidates beside each other, in doubt whatever is seen, and a strategy whose scan is over."""
+
+    def __init__(self, east_m, north_m, monkeypatch):
+        self.context = context_of([(0.0, 0.0)], parameters=BeliefParameters())
+        self.strategy = BeliefSearch(self.context)
+        monkeypatch.setattr(self.strategy._suspects, "probability", lambda _k: 0.5)
+        self.places = np.array([[40.0, 40.0, 0.0], [40.0 + east_m, 40.0 + north_m, 0.0]])
+        self.at, self.velocity_mps = np.array([0.0, 0.0, 30.0]), np.zeros(3)
+        self.time_s, self.candidates = 0.0, {}
+
+    def step(self, refused=""):
+        """One look from where the vehicle is; its command, towards which it flies."""
+        camera = CameraPose(self.at, rotation_camera_to_enu(0.0, -np.pi / 2))
+        hits = []
+        for k, place in enumerate(self.places):
+            before = self.candidates[k].confidences if k in self.candidates else ()
+            self.candidates[k] = Candidate(
+                k, "stop sign", place, np.eye(2) * 0.01, self.time_s, self.time_s, (*before, 0.5)
+            )
+            hits.append(Sighting(k, not before, self.time_s, place, 0.5, float(self.at[2])))
+        state = VehicleState(
+            self.time_s, self.at, self.velocity_mps, np.eye(3), camera, 1.0, 0.0, airborne=True
+        )
+        look = Look(self.time_s, camera, self.context.lens, tuple(hits))
+        seen = Observation(state, float(self.at[2]), (look,), self.candidates, refused=refused)
+        command = self.strategy.step(seen)
+        if command.waypoint is not None:
+            way = np.array([*command.waypoint.xy_enu_m, command.waypoint.altitude_agl_m]) - self.at
+            step = way * min(1.0, 2.0 / max(float(np.linalg.norm(way)), 1e-9))
+            self.at, self.velocity_mps = self.at + step, step / 0.4
+        self.time_s += 0.4
+        return command
+
+
+@pytest.mark.parametrize("north", [False, True])
+@pytest.mark.parametrize("apart_m", np.linspace(0.6, 2.4, 10).tolist())
+def test_candidates_a_side_apart_do_not_take_turns_for_ever(apart_m, north, monkeypatch):
+    beside = Beside(0.0 if north else apart_m, apart_m if north else 0.0, monkeypatch)
+    assert any(beside.step().waypoint is None for _ in range(1500))
+
+
+def test_a_refused_side_is_no_refused_candidate(monkeypatch):
+    """It is looked at from above then; only what is refused there is left unchecked."""
+    beside = Beside(60.0, 0.0, monkeypatch)
+    while not any("another side" in e.reason for e in beside.step().events):
+        assert beside.time_s < 200.0
+    k = beside.strategy._goal.id
+    command = beside.step("a no-fly area")
+    assert command.waypoint.xy_enu_m == tuple(beside.places[k, :2])
+    assert not [e for e in command.events if e.kind is EventKind.UNCHECKED]
+    (event,) = [e for e in beside.step("a no-fly area").events if e.kind is EventKind.UNCHECKED]
+    assert (event.candidate_id, event.reason) == (k, "a no-fly area")
+
+
+def test_legs_flown_blind_begin_at_the_height_of_the_scan(monkeypatch):
+    """Though they are told while the vehicle is low, at one of their ends."""
+    beside = Beside(60.0, 0.0, monkeypatch)
+    while beside.step().mode is not Mode.CHECK or beside.at[2] > 15.0:
+        assert beside.time_s < 200.0
+    beside.strategy._settled = {0: EventKind.REJECTED, 1: EventKind.REJECTED}
+    beside.strategy._goal = None
+    here = tuple(beside.at[:2].tolist())
+    state = VehicleState(beside.time_s, beside.at, np.zeros(3), np.eye(3), None, 1.0, 0.0, airborne=True)
+    leg = (here, (here[0] + 30.0, here[1]))
+    command = beside.strategy.step(Observation(state, float(beside.at[2]), (), {}, unsearched=(leg,)))
+    assert (command.mode, command.waypoint.xy_enu_m) == (Mode.SCAN, here)
+    assert command.waypoint.altitude_agl_m == beside.context.search.scan_altitude_agl_m
+    assert beside.strategy.snapshot()["to_scan"][0] == list(here)
+
+
+def test_a_flight_that_goes_on_after_a_detour_scans_the_rest_of_its_lane():
+    """The place where it was left is known by this name to what resumes flights."""
+    strategy = BeliefSearch(context_of([(0.0, 0.0), (100.0, 0.0)], parameters=BeliefParameters()))
+    strategy._left = (30.0, 0.0)
+    assert strategy.snapshot()["left_xy"] == [30.0, 0.0]

@@ -39,7 +39,7 @@ class Checks:
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
         self._lowest_m = search.check_altitude_agl_m
         self._highest_m = search.scan_altitude_agl_m
-        self._obstacles = context.obstacles
+        self._obstacles, self._keep_m = context.obstacles, context.keep_m
         if search.confirm_height_max_m is not None:
             self._highest_m = min(self._highest_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
 
@@ -108,18 +108,26 @@ class Checks:
         """From how far east and north of a place (3,) the camera sees it at this height, best first.
 
         The first is straight above or, where a tree or a wall hides it, the nearest that was tried. The
-        others are from all sides of that, so far apart that the picture of the place is another one.
+        others are from all sides of that, so far apart that the picture of the place is another one. Where
+        the vehicle does not come because of obstacles is no side; straight above is one where none is left.
         """
         across_m, along_m = self._lens.footprint_m(height_m)
         right, down = self._R[:, 0] * across_m / 2.0, self._R[:, 1] * along_m / 2.0
-        seen = []
-        for u, v in _BESIDE:
-            aside = u * right + v * down
-            if not self._obstacles.hide(place_enu_m, place_enu_m + aside + np.array([0.0, 0.0, height_m])):
-                seen.append((float(aside[0]), float(aside[1])))
+        up = np.array([0.0, 0.0, height_m])
+        seen = [
+            (float(aside[0]), float(aside[1]))
+            for aside in (u * right + v * down for u, v in _BESIDE)
+            if self._is_clear(place_enu_m + aside + up)
+            and not self._obstacles.hide(place_enu_m, place_enu_m + aside + up)
+        ]
         first, *rest = seen or [(0.0, 0.0)]
         apart_m = _APART * along_m
         return [first, *(xy for xy in rest if math.dist(xy, first) >= apart_m)]
+
+    def _is_clear(self, eye_enu_m: F64) -> bool:
+        """Whether no tree or building is nearer than the vehicle goes."""
+        top_m = self._obstacles.top_within_m(eye_enu_m[None, :2], self._keep_m).item()
+        return bool(top_m + self._keep_m <= eye_enu_m[2])
 
 
 def _ordered(here: XY, places: F64, chosen: list[int]) -> list[int]:

@@ -18,7 +18,7 @@ class Goal:
     looks_before: int | None = None  # that told something of it, when it was reached
     stops: bool = False  # there, instead of flying through
 
-    def turn_to_next_side(self) -> None:
-        """Look from there as if it had just become the goal."""
-        self.sides_m.pop(0)
+    def look_from(self, sides_m: list[XY]) -> None:
+        """Begin anew from other sides; looks on the way there count."""
+        self.sides_m = sides_m
         self.looks_above, self.looks_before, self.stops = 0, None, False

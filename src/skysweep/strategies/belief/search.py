@@ -56,6 +56,7 @@ class BeliefSearch:
         self._timing = Timing(context, self._p)
         self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
         self._scan_lasts_s = max(self._timing.scan_s(self._to_scan), 1.0)
+        self._scan_left_s = 0.0
         self._left: XY | None = None  # where the scan was left and has to go on
         self._settled: dict[int, EventKind] = {}
         self._looked: set[int] = set()  # at enough, and left open until the scan's end
@@ -68,6 +69,8 @@ class BeliefSearch:
         """Take in the looks, decide what can be decided, and fly on."""
         seen, events = observation, list[Event]()
         for leg in seen.unsearched:
+            if not self._to_scan:
+                self._left = leg[0]  # first up to the height of the scan
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         self._heed(seen.verdicts)
         for look in seen.looks:
@@ -194,7 +197,7 @@ class BeliefSearch:
             self._settle(seen, k, EventKind.UNCHECKED, events, reason, self._options(k, self._looks(seen, k)))
 
     def _mistake(self, k: int, verdict: str) -> str:
-        """What being wrong costs, and after how many looks from the height of a check."""
+        """What being wrong costs, and after how many looks from the newest height and side."""
         looked = ""
         goal = self._goal
         if goal is not None and k == goal.id and goal.looks_before is not None:
@@ -206,6 +209,7 @@ class BeliefSearch:
 
     def _detour(self, seen: Observation, here: XY, events: list[Event]) -> Waypoint | None:
         """To a candidate for which the scan does not wait, if there is one."""
+        self._scan_left_s = self._timing.scan_s([self._left or here, *self._to_scan])
         self._attend(seen, here, events)
         if seen.looks and self._goal is None:
             self._turn_to_the_urgent(seen, here, events)
@@ -234,13 +238,13 @@ class BeliefSearch:
         """Targets that a detour keeps waiting: open ones, and as many ahead as were found behind."""
         p = {k: self._suspects.probability(k) for k in self._suspects.all}
         found = sum(0.0 if self._settled.get(k) is EventKind.REJECTED else p[k] for k in p)
-        ahead = min(self._timing.scan_s(self._to_scan) / self._scan_lasts_s, 1.0)
+        ahead = min(self._scan_left_s / self._scan_lasts_s, 1.0)
         per_scan = (found + _SUPPOSED * _SUPPOSED_SHARE) / (1.0 - ahead + _SUPPOSED_SHARE)
         return per_scan * ahead + sum(p[k] for k in self._open())
 
     def _waiting_s(self, k: int) -> float:
         """What it costs on average to leave a candidate open until the scan ends."""
-        return self._p.waiting_cost * self._suspects.probability(k) * self._timing.scan_s(self._to_scan)
+        return self._p.waiting_cost * self._suspects.probability(k) * self._scan_left_s
 
     def _check(self, seen: Observation, here: XY, events: list[Event]) -> Command:
         self._attend(seen, here, events)
@@ -257,8 +261,7 @@ class BeliefSearch:
     def _attend(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """What the newest looks say of the goal, and of what may be one thing with a confirmed candidate."""
         if seen.refused and self._goal is not None and self._goal.sides_m[0] != (0.0, 0.0):
-            self._goal.sides_m = [self._goal.sides_m[0], (0.0, 0.0)]  # a side is refused, not the candidate
-            self._goal.turn_to_next_side()
+            self._goal.look_from([(0.0, 0.0)])  # a side is refused, not the candidate
         elif seen.refused and self._goal is not None:
             self._settle(seen, self._goal.id, EventKind.UNCHECKED, events, seen.refused)
         if seen.looks:
@@ -359,16 +362,14 @@ class BeliefSearch:
         if goal.height_m > _LOWER * lowest_m and self._loss_s(k) > _SMALL_DOUBT_S:
             self._turn_to(seen, k, goal.height_m / _LOWER, events)
         elif self._loss_s(k) > _SIDE_S and len(goal.sides_m) > 1:
-            goal.turn_to_next_side()
-            options = self._options(k, self._looks(seen, k))
-            reason = "another side may show more"
-            events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, options))
+            goal.look_from(goal.sides_m[1:])
+            events.append(self._stays_open(seen, k, "another side may show more"))
         elif is_clear or not self._waits(k):
             self._decide(seen, k, events)
         else:
             self._looked.add(k)
-            reason = "more of the scan will tell how likely such a thing is a target"
-            events.append(self._event(EventKind.REASSESSED, seen, k, reason))
+            why = "more of the scan will tell how likely such a thing is a target"
+            events.append(self._stays_open(seen, k, why))
             self._goal = None
 
     def _waits(self, k: int) -> bool:
@@ -396,6 +397,11 @@ class BeliefSearch:
     def _told(self, kind: EventKind, seen: Observation, k: int, otherwise: str) -> Event:
         """Its probability, and the looks that moved it there, or what did without any."""
         return self._event(kind, seen, k, self._suspects.tell(k) or otherwise)
+
+    def _stays_open(self, seen: Observation, k: int, why: str) -> Event:
+        """That a candidate is not decided yet, and the looks since its probability was last told."""
+        words = self._suspects.tell(k)
+        return self._event(EventKind.REASSESSED, seen, k, f"{words}; {why}" if words else why)
 
     def snapshot(self) -> dict[str, Any]:
         """The whole state as plain data, but for the newest looks."""

@@ -26,16 +26,16 @@ class Timing:
 
     def scan_s(self, scan: Sequence[XY]) -> float:
         """How long it takes to fly the way of the scan."""
-        return float(self._ends_s(np.array(scan))[-1])
+        return float(self._ends_s(np.array(scan).reshape(-1, 2))[-1])
 
     def saved_s(
         self, here: XY, above_m: float, scan: Sequence[XY], places: F64, waiting: F64, dear: float = 1.0
     ) -> F64:
         """What a visit of each place (N, 2) now saves against one later, in seconds (N,).
 
-        ``scan`` is the way of the scan, from where it goes on; ``waiting`` (N,) is the price of a second that
-        a place waits, ``dear`` that of a second of detour during the scan, when all others wait. The way back
-        and the climb count only as far as they are not flown anyway.
+        ``scan`` is the way of the scan, from where it goes on. ``waiting`` (N,) is the price of a second that
+        a place waits, ``dear`` that of a second of detour, while all others wait. The way back and the climb
+        count only as far as they are not flown anyway.
         """
         path = np.array(scan)
         ends_s = self._ends_s(path)
