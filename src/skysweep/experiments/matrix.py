@@ -18,7 +18,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.strategies import code_of
 from skysweep.worlds.ground_files import ground_digest
 
-RESULTS_VERSION = 2  # increased when missions of the same scenario and seed end differently than before
+RESULTS_VERSION = 3  # increased when missions of the same scenario and seed end differently than before
 
 _PACKAGE = Path(skysweep.__file__).parent
 _SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical/default.yaml"}

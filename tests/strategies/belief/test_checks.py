@@ -47,13 +47,24 @@ def test_what_is_surely_one_thing_is_not_come_down_for():
 
     def height_m(loss_s, away_m, **changed):
         checks = Checks(context_of(**changed), BeliefParameters())
-        looks = checks.looks(signs, signs.fresh(), loss_s, np.zeros(3), away_m, 30.0, math.inf, 16)
+        looks = checks.looks(signs, signs.fresh(), 0.2, loss_s, np.zeros(3), away_m, 30.0, math.inf, 16)
         return min(looks, key=lambda look: look[1])[0]
 
     assert 4.0 <= height_m(500.0, 100.0) < 15.0
     assert height_m(0.0, 100.0) >= height_m(500.0, 100.0)
     assert height_m(0.0, 0.0, confirm_height_max_m=8.0) <= 8.0 + 1e-9
     assert height_m(500.0, 100.0, confirm_height_max_m=4.8) == pytest.approx(4.0)
+
+
+def test_a_place_stays_in_view_for_three_looks():
+    checks = Checks(CONTEXT, BeliefParameters(check_speed_mps=10.0))
+    assert checks.speed_mps(100.0, 6.0) == 10.0
+    slow_mps = checks.speed_mps(0.0, 6.0)
+    reach_m = 0.4 * CONTEXT.lens.footprint_m(6.0)[1]
+    assert slow_mps == checks.speed_mps(reach_m, 6.0)
+    assert 2.0 * reach_m / slow_mps * CONTEXT.looks_hz == pytest.approx(3.0)
+    assert slow_mps < checks.speed_mps(reach_m + 2.0, 6.0) < 10.0
+    assert checks.speed_mps(0.0, 30.0) == 10.0, "from there it is in view for long"
 
 
 def test_what_a_tree_hides_is_looked_at_from_beside_it():

@@ -50,7 +50,7 @@ def test_a_shift_weighs_as_another_mean_of_the_offset_would():
     belief = signs.fresh()
     for _ in range(6):
         signs.look(belief, above(12.0), PLACE, math.inf, 1.75, widened=1.0)
-    usual, total, weight = signs.evidence(belief, 0.0)
+    usual, _, _, total, weight = signs.evidence(belief, 0.0)
     assert total < 0.0 < weight
     assert signs.evidence(belief, -0.3)[0] > usual > signs.evidence(belief, 0.3)[0]
 

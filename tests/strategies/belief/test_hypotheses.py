@@ -33,7 +33,24 @@ def after(looks, hypotheses=SIGNS):
 
 
 def evidence(looks):
-    return SIGNS.evidence(after(looks), shift=0.0)[0]
+    """Log likelihood ratio of looks: a target, or nine other things and one that is nothing."""
+    target, thing, nothing, *_ = SIGNS.evidence(after(looks), shift=0.0)
+    return target - np.logaddexp(thing + math.log(0.9), nothing + math.log(0.1))
+
+
+def test_what_a_scan_seldom_reports_counts_for_more_once_it_was():
+    """A target is reported in any case; of look-alikes fewer are, the faster the scan flies."""
+
+    def likely(speed_mps):
+        context = context_of(scan_speed_mps=speed_mps)
+        signs = Hypotheses(context, "stop sign", BeliefParameters())
+        target, thing, nothing, *_ = signs.evidence(signs.fresh(), shift=0.0)
+        return target, thing, nothing
+
+    slow, fast = likely(2.0), likely(8.0)
+    assert (slow[0], fast[0]) == pytest.approx((0.0, 0.0), abs=0.01)
+    assert math.log(2.0) < slow[1] < fast[1] - 0.1
+    assert math.log(2.0) < slow[2] < fast[2] - 0.1
 
 
 def test_sure_looks_from_close_by_make_a_target_and_missing_ones_do_not():
@@ -73,7 +90,9 @@ def test_the_offsets_are_those_of_the_normal_distribution_given_the_scores():
 @settings(deadline=None)
 @given(
     st.lists(
-        st.tuples(st.floats(2.0, 60.0), st.none() | st.floats(-1.0, 5.0), st.floats(0.0, 900.0)), max_size=40
+        st.tuples(st.floats(2.0, 60.0), st.none() | st.floats(-1.0, 5.0), st.floats(0.0, 900.0)),
+        min_size=1,
+        max_size=40,
     )
 )
 def test_any_looks_leave_a_belief_that_is_one(looks):
@@ -86,8 +105,8 @@ def test_any_looks_leave_a_belief_that_is_one(looks):
 
 def test_going_down_tells_a_sign_from_what_looks_like_one():
     belief = after([(30.0, 1.3, 0.0)] * 3)
-    high = SIGNS.confusion(belief, above(30.0), PLACE)
-    low = SIGNS.confusion(belief, above(6.0), PLACE)
+    high = SIGNS.confusion(belief, above(30.0), PLACE, 0.2)
+    low = SIGNS.confusion(belief, above(6.0), PLACE, 0.2)
     assert 0.0 < low < 0.5 * high <= 0.5
 
 

@@ -49,6 +49,37 @@ def test_it_is_quicker_than_algorithm_1_and_finds_as_many():
     assert sum(s["mission_time_s"] for s in ours) < 0.7 * sum(s["mission_time_s"] for s in papers)
 
 
+MANY_LOOK_ALIKES = {
+    "area.polygon_enu_m": [[0, 0], [200, 0], [200, 150], [0, 150]],
+    "vehicle.battery_wh": 300,
+    "targets": [],
+    "distractors": [],
+    "generators": [
+        {"class": "stop sign", "pattern": "uniform", "count": 4, "size_m": 0.9, "seed": None},
+        {"class": "red round sign", "pattern": "uniform", "count": 24, "seed": None},
+    ],
+}
+
+
+def test_among_many_look_alikes_a_probability_is_what_it_says():
+    """Before anything was looked at closely, from what the scan saw."""
+    said, true = [], []
+    for seed in SEEDS:
+        made, journal = change_scenario(scenario(), MANY_LOOK_ALIKES), MemoryJournal()
+        with Flight(build_mission(made, seed, Rig("statistical")), journal) as flight:
+            for _ in flight:
+                pass
+        targets = [o.position_enu_m for o in Run(made, tuple(journal.lines)).world.objects if o.is_target]
+        first = {}
+        for r in of_kind(journal.lines, EventKind.CHECK_STARTED, EventKind.CONFIRMED, EventKind.REJECTED):
+            first.setdefault(r["candidate"], r)
+        said += [r["probability"] for r in first.values()]
+        away_m = [min(np.linalg.norm(np.array(r["p"]) - t) for t in targets) for r in first.values()]
+        true += [m < 3.0 for m in away_m]
+    assert len(said) > 100
+    assert np.mean((np.array(said) - true) ** 2) < 0.25, "Brier score"
+
+
 def test_one_seed_is_one_mission():
     assert flown() == flown()
 

@@ -31,12 +31,13 @@ _SAME_GATE = 6.0  # 95 % of a chi-squared variable with 2 degrees of freedom
 
 @dataclass(slots=True)
 class Suspect:
-    """One candidate and what is believed of it."""
+    """One candidate and what is believed of it: a target, another thing, or nothing at all."""
 
     id: int
     class_name: str
     belief: F64
     uv: tuple[float, float] | None = None  # where it was in the last look; None: outside
+    likely: tuple[float, float, float] = (0.0, 0.0, 0.0)  # log likelihood of all looks, in that order
     evidence: float = 0.0  # log likelihood ratio of all looks: a target against anything else
     shift: tuple[float, float] = (0.0, 0.0)  # what it says of the shift, if it is a target: sum and weight
     n_looks: int = 0  # that told something of it
@@ -54,7 +55,9 @@ class Suspects:
         self._hypotheses: dict[str, Hypotheses] = {}
         self._looks: deque[Look] = deque(maxlen=_REMEMBERED)
         self.all: dict[int, Suspect] = {}
-        self._prior_odds = math.log(parameters.target_share / (1.0 - parameters.target_share))
+        t, g = parameters.target_share, parameters.ghost_share
+        self._prior = np.array([t, (1.0 - t) * (1.0 - g), (1.0 - t) * g])
+        self._shares = self._prior
         self.fit = Fit()
 
     def hypotheses(self, class_name: str) -> Hypotheses:
@@ -62,6 +65,16 @@ class Suspects:
         if class_name not in self._hypotheses:
             self._hypotheses[class_name] = Hypotheses(self._context, class_name, self._parameters)
         return self._hypotheses[class_name]
+
+    @property
+    def nothing(self) -> float:
+        """Share of the candidates that are no targets where nothing is."""
+        _, thing, nothing = self._shares.tolist()
+        return float(nothing / (thing + nothing))
+
+    @property
+    def _prior_odds(self) -> float:
+        return math.log(self._shares[0] / (1.0 - self._shares[0]))
 
     def probability(self, candidate_id: int) -> float:
         """That a candidate is what is searched for."""
@@ -81,21 +94,30 @@ class Suspects:
         return words
 
     def _learn(self) -> None:
-        """How many candidates of this place are targets, and how they look here: expectation maximisation."""
+        """How many candidates of this place are what, and how targets look: expectation maximisation."""
         suspects, p = list(self.all.values()), self._parameters
-        evidence = np.array([s.evidence for s in suspects])
+        likely = np.array([s.likely for s in suspects])
         for _ in range(_EM_STEPS):
-            likely = _logistic(evidence + self._prior_odds)
-            found = likely.sum() + p.share_weight * p.target_share
-            self._prior_odds = math.log(found / (len(evidence) + p.share_weight - found))
-        if self.fit.learn_shift(likely, np.array([s.shift for s in suspects])):
+            joint = np.exp(likely + np.log(self._shares) - likely.max(axis=1, keepdims=True))
+            share = joint / joint.sum(axis=1, keepdims=True)
+            found = share.sum(axis=0) + p.share_weight * self._prior
+            self._shares = found / found.sum()
+        for suspect, evidence in zip(suspects, self._evidence(likely).tolist(), strict=True):
+            suspect.evidence = evidence
+        if self.fit.learn_shift(share[:, 0], np.array([s.shift for s in suspects])):
             for suspect in suspects:
                 self._weigh(suspect)
 
+    def _evidence(self, likely: F64) -> F64:
+        """Log likelihood ratios (N,): a target against anything else."""
+        others = likely[:, 1:] + np.log(self._shares[1:] / self._shares[1:].sum())
+        return np.asarray(likely[:, 0] - np.logaddexp(others[:, 0], others[:, 1]))
+
     def _weigh(self, suspect: Suspect) -> None:
         hypotheses = self.hypotheses(suspect.class_name)
-        suspect.evidence, *shift = hypotheses.evidence(suspect.belief, self.fit.shift)
-        suspect.shift = shift[0], shift[1]
+        *likely, total, weight = hypotheses.evidence(suspect.belief, self.fit.shift)
+        suspect.likely, suspect.shift = (likely[0], likely[1], likely[2]), (total, weight)
+        suspect.evidence = float(self._evidence(np.array([likely]))[0])
 
     def take(self, look: Look, candidates: Mapping[int, Candidate], settled: Container[int]) -> list[int]:
         """Update what is believed of every candidate that is not settled; those that are new."""
@@ -201,7 +223,7 @@ class Suspects:
     def snapshot(self) -> dict[str, Any]:
         """As plain data, without the newest looks."""
         return {
-            "prior_odds": self._prior_odds,
+            "shares": self._shares.tolist(),
             "fit": asdict(self.fit),
             "suspects": [
                 {
@@ -210,6 +232,7 @@ class Suspects:
                     "uv": None if s.uv is None else list(s.uv),
                     "lowest_m": s.lowest_m if math.isfinite(s.lowest_m) else None,
                     "distinct": sorted(s.distinct),
+                    "likely": list(s.likely),
                     "shift": list(s.shift),
                     "account": list(astuple(s.account)),
                 }
@@ -219,7 +242,7 @@ class Suspects:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
-        self._prior_odds = snapshot["prior_odds"]
+        self._shares = np.array(snapshot["shares"])
         self.fit = Fit(**snapshot["fit"])
         self.all = {
             s["id"]: Suspect(
@@ -228,12 +251,9 @@ class Suspects:
                 uv=None if s["uv"] is None else (s["uv"][0], s["uv"][1]),
                 lowest_m=math.inf if s["lowest_m"] is None else s["lowest_m"],
                 distinct=set(s["distinct"]),
+                likely=(s["likely"][0], s["likely"][1], s["likely"][2]),
                 shift=(s["shift"][0], s["shift"][1]),
                 account=Account(*s["account"]),
             )
             for s in snapshot["suspects"]
         }
-
-
-def _logistic(log_odds: F64) -> F64:
-    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(log_odds, -500.0, 500.0))))

@@ -18,12 +18,14 @@ from skysweep.strategies.context import MissionContext
 from skysweep.types import XY
 
 _LEAST_S = 1.0  # a doubt that costs less is no reason to fly
-_IN_VIEW = 0.4  # of the picture's height: from so far before it a candidate is looked at
+_IN_VIEW = 0.4  # of the picture's height: from so far before it a place is in view
 _SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))  # opposites follow each other
 _BESIDE = [(0.0, 0.0), *((s * u, s * v) for s in (0.4, 0.8) for u, v in _SIDES)]  # of half the picture
 _APART = 0.3  # of the picture's height: so far from each other are two sides
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
 LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
+_IN_PASSING = 3  # looks for which a place stays in view at least
+_BRAKES_MPS2 = 4.0
 _STOP_S = 3.0  # that braking and speeding up take, where a candidate is not in view for so many looks
 _AGAIN_S = 4.0  # that another look from below takes, beside the way down
 
@@ -74,6 +76,7 @@ class Checks:
         self,
         hypotheses: Hypotheses,
         belief: F64,
+        nothing: float,
         loss_s: float,
         place_enu_m: F64,
         away_m: float,
@@ -92,17 +95,28 @@ class Checks:
         top_m = max(min(self._highest_m, highest_m), self._lowest_m)
         for height_m in np.geomspace(self._lowest_m, top_m, n_heights).tolist():
             eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
-            reach_m = _IN_VIEW * self._lens.footprint_m(height_m)[1]
+            reach_m = self._reach_m(height_m)
             takes_s = max(
                 max(away_m - reach_m, 0.0) / self._speed_mps, max(above_m - height_m, 0.0) / self._sinks_mps
             )
             in_view_s = 2.0 * reach_m / self._speed_mps
             looks_s = LOOKS_THERE / self._looks_hz
             takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
-            doubt = hypotheses.confusion(belief, eye, place_enu_m)
+            doubt = hypotheses.confusion(belief, eye, place_enu_m, nothing)
             again_s = doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
             looks.append((height_m, ways * takes_s + min(loss_s * doubt, again_s)))
         return looks
+
+    def speed_mps(self, away_m: float, height_m: float) -> float:
+        """How fast to fly, so far from a place that is looked at in passing from this height."""
+        reach_m = self._reach_m(height_m)
+        passing_mps = 2.0 * reach_m * self._looks_hz / _IN_PASSING
+        brakes_m = max(away_m - reach_m, 0.0)
+        return min(self._speed_mps, math.sqrt(passing_mps**2 + 2.0 * _BRAKES_MPS2 * brakes_m))
+
+    def _reach_m(self, height_m: float) -> float:
+        """From how far before it a place is in view."""
+        return _IN_VIEW * self._lens.footprint_m(height_m)[1]
 
     def sides_m(self, place_enu_m: F64, height_m: float) -> list[XY]:
         """From how far east and north of a place (3,) the camera sees it at this height, best first.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose
+from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import DEFAULT_SIZE_M, USUAL_POSES
 from skysweep.sensing.statistical.factors import (
     CONTRAST_LIMITS,
@@ -35,6 +36,7 @@ _WATER_KINDS = {"buoy", "boat"}
 _ANIMALS = {"sheep", "deer", "dog"}  # a mission is not told whether there are any: no hypothesis
 _LAND_KINDS = {"stump", "red bucket", "red round sign", "stop sign"}
 _SURPRISE_MAX = 9.0
+_REPORTED_LEAST = 1e-3  # probability that a passing reports it
 
 
 class Hypotheses:
@@ -48,8 +50,7 @@ class Hypotheses:
         self._log_pixels = np.log(model.pixels)
         rows = _rows(model, context, class_name)
         self._is_target = np.array([is_target for _, _, is_target, _ in rows] + [False])
-        weights = [weight * (1.0 if t else 1.0 - parameters.ghost_share) for _, _, t, weight in rows]
-        self._log_prior = np.log([*weights, parameters.ghost_share])
+        weights = np.array([*(weight for *_, weight in rows), 1.0])
         surface = context.surface
         tables, numbers = [], []
         for kind, size, is_target, _ in rows:
@@ -69,6 +70,29 @@ class Hypotheses:
         self._own_std = np.append(np.sqrt(own_var), 1.0)
         self._ghost = _Ghost(model, class_name)
         self._lapse_floor = parameters.lapse + (parameters.lapse_in_woods if context.is_wooded else 0.0)
+        self._log_prior = np.log(weights / self._reported(context, weights))
+
+    def _reported(self, context: MissionContext, weights: F64) -> F64:
+        """Probability that a passing of the scan reports a target, another thing, or nothing: (H + 1,).
+
+        Only what was reported is a candidate: what seldom is was reported less likely by chance than its
+        looks alone say (a truncated likelihood).
+        """
+        search, lens = context.search, context.lens
+        height_m = search.scan_altitude_agl_m
+        along_m, step_m = lens.footprint_m(height_m)[1], search.scan_speed_mps / context.looks_hz
+        R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
+        missed, moved_px = unseen((len(weights),)), math.inf
+        for offset_m in np.arange((step_m - along_m) / 2.0, along_m / 2.0, step_m).tolist():
+            camera = CameraPose(np.array([*(offset_m * R[:2, 1]), height_m]), R)
+            self._weigh(missed, camera, np.zeros(3), moved_px, None, widened=1.0)
+            moved_px = step_m / lens.gsd_m(height_m)
+        reported = np.maximum(1.0 - np.exp(missed[:, WEIGHT]), _REPORTED_LEAST)
+        is_thing = ~self._is_target
+        is_thing[-1] = False
+        for group in (self._is_target, is_thing):
+            reported[group] = weights[group] @ reported[group]
+        return reported
 
     def fresh(self) -> F64:
         """The belief of a candidate that nobody has looked at: (H + 1, 7)."""
@@ -76,8 +100,8 @@ class Hypotheses:
         belief[:, WEIGHT] = self._log_prior
         return belief
 
-    def evidence(self, belief: F64, shift: float) -> tuple[float, float, float]:
-        """Log likelihood ratio of all looks: a target against anything else; and what they tell of the shift.
+    def evidence(self, belief: F64, shift: float) -> tuple[float, float, float, float, float]:
+        """Log likelihoods of all looks (a target, another thing, nothing), and what they tell of the shift.
 
         ``shift`` is by how much targets here score higher than the model says. Told of it are the sum and the
         weight of a mean: its best value, if this is a target, is their quotient.
@@ -100,6 +124,19 @@ class Hypotheses:
         ``widened`` times as far as the model says. Surprise is the squared distance of the score from what
         was expected, in variances, 1 on average; 0 for a miss.
         """
+        surprise = self._weigh(belief, camera, place_enu_m, moved_px, score, widened)
+        belief[:, WEIGHT] -= belief[:, WEIGHT].max()
+        return surprise
+
+    def _weigh(
+        self,
+        belief: F64,
+        camera: CameraPose,
+        place_enu_m: F64,
+        moved_px: float,
+        score: float | None,
+        widened: float,
+    ) -> float:
         height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return _look(
             belief,
@@ -120,10 +157,11 @@ class Hypotheses:
             widened,
         )
 
-    def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64) -> float:
+    def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64, nothing: float) -> float:
         """Share of today's doubt, 0..1, that looks from there would leave.
 
         The Chernoff bound of the error between each target and each other hypothesis, weighted by both.
+        ``nothing`` is the share of those candidates that are no targets.
         """
         return float(
             _confusion(
@@ -137,6 +175,7 @@ class Hypotheses:
                 place_enu_m,
                 self._view.focal_px,
                 self._threshold,
+                nothing,
             )
         )
 
@@ -208,11 +247,12 @@ def _contrast(model: StatisticalModel, kind: KindModel, surface: str) -> tuple[f
 @njit(cache=True)
 def _evidence(
     belief: F64, is_target: NDArray[np.bool_], own_std: F64, shift: float
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """A belief N(m, v) of an offset weighs exp(d m + d² (v - 1) / 2) if its prior mean is d instead of 0."""
+    n = len(belief) - 1
     target = other = 1e-300
     total = weight = 0.0
-    for i in range(len(belief)):
+    for i in range(n):
         if is_target[i]:
             d, m, v = shift / own_std[i], belief[i, OWN], belief[i, OWN_VAR]
             likely = math.exp(belief[i, WEIGHT] + d * m + 0.5 * d * d * (v - 1.0))
@@ -221,7 +261,8 @@ def _evidence(
             weight += likely * (1.0 - v) / own_std[i] ** 2
         else:
             other += math.exp(belief[i, WEIGHT])
-    return math.log(target / other), total / target, weight / target
+    nothing = max(belief[n, WEIGHT], math.log(1e-300))
+    return math.log(target), math.log(other), nothing, total / target, weight / target
 
 
 @njit(cache=True)
@@ -258,6 +299,7 @@ def _confusion(
     place: F64,
     focal: float,
     threshold: float,
+    nothing: float,
 ) -> float:
     n = len(tables)
     means, variances = np.empty(n + 1), np.empty(n + 1)
@@ -275,6 +317,7 @@ def _confusion(
             for j in range(n + 1):
                 if not is_target[j]:
                     weight = math.exp(belief[i, WEIGHT] + belief[j, WEIGHT])
+                    weight *= nothing if j == n else 1.0 - nothing
                     gap = means[i] - means[j]
                     total += weight
                     left += weight * math.exp(-0.25 * gap * gap / (variances[i] + variances[j]))
@@ -334,7 +377,4 @@ def _look(
             weight = math.exp(before)
             likely += weight
             surprise += weight * min((score - middle) ** 2 / variance, _SURPRISE_MAX)
-    top = belief[:, WEIGHT].max()
-    for i in range(n + 1):
-        belief[i, WEIGHT] -= top
     return surprise / likely

@@ -19,17 +19,17 @@ class BeliefParameters(Model):
         description="Cost of a second that a victim waits to be found; with 0 the scan is never left",
     )
     confirm_probability: float = Field(
-        0.98,
+        0.95,
         gt=0.5,
         lt=1,
         description="From here on a candidate is confirmed as soon as it leaves the picture",
     )
     target_share: float = Field(0.5, gt=0, lt=1, description="Prior share of candidates that are targets")
     share_weight: float = Field(
-        4.0, gt=0, description="Weight of that prior, in candidates, against what the mission finds"
+        4.0, gt=0, description="Weight of these priors, in candidates, against what the mission finds"
     )
     ghost_share: float = Field(
-        0.2, gt=0, lt=1, description="Share of the other candidates that are nothing at all"
+        0.2, gt=0, lt=1, description="Prior share of the other candidates that are nothing at all"
     )
     model_std: float = Field(
         0.1, ge=0, description="Standard deviation of the sensor model's own error, in scores"

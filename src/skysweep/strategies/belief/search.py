@@ -271,10 +271,12 @@ class BeliefSearch:
             self._judge_goal(seen, here, events)
 
     def _way_to(self, seen: Observation, goal: Goal, then: XY | None) -> Waypoint:
+        to = self._beside(seen, goal)
+        x, y, _ = seen.vehicle.position_enu_m.tolist()
         return Waypoint(
-            self._beside(seen, goal),
+            to,
             goal.height_m,
-            self._p.check_speed_mps,
+            self._checks.speed_mps(math.dist((x, y), to), goal.height_m),
             to_look=True,
             then_xy_enu_m=None if goal.stops else then,
         )
@@ -321,6 +323,7 @@ class BeliefSearch:
         return self._checks.looks(
             self._suspects.hypotheses(suspect.class_name),
             suspect.belief,
+            self._suspects.nothing,
             self._loss_s(k),
             seen.candidates[k].position_enu_m,
             math.dist((x, y), self._xy(seen, k)),
