@@ -49,6 +49,34 @@ def test_it_is_quicker_than_algorithm_1_and_finds_as_many():
     assert sum(s["mission_time_s"] for s in ours) < 0.7 * sum(s["mission_time_s"] for s in papers)
 
 
+def test_it_ends_once_those_who_are_missing_are_probably_found():
+    whole = flown(parameters={"n_missing": 8})
+    assert "reason" not in of_kind(whole, EventKind.FINISHED)[0]
+    records = flown(parameters={"n_missing": 8, "end_at_success": 0.6})
+    (finished,) = of_kind(records, EventKind.FINISHED)
+    assert "probability of success is 0." in finished["reason"]
+    assert len(of_kind(records, EventKind.CONFIRMED)) >= 5
+    assert finished["t"] < of_kind(whole, EventKind.FINISHED)[0]["t"] - 20.0
+    decided = of_kind(records, EventKind.CONFIRMED, EventKind.REJECTED, EventKind.UNCHECKED)
+    assert len(decided) == len({r["candidate"] for r in of_kind(records, EventKind.SCANNED)})
+
+
+def test_how_many_are_missing_is_estimated_from_what_was_flown():
+    """Half of the scan says nothing of the other half: the stated probability takes most of the area."""
+    ends = [of_kind(flown(parameters={"end_at_success": at}), EventKind.FINISHED)[0] for at in (0.4, 0.8)]
+    assert 0.3 * 142.0 < ends[0]["t"] < ends[1]["t"]
+    assert ends[1]["t"] > 0.75 * 142.0, "scan-only takes 142 s"
+
+
+def test_it_ends_after_the_time_that_there_is():
+    records = flown(parameters={"end_after_s": 60.0})
+    (finished,) = of_kind(records, EventKind.FINISHED)
+    begun_s = next(r["t"] for r in of_kind(records, "state") if r["mode"] == Mode.SCAN)
+    assert 59.0 <= finished["t"] - begun_s < 64.0
+    assert "has lasted 60 s" in finished["reason"]
+    assert of_kind(records, "end")[-1]["reason"] == "completed"
+
+
 MANY_LOOK_ALIKES = {
     "area.polygon_enu_m": [[0, 0], [200, 0], [200, 150], [0, 150]],
     "vehicle.battery_wh": 300,
@@ -192,7 +220,8 @@ def test_a_place_that_must_not_be_flown_to_is_left_and_reported():
 def test_the_page_lists_every_parameter_with_its_default():
     page = (Path(__file__).parents[3] / "docs" / "belief.md").read_text("utf-8")
     for name, field in BeliefParameters.model_fields.items():
-        assert f"| `{name}` | {field.default:g} | {field.description} |" in page
+        default = "none" if field.default is None else f"{field.default:g}"
+        assert f"| `{name}` | {default} | {field.description} |" in page
 
 
 def test_two_candidates_do_not_take_turns_for_ever():

@@ -73,6 +73,11 @@ class Suspects:
         return float(nothing / (thing + nothing))
 
     @property
+    def reported(self) -> float:
+        """Probability that a passing of the scan reports a target, of the class that it reports least."""
+        return min((h.reported for h in self._hypotheses.values()), default=1.0)
+
+    @property
     def _prior_odds(self) -> float:
         return math.log(self._shares[0] / (1.0 - self._shares[0]))
 

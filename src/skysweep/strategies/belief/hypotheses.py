@@ -70,7 +70,9 @@ class Hypotheses:
         self._own_std = np.append(np.sqrt(own_var), 1.0)
         self._ghost = _Ghost(model, class_name)
         self._lapse_floor = parameters.lapse + (parameters.lapse_in_woods if context.is_wooded else 0.0)
-        self._log_prior = np.log(weights / self._reported(context, weights))
+        reported = self._reported(context, weights)
+        self._log_prior = np.log(weights / reported)
+        self.reported = float(reported[0])  # probability that a passing of the scan reports a target
 
     def _reported(self, context: MissionContext, weights: F64) -> F64:
         """Probability that a passing of the scan reports a target, another thing, or nothing: (H + 1,).

@@ -37,3 +37,15 @@ class BeliefParameters(Model):
     lapse: float = Field(0.03, gt=0, lt=1, description="Least share of looks that miss whatever the score")
     lapse_in_woods: float = Field(0.1, ge=0, lt=1, description="Added to it where trees stand")
     check_speed_mps: float = Field(5.0, gt=0, le=20, description="Speed between candidates")
+    n_missing: int | None = Field(
+        None, ge=1, le=10000, description="How many are missing, where that is known"
+    )
+    end_at_success: float | None = Field(
+        None,
+        gt=0,
+        lt=1,
+        description="The search ends once so large a share of the missing is expected to be confirmed",
+    )
+    end_after_s: float | None = Field(
+        None, gt=0, description="The search ends so many seconds after its first leg began"
+    )

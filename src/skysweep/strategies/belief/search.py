@@ -56,7 +56,11 @@ class BeliefSearch:
         self._timing = Timing(context, self._p)
         self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
         self._scan_lasts_s = max(self._timing.scan_s(self._to_scan), 1.0)
-        self._scan_left_s = 0.0
+        self._scan_left_s = self._scan_lasts_s
+        self._searched_s, self._seen_s = (
+            0.0,
+            math.nan,
+        )  # the search so far; the vehicle's time at the last step
         self._left: XY | None = None  # where the scan was left and has to go on
         self._settled: dict[int, EventKind] = {}
         self._looked: set[int] = set()  # at enough, and left open until the scan's end
@@ -68,6 +72,8 @@ class BeliefSearch:
     def step(self, observation: Observation) -> Command:
         """Take in the looks, decide what can be decided, and fly on."""
         seen, events = observation, list[Event]()
+        self._searched_s += max(seen.time_s - self._seen_s, 0.0) if math.isfinite(self._seen_s) else 0.0
+        self._seen_s = seen.time_s
         for leg in seen.unsearched:
             if not self._to_scan:
                 self._left = leg[0]  # first up to the height of the scan
@@ -82,6 +88,9 @@ class BeliefSearch:
                 )
         if seen.looks:
             self._confirm_the_sure(seen, events)
+        enough = self._enough()
+        if enough:
+            return self._finish(seen, events, enough)
         x, y, _ = seen.vehicle.position_enu_m.tolist()
         if self._to_scan:
             waypoint = self._detour(seen, (x, y), events)
@@ -105,7 +114,37 @@ class BeliefSearch:
             self._to_scan.pop(0)
             events.append(Event(EventKind.WAYPOINT_REACHED))
             if not self._to_scan:
+                self._scan_left_s = 0.0
                 self._say_misfit(events)
+
+    def _enough(self) -> str:
+        """Why the search ends before all of it is flown; empty while it goes on."""
+        after_s, at = self._p.end_after_s, self._p.end_at_success
+        if after_s is not None and self._searched_s >= after_s:
+            return f"it has lasted {self._searched_s:.0f} s"
+        if at is not None and (success := self._success()) >= at:
+            return f"its probability of success is {success:.2f}"
+        return ""
+
+    def _success(self) -> float:
+        """Expected share of the missing that is confirmed.
+
+        How many are missing, where nobody knows, is estimated from the candidates, the share of the scan that
+        was flown, and how surely it reports a target.
+        """
+        p = {k: self._suspects.probability(k) for k in self._suspects.all}
+        found = sum(p[k] for k in p if self._settled.get(k) is EventKind.CONFIRMED)
+        if self._p.n_missing is not None:
+            return found / self._p.n_missing
+        flown = 1.0 - min(self._scan_left_s / self._scan_lasts_s, 1.0)
+        return found * flown * self._suspects.reported / sum(p.values()) if found else 0.0
+
+    def _finish(self, seen: Observation, events: list[Event], reason: str = "") -> Command:
+        """Decide what is open, by the odds."""
+        for k in self._open():
+            self._decide(seen, k, events)
+        self._say_misfit(events)
+        return Command(Mode.CHECK, None, (*events, Event(EventKind.FINISHED, reason=reason)))
 
     def _say_misfit(self, events: list[Event]) -> None:
         misfit = self._suspects.fit.misfit()
@@ -251,10 +290,7 @@ class BeliefSearch:
         if seen.looks or self._goal is None:
             self._choose_goal(seen, here, events)
         if self._goal is None:
-            for k in self._open():
-                self._decide(seen, k, events)
-            self._say_misfit(events)
-            return Command(Mode.CHECK, None, (*events, Event(EventKind.FINISHED)))
+            return self._finish(seen, events)
         then = next((self._xy(seen, k) for k in self._route if k != self._goal.id), None)
         return Command(Mode.CHECK, self._way_to(seen, self._goal, then), tuple(events))
 
@@ -418,6 +454,7 @@ class BeliefSearch:
             "goal": None if self._goal is None else asdict(self._goal),
             "turns": [[k, n] for k, n in self._turns.items()],
             "said": self._said,
+            "searched_s": self._searched_s,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -432,6 +469,7 @@ class BeliefSearch:
         if goal is not None:
             goal = Goal(**{**goal, "sides_m": [(east_m, north_m) for east_m, north_m in goal["sides_m"]]})
         self._goal, self._said = goal, snapshot["said"]
+        self._searched_s = snapshot["searched_s"]
 
 
 def _hovers(seen: Observation) -> bool:
