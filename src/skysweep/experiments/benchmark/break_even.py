@@ -1,7 +1,8 @@
 """When does looking twice pay? The cheapest strategy by look-alikes a hectare and the price of a false alarm.
 
 The cost of a mission is its time, plus the price of every false positive, plus that of every target missed.
-The belief strategy is told the price; the others cannot use it.
+The belief strategy is told the price, and confirms without a closer look where a mistake costs less than that
+would; the others cannot use it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from skysweep.scenarios.files import change_scenario
 from skysweep.types import F64
 
 BELIEF = "belief"
+_CLOSER_LOOK_S = 20.0
+_SURE = 0.6, 0.99  # least and most, as a probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,14 @@ class BreakEvens:
 def break_even_matrices(suite: Suite, added: Sequence[str], seeds: range) -> dict[str, Matrix]:
     """The missions by contender; those of belief by the price that it is told."""
     spec = suite.break_even
-    told = {price: {"alarm_cost_s": price, "missed_cost_s": spec.missed_cost_s} for price in spec.prices_s}
+    told = {
+        price: {
+            "alarm_cost_s": price,
+            "missed_cost_s": spec.missed_cost_s,
+            "confirm_probability": round(float(np.clip(1.0 - _CLOSER_LOOK_S / price, *_SURE)), 3),
+        }
+        for price in spec.prices_s
+    }
     changes: dict[str, dict[str, Any]] = {
         SCAN_ONLY: {"search.strategy": "scan-only"},
         TUNED: {"search.strategy": "scan-check", **suite.tuned[spec.tuned]},
