@@ -86,9 +86,11 @@ def test_alarms_and_what_stayed_unchecked_are_said_and_nothing_else():
         line(4.0, "unsearched", legs_enu_m=[], length_m=31.0, again=True),
         line(5.0, "rejected", candidate=9, p=[0, 0, 0]),
         line(6.0, "unchecked", candidate=3, p=[12.5, 45.5, 0.0]),
+        line(6.5, "finished", reason="it has lasted 60 s"),
         line(7.0, "end", reason="completed"),
     ]
-    hold, blind, unchecked = told(records)
+    hold, blind, unchecked, early = told(records)
+    assert early == "The search ends early: it has lasted 60 s."
     assert hold == "The vehicle holds: The wind blows at 12 m/s."
     assert blind.startswith("31 m of the scan")
     assert re.fullmatch(

@@ -133,11 +133,12 @@ def test_words_from_outside_stay_words(tmp_path):
         believed(11, "scanned", 1, 0.55, hostile, alternatives=[[hostile, 5.0]]),
         believed(13, "check_started", 1, 0.9, hostile),
         {"t": 14, "kind": "misfit", "reason": hostile},
+        {"t": 14, "kind": "finished", "reason": hostile},
         *tiny_records()[-3:],
     ]
     run = load_run(write_run(tmp_path / "run", records))
     (tmp_path / "map.png").write_bytes(b"")
     text = write_run_report(run, compute_summary(run), tmp_path).read_text("utf-8")
-    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;\\x1b[31m") >= 4
+    assert text.count("&lt;script&gt;alert(1)&lt;/script&gt;\\x1b[31m") >= 5
     assert "<script>" not in text
     assert "\x1b" not in text

@@ -8,7 +8,7 @@ from typing import Any
 
 from skysweep.mission.notes import LOOKED, NEXT_SORTIE, OF_A_CANDIDATE, OPERATOR, SORTIE
 from skysweep.results.exports import found_targets, probability_words
-from skysweep.results.reporting.wording import clock, order_words, safety_words, sortie_words
+from skysweep.results.reporting.wording import clock, is_said, order_words, safety_words, sortie_words
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
 from skysweep.types import EventKind
@@ -47,7 +47,7 @@ class Announcer:
             self._say(order_words(record))
         elif kind in (SORTIE, NEXT_SORTIE):
             self._say(sortie_words(record))
-        elif kind in ("safety", "unsearched", EventKind.MISFIT):
+        elif is_said(record):
             self._say(safety_words(record))
 
     def _found(self, record: Record) -> str:

@@ -23,6 +23,7 @@ from skysweep.results.reporting.wording import (
     clock,
     counted,
     definitions,
+    is_said,
     order_words,
     parameters,
     probability_of,
@@ -167,7 +168,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((time_s, sortie_words(record)))
         elif kind in SETTLING and record.get("by") == OPERATOR:
             steps.append((time_s, _verdicts([record], names)))
-        elif kind in ("safety", "unsearched", EventKind.MISFIT):
+        elif is_said(record):
             steps.append((time_s, safety_words(record)))
         elif kind == EventKind.UNCHECKED and record.get("reason") == OUTSIDE:
             (outside if check is None else check).append(record)

@@ -85,8 +85,17 @@ def definitions() -> Grid:
     )
 
 
+def is_said(record: Mapping[str, Any]) -> bool:
+    """Whether ``safety_words`` has a sentence for a line; a search that ends as planned has none."""
+    if record["kind"] == EventKind.FINISHED:
+        return bool(record.get("reason"))
+    return record["kind"] in ("safety", "unsearched", EventKind.MISFIT)
+
+
 def safety_words(record: Mapping[str, Any]) -> str:
-    """One sentence for a ``safety``, ``unsearched`` or ``misfit`` line of a journal."""
+    """One sentence for a line that ``is_said``."""
+    if record["kind"] == EventKind.FINISHED:
+        return f"The search ends early: {printable(record['reason'])}."
     if record["kind"] == EventKind.MISFIT:
         return f"The sensor model does not fit what is seen here: {printable(record['reason'])}."
     if record["kind"] == "unsearched":

@@ -18,7 +18,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, rays_enu
 from skysweep.mission.notes import NEXT_SORTIE, SORTIE
 from skysweep.results.reporting.style import BLUE, GREY, ORANGE, VERMILLION
-from skysweep.results.reporting.wording import safety_words, sortie_words
+from skysweep.results.reporting.wording import is_said, safety_words, sortie_words
 from skysweep.results.run_folder import Run
 from skysweep.results.video.pen import Rgb, rgb
 from skysweep.ros.targets import RGBA, KnownTarget, TargetBoard
@@ -196,7 +196,7 @@ def _track(times_s: F64, points: F64) -> Any:
 def event_words(record: Mapping[str, Any]) -> str:
     """A line of the journal in words, or nothing if it is no event to show."""
     kind, who = record["kind"], f"candidate {record.get('candidate')}"
-    if kind in ("safety", "unsearched", EventKind.MISFIT):
+    if is_said(record):
         return printable(safety_words(record))
     if kind in (SORTIE, NEXT_SORTIE):
         return sortie_words(record)

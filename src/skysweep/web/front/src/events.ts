@@ -55,7 +55,7 @@ function inWords(line: Line): [string, EventTone] | null {
     case "unsearched":
       return [`${Math.round(line.length_m ?? 0)} m flown without looks${line.again ? ", to be flown again" : ""}`, "warning"];
     case "finished":
-      return ["Search finished", "plain"];
+      return [`Search finished${why}`, "plain"];
     case "operator":
       return [operatorWords(line), "operator"];
     case "safety":
