@@ -41,7 +41,7 @@ NOT_RUN = {
     "Takes an hour": 2,
     "Takes half an hour": 2,
     "Takes hours": 2,
-    "Takes minutes": 2,
+    "Takes minutes": 3,
     "Takes minutes to hours": 1,
 }
 
