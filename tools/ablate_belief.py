@@ -1,6 +1,6 @@
 """Belief without each of its ingredients in turn: the table in docs/belief.md.
 
-python tools/ablate_belief.py            # 100 seeds a family, without pictures: 12 minutes on two cores
+python tools/ablate_belief.py            # 100 seeds a family, without pictures: half an hour on two cores
 python tools/ablate_belief.py 4          # 4 seeds
 """
 
@@ -46,7 +46,7 @@ def all_reported(_: Hypotheses, context: Any, weights: Any) -> Any:
 
 def keep_the_shares(self: Suspects) -> None:
     learn(self)
-    self._shares = self._prior
+    self._assume(self._prior)
     for suspect in self.all.values():
         self._weigh(suspect)
 

@@ -57,7 +57,7 @@ class Suspects:
         self.all: dict[int, Suspect] = {}
         t, g = parameters.target_share, parameters.ghost_share
         self._prior = np.array([t, (1.0 - t) * (1.0 - g), (1.0 - t) * g])
-        self._shares = self._prior
+        self._assume(self._prior)
         self.fit = Fit()
 
     def hypotheses(self, class_name: str) -> Hypotheses:
@@ -77,9 +77,9 @@ class Suspects:
         """Probability that a passing of the scan reports a target, of the class that it reports least."""
         return min((h.reported for h in self._hypotheses.values()), default=1.0)
 
-    @property
-    def _prior_odds(self) -> float:
-        return math.log(self._shares[0] / (1.0 - self._shares[0]))
+    def _assume(self, shares: F64) -> None:
+        self._shares = shares
+        self._prior_odds = math.log(shares[0] / (1.0 - shares[0]))
 
     def probability(self, candidate_id: int) -> float:
         """That a candidate is what is searched for."""
@@ -106,7 +106,7 @@ class Suspects:
             joint = np.exp(likely + np.log(self._shares) - likely.max(axis=1, keepdims=True))
             share = joint / joint.sum(axis=1, keepdims=True)
             found = share.sum(axis=0) + p.share_weight * self._prior
-            self._shares = found / found.sum()
+            self._assume(found / found.sum())
         for suspect, evidence in zip(suspects, self._evidence(likely).tolist(), strict=True):
             suspect.evidence = evidence
         if self.fit.learn_shift(share[:, 0], np.array([s.shift for s in suspects])):
@@ -247,7 +247,7 @@ class Suspects:
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
-        self._shares = np.array(snapshot["shares"])
+        self._assume(np.array(snapshot["shares"]))
         self.fit = Fit(**snapshot["fit"])
         self.all = {
             s["id"]: Suspect(

@@ -57,10 +57,8 @@ class BeliefSearch:
         self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
         self._scan_lasts_s = max(self._timing.scan_s(self._to_scan), 1.0)
         self._scan_left_s = self._scan_lasts_s
-        self._searched_s, self._seen_s = (
-            0.0,
-            math.nan,
-        )  # the search so far; the vehicle's time at the last step
+        self._searched_s = 0.0  # so far
+        self._seen_s = math.nan  # the vehicle's time at the last step
         self._left: XY | None = None  # where the scan was left and has to go on
         self._settled: dict[int, EventKind] = {}
         self._looked: set[int] = set()  # at enough, and left open until the scan's end
