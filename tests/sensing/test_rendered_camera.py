@@ -13,6 +13,7 @@ from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import CameraModel, Light
 from skysweep.sensing.believed import DelayedPose
+from skysweep.sensing.cameras import effects
 from skysweep.sensing.cameras.effects import CameraEffects, blur_kernel
 from skysweep.sensing.cameras.rendered import RenderedCamera
 from skysweep.types import VehicleState
@@ -33,16 +34,16 @@ def state(time_s: float, camera: CameraPose) -> VehicleState:
 
 def photograph(image: np.ndarray, seed: int = 0, index: int = 0, **settings: object) -> np.ndarray:
     options = {"exposure_s": 1 / 500, "noise_std": 0.0, "jpeg_quality": 95} | settings
-    effects = CameraEffects(LENS, seed=seed, **options)  # type: ignore[arg-type]
-    return effects.apply(image, index, pose(), STILL, STILL, 10.0)
+    camera = CameraEffects(LENS, seed=seed, **options)  # type: ignore[arg-type]
+    return camera.apply(image, index, pose(), STILL, STILL, 10.0)
 
 
 GREY = np.full((180, 320, 3), 120, np.uint8)
 
 
 def test_noise_has_the_standard_deviation_that_was_asked_for() -> None:
-    effects = CameraEffects(LENS, 1 / 500, noise_std=4.0, jpeg_quality=100, seed=1)
-    noise = effects.apply(GREY, 0, pose(), STILL, STILL, 10.0).astype(float)
+    camera = CameraEffects(LENS, 1 / 500, noise_std=4.0, jpeg_quality=100, seed=1)
+    noise = camera.apply(GREY, 0, pose(), STILL, STILL, 10.0).astype(float)
     assert noise.std() == pytest.approx(4.0, rel=0.35)
 
 
@@ -51,6 +52,19 @@ def test_frames_differ_but_a_seed_and_an_index_give_the_same_bytes() -> None:
     assert np.array_equal(first, photograph(GREY, seed=5, index=7, noise_std=3.0))
     assert not np.array_equal(first, photograph(GREY, seed=5, index=8, noise_std=3.0))
     assert not np.array_equal(first, photograph(GREY, seed=6, index=7, noise_std=3.0))
+
+
+def test_a_large_picture_made_in_bands_is_as_if_made_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    lens = Lens(300, 2260, 0.3)  # three bands, the last of 84 rows
+    image = np.random.default_rng(2).integers(0, 255, (2260, 300, 3), dtype=np.uint8)
+
+    def made() -> np.ndarray:
+        camera = CameraEffects(lens, 1 / 500, 3.0, jpeg_quality=80, seed=1)
+        return camera.apply(image, 3, pose(), np.array([9.0, 0.0, 0.0]), STILL, 10.0)
+
+    in_bands = made()
+    monkeypatch.setattr(effects, "_BAND_PX", 4096)
+    np.testing.assert_array_equal(in_bands, made())
 
 
 def test_exposure_wanders_by_a_few_percent() -> None:

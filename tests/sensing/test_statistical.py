@@ -495,6 +495,15 @@ def test_what_the_model_holds_for_is_not_refused(change):
     model_for(change_scenario(load_scenario("clusters"), change))
 
 
+def test_targets_that_the_detector_never_reports_are_refused():
+    with pytest.raises(UserError) as error:
+        model_for(change_scenario(load_scenario("clusters"), {"camera.kind": "thermal"}))
+    assert str(error.value) == (
+        "targets: skysweep-thermal reports person, not stop sign, by the shipped sensor model; "
+        "write targets that it reports, or another detector.model or camera.kind"
+    )
+
+
 def test_a_scenario_may_name_a_model_of_its_own_beside_it(tmp_path):
     own = StatisticalModel.load().model_copy(update={"fade_px": 77.0})
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(own.model_dump()))

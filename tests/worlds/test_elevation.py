@@ -109,7 +109,7 @@ def test_large_holes_in_the_area_are_refused(tmp_path):
     heights = slope(SIZE)
     heights[50:70, 60:80] = np.nan
     scenario = over(dem=write(tmp_path / "dem.tif", heights, transform=placed(10.0, SIZE)))
-    with pytest.raises(UserError, match=r"^terrain\.dem: .*dem\.tif: has a hole in the area, 2\d\d m wide"):
+    with pytest.raises(UserError, match=r"^terrain\.dem: .*dem\.tif: has a hole at the area, 2\d\d m wide"):
         build_terrain(scenario)
 
 
@@ -142,11 +142,15 @@ def test_heights_that_nobody_can_read_are_refused(tmp_path):
     transform = placed(30.0, SIZE, "EPSG:26851", home=home)
     feet = write(tmp_path / "feet.tif", slope(SIZE), "EPSG:26851", transform)
     scenario = over(home, dem=feet)
-    with pytest.raises(UserError, match=r"lies in feet and does not say .* write terrain\.dem_unit$"):
+    with pytest.raises(
+        UserError, match=r"lies in feet and does not say .* write terrain\.dem_unit \(--dem-unit\)$"
+    ):
         build_terrain(scenario)
     build_terrain(over(home, dem=feet, dem_unit="feet"))
     odd = write(tmp_path / "odd.tif", slope(SIZE), transform=placed(10.0, SIZE), unit="fathom")
-    with pytest.raises(UserError, match=r"has heights in 'fathom'; .* write terrain\.dem_unit$"):
+    with pytest.raises(
+        UserError, match=r"has heights in 'fathom'; .* write terrain\.dem_unit \(--dem-unit\)$"
+    ):
         build_terrain(over(dem=odd))
 
 
@@ -155,9 +159,63 @@ def test_smaller_than_the_area_is_refused_by_how_much(tmp_path):
         tmp_path / "dem.tif", slope((60, 50)), transform=placed(10.0, (60, 50), middle_enu_m=(250, 200))
     )
     with pytest.raises(
-        UserError, match=r"ends 1\d\d m short of the area or home, and lacks [12]\d% of the area"
+        UserError, match=r"ends 1\d\d m short of the area and lacks [12]\d\.\d% of it; give a "
     ):
         build_terrain(over(dem=dem))
+
+
+def test_home_beside_it_is_said(tmp_path):
+    dem = write(tmp_path / "dem.tif", slope(SIZE), transform=placed(10.0, SIZE))
+    away = {"latitude_deg": LATITUDE_DEG, "longitude_deg": 25.0, "position_enu_m": [-900.0, 0.0]}
+    with pytest.raises(UserError, match=r"ends 5\d\d m short of home; give a larger one, or move home$"):
+        build_terrain(over(dem=dem, others={"home": away}))
+
+
+def test_a_home_that_was_forgotten_is_said(tmp_path):
+    dem = write(tmp_path / "dem.tif", slope(SIZE), transform=placed(10.0, SIZE))
+    with pytest.raises(
+        UserError, match=r"or write home's latitude_deg and longitude_deg \(now 60\.449, 22\.2966"
+    ):
+        build_terrain(over(dem=dem, others={"home": {}}))
+
+
+def with_zeros(level_m, step_m=0.3):
+    heights = slope(SIZE, step_m, -step_m / 2, level_m)
+    heights[30:60, 40:80] = 0.0
+    return heights
+
+
+def test_zeros_amid_high_ground_are_refused(tmp_path):
+    dem = write(tmp_path / "dem.tif", with_zeros(800.0), transform=placed(10.0, SIZE))
+    sentence = (
+        r"dem\.tif: \d\d\.\d% of the ground is exactly 0 amid heights of 8\d\d m and more; "
+        r"mark missing heights with  rio edit-info --nodata 0 dem\.tif$"
+    )
+    with pytest.raises(UserError, match=sentence):
+        build_terrain(over(dem=dem))
+
+
+def test_zeros_that_may_be_water_below_a_cliff_are_said(tmp_path):
+    dem = write(tmp_path / "dem.tif", with_zeros(80.0), transform=placed(10.0, SIZE))
+    (note,) = elevation_of(over(dem=dem)).notes
+    assert re.search(
+        r"is exactly 0 amid heights of \d\d m and more; unless that is water, mark missing", note
+    )
+
+
+def test_the_sea_is_no_hole(tmp_path):
+    heights = np.maximum(slope(SIZE, 1.0, 0.0, -50.0), 0.0)
+    dem = write(tmp_path / "dem.tif", heights, transform=placed(10.0, SIZE))
+    assert elevation_of(over(dem=dem)).notes == ()
+
+
+def test_whether_the_file_states_its_unit_is_known(tmp_path):
+    transform = placed(10.0, SIZE)
+    silent = write(tmp_path / "silent.tif", slope(SIZE), transform=transform)
+    stated = write(tmp_path / "stated.tif", slope(SIZE), transform=transform, unit="metre")
+    assert not elevation_of(over(dem=silent)).states_unit
+    assert elevation_of(over(dem=stated)).states_unit
+    assert elevation_of(over(dem=silent, dem_unit="metres")).states_unit
 
 
 def test_a_missing_margin_is_drawn_on_and_said(tmp_path):
@@ -186,6 +244,9 @@ def test_without_a_place(tmp_path):
     nowhere = write(tmp_path / "no-crs.tif", slope(SIZE), None, placed(10.0, SIZE))
     with pytest.raises(UserError, match=r"no-crs\.tif: does not say where it lies; save it as a GeoTIFF"):
         build_terrain(over(dem=nowhere))
+    local = write(tmp_path / "local.tif", slope(SIZE), 'LOCAL_CS["x",UNIT["metre",1]]', placed(10.0, SIZE))
+    with pytest.raises(UserError, match=r"local\.tif: its CRS is local; save it again in one with a datum"):
+        build_terrain(over(dem=local))
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
         plain = write(tmp_path / "plain.tif", slope(SIZE))
     with pytest.raises(UserError, match="does not say where it lies"):
@@ -266,7 +327,7 @@ def test_home_may_be_away_from_the_origin(tmp_path):
     [
         (100.0, None),
         (400.0, r"^home\.altitude_amsl_m: is 400 m, but terrain\.dem has \d+\.\d m there; write that$"),
-        (338.0, r"has 10\d\.\d m there; one of them is probably in feet, see terrain\.dem_unit$"),
+        (31.0, r"has 10\d\.\d m there; its heights are probably in feet: write terrain\.dem_unit: feet$"),
     ],
 )
 def test_another_altitude_of_home_is_said(tmp_path, altitude_amsl_m, told):

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import shapely
 from tests.worlds.geotiffs import over, placed, rasterio, slope, write
 
 from skysweep.errors import UserError
+from skysweep.planning.advice import warnings_for_plan
 from skysweep.scenarios.model import MAX_TREES
 from skysweep.worlds.obstacles import known_obstacles
 from skysweep.worlds.world import build_terrain, build_trees, build_world, land_cover_of, mapped_buildings
@@ -120,8 +122,6 @@ def test_no_land_cover(tmp_path, values, sentence):
 
 
 def test_more_trees_than_can_be_drawn_are_thinned_and_said(tmp_path):
-    from skysweep.planning.advice import warnings_for_plan
-
     dense = [{"code": 1, "surface": "forest floor", "trees_per_hectare": 2000}, CLASSES[1]]
     cover = write(tmp_path / "lc.tif", halves(east=1), transform=placed(10.0, SIZE))
     scenario = over(land_cover=cover, land_cover_classes=dense)
@@ -145,6 +145,54 @@ def test_footprints_become_boxes_of_their_height(tmp_path):
     assert math.degrees(house.yaw_rad) % 180 == pytest.approx(30, abs=0.2)
     assert (house.top_m, house.is_flat) == (pytest.approx(9.0, abs=0.05), False)
     assert (hall.top_m, hall.is_flat) == (6.0, True)
+
+
+YARD, FAR_YARD = shapely.box(100, 100, 120, 110), shapely.box(20_000, 0, 20_010, 9)
+STREET = shapely.LineString([(0, 0), (600, 400)])
+FAR_STREET = shapely.affinity.translate(STREET, 9000)
+HOUSE, PATH = {"building": "yes"}, {"highway": "path"}
+
+
+@pytest.mark.parametrize(("field", "features", "sentence"), [
+    ("buildings_file", [], "holds no polygon with OpenStreetMap's tag 'building'; give buildings of this "),
+    ("buildings_file", [(YARD.centroid, HOUSE)], "holds no polygon with"),
+    ("buildings_file", [(YARD, {"landuse": "farmyard"})], "holds no polygon with"),
+    ("buildings_file", [(FAR_YARD, HOUSE)], r"its buildings are 19\.\d km away"),
+    ("roads_file", [(YARD, PATH)], "holds no line with OpenStreetMap's tag 'highway'; give roads of this "),
+    ("roads_file", [(FAR_STREET, PATH)], r"its roads are 8\.\d km away"),
+])  # fmt: skip
+def test_files_without_anything_here_are_refused(tmp_path, field, features, sentence):
+    file = collection(tmp_path / "osm.geojson", *features)
+    with pytest.raises(UserError, match=rf"^{field}: .*osm\.geojson: {sentence}"):
+        build_world(over(others={field: str(file)}), 0)
+
+
+def test_a_part_of_a_place_may_have_no_buildings(tmp_path):
+    file = collection(tmp_path / "b.geojson", (shapely.box(1600, 0, 1610, 10), HOUSE))
+    scenario = over(others={"buildings_file": str(file)})
+    assert mapped_buildings(scenario) == ()
+    (said,) = [w for w in warnings_for_plan(scenario) if "_file" in w]
+    assert re.fullmatch(r"buildings_file: its buildings are \d\.\d km away: there are none in the area", said)
+
+
+def test_what_is_left_out_of_a_file_is_said(tmp_path):
+    houses = collection(
+        tmp_path / "b.geojson",
+        (YARD, HOUSE),
+        (YARD.centroid, {"building": "hut"}),
+        (shapely.Point(9000, 0), {"building": "hut"}),
+    )
+    streets = collection(
+        tmp_path / "r.geojson",
+        (STREET, PATH),
+        (YARD, {"highway": "pedestrian"}),
+        (shapely.Point(300, 200), {"highway": "crossing"}),
+    )
+    scenario = over(others={"buildings_file": str(houses), "roads_file": str(streets)})
+    assert [w for w in warnings_for_plan(scenario) if "_file" in w] == [
+        "roads_file: 1 of 2 roads in the area left out: not a line",
+        "buildings_file: 1 of 2 buildings in the area left out: not a polygon",
+    ]
 
 
 def test_an_l_becomes_two_boxes_that_hold_it(tmp_path):
@@ -269,10 +317,44 @@ def test_where_there_is_no_picture_it_is_clear(tmp_path):
     assert not shown.read(5000.0, 0.0, 5100.0, 100.0, 8, 8).any()
 
 
-def test_a_picture_without_colours_of_8_bits_is_refused(tmp_path):
-    file = write(tmp_path / "o.tif", picture().astype(np.uint16), transform=placed(10.0, SIZE))
-    with pytest.raises(UserError, match=r"terrain\.orthophoto: .* has uint16 values, not colours of 8 bits"):
+def middle_of(file):
+    """The picture's red and green (40, 60, 2) where the file shows something."""
+    shown = build_world(over(orthophoto=file), 0).ground_picture
+    seen = shown.read(0.0, 0.0, 600.0, 400.0, 60, 40)
+    return seen[..., :2].astype(float)
+
+
+@pytest.mark.parametrize(("bits", "gain"), [(12, 16), (10, 4)])
+def test_a_picture_of_fewer_bits_than_16_is_scaled_by_them(tmp_path, bits, gain):
+    eight = write(tmp_path / "8.tif", picture(), transform=placed(10.0, SIZE))
+    values = picture().astype(np.uint16) * gain
+    more = write(tmp_path / "more.tif", values, transform=placed(10.0, SIZE), nbits=bits)
+    np.testing.assert_allclose(middle_of(more), middle_of(eight), atol=2.0)
+
+
+def test_a_picture_of_16_bits_is_scaled_by_what_it_shows(tmp_path):
+    """Reflectances from 2000 to 2260 fill the range in all bands alike; nodata and one glint do not count."""
+    values = 2000 + picture().astype(np.uint16)
+    values[:, :5] = 0
+    values[:, 60, 60] = 65535
+    file = write(tmp_path / "o.tif", values, transform=placed(10.0, SIZE), nodata=0, photometric="RGB")
+    red_green = middle_of(file)
+    low, high = np.percentile(values[:, values[0] > 0], [1, 99])
+    steps = np.diff(red_green[20, :, 0])
+    assert np.median(steps) == pytest.approx(255 / (high - low), abs=0.6)
+    assert (steps[5:-5] >= 0).sum() >= len(steps[5:-5]) - 2, "wraps"
+    assert 100 < red_green[20, 30, 0] < 200
+    again = middle_of(file)
+    np.testing.assert_array_equal(again, red_green)
+
+
+def test_a_picture_without_colours_is_refused(tmp_path):
+    file = write(tmp_path / "o.tif", picture().astype(np.float32), transform=placed(10.0, SIZE))
+    with pytest.raises(UserError, match=r"terrain\.orthophoto: .* has float32 values, not colours of 8 or"):
         build_world(over(orthophoto=file), 0)
+    flat = write(tmp_path / "flat.tif", np.full((3, *SIZE), 900, np.uint16), transform=placed(10.0, SIZE))
+    with pytest.raises(UserError, match="shows the same value everywhere"):
+        build_world(over(orthophoto=flat), 0)
     away = write(tmp_path / "away.tif", picture(), transform=placed(10.0, SIZE, middle_enu_m=(0, 20_000)))
     with pytest.raises(UserError, match=r"does not overlap the area, 1\d\.\d km away"):
         build_world(over(orthophoto=away), 0)

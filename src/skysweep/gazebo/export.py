@@ -247,7 +247,7 @@ def _planted(unit: Mesh, place: F64) -> Mesh:
     plant = unit.moved((x, y, z), yaw_rotation(yaw), (radius, radius, height)).tinted(shade)
     uv = (sized[:, :2] + sized[:, 2:] * [0.61, 0.73]) / PLANT_TEXTURE_M
     texture = np.column_stack([uv, unit.texture[:, 2]]).astype(np.float32)
-    return Mesh(plant.vertices, plant.normals, plant.colours, texture, plant.faces)
+    return replace(plant, texture=texture)
 
 
 def _systems() -> Iterator[ET.Element]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,11 +21,16 @@ from skysweep.types import XY
 from skysweep.worlds.rasters import Bounds, GeoTiff, Part, between_nodes, geotiff
 
 FIELD = "terrain.dem"
+_WRITE_UNIT = "write terrain.dem_unit (--dem-unit)"
 MAX_POSTS = 4_000_000
 _MAX_HOLE_M = 50.0  # from its middle to where the height is known
 _HEIGHTS_M = -500.0, 9000.0  # on earth; what lies beyond stands for a hole
+_SHORE_M = 10.0  # ground beside water at height 0 is lower somewhere
+_CLIFF_M = 300.0  # no shore is higher all along
+_SHORE_SHARE = 0.05  # of the ground around a water that is that low
 _STRIP_PX = 4_000_000  # read at once
 _FOOT_M = 0.3048
+_NAMED_M = {"metres": 1.0, "feet": _FOOT_M}
 _UNITS_M = {
     **dict.fromkeys(["m", "metre", "metres", "meter", "meters"], 1.0),
     **dict.fromkeys(["ft", "foot", "feet", "international foot"], _FOOT_M),
@@ -39,6 +45,7 @@ class Elevation:
     heights_m: F64  # (rows south to north, columns west to east)
     home_amsl_m: float
     filled: float  # share of the ground without heights in the file
+    states_unit: bool  # else metres are assumed
     source: GeoTiff
     notes: tuple[str, ...]  # a sentence for each thing that had to be made up
 
@@ -68,23 +75,22 @@ def _elevation(
     if dem.dtype.startswith("complex") or dem.has_palette or (dem.bands >= 3 and dem.dtype == "uint8"):
         raise dem.error("is a picture, not heights; give a digital elevation model")
     dem.overlap(bounds_enu_m)
-    metres = _unit_m(dem, unit)
+    metres = _told_unit_m(dem) if unit is None else _NAMED_M[unit]
     west, south, east, north = bounds_enu_m
     fine_m = dem.pixel_m
     step_m = max(fine_m, math.sqrt((east - west) * (north - south) / MAX_POSTS))
     x = np.linspace(west, east, max(2, math.ceil((east - west) / step_m) + 1))
     y = np.linspace(south, north, max(2, math.ceil((north - south) / step_m) + 1))
     places = dem.pixels_over(x, y)
-    heights = _sampled(dem, places, max(1, round(step_m / fine_m)), metres)
-    notes = []
+    heights = _sampled(dem, places, max(1, round(step_m / fine_m)), metres or 1.0)
+    notes = list(_about_zeros(dem, heights, step_m))
     if step_m > 1.01 * fine_m:
         notes.append(
             f"{FIELD}: is read every {step_m:.1f} m, not every {fine_m:.1f} m: the ground is too large"
         )
     missing = np.isnan(heights)
     if missing.any():
-        searched = shapely.from_wkb(area_wkb).union(shapely.Point(home)).buffer(step_m)
-        heights, made_up = _whole(dem, heights, places, x, y, searched)
+        heights, made_up = _whole(dem, heights, places, x, y, shapely.from_wkb(area_wkb), home)
         notes += made_up
 
     def plane_m(xy: F64) -> F64:
@@ -96,24 +102,52 @@ def _elevation(
     i, j = np.interp(home[1], y, np.arange(len(y))), np.interp(home[0], x, np.arange(len(x)))
     at_home = float(ndimage.map_coordinates(heights, [[i], [j]], order=1)[0])
     home_amsl_m = at_home + float(plane_m(np.array([home]))[0, 0])
-    return Elevation(heights - at_home, home_amsl_m, float(missing.mean()), dem, tuple(notes))
+    filled, states_unit = float(missing.mean()), metres is not None
+    return Elevation(heights - at_home, home_amsl_m, filled, states_unit, dem, tuple(notes))
 
 
-def _unit_m(dem: GeoTiff, unit: str | None) -> float:
-    """Metres of one unit of the heights. Raises UserError where nobody knows."""
-    if unit is not None:
-        return 1.0 if unit == "metres" else _FOOT_M
+def _told_unit_m(dem: GeoTiff) -> float | None:
+    """Metres of one unit of the heights by the file, None where it says nothing.
+
+    Raises UserError where they may as well be feet, or are in a unit that is not known.
+    """
     if dem.unit:
         if dem.unit.lower() not in _UNITS_M:
-            raise dem.error(f"has heights in '{dem.unit[:20]}'; save it in metres, or write terrain.dem_unit")
+            raise dem.error(f"has heights in '{dem.unit[:20]}'; save it in metres, or {_WRITE_UNIT}")
         return _UNITS_M[dem.unit.lower()]
     up = [axis for axis in dem.crs.axis_info if axis.direction == "up"]
     if up:
         return float(up[0].unit_conversion_factor)
     across = dem.crs.axis_info[0].unit_name.lower()
     if "foot" in across or "feet" in across:
-        raise dem.error("lies in feet and does not say whether its heights do; write terrain.dem_unit")
-    return 1.0
+        raise dem.error(f"lies in feet and does not say whether its heights do; {_WRITE_UNIT}")
+    return None
+
+
+def _about_zeros(dem: GeoTiff, heights: F64, step_m: float) -> Iterator[str]:
+    """A sentence where heights of exactly 0 may stand for missing ones: amid ground that is nowhere as low.
+
+    Raises UserError where they certainly do.
+    """
+    zero = heights == 0.0
+    if not zero.any():
+        return
+    waters, count = ndimage.label(zero, np.ones((3, 3)))
+    away, nearest = ndimage.distance_transform_edt(~zero, return_indices=True)
+    shore = (away > 1.5) & (away < 3.5) & ~np.isnan(heights)  # not interpolated with the zeros themselves
+    of, shore_m = waters[tuple(nearest[:, shore])], np.abs(heights[shore])
+    length = np.bincount(of, minlength=count + 1)
+    low = np.bincount(of[shore_m < max(_SHORE_M, 2.0 * step_m)], minlength=count + 1)
+    is_odd = (length > 0) & (low < _SHORE_SHARE * length)
+    odd = is_odd[waters]
+    if not odd.any():
+        return
+    lowest_m = float(np.quantile(shore_m[is_odd[of]], _SHORE_SHARE))
+    what = f"{_percent(odd.mean())} of the ground is exactly 0 amid heights of {lowest_m:.0f} m and more"
+    cure = f"mark missing heights with  rio edit-info --nodata 0 {dem.path.name}"
+    if lowest_m > _CLIFF_M:
+        raise dem.error(f"{what}; {cure}")
+    yield f"{FIELD}: {what}; unless that is water, {cure}"
 
 
 def _sampled(dem: GeoTiff, places: F64, every: int, metres: float) -> F64:
@@ -154,7 +188,7 @@ def _means(dem: GeoTiff, part: Part, every: int, metres: float) -> F64:
 
 
 def _whole(
-    dem: GeoTiff, heights: F64, places: F64, x: F64, y: F64, searched: shapely.Geometry
+    dem: GeoTiff, heights: F64, places: F64, x: F64, y: F64, area: shapely.Polygon, home: XY
 ) -> tuple[F64, list[str]]:
     """Heights without holes, and what was made up. Raises UserError where that would be too much."""
     missing = np.isnan(heights)
@@ -163,21 +197,23 @@ def _whole(
         raise dem.error("has no heights here, only holes; give one of this area")
     away_m = ndimage.distance_transform_edt(missing, sampling=spacing)
     i, j = np.nonzero(missing)
-    needed = shapely.intersects_xy(searched, x[j], y[i])
     beyond_m = dem.outside_m(np.moveaxis(places, 0, -1)[i, j])
-    short_m = float(beyond_m[needed].max(initial=0.0))
-    cells = spacing[0] * spacing[1]
-    if short_m > 0.0:
-        share = (needed & (beyond_m > 0.0)).sum() * cells / searched.area
-        raise dem.error(
-            f"ends {short_m:.0f} m short of the area or home, and lacks {min(share, 1.0):.0%} of the area; "
-            "give a larger one, or search a smaller area"
-        )
-    largest_m = float(away_m[i, j][needed].max(initial=0.0))
-    if largest_m > _MAX_HOLE_M + dem.pixel_m:
-        raise dem.error(
-            f"has a hole in the area, {2 * largest_m:.0f} m wide, too large to be filled; give one without it"
-        )
+    for where, wanted, cure in (
+        ("the area", area, "search a smaller area"),
+        ("home", shapely.Point(home), "move home"),
+    ):
+        needed = shapely.intersects_xy(wanted.buffer(max(spacing)), x[j], y[i])
+        short_m = float(beyond_m[needed].max(initial=0.0))
+        if short_m > 0.0:
+            cells = (needed & (beyond_m > 0.0)).sum() * spacing[0] * spacing[1]
+            lacks = f" and lacks {_percent(min(cells / wanted.area, 1.0))} of it" if wanted.area else ""
+            raise dem.error(f"ends {short_m:.0f} m short of {where}{lacks}; give a larger one, or {cure}")
+        largest_m = float(away_m[i, j][needed].max(initial=0.0))
+        if largest_m > _MAX_HOLE_M + dem.pixel_m:
+            raise dem.error(
+                f"has a hole at {where}, {2 * largest_m:.0f} m wide, too large to be filled; "
+                f"give one without it, or {cure}"
+            )
     notes = []
     held = beyond_m == 0.0
     if held.any():

@@ -81,7 +81,8 @@ class GroundGrid:
         vertices, normals = (np.concatenate(values) for values in zip(*posts, strict=True))
         faces = [f + n * CHUNK_POSTS**2 for n, f in enumerate(self.faces(chunks, spacing_px))]
         white, nowhere = np.ones_like(vertices), np.zeros_like(vertices)
-        return Mesh(vertices, normals, white, nowhere, np.concatenate(faces).astype(np.int32))
+        unknown = np.zeros(len(vertices), np.uint8)  # the renderers know the surface of each place
+        return Mesh(vertices, normals, white, nowhere, np.concatenate(faces).astype(np.int32), unknown)
 
     def mesh(self) -> Mesh:
         """All posts as one mesh; its faces are sorted row by row."""

@@ -89,7 +89,7 @@ def _land_cover(
 ) -> LandCover:
     west, south, east, north = bounds_enu_m
     source = None if path is None else geotiff(path, FIELD, frame)
-    paved = () if roads_file is None else roads(roads_file, frame, bounds_enu_m)
+    paved, about_roads = ((), ()) if roads_file is None else roads(roads_file, frame, bounds_enu_m)
     finest_m = math.sqrt((east - west) * (north - south) / MAX_CELLS)
     cell_m = max(finest_m, _ROAD_CELL_M if source is None else source.pixel_m)
     if paved:
@@ -97,7 +97,7 @@ def _land_cover(
     columns, rows = math.ceil((east - west) / cell_m), math.ceil((north - south) / cell_m)
     surfaces = np.full((rows, columns), SURFACES.index(surface), np.uint8)
     grown = np.full((rows, columns), _NO_CLASS, np.uint8)
-    covered, notes = 1.0, []
+    covered, notes = 1.0, list(about_roads)
     if source is not None:
         if not np.issubdtype(np.dtype(source.dtype), np.integer) or source.bands > 1:
             raise source.error("is no map of classes; give one band of whole numbers")

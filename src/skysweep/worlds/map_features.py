@@ -34,6 +34,7 @@ _SMALLEST_M2 = 4.0  # of a part
 _SIMPLER_M = 0.3
 _CORNERS = 60  # of a footprint that is worth cutting
 _LENGTH = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(m|ft|'|)\s*$", re.IGNORECASE)
+_ANOTHER_PLACE_KM = 5.0  # away; nearer, the area may be a part without any
 _ROADS_M = {
     "motorway": 20.0, "trunk": 12.0, "primary": 9.0, "secondary": 7.5, "tertiary": 6.5,
     "unclassified": 5.5, "residential": 5.5, "living_street": 5.0, "service": 4.0, "pedestrian": 4.0,
@@ -43,6 +44,9 @@ _OTHER_ROAD_M = 5.0
 _PAVED = {"asphalt", "paved", "concrete", "concrete:plates", "paving_stones", "sett", "cobblestone", "metal"}
 _GROWN = {"grass", "grass_paver"}
 _UNPAVED_ROADS = {"track", "bridleway", "path"}  # where they do not say
+_POINT, _LINE, _POLYGON = range(3)  # dimensions
+
+Notes = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,53 +80,87 @@ class Road:
     surface: str
 
 
-def buildings(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> tuple[Box, ...]:
-    """The buildings of a file that touch the ground within bounds, as boxes that hold them.
+def buildings(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> tuple[tuple[Box, ...], Notes]:
+    """The buildings of a file that touch the ground within bounds, as boxes that hold them, and notes.
 
-    Raises UserError where the file is no GeoJSON of footprints, or holds too many.
+    Raises UserError where the file is no GeoJSON, holds no footprint there, or too many.
     """
     return _buildings(path, stamp_of(path), frame, bounds_enu_m)
 
 
-def roads(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> tuple[Road, ...]:
-    """The roads of a file within bounds, narrow ones first. Raises UserError where it is no GeoJSON."""
+def roads(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> tuple[tuple[Road, ...], Notes]:
+    """The roads of a file within bounds, narrow ones first, and notes.
+
+    Raises UserError where it is no GeoJSON, or holds no road there.
+    """
     return _roads(path, stamp_of(path), frame, bounds_enu_m)
 
 
 @lru_cache(maxsize=4)
 def _buildings(
     path: Path, _stamp: tuple[int, int] | None, frame: LocalFrame, bounds_enu_m: Bounds
-) -> tuple[Box, ...]:
+) -> tuple[tuple[Box, ...], Notes]:
     boxes: list[Box] = []
-    for outline, tags in _features(path, "buildings_file", frame, bounds_enu_m):
-        if tags.get("building", "no") == "no":
-            continue
+    found, notes = _tagged(path, "buildings", "building", _POLYGON, frame, bounds_enu_m)
+    for outline, tags in found:
         for part in shapely.get_parts(outline):
-            if part.geom_type == "Polygon" and part.area > 0.0:
+            if part.geom_type == "Polygon":
                 boxes += _boxes(part, tags)
         if len(boxes) > MAX_BUILDINGS:
             raise UserError(
                 f"buildings_file: {path}: makes more than {MAX_BUILDINGS} boxes; leave the small ones out"
             )
-    return tuple(boxes)
+    return tuple(boxes), notes
 
 
 @lru_cache(maxsize=4)
 def _roads(
     path: Path, _stamp: tuple[int, int] | None, frame: LocalFrame, bounds_enu_m: Bounds
-) -> tuple[Road, ...]:
-    found: list[tuple[float, Road]] = []
-    for line, tags in _features(path, "roads_file", frame, bounds_enu_m):
-        kind = str(tags.get("highway", "")).removesuffix("_link")
-        if not kind or tags.get("tunnel", "no") != "no" or line.geom_type not in _LINES:
+) -> tuple[tuple[Road, ...], Notes]:
+    wide: list[tuple[float, Road]] = []
+    found, notes = _tagged(path, "roads", "highway", _LINE, frame, bounds_enu_m)
+    for line, tags in found:
+        if tags.get("tunnel", "no") != "no":
             continue
+        kind = str(tags["highway"]).removesuffix("_link")
         width_m = _metres(tags.get("width")) or _ROADS_M.get(kind, _OTHER_ROAD_M)
         outline = shapely.buffer(line, width_m / 2, cap_style="flat").intersection(shapely.box(*bounds_enu_m))
-        found.append((width_m, Road(outline, _surface(kind, tags))))
-    return tuple(road for _, road in sorted(found, key=lambda each: each[0]))
+        wide.append((width_m, Road(outline, _surface(kind, tags))))
+    return tuple(road for _, road in sorted(wide, key=lambda each: each[0])), notes
 
 
-_LINES = ("LineString", "MultiLineString")
+def _tagged(
+    path: Path, what: str, tag: str, dimensions: int, frame: LocalFrame, bounds_enu_m: Bounds
+) -> tuple[list[tuple[shapely.Geometry, dict[str, Any]]], Notes]:
+    """The features within bounds that have a tag and the right shape, and a note on others with that tag.
+
+    Raises UserError where none is usable, or all are so far away that the file is one of another place.
+    """
+    field, word = f"{what}_file", {_LINE: "line", _POLYGON: "polygon"}[dimensions]
+    instead = f"give {what} of this area, or leave the file out"
+    features = list(_features(path, field, frame))
+    tagged = [each for each in features if each[1].get(tag, "no") != "no"]
+    usable = [each for each in tagged if shapely.get_dimensions(each[0]) == dimensions]
+    if not usable:
+        raise UserError(f"{field}: {path}: holds no {word} with OpenStreetMap's tag '{tag}'; {instead}")
+    ground = shapely.box(*bounds_enu_m)
+    here = [each for each in usable if shapely.intersects(ground, each[0])]
+    if not here:
+        away_km = min(shapely.distance(ground, each[0]) for each in usable) / 1e3
+        where = f"its {what} are {away_km:.1f} km away"
+        if away_km > _ANOTHER_PLACE_KM:
+            raise UserError(f"{field}: {path}: {where}; {instead}")
+        return [], (f"{field}: {where}: there are none in the area",)
+    other_shapes = {_LINE: (_POLYGON,), _POLYGON: (_POINT, _LINE)}[
+        dimensions
+    ]  # points on roads are crossings
+    others = [
+        each for each, _ in tagged if shapely.get_dimensions(each) in other_shapes and ground.intersects(each)
+    ]
+    if not others:
+        return here, ()
+    many = f"{len(others)} of {len(others) + len(here)} {what}"
+    return here, (f"{field}: {many} in the area left out: not a {word}",)
 
 
 def _surface(kind: str, tags: dict[str, Any]) -> str:
@@ -134,10 +172,8 @@ def _surface(kind: str, tags: dict[str, Any]) -> str:
     return "asphalt" if is_paved else "sand"
 
 
-def _features(
-    path: Path, field: str, frame: LocalFrame, bounds_enu_m: Bounds
-) -> Iterator[tuple[shapely.Geometry, dict[str, Any]]]:
-    """Shapes within bounds in ENU metres, and their tags."""
+def _features(path: Path, field: str, frame: LocalFrame) -> Iterator[tuple[shapely.Geometry, dict[str, Any]]]:
+    """Shapes in ENU metres, and their tags."""
     try:
         data = read_geojson(path, MAX_BYTES)
     except UserError as error:
@@ -145,7 +181,6 @@ def _features(
     features = data.get("features") if isinstance(data, dict) else None
     if not isinstance(features, list):
         raise UserError(f"{field}: {path}: is no collection of features; export it again as GeoJSON")
-    ground = shapely.box(*bounds_enu_m)
 
     def enu_m(lon_lat_deg: F64) -> F64:
         heights = np.full(len(lon_lat_deg), frame.altitude_m)
@@ -164,9 +199,7 @@ def _features(
                 f"{field}: {path}: feature {number} is not in longitude and latitude in degrees; export it "
                 "in EPSG:4326"
             )
-        local = shapely.make_valid(shapely.transform(lon_lat, enu_m))
-        if len(corners) and shapely.intersects(ground, local):
-            yield local, tags
+        yield shapely.make_valid(shapely.transform(lon_lat, enu_m)), tags
 
 
 def _metres(told: Any) -> float | None:

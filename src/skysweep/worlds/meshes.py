@@ -1,7 +1,8 @@
 """Triangle meshes and the few shapes from which every asset is made.
 
 Pure functions of numbers: metres, z up, colours sRGB 0..1. A vertex's ``texture`` is (u, v, layer); its
-colour is multiplied by that texture layer (see :mod:`skysweep.worlds.textures`).
+colour is multiplied by that texture layer (see :mod:`skysweep.worlds.textures`). Its material gives it a
+temperature (see :mod:`skysweep.worlds.heat`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skysweep.arrays import F32, F64, I32
+from skysweep.arrays import F32, F64, I32, U8
+from skysweep.worlds.materials import Material, material_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,7 @@ class Mesh:
     colours: F32  # (V, 3) sRGB 0..1
     texture: F32  # (V, 3) u, v, layer
     faces: I32  # (F, 3)
+    material: U8  # (V,) as ``materials.Material``
 
     def moved(
         self, offset: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None, scale: ArrayLike = 1.0
@@ -42,6 +45,10 @@ class Mesh:
         """This mesh with colours multiplied by (3,) or per vertex by (V, 1) or (V, 3)."""
         colours = np.clip(self.colours * np.asarray(factors, dtype=float), 0, 1)
         return replace(self, colours=colours.astype(np.float32))
+
+    def made_of(self, material: Material, where: ArrayLike = True) -> Mesh:
+        """This mesh of another material, all of it or where a mask (V,) says so."""
+        return replace(self, material=np.where(where, np.uint8(material), self.material))
 
     def grounded(self, depth_m: float, darkest: float = 0.55) -> Mesh:
         """This mesh darkened towards z = 0, where less sky reaches it, over ``depth_m``."""
@@ -79,7 +86,12 @@ def make_mesh(
     n = np.where(length > 1e-12, n / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
     texture = np.column_stack([t, np.full(len(v), layer)])
     return Mesh(
-        v.astype(np.float32), n.astype(np.float32), c.astype(np.float32), texture.astype(np.float32), f
+        v.astype(np.float32),
+        n.astype(np.float32),
+        c.astype(np.float32),
+        texture.astype(np.float32),
+        f,
+        np.full(len(v), material_of(layer), np.uint8),
     )
 
 
@@ -92,6 +104,7 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
         np.concatenate([m.colours for m in meshes]),
         np.concatenate([m.texture for m in meshes]),
         np.concatenate([m.faces + start for m, start in zip(meshes, starts, strict=True)]).astype(np.int32),
+        np.concatenate([m.material for m in meshes]),
     )
 
 

@@ -103,14 +103,15 @@ class Obstacles:
         """Heights ENU that keep a straight leg ``keep_m`` above, or beside, all solids.
 
         The first is needed now if the vehicle climbs ``slope`` metres a metre from ``near_m`` on; the second
-        is needed within the next ``near_m``. Both are -inf if nothing is in the way. The ground within
+        is needed within the next ``near_m``. Both are -inf if nothing is in the way. A negative ``near_m`` is
+        that of a leg which begins so far behind it. The ground within
         ``keep_m`` beside the leg stays ``keep_ground_m`` below.
         """
         terrain = self.terrain
         aim_m, least_m = _solids_along(self.solids, *self._grid, *here, *to, keep_m, near_m, slope)
         if terrain.is_flat:
             return aim_m, least_m
-        farthest_m = near_m + self._relief_m / slope
+        farthest_m = max(near_m + self._relief_m / slope, 0.0)
         ground_aim_m, ground_least_m = _ground_along(
             terrain.heights_m, terrain.bounds_enu_m, *here, *to, keep_m, near_m, slope, farthest_m
         )

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from skysweep.arrays import F64, I64
+from skysweep.scenarios.model import SHARE_FROM_ABOVE
 from skysweep.worlds.grid import Grid, around
 from skysweep.worlds.world import STANDING_SIGN_EDGE_M, TerrainSurface, World, WorldObject, bilinear_at
 
@@ -24,10 +25,9 @@ SHAPES = {  # of poses; all others are flat
     "crouching": CROUCHING,
 }
 
-_STANDING_WIDTH_SHARE = 0.3  # shoulders against body height
-_FLOATING_SHARE = 0.4  # head, shoulders and arms against body height
-_SITTING_SHARE = 0.55  # from the back to the feet, or to the head
-_CROUCHING_SHARE = 0.42
+_STANDING_SHARE, _FLOATING_SHARE, _SITTING_SHARE, _CROUCHING_SHARE = (
+    SHARE_FROM_ABOVE[pose] for pose in ("standing", "floating", "sitting", "crouching")
+)
 _LOW_MIDDLE_SHARE = 0.2  # height of the middle of one who sits or crouches
 _POINT_HEIGHT_M = 0.1
 _POINTS = np.array([(x, y) for x in (-0.3, 0, 0.3) for y in (-0.3, 0, 0.3)])  # of the object's size
@@ -56,7 +56,7 @@ def pixels_on_target(
     elif shape == STANDING:
         across = east_m * east_m + north_m * north_m
         off_nadir_sine = math.sqrt(across / max(across + up_m * up_m, 1e-9))
-        extent_m = size_m * max(off_nadir_sine, _STANDING_WIDTH_SHARE)
+        extent_m = size_m * max(off_nadir_sine, _STANDING_SHARE)
     return focal_px * extent_m / depth_m
 
 

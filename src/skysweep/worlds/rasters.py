@@ -30,6 +30,8 @@ _NODE_M = 50.0  # between places that are projected; linear in between, which er
 _MOST_NODES = 400  # along one side
 _MAX_BLOCK_BYTES = 500_000_000  # of what has to be read at once
 _BORDER = 64  # points along one edge
+_SAMPLES, _SAMPLE_PX = 12, 64  # squares of a picture of 16 bits, in each direction, and their sides
+_DARK_BRIGHT = (1.0, 99.0)  # percentiles of the samples
 
 
 class Part(NamedTuple):
@@ -75,6 +77,7 @@ class GeoTiff:
     unit: str  # of the first band, as the file says
     scale_offset: tuple[float, float]  # of the first band
     has_palette: bool
+    bits: int | None  # of a value, where the file states fewer than its type has
     is_coarse_too: bool  # has overviews, or is small
 
     def error(self, problem: str) -> UserError:
@@ -128,7 +131,11 @@ class GeoTiff:
         shared = shapely.intersection(outline, ground)
         if shared.area == 0.0:
             away_km = shapely.distance(outline, ground) / 1e3
-            raise self.error(f"does not overlap the area, {away_km:.1f} km away; give a raster of this area")
+            at = f"{self.frame.latitude_deg:g}, {self.frame.longitude_deg:g}"
+            raise self.error(
+                f"does not overlap the area, {away_km:.1f} km away; give a raster of this area, or write "
+                f"home's latitude_deg and longitude_deg (now {at})"
+            )
         return shared
 
     def window(self, pixels: F64, pad: int) -> Part | None:
@@ -206,6 +213,7 @@ def _described(path: Path, field: str, frame: LocalFrame, file: Any) -> GeoTiff:
         (file.units[0] or "").strip(),
         (file.scales[0], file.offsets[0]),
         file.colorinterp[0].name == "palette",
+        int(bits) if (bits := file.tags(1, ns="IMAGE_STRUCTURE").get("NBITS")) else None,
         bool(file.overviews(1)) or file.width * file.height <= 25_000_000,
     )
 
@@ -254,6 +262,7 @@ class GroundPicture:
     source: GeoTiff
     bounds_enu_m: Bounds  # of the part on the scenario's ground
     pixel_m: float
+    black_white: tuple[float, float]  # the values that are shown so
 
     def read(self, west: float, south: float, east: float, north: float, width_px: int, height_px: int) -> U8:
         """The ground between these ENU metres (H, W, 4) RGBA, north up; alpha is 0 where nothing is pictured.
@@ -271,13 +280,20 @@ class GroundPicture:
             return out
         pixels = self.source.read(part, step, bands=3 if self.source.bands >= 3 else 1, smooth=True)
         v, u = pixels.places_of(places).astype(np.float32)
-        picture = np.ascontiguousarray(np.moveaxis(pixels.values, 0, -1))
+        picture = np.ascontiguousarray(np.moveaxis(self._as_bytes(pixels.values), 0, -1))
         drawn = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         out[..., :3] = drawn.reshape(height_px, width_px, -1)
         alpha = pixels.is_valid.astype(np.uint8) * 255
         out[..., 3] = cv2.remap(alpha, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
         out[out[..., 3] == 0] = 0
         return out
+
+    def _as_bytes(self, values: NDArray[Any]) -> U8:
+        if values.dtype == np.uint8:
+            return values
+        black, white = self.black_white
+        shares = (values.astype(np.float32) - np.float32(black)) / np.float32(white - black)
+        return np.asarray(np.clip(np.rint(255 * shares), 0, 255).astype(np.uint8))
 
 
 def ground_picture(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> GroundPicture:
@@ -286,8 +302,31 @@ def ground_picture(path: Path, frame: LocalFrame, bounds_enu_m: Bounds) -> Groun
     Raises UserError where it is no picture, or does not overlap them.
     """
     source = geotiff(path, "terrain.orthophoto", frame)
-    if source.dtype != "uint8" or source.has_palette:
+    if source.dtype not in ("uint8", "uint16") or source.has_palette:
         kind = "a palette" if source.has_palette else f"{source.dtype} values"
-        raise source.error(f"has {kind}, not colours of 8 bits; save it as RGB of 8 bits")
+        raise source.error(f"has {kind}, not colours of 8 or 16 bits; save it as RGB of 8 bits")
     west, south, east, north = source.overlap(bounds_enu_m).bounds
-    return GroundPicture(source, (west, south, east, north), source.pixel_m)
+    black_white = (0.0, 255.0) if source.dtype == "uint8" else _black_white(source)
+    return GroundPicture(source, (west, south, east, north), source.pixel_m, black_white)
+
+
+def _black_white(source: GeoTiff) -> tuple[float, float]:
+    """The values of 16 bits that are shown black and white, the same in all bands, so that colours stay.
+
+    They span the bits that the file states, else all but the darkest and brightest of samples across it.
+    Raises UserError where it shows nothing, or one value alone.
+    """
+    if source.bits:
+        return 0.0, float(2**source.bits - 1)
+    (width, height), bands = source.size_px, 3 if source.bands >= 3 else 1
+    found = [np.zeros(0, np.uint16)]
+    for row in sorted(set(np.linspace(0, max(height - _SAMPLE_PX, 0), _SAMPLES).astype(int).tolist())):
+        for column in sorted(set(np.linspace(0, max(width - _SAMPLE_PX, 0), _SAMPLES).astype(int).tolist())):
+            part = Part(column, row, min(_SAMPLE_PX, width), min(_SAMPLE_PX, height))
+            pixels = source.read(part, bands=bands)
+            found.append(pixels.values[:, pixels.is_valid].ravel())
+    values = np.concatenate(found)
+    black, white = np.percentile(values, _DARK_BRIGHT).tolist() if len(values) else (0.0, 0.0)
+    if white <= black:
+        raise source.error("shows the same value everywhere; save it as RGB of 8 bits")
+    return black, white

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.arrays import F32, F64, U8
-from skysweep.scenarios.model import Light
+from skysweep.scenarios.model import SUN_LEAST_DEG, Light
 from skysweep.worlds.assets import object_mesh
 from skysweep.worlds.assets.buildings import building_mesh
+from skysweep.worlds.assets.clutter import clutter_mesh
 from skysweep.worlds.assets.plants import SHAPES, tree_meshes
 from skysweep.worlds.ground_grid import GroundGrid
+from skysweep.worlds.heat import Heat, heat_of
 from skysweep.worlds.meshes import Mesh, tilt_rotation, yaw_rotation
 from skysweep.worlds.rasters import GroundPicture
 from skysweep.worlds.textures import GroundTextures, ground_textures, layer_image
@@ -25,6 +27,7 @@ STRAY = 1.6  # cells, by which they stray at full noise
 FINE_LEAST, FINE_MOST = 0.4, 2.5  # what a surface's detail does to the tones of the ground's picture
 PICTURE_LIGHT = 1.55  # under which level ground has the tones of its picture
 PLANT_TEXTURE_M = 2.2  # a plant's texture repeats after this, whatever the plant's size
+_DAYLIGHT_DEG = 45.0
 UPRIGHT_POSES = ("standing", "sitting", "floating", "crouching", "walking", "waving")
 
 
@@ -101,6 +104,7 @@ class Scene:
     plantings: tuple[Planting, ...]
     layers: U8  # (L, 256, 256, 3)
     sun: Sun
+    heat: Heat
     bounds_enu_m: tuple[F64, F64]  # low and high corner (3,) of all that can cast a shadow
 
 
@@ -117,6 +121,9 @@ def build_scene(world: World) -> Scene:
     for b in world.buildings:
         house = building_mesh(b.size_m, b.height_m, b.variant, b.flat_roof)
         solids.append(Solid(house.moved(b.position_enu_m, yaw_rotation(b.yaw_rad)), 0))
+    for c in world.clutter:
+        thing = clutter_mesh(c.kind, c.length_m, c.variant)
+        solids.append(Solid(thing.moved(c.position_enu_m, yaw_rotation(c.yaw_rad)), 0))
     plantings = _plant(world)
     shown = [s.mesh for s in solids] + [m.mesh for m in movers] + [p.meshes[-1] for p in plantings]
     used = np.unique(np.concatenate([[0.0], *(m.texture[:, 2] for m in shown)])).astype(int)
@@ -133,6 +140,7 @@ def build_scene(world: World) -> Scene:
         tuple(plantings),
         np.stack([layer_image(int(layer)) for layer in used]),
         make_sun(world.light),
+        heat_of(world.light, world.wind_mps, world.latitude_deg),
         _bounds(world.terrain, solids, movers, plantings),
     )
 
@@ -152,12 +160,17 @@ def everywhere(terrain: TerrainSurface) -> GroundCover:
 
 
 def make_sun(light: Light) -> Sun:
-    """Sun and sky: warm and weak near the horizon, and exposed so that level ground keeps its tone."""
-    elevation, heading = np.radians(light.sun_elevation_deg), np.radians(light.sun_heading_deg)
+    """Sun and sky: warm and weak near the horizon, and exposed so that level ground keeps its tone.
+
+    Where the sun is down, as for a thermal camera, maps and views for people are drawn as by day.
+    """
+    is_day = light.sun_elevation_deg >= SUN_LEAST_DEG
+    elevation_deg = light.sun_elevation_deg if is_day else _DAYLIGHT_DEG
+    elevation, heading = np.radians(elevation_deg), np.radians(light.sun_heading_deg)
     direction = np.array(
         [np.cos(elevation) * np.sin(heading), np.cos(elevation) * np.cos(heading), np.sin(elevation)]
     )
-    air_mass = 1.0 / (np.sin(elevation) + 0.15 * (light.sun_elevation_deg + 3.885) ** -1.253)  # Kasten (1965)
+    air_mass = 1.0 / (np.sin(elevation) + 0.15 * (elevation_deg + 3.885) ** -1.253)  # Kasten (1965)
     sun = 1.6 * np.exp(-np.array([0.06, 0.11, 0.20]) * air_mass)
     clear = np.clip(light.visibility_m / 4000.0, 0.0, 1.0) ** 0.5
     sky = np.array([0.34, 0.39, 0.47]) * (0.45 + 0.55 * np.sin(elevation)) + 0.22 * (1 - clear)

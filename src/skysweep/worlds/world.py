@@ -35,7 +35,7 @@ from skysweep.scenarios.model import (
 from skysweep.types import XY
 from skysweep.worlds.elevation import Elevation, elevation
 from skysweep.worlds.land_cover import WORLDCOVER, LandCover, growth, land_cover
-from skysweep.worlds.map_features import Box
+from skysweep.worlds.map_features import Box, Notes
 from skysweep.worlds.map_features import buildings as buildings_in
 from skysweep.worlds.motion import Placing, Track, track_of
 from skysweep.worlds.places import Ground, beside_trees, generate_positions, scattered
@@ -86,6 +86,17 @@ class WorldBuilding:
     yaw_rad: float
     variant: int
     flat_roof: bool = False  # at height_m, instead of the gable
+
+
+@dataclass(frozen=True, slots=True)
+class WorldClutter:
+    """A thing that is neither searched for nor a distractor, as ``assets.clutter`` makes it."""
+
+    kind: str
+    position_enu_m: F64  # (3,)
+    length_m: float
+    yaw_rad: float
+    variant: int
 
 
 @dataclass(frozen=True)
@@ -184,6 +195,9 @@ class World:
     light: Light
     seed: int  # of textures and other looks
     ground_picture: GroundPicture | None = None
+    clutter: tuple[WorldClutter, ...] = ()  # in the pictures of data sets only
+    wind_mps: float = 2.0  # which cools, as the latitude heats: both matter in the infrared only
+    latitude_deg: float = 60.0
 
     @property
     def targets(self) -> tuple[WorldObject, ...]:
@@ -200,10 +214,10 @@ class World:
         """Where an object is at a time of the mission: (3,), on the ground."""
         return self.at(thing, time_s).position_enu_m
 
-    def way(self, thing: WorldObject, until_s: float) -> F64:
-        """Its places (N, 3) from time 0 on, every WAY_STEP_S and at the end."""
-        times_s = [*np.arange(0.0, until_s, WAY_STEP_S).tolist(), until_s]
-        return np.array([self.position(thing, t) for t in times_s])
+    def way(self, thing: WorldObject, until_s: float) -> tuple[F64, F64]:
+        """Times (N,) from 0 on, every WAY_STEP_S and the end, and its places (N, 3) then."""
+        times_s = np.append(np.arange(0.0, until_s, WAY_STEP_S), until_s)
+        return times_s, np.array([self.position(thing, t) for t in times_s.tolist()])
 
 
 def build_terrain(scenario: Scenario) -> TerrainSurface:
@@ -326,7 +340,17 @@ def build_world(scenario: Scenario, seed: int) -> World:
         )
         objects.append(thing)
     picture = ground_picture_of(scenario)
-    return World(terrain, tuple(objects), trees, buildings, scenario.light, seed, picture)
+    return World(
+        terrain,
+        tuple(objects),
+        trees,
+        buildings,
+        scenario.light,
+        seed,
+        picture,
+        wind_mps=scenario.wind.mean_speed_mps,
+        latitude_deg=scenario.home.latitude_deg,
+    )
 
 
 def _items(scenario: Scenario, seed: int, area: Ground, trees: tuple[WorldTree, ...]) -> list[_Item]:
@@ -399,8 +423,17 @@ def build_buildings(scenario: Scenario, terrain: TerrainSurface) -> tuple[WorldB
 
 def mapped_buildings(scenario: Scenario) -> tuple[Box, ...]:
     """The boxes of ``buildings_file``, if there is one. Raises UserError as ``buildings``."""
+    return _mapped_buildings(scenario)[0]
+
+
+def notes_on_buildings(scenario: Scenario) -> Notes:
+    """What of ``buildings_file`` was left out. Raises UserError as ``buildings``."""
+    return _mapped_buildings(scenario)[1]
+
+
+def _mapped_buildings(scenario: Scenario) -> tuple[tuple[Box, ...], Notes]:
     file = ground_files(scenario).get("buildings_file")
-    return () if file is None else buildings_in(file, scenario.frame, ground_bounds(scenario))
+    return ((), ()) if file is None else buildings_in(file, scenario.frame, ground_bounds(scenario))
 
 
 def _on_ground(terrain: TerrainSurface, xy: tuple[float, float]) -> F64:

@@ -1,4 +1,4 @@
-"""The embedded camera: renders the world from the true pose."""
+"""The embedded camera, visible or thermal: renders the world from the true pose."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from skysweep.geometry.camera import CameraPose
 from skysweep.scenarios.model import CameraModel
-from skysweep.sensing.cameras.effects import CameraEffects
+from skysweep.sensing.cameras.exposing import exposing
 from skysweep.types import Frame, Truth, VehicleState
 from skysweep.worlds.rendering.renderer import Backend, Painter, make_renderer
 from skysweep.worlds.world import World
@@ -19,7 +19,7 @@ class RenderedCamera:
 
     ``eye`` gives the true pose; the frame carries the camera pose of the state passed to ``capture`` (delayed
     by :class:`skysweep.sensing.exposures.Exposures`). One seed gives the same frame bytes. ``renderer`` is
-    one, or its name.
+    one, or its name. Raises UserError if the camera is thermal and the renderer a simulator.
     """
 
     def __init__(
@@ -35,20 +35,17 @@ class RenderedCamera:
         self._eye = eye
         self._renderer = make_renderer(world, renderer) if isinstance(renderer, str) else renderer
         self.renderer: str | None = self._renderer.backend
-        self._effects = CameraEffects(
-            camera.lens, camera.exposure_s, camera.noise_std, camera.jpeg_quality, seed
-        )
+        self._expose = exposing(camera, self._renderer, seed)
         self._frame_index = 0
 
     def capture(self, state: VehicleState) -> Frame:
         """The picture at this moment."""
         true = self._eye.true_camera_pose()
         velocity_mps, rates_radps = self._eye.true_camera_motion()
-        clean = self._renderer.render(self._lens, true, state.time_s)
-        image = self._effects.apply(
-            clean,
+        image = self._expose(
             self._frame_index,
             true,
+            state.time_s,
             true.R_camera_to_enu @ velocity_mps,
             true.R_camera_to_enu @ rates_radps,
             self._distance_m(true),

@@ -51,6 +51,7 @@ from skysweep.worlds.world import TerrainSurface
 _MIN_DEPTH_M = 0.1
 _FRONT_MATTERS = 0.5  # in the score, from front to side
 _N_FACTORS = len(FACTORS)
+STILL = CameraMotion(np.zeros(3), np.zeros(3))
 _NOT_KNOWN = -1.0
 
 VARIANT = np.dtype(
@@ -125,6 +126,16 @@ class SearchedCells:
         pod[self._wanted] = -np.expm1(self._luck[..., WEIGHT]) @ self._weights
         return pod
 
+    def promised(self, pose: CameraPose, n_looks: int) -> F64:
+        """Share (R, C) of the targets that all looks missed that so many more from there would report."""
+        missed, kept = 1.0 - self.pod, (self._luck, self._last, self._seen_in, self._look_number)
+        self._luck, self._last, self._seen_in = self._luck.copy(), self._last.copy(), self._seen_in.copy()
+        for _ in range(n_looks):
+            self.look(pose, STILL)
+        still_missed = 1.0 - self.pod
+        self._luck, self._last, self._seen_in, self._look_number = kept
+        return np.asarray(1.0 - still_missed / np.maximum(missed, 1e-12))
+
     def look(self, pose: CameraPose, motion: CameraMotion) -> None:
         """Take in a picture from there, with this motion of the camera."""
         _look(
@@ -166,7 +177,7 @@ def _variants(
         kinds = [k for k in kinds if k.pose in poses[name]] or kinds
         if not kinds:
             raise UserError(
-                f"coverage: needs a sensor model of '{name}'; write one with 'skysweep calibrate'"
+                f"the search needs a sensor model of '{name}'; write one with 'skysweep calibrate'"
             )
         sizes = sorted({low_m, high_m})
         for kind, size_m in itertools.product(kinds, sizes):

@@ -25,8 +25,8 @@ from skysweep.files.models import validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.geometry.camera import Lens
-from skysweep.scenarios.model import CameraModel, DetectorModel, Scenario, Search
-from skysweep.sensing.statistical.factors import BLUR_MAX, CONTRAST_USUAL, NAMES, VIEW_MAX
+from skysweep.scenarios.model import CameraKind, CameraModel, DetectorModel, Scenario
+from skysweep.sensing.statistical.factors import BLUR_MAX, CONTRAST_USUAL, NAMES, TOO_SMALL, VIEW_MAX
 from skysweep.sensing.statistical.view import View
 
 VERSION = 8  # 7 measured standing objects by the angle to their foot
@@ -137,8 +137,10 @@ class CalibratedCamera(_Part):
     height_px: int
     hfov_rad: float
     exposure_s: float
-    noise_std: float
+    noise_std: float | None = Field(None, description="Of a visible camera")
     jpeg_quality: int
+    kind: str = Field("visible", description="visible or thermal")
+    netd_k: float | None = Field(None, description="Of a thermal camera")
 
     @property
     def lens(self) -> Lens:
@@ -218,12 +220,12 @@ class StatisticalModel(_Part):
         return self
 
     @classmethod
-    def load(cls, path: Path | None = None) -> StatisticalModel:
-        """Read a model file; without a path, that of the shipped detector.
+    def load(cls, path: Path | None = None, kind: CameraKind = "visible") -> StatisticalModel:
+        """Read a model file; without a path, that of the shipped detector for this kind of camera.
 
         Raises UserError if the file is missing or invalid.
         """
-        source = path or Path(str(resources.files("skysweep.sensing.statistical") / "default.yaml"))
+        source = path or own_sensor_path(kind)
         try:
             status = source.stat()
             return _read(source, status.st_mtime_ns, status.st_size)
@@ -232,6 +234,11 @@ class StatisticalModel(_Part):
         except UserError as error:
             reason = str(error).removeprefix(f"{source}: ")
         raise UserError(f"{source}: not a sensor model ({reason}); write one with 'skysweep calibrate'")
+
+    @property
+    def reported_classes(self) -> tuple[str, ...]:
+        """The classes of which the detector reported an object as what it is."""
+        return tuple(sorted({k.kind for k in self.kinds if k.kind == k.reported_as}))
 
     @property
     def measured(self) -> set[tuple[str, str]]:
@@ -263,6 +270,8 @@ class StatisticalModel(_Part):
         view angle, blur and edges are in the model. Noise and JPEG may differ where the pixels that the
         detector sees, each a mean of several of the camera's, have no more of them than the calibrated ones.
         """
+        if camera.kind != self.camera.kind:
+            return [f"camera.kind is {camera.kind}, not {self.camera.kind}"]
         found = []
         if (other := _other_detector(self.detector, detector.model)) is not None:
             return [other]
@@ -276,11 +285,15 @@ class StatisticalModel(_Part):
                 f"times, more than {MAX_ENLARGED:g}"
             )
         least = min(view.scale, 1.0)
-        noise, known = camera.noise_std * least, self.camera.noise_std
-        if noise > known * _ROUNDING:
+        known_std = self.camera.noise_std
+        if known_std is not None and (noise := camera.noise_std * least) > known_std * _ROUNDING:
             found.append(
-                f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not {known:g}"
+                f"camera.noise_std is {noise:.3g} grey levels a pixel that the detector sees, not "
+                f"{known_std:g}"
             )
+        known_k = self.camera.netd_k
+        if known_k is not None and (netd_k := camera.netd_k * least) > known_k * _ROUNDING:
+            found.append(f"camera.netd_k is {netd_k:.3g} K a pixel that the detector sees, not {known_k:g}")
         coarse, known = _jpeg_step(camera.jpeg_quality) * least, _jpeg_step(self.camera.jpeg_quality)
         if coarse > known * _ROUNDING:
             found.append(
@@ -297,11 +310,13 @@ class StatisticalModel(_Part):
             f"to {_VIEW_MAX_DEG:.0f} degrees off the vertical and blurred by up to the target's length"
         )
 
-    def extrapolation(self, view: View, search: Search, smallest_m: float, gimbal_pitch_rad: float) -> str:
-        """In words, what the model was calibrated for instead of this search; empty if for this.
+    def beyond_calibration(self, scenario: Scenario) -> str:
+        """A sentence if the model was not calibrated for this search; empty if it was.
 
-        ``smallest_m`` is the size of the smallest target. Beyond its tables the model repeats their ends.
+        Beyond its tables the model repeats their ends.
         """
+        search, smallest_m = scenario.search, scenario.smallest_extent_m
+        view = self.view_of(scenario.camera, scenario.detector)
         h_s, h_c = search.scan_altitude_agl_m, search.check_altitude_agl_m
         in_check = view.pixels_on_target(smallest_m, h_c)
         cm = [100.0 * h / self.camera.lens.focal_px for b in self.background for h in b.altitude_agl_m]
@@ -309,21 +324,33 @@ class StatisticalModel(_Part):
         asked += [("pixels on target in a check", max(in_check, self.pixels[0]), self.pixels)]
         for where, height_m in (("", h_s), (" in a check", h_c)) if cm else ():
             asked.append((f"cm of ground a pixel{where}", 100.0 * height_m / view.focal_px, cm))
-        asked += [("degrees off the vertical", 90.0 + math.degrees(gimbal_pitch_rad), [0.0, _VIEW_MAX_DEG])]
-        return " and ".join(
+        off_deg = 90.0 + math.degrees(scenario.camera.gimbal.pitch_rad)
+        asked += [("degrees off the vertical", off_deg, [0.0, _VIEW_MAX_DEG])]
+        beyond = " and ".join(
             f"for {min(known):.3g} to {max(known):.3g} {unit}, not {value:.3g}"
             for unit, value, known in asked
             if not min(known) <= value <= max(known) * _ROUNDING
         )
+        return beyond and (
+            f"The sensor model was calibrated {beyond}: what it says there is a guess, and it reports "
+            f"nothing of fewer than {TOO_SMALL * self.pixels[0]:.3g} pixels; write another altitude of "
+            "search, or another camera."
+        )
+
+
+def own_sensor_path(kind: CameraKind) -> Path:
+    """The file of the shipped sensor model for a kind of camera."""
+    return Path(str(resources.files("skysweep.sensing.statistical") / f"{kind}.yaml"))
 
 
 def model_for(scenario: Scenario, instead: str = "fly with --sensor imaging") -> StatisticalModel:
     """The model that a scenario names, or the shipped one.
 
-    Raises UserError if it was made for another detector or camera; ``instead`` is how to do without it.
+    Raises UserError if it was made for another detector or camera, or knows no reports of a searched class;
+    ``instead`` is how to do without it.
     """
     path = scenario.detector.statistical_model
-    model = StatisticalModel.load(Path(path) if path else None)
+    model = StatisticalModel.load(Path(path) if path else None, scenario.camera.kind)
     differences = model.differences(scenario.camera, scenario.detector)
     if blurred := _blurred(scenario):
         differences.append(blurred)
@@ -333,13 +360,20 @@ def model_for(scenario: Scenario, instead: str = "fly with --sensor imaging") ->
             f"({'; '.join(differences)}); make one with 'skysweep calibrate' and write its path as "
             f"detector.statistical_model, or {instead}"
         )
+    known = model.reported_classes
+    if unknown := [name for name in scenario.target_classes if name not in known]:
+        raise UserError(
+            f"targets: {model.detector.name} reports {' and '.join(known) or 'nothing'}, not "
+            f"{' or '.join(unknown)}, by {path or 'the shipped sensor model'}; write targets that it "
+            "reports, or another detector.model or camera.kind"
+        )
     return model
 
 
 def _blurred(scenario: Scenario) -> str:
     """In words, that the smallest target is blurred more than any that was measured; empty if it is not."""
     exposure_s, speed_mps = scenario.camera.exposure_s, scenario.search.scan_speed_mps
-    smallest_m = min(low for low, _ in scenario.target_sizes_m.values())
+    smallest_m = scenario.smallest_extent_m
     if exposure_s * speed_mps <= BLUR_MAX * smallest_m:
         return ""
     return (

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skysweep.arrays import F64
-from skysweep.detection.layouts import BoxUnit, PixelRange
+from skysweep.detection.layouts import Told
 from skysweep.detection.model_files import existing_model_file, sha256_of
 from skysweep.detection.tiling import FixedSides, fitting_scale, input_hw_for, tiles_px
 from skysweep.geometry.camera import Lens
@@ -61,13 +61,14 @@ class View(NamedTuple):
 def _input_scale(detector: DetectorModel, size_px: Size, tiles: int) -> float:
     """The pixels of the detector's input for one of a picture of this size."""
     path = existing_model_file(detector.model)
-    fixed_hw = _fixed_hw(str(path), sha256_of(path), detector.boxes, detector.pixels)
+    told = Told(detector.boxes, detector.pixels, detector.channels)
+    fixed_hw = _fixed_hw(str(path), sha256_of(path), told)
     left, top, right, bottom = tiles_px(*size_px, tiles)[0]
     return fitting_scale((bottom - top, right - left), input_hw_for(fixed_hw, size_px[::-1]))
 
 
 @lru_cache(maxsize=16)
-def _fixed_hw(path: str, _sha256: str, boxes: BoxUnit | None, pixels: PixelRange | None) -> FixedSides:
+def _fixed_hw(path: str, _sha256: str, told: Told) -> FixedSides:
     from skysweep.detection.yolo import YoloDetector  # imported late: it loads ONNX Runtime
 
-    return YoloDetector(path, boxes=boxes, pixels=pixels).network.fixed_hw
+    return YoloDetector(path, **told._asdict()).network.fixed_hw

@@ -8,6 +8,7 @@ import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.worlds.assets.looks import Appearance
+from skysweep.worlds.materials import Material
 from skysweep.worlds.meshes import Mesh, ellipsoid, icosphere, lumpy, make_mesh, merge, tube, yaw_rotation
 from skysweep.worlds.textures import Layer
 
@@ -123,13 +124,15 @@ def _animal(
     long, wide, high = build.barrel
     lies = pose == "lying"
     middle = high / 2 + (0.0 if lies else build.legs)
-    parts = [trunk.moved((-0.5 + long / 2, 0.0, middle))]
+    fur = Material.FLEECE if build is _SHEEP else Material.COAT
+    parts = [trunk.moved((-0.5 + long / 2, 0.0, middle)).made_of(fur)]
     for fore in (True, False):
         for side in (1.0, -1.0):
             hip = np.array([-0.5 + long * (0.84 if fore else 0.14), 0.30 * side * wide, middle - 0.12 * high])
             line = _folded(hip, fore) if lies else _stood(hip, fore, looks)
             thick = build.leg_radius * np.array([2.2, 1.1, 1.0])
-            parts.append(tube(line, thick, np.stack([coat, legs, legs]), n=6))
+            leg = tube(line, thick, np.stack([coat, legs, legs]), n=6)
+            parts.append(leg.made_of(Material.SHORT_COAT))
     root = np.array([-0.5 + 0.93 * long, 0.0, middle + 0.22 * high])
     down = not lies and looks.chance(grazes)
     rise = -looks.between(0.5, 0.8) if down else build.neck_rise * looks.between(0.75, 1.1)
@@ -138,10 +141,12 @@ def _animal(
     reach = min(build.neck * 1.35, (root[2] - 0.06) / -along[2]) if down else build.neck
     poll = root + reach * along
     neck_radius = 0.5 * min(wide, high) * np.array([0.72, 0.56, 0.42])
-    parts.append(tube(np.array([root - 0.10 * along, 0.5 * (root + poll), poll]), neck_radius, coat, n=9))
+    throat = tube(np.array([root - 0.10 * along, 0.5 * (root + poll), poll]), neck_radius, coat, n=9)
+    parts.append(throat.made_of(fur))
     nod = 0.9 if down else 0.35  # the face points down and ahead
     bowed = np.array([[np.cos(nod), 0, np.sin(nod)], [0, 1, 0], [-np.sin(nod), 0, np.cos(nod)]])
-    parts.append(merge([_head(build, face), *extras]).moved(poll, turned @ bowed))
+    head = merge([_head(build, face), *extras]).moved(poll, turned @ bowed)
+    parts.append(head.made_of(Material.SHORT_COAT))
     return merge(parts).grounded(0.25, 0.72)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.worlds.assets.looks import Appearance
+from skysweep.worlds.materials import Material
 from skysweep.worlds.meshes import Mesh, box, make_mesh, merge
 from skysweep.worlds.textures import Layer
 
@@ -28,7 +29,8 @@ def building_mesh(
     if flat_roof:
         v = [(*corner, height_m) for corner in corners]
         uv = np.array(corners) / 3.2
-        return merge([*parts, make_mesh(v, [[0, 1, 2], [0, 2, 3]], (0.42, 0.41, 0.40), Layer.PLAIN, uv=uv)])
+        roof_mesh = make_mesh(v, [[0, 1, 2], [0, 2, 3]], (0.42, 0.41, 0.40), Layer.PLAIN, uv=uv)
+        return merge([*parts, roof_mesh.made_of(Material.ROOF)])
     for side in (1, -1):
         v = [(side * x, -side * y, height_m), (side * x, side * y, height_m), (side * x, 0, height_m + rise)]
         uv = np.array([(-y, 0), (y, 0), (0, rise)]) / STOREY_M
@@ -45,7 +47,8 @@ def building_mesh(
         parts.append(
             make_mesh(np.array(v) + np.array([0, 0, 0.08]), [[0, 1, 2], [0, 2, 3]], roof, Layer.ROOF, uv=uv)
         )
-        parts.append(make_mesh(v, [[0, 2, 1], [0, 3, 2]], roof * 0.5, Layer.PLAIN, uv=uv))
+        below = make_mesh(v, [[0, 2, 1], [0, 3, 2]], roof * 0.5, Layer.PLAIN, uv=uv)
+        parts.append(below.made_of(Material.WOOD))
     chimney = box((0.6, 0.6, 0.9 + 0.5 * rise), (0.50, 0.33, 0.28), layer=Layer.WALL)
     parts.append(chimney.moved((looks.between(-0.6, 0.6) * x, 0.4 * y, height_m + 0.45 * rise)))
     return merge(parts)
@@ -61,4 +64,4 @@ def _wall(a: tuple[float, float], b: tuple[float, float], height_m: float, colou
     base = make_mesh(
         [v[4], v[5], v[1], v[0]], [[0, 1, 2], [0, 2, 3]], (0.45, 0.44, 0.42), Layer.PLAIN, uv=[(0, 0)] * 4
     )
-    return merge([main, base])
+    return merge([main, base.made_of(Material.WALL)])

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from skysweep.arrays import F64
 from skysweep.worlds.assets.looks import Appearance
+from skysweep.worlds.materials import Material
 from skysweep.worlds.meshes import Mesh, box, circle, ellipsoid, loft, merge, tube
 from skysweep.worlds.textures import Layer
 
@@ -274,22 +275,26 @@ def _dress(looks: Appearance, bones: Skeleton, size_m: float, swimmer: bool = Fa
     up = bones.head - bones.neck
     up = up / np.linalg.norm(up)
     parts.append(tube([bones.neck - 0.01 * up, bones.neck + 0.05 * up], [0.032, 0.030], skin, n=6))
+    dressed = merge(parts)
+    is_skin = np.isclose(dressed.colours, skin, atol=1e-6).all(axis=1)
+    parts = [dressed.made_of(Material.CLOTHES).made_of(Material.SKIN, is_skin)]
     large = 1.0 + max(0.0, _CHILD_BELOW_M - size_m)
     head = bones.head + 0.06 * (large - 1.0) * up
-    parts.append(ellipsoid((0.052, 0.044, 0.066), skin, n=10).moved(head, scale=large))
+    parts.append(ellipsoid((0.052, 0.044, 0.066), skin, n=10).moved(head, scale=large).made_of(Material.SKIN))
     cap = looks.chance(0.3)
     colour = looks.pick(_UPPER, _UPPER_HELD_OUT) if cap else hair
     colour = upper if cap and muted else colour
-    crown = ellipsoid((0.055, 0.049, 0.058), colour, n=10)
+    crown = ellipsoid((0.055, 0.049, 0.058), colour, n=10).made_of(Material.HAIR)
     parts.append(crown.moved(head + large * (0.018 * up - [0.012, 0, 0]), scale=large))
     if cap:
-        peak = ellipsoid((0.05, 0.042, 0.006), colour, n=8)
+        peak = ellipsoid((0.05, 0.042, 0.006), colour, n=8).made_of(Material.CLOTH)
         parts.append(peak.moved(head + large * (0.022 * up + [0.05, 0, 0]), scale=large))
     chest = 0.5 * (bones.pelvis + bones.neck) + 0.05 * up
     if looks.chance(0.3 if not swimmer else 0.45) and not muted:
         if swimmer or looks.chance(0.4):  # life jacket or hi-vis vest
             vest = looks.pick("f46e14 e8e21e dc281e", "fa5a28 c8f028")
-            parts.append(ellipsoid((0.085, 0.115, 0.115), vest, n=10, **cloth).moved(chest))
+            over = ellipsoid((0.085, 0.115, 0.115), vest, n=10, **cloth).moved(chest)
+            parts.append(over.made_of(Material.CLOTHES))
         else:
             bag = looks.pick(_BAG)
             parts.append(box((0.09, 0.15, 0.22), bag, **cloth).moved(chest - [0.105, 0, 0.1]))

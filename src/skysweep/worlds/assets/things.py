@@ -6,6 +6,7 @@ import numpy as np
 
 from skysweep.arrays import F64
 from skysweep.worlds.assets.looks import Appearance
+from skysweep.worlds.materials import Material
 from skysweep.worlds.meshes import (
     Mesh,
     circle,
@@ -88,7 +89,7 @@ def stump(looks: Appearance, size_m: float, pose: str) -> Mesh:
         rings.append(np.column_stack([ring * radius[:, None], np.full(n, z)]))
     side = loft(np.stack(rings), bark, caps=False, layer=Layer.BARK, texture_size_m=0.5).grounded(0.3, 0.6)
     top = plate(rings[-1][:, :2], h, (1, 1, 1), decal_layer(Decal.RINGS, looks.variant), size_m / 2)
-    return merge([side, top])
+    return merge([side, top.made_of(Material.WOOD)])
 
 
 def clothing(looks: Appearance, size_m: float, pose: str) -> Mesh:

@@ -6,19 +6,22 @@ One ray a pixel, four where parts meet; one shadow ray. Shading is compiled with
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from skysweep.arrays import F32, F64, I32, I64, U8
+from skysweep.arrays import F32, F64, I32, U8
 from skysweep.errors import MissingExtraError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
+from skysweep.worlds.materials import OF_SURFACE
 from skysweep.worlds.meshes import Mesh, merge, yaw_rotation
+from skysweep.worlds.rendering.embree_heat import temperatures
+from skysweep.worlds.rendering.embree_textures import code_at, mips, pictured, sample, tile
 from skysweep.worlds.rendering.picture_windows import PictureWindows, Window, ground_reach_m
 from skysweep.worlds.rendering.projection import FAR_M, NEAR_M
 from skysweep.worlds.scene import (
@@ -26,8 +29,6 @@ from skysweep.worlds.scene import (
     FINE_MOST,
     PICTURE_LIGHT,
     PLANT_TEXTURE_M,
-    STRAY,
-    WANDER_M,
     Mover,
     Scene,
     everywhere,
@@ -41,6 +42,17 @@ _SHADOWS_M = 160.0  # that things out of sight cast into the picture
 _FOCAL_PX = 1000.0  # for which the ground's posts are chosen
 
 
+class _Rays(NamedTuple):
+    """What rays met first."""
+
+    hit: dict[str, Any]
+    points: F64  # (N, 3)
+    directions: F32  # (N, 3)
+    lit: NDArray[np.bool_]  # (N,)
+    focal_px: float
+    eye: F64  # (3,)
+
+
 class EmbreeRenderer:
     """A ``Renderer`` that casts rays. Raises MissingExtraError if embreex is not installed."""
 
@@ -49,7 +61,7 @@ class EmbreeRenderer:
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._solids_enu_m = np.array([s.mesh.vertices.mean(axis=0) for s in scene.solids]).reshape(-1, 3)
-        self._layers = _mips(scene.layers)
+        self._layers = mips(scene.layers)
         self._cover = _Cover(scene)
         self._place: tuple[int, int, float] | None = None
         self._stage: _Stage | None = None
@@ -59,12 +71,20 @@ class EmbreeRenderer:
         """Does nothing: the garbage collector frees the scene."""
 
     def render(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> U8:
+        self._cover.show(lens, pose, self._ground_m(pose))
+        colours = self._smooth(self._colours, lens, pose, time_s)
+        return np.asarray((colours * 255 + 0.5).astype(np.uint8))
+
+    def render_heat_c(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> F32:
+        return self._smooth(self._temperatures, lens, pose, time_s)[..., 0]
+
+    def _smooth(self, look: _Look, lens: Lens, pose: CameraPose, time_s: float) -> F32:
+        """What ``look`` gives (H, W, C), the mean of four rays a pixel where parts meet."""
         stage = self._set_stage(lens, pose)
         stage.move(time_s)
-        self._cover.show(lens, pose, self._ground_m(pose))
         shape = (lens.height_px, lens.width_px)
         x, y = _pixel_centres(lens)
-        colours, faces = self._shoot(stage, lens, pose, x, y, time_s)
+        values, faces = self._shoot(look, stage, lens, pose, x, y, time_s)
         part = np.where(faces >= 0, stage.part[faces], -1).reshape(shape)
         edge = np.zeros(shape, bool)
         edge[1:] |= part[1:] != part[:-1]
@@ -74,10 +94,11 @@ class EmbreeRenderer:
         at = np.flatnonzero(edge.ravel())
         if len(at):
             fine = [
-                self._shoot(stage, lens, pose, x[at] + dx, y[at] + dy, time_s)[0] for dx, dy in _SUBPIXELS
+                self._shoot(look, stage, lens, pose, x[at] + dx, y[at] + dy, time_s)[0]
+                for dx, dy in _SUBPIXELS
             ]
-            colours[at] = np.mean(fine, axis=0)
-        return np.asarray((colours * 255 + 0.5).astype(np.uint8).reshape(*shape, 3))
+            values[at] = np.mean(fine, axis=0)
+        return values.reshape(*shape, -1)
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         shape = (lens.height_px, lens.width_px)
@@ -90,29 +111,42 @@ class EmbreeRenderer:
         return np.where(faces >= 0, stage.ids[faces], 0).astype(np.int32).reshape(shape)
 
     def _shoot(
-        self, stage: _Stage, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float
+        self, look: _Look, stage: _Stage, lens: Lens, pose: CameraPose, x: F64, y: F64, time_s: float
     ) -> tuple[F32, I32]:
-        """Colours (N, 3) 0..1 and faces (N,) seen through picture points."""
+        """What ``look`` gives (N, C) and faces (N,) seen through picture points."""
         origins, directions = _rays(lens, pose, x, y)
         hit = _nearest([scene.hits(origins, directions) for scene in stage.everything()])
         faces = hit["primID"]
         points = origins + directions * np.where(faces >= 0, hit["tfar"], 0)[:, None]
-        s = self._scene.sun
-        sun = s.direction_enu.astype(np.float32)
+        sun = self._scene.sun.direction_enu.astype(np.float32)
         side = np.where((hit["Ng"] * directions).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
         normals = side * hit["Ng"] / np.maximum(np.linalg.norm(hit["Ng"], axis=1, keepdims=True), 1e-12)
         starts = (points + 0.01 * normals).astype(np.float32)
         towards_sun = np.tile(sun, (len(starts), 1))
         lit = ~np.logical_or.reduce([scene.hides(starts, towards_sun) for scene in stage.everything()])
-        mesh = stage.mesh
-        colours = _shade(
-            faces, hit["u"], hit["v"], points.astype(np.float64), directions, lit, stage.n_ground,
-            stage.density, mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._layers,
+        rays = _Rays(hit, points.astype(np.float64), directions, lit, lens.focal_px, pose.position_enu_m)
+        return look(stage, rays, time_s), faces
+
+    def _colours(self, stage: _Stage, rays: _Rays, time_s: float) -> F32:
+        """Colours (N, 3) 0..1."""
+        s, mesh = self._scene.sun, stage.mesh
+        return np.asarray(_shade(
+            rays.hit["primID"], rays.hit["u"], rays.hit["v"], rays.points, rays.directions, rays.lit,
+            stage.n_ground, stage.density, mesh.faces, mesh.normals, mesh.colours, mesh.texture, self._layers,
             self._cover.surfaces, self._cover.windows,
-            pose.position_enu_m, lens.focal_px, s.direction_enu, s.sun_rgb, s.sky_rgb,
+            rays.eye, rays.focal_px, s.direction_enu, s.sun_rgb, s.sky_rgb,
             s.ground_rgb, s.haze_rgb, 3.912 / s.visibility_m, time_s,
-        )  # fmt: skip
-        return colours, faces
+        ))  # fmt: skip
+
+    def _temperatures(self, stage: _Stage, rays: _Rays, time_s: float) -> F32:
+        """Temperatures (N, 1) in degrees C."""
+        heat, mesh = self._scene.heat, stage.mesh
+        return np.asarray(temperatures(
+            rays.hit["primID"], rays.hit["u"], rays.hit["v"], rays.points, rays.directions, rays.lit,
+            stage.n_ground, stage.density, mesh.faces, mesh.normals, heat.parts(mesh.material, mesh.normals),
+            mesh.texture, self._layers, self._cover.surfaces, self._cover.materials,
+            rays.eye, rays.focal_px, heat.table, heat.sun_enu, heat.past_suns_enu, heat.air_c, heat.sky_c,
+        ))  # fmt: skip
 
     def _ground_m(self, pose: CameraPose) -> float:
         return self._scene.terrain.height_at_m(*pose.position_enu_m[:2])
@@ -147,6 +181,9 @@ class EmbreeRenderer:
                 if chosen.any():
                     parts.append((_expanded(planting.meshes[detail], planting.places[chosen]), 0))
         return _Stage(parts, scene.movers, scene.layers.shape[1])
+
+
+_Look = Callable[["_Stage", _Rays, float], F32]
 
 
 class _Stage:
@@ -195,25 +232,26 @@ class _Cover:
         west, south, east, north = cover.bounds_enu_m
         rows, columns = cover.codes.shape
         self.surfaces = (
-            _mips(np.stack([look.detail for look in looks])),
-            _mips(np.stack([look.middle for look in looks])),
-            _mips(np.stack([look.macro for look in looks])),
-            _mips(border_noise()[None]),
+            mips(np.stack([look.detail for look in looks])),
+            mips(np.stack([look.middle for look in looks])),
+            mips(np.stack([look.macro for look in looks])),
+            mips(border_noise()[None]),
             cover.codes,
             np.array([west, south, columns / (east - west), rows / (north - south)]),
             cover.names.index("water") if "water" in cover.names else -1,
         )
+        self.materials = np.array([OF_SURFACE[name] for name in cover.names])
         self._windows = PictureWindows(c.picture) if c and c.picture else None
         self._finest_m = c.picture.pixel_m if c and c.picture else 1.0
         self._shown: tuple[Window, ...] = ()
-        self.windows = _mips(np.zeros((1, 1, 1, 4), np.uint8)), np.zeros((1, 4)), self._finest_m
+        self.windows = mips(np.zeros((1, 1, 1, 4), np.uint8)), np.zeros((1, 4)), self._finest_m
 
     def show(self, lens: Lens, pose: CameraPose, ground_m: float) -> None:
         """Hold the parts of the picture that a view needs."""
         windows = self._windows.of(lens, pose, ground_m) if self._windows else ()
         if windows != self._shown:
             frames = np.array([(w.west_m, w.south_m, w.side_m, w.pixel_m) for w in windows])
-            self.windows = _mips(np.stack([w.rgba for w in windows])), frames, self._finest_m
+            self.windows = mips(np.stack([w.rgba for w in windows])), frames, self._finest_m
             self._shown = windows
 
 
@@ -260,7 +298,7 @@ def _expanded(unit: Mesh, places: F32) -> Mesh:
         sized = unit.vertices * (radius, radius, height)
         uv = (sized[:, :2] + sized[:, 2:] * (0.61, 0.73)) / PLANT_TEXTURE_M
         texture = np.column_stack([uv, unit.texture[:, 2]])
-        copies.append(Mesh(copy.vertices, copy.normals, copy.colours, texture.astype(np.float32), copy.faces))
+        copies.append(replace(copy, texture=texture.astype(np.float32)))
     return merge(copies)
 
 
@@ -284,89 +322,6 @@ def _texel_density(mesh: Mesh, layer_px: int) -> F32:
     a, b = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
     texels = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * layer_px**2
     return np.asarray(np.sqrt(texels / np.maximum(world, 1e-12)), dtype=np.float32)
-
-
-def _mips(images: U8) -> tuple[F32, I64]:
-    """Mip maps of square layers (L, n, n, C): texels (T, C) 0..1 in a row, and where levels start."""
-    levels, level = [], images.astype(np.float32) / 255
-    while True:
-        levels.append(level.reshape(-1, images.shape[3]))
-        n = level.shape[1]
-        if n == 1:
-            break
-        smaller = [cv2.resize(i, (n // 2, n // 2), interpolation=cv2.INTER_AREA) for i in level]
-        level = np.stack(smaller).reshape(-1, n // 2, n // 2, images.shape[3])
-    starts = np.cumsum([0] + [len(t) for t in levels])
-    return np.concatenate(levels), starts.astype(np.int64)
-
-
-@njit(cache=True)
-def _tile(texture: Any, layer: int, u: float, v: float, pixel: float, out: Any) -> None:
-    """A sample of a layer; ``pixel`` is the share of the tile's side that a pixel spans."""
-    n = 1 << (len(texture[1]) - 2)
-    _sample(texture, layer, u, v, np.log2(pixel * n), out)
-
-
-@njit(cache=True)
-def _sample(texture: Any, layer: int, u: float, v: float, level: float, out: Any) -> None:
-    """Trilinear, wrapping: writes (C,) to ``out``."""
-    texels, starts = texture
-    top = len(starts) - 2
-    level = min(max(level, 0.0), float(top))
-    k0 = int(level)
-    w1 = level - k0
-    out[:] = 0.0
-    for k, wk in ((k0, 1.0 - w1), (min(k0 + 1, top), w1)):
-        if wk == 0.0:
-            continue
-        n = 1 << (top - k)
-        x, y = u * n - 0.5, v * n - 0.5
-        x0, y0 = int(np.floor(x)), int(np.floor(y))
-        fx, fy = x - x0, y - y0
-        base = starts[k] + layer * n * n
-        for oy in range(2):
-            for ox in range(2):
-                w = wk * (fx if ox else 1.0 - fx) * (fy if oy else 1.0 - fy)
-                row = base + ((y0 + oy) % n) * n + (x0 + ox) % n
-                for c in range(len(out)):
-                    out[c] += w * texels[row, c]
-
-
-@njit(cache=True)
-def _code_at(surfaces: Any, x: float, y: float, pixel_m: float, out: Any) -> int:
-    """The surface at a place: ``code_here`` of gl_shaders."""
-    codes, frame = surfaces[4], surfaces[5]
-    rows, columns = codes.shape
-    if rows == 1 and columns == 1:
-        return int(codes[0, 0])
-    _tile(surfaces[3], 0, x / WANDER_M, y / WANDER_M, pixel_m / WANDER_M, out)
-    u, v = (x - frame[0]) * frame[2] - 0.5, (y - frame[1]) * frame[3] - 0.5
-    j, i = int(np.floor(u)), int(np.floor(v))
-    fx = min(max(u - j + STRAY * (out[0] - 0.5), 0.0), 1.0)
-    fy = min(max(v - i + STRAY * (out[1] - 0.5), 0.0), 1.0)
-    found, most = 0, 0.0
-    for k in range(4):
-        code = codes[min(max(i + k // 2, 0), rows - 1), min(max(j + k % 2, 0), columns - 1)]
-        weight = 0.0
-        for m in range(4):
-            if codes[min(max(i + m // 2, 0), rows - 1), min(max(j + m % 2, 0), columns - 1)] == code:
-                weight += (fx if m % 2 else 1.0 - fx) * (fy if m // 2 else 1.0 - fy)
-        if weight > most:
-            found, most = code, weight
-    return int(found)
-
-
-@njit(cache=True)
-def _pictured(windows: Any, x: float, y: float, pixel_m: float, out: Any) -> float:
-    """The ground's picture at a place (4,) to ``out``; returns the size of its pixels there."""
-    texture, frames, _ = windows
-    out[:] = 0.0
-    for k in range(len(frames)):
-        u, v, side = x - frames[k, 0], y - frames[k, 1], frames[k, 2]
-        if max(abs(u - 0.5 * side), abs(v - 0.5 * side)) < 0.5 * side - frames[k, 3]:
-            _sample(texture, k, u / side, v / side, np.log2(pixel_m / frames[k, 3]), out)
-            return float(frames[k, 3])
-    return 1.0
 
 
 @njit(cache=True)
@@ -401,12 +356,12 @@ def _shade(
         pixel_m = distance / focal_px / np.sqrt(lean)
         code, picture_m = 0, 1.0
         if face < n_ground:
-            code = _code_at(surfaces, p[0], p[1], pixel_m, a)
-            picture_m = _pictured(windows, p[0], p[1], pixel_m, seen)
+            code = code_at(surfaces, p[0], p[1], pixel_m, a)
+            picture_m = pictured(windows, p[0], p[1], pixel_m, seen)
         if face < n_ground and code == surfaces[6] and seen[3] <= 0.5:
-            _tile(detail, code, p[0] / 2.9 + 0.11 * time_s, p[1] / 2.9 + 0.05 * time_s, pixel_m / 2.9, a)
-            _tile(detail, code, p[1] / 11.7 - 0.031 * time_s, p[0] / 11.7 + 0.043 * time_s, pixel_m / 11.7, b)
-            _tile(detail, code, p[0] / 47.0 + 0.017 * time_s, p[1] / 47.0 - 0.008 * time_s, pixel_m / 47.0, c)
+            tile(detail, code, p[0] / 2.9 + 0.11 * time_s, p[1] / 2.9 + 0.05 * time_s, pixel_m / 2.9, a)
+            tile(detail, code, p[1] / 11.7 - 0.031 * time_s, p[0] / 11.7 + 0.043 * time_s, pixel_m / 11.7, b)
+            tile(detail, code, p[0] / 47.0 + 0.017 * time_s, p[1] / 47.0 - 0.008 * time_s, pixel_m / 47.0, c)
             crest = b[2] + c[2]
             for k in range(2):
                 n[k] = -((a[k] - 0.5) * 0.32 + (b[k] - 0.5) * 0.42 + (c[k] - 0.5) * 0.40)
@@ -423,8 +378,8 @@ def _shade(
                     up = min(max(r, 0.0), 1.0)
             glint = max(towards_sun, 0.0) ** 90.0
             slope_light = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0)
-            _tile(macro, code, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, a)
-            _tile(
+            tile(macro, code, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, a)
+            tile(
                 middle,
                 code,
                 p[0] / MIDDLE_M + 0.006 * time_s,
@@ -443,13 +398,13 @@ def _shade(
         else:
             beam = max(n[0] * sun[0] + n[1] * sun[1] + n[2] * sun[2], 0.0) * shine
             if face < n_ground:
-                _tile(detail, code, p[0] / DETAIL_M, p[1] / DETAIL_M, pixel_m / DETAIL_M, a)
-                _tile(middle, code, p[1] / MIDDLE_M, p[0] / MIDDLE_M, pixel_m / MIDDLE_M, b)
-                _tile(macro, code, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, c)
+                tile(detail, code, p[0] / DETAIL_M, p[1] / DETAIL_M, pixel_m / DETAIL_M, a)
+                tile(middle, code, p[1] / MIDDLE_M, p[0] / MIDDLE_M, pixel_m / MIDDLE_M, b)
+                tile(macro, code, p[0] / MACRO_M, p[1] / MACRO_M, pixel_m / MACRO_M, c)
                 for k in range(3):
                     light[k] = (4.0 * a[k] * b[k] * c[k]) ** 2
                 if seen[3] > 0.0:
-                    _tile(
+                    tile(
                         detail,
                         code,
                         p[0] / DETAIL_M,
@@ -468,7 +423,7 @@ def _shade(
                 u = w0 * texture[i0, 0] + w1 * texture[i1, 0] + w2 * texture[i2, 0]
                 v = w0 * texture[i0, 1] + w1 * texture[i1, 1] + w2 * texture[i2, 1]
                 level = np.log2(max(pixel_m * density[face], 1e-6))
-                _sample(layers, int(texture[i0, 2] + 0.5), u, v, level, a)
+                sample(layers, int(texture[i0, 2] + 0.5), u, v, level, a)
                 for k in range(3):
                     tint = w0 * tints[i0, k] + w1 * tints[i1, k] + w2 * tints[i2, k]
                     ambient = ground_rgb[k] + (sky_rgb[k] - ground_rgb[k]) * (0.5 + 0.5 * n[2])

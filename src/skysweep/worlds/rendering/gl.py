@@ -14,13 +14,14 @@ import cv2
 import moderngl
 import numpy as np
 
-from skysweep.arrays import F64, I32, U8
+from skysweep.arrays import F32, F64, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 from skysweep.worlds.rendering import gl_shaders as shaders
 from skysweep.worlds.rendering.gl_batches import Movers, Plants, Tiles, solid_blocks
 from skysweep.worlds.rendering.gl_cover import Cover
 from skysweep.worlds.rendering.gl_ground import Ground
+from skysweep.worlds.rendering.gl_heat import HeatTarget, heat_programs
 from skysweep.worlds.rendering.gl_textures import filtered, filtered_array
 from skysweep.worlds.rendering.projection import Projection
 from skysweep.worlds.scene import Scene
@@ -44,6 +45,7 @@ class GLRenderer:
     def __init__(self, scene: Scene) -> None:
         self._context = gl = _open_context()
         self._free = weakref.finalize(self, gl.release)  # frees everything in it; nothing is freed otherwise
+        self._scene = scene
         self._sun = scene.sun
         self._terrain = scene.terrain
         self._low, self._high = scene.bounds_enu_m
@@ -63,6 +65,7 @@ class GLRenderer:
             self._shadow_target = gl.framebuffer(depth_attachment=self._shadow)
             self._shadow_of: tuple[float, tuple[int, int], float | None] | None = None
             self._targets: dict[tuple[int, int], _Target] = {}
+            self._heat_targets: dict[tuple[int, int], HeatTarget] = {}
             lakes = [self._cover.lake] if self._cover and self._cover.lake else []
             self._lit = [*(self._programs[name] for name in _KINDS), *lakes]
             self._set_light()
@@ -94,6 +97,37 @@ class GLRenderer:
                 gl.copy_framebuffer(target.resolved, target.drawing)
                 target.resolved.scissor = target.whole
             return target.read_rgb()
+
+    def render_heat_c(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> F32:
+        with self._context as gl:
+            self._prepare_heat(gl)
+            self._movers.move(time_s)
+            self._aim_shadow(lens, pose, time_s)
+            view = Projection.of(lens, pose)
+            self._shadow.use(4)
+            for name in _KINDS:
+                _set(self._programs[name + "_heat"], view_projection=view.matrix, eye=pose.position_enu_m)
+            size = (lens.width_px, lens.height_px)
+            if size not in self._heat_targets:
+                self._heat_targets[size] = HeatTarget(gl, size, min(SAMPLES, gl.max_samples))
+            target = self._heat_targets[size]
+            target.drawing.use()
+            target.drawing.clear(self._scene.heat.sky_c)
+            self._draw("_heat", view)
+            return target.read(gl)
+
+    def _prepare_heat(self, gl: moderngl.Context) -> None:
+        """Compile the programs for temperatures when the first are wanted."""
+        if "ground_heat" in self._programs:
+            return
+        programs = heat_programs(gl, self._scene)
+        if self._cover is not None:
+            self._cover.bind(programs["ground_heat"])
+        for program in programs.values():
+            _set(program, shadow_map=4, detail=0, middle=1, macro=2, layers=3)
+        self._programs |= programs
+        self._lit += programs.values()
+        self._shadow_of = None
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         with self._context:

@@ -41,6 +41,7 @@ def _block(mesh: Mesh, ids: ArrayLike = 0.0) -> Block:
     packed = np.zeros(len(mesh.vertices), _VERTEX)
     packed["p"], packed["n"], packed["t"] = mesh.vertices, mesh.normals, mesh.texture
     packed["c"][:, :3] = np.round(mesh.colours * 255)
+    packed["c"][:, 3] = mesh.material
     packed["id"] = ids
     return Block(packed, mesh.faces, mesh.vertices.min(0).astype(float), mesh.vertices.max(0).astype(float))
 

@@ -47,11 +47,9 @@ class Cover:
         }
         west, south, east, north = cover.bounds_enu_m
         rows, columns = cover.codes.shape
+        self._frame = west, south, columns / (east - west), rows / (north - south)
         for program in self.programs:
-            for unit, name in enumerate(self._textures, start=_FIRST_UNIT):
-                if name in program:
-                    program[name] = unit
-            program["cover_frame"] = west, south, columns / (east - west), rows / (north - south)
+            self.bind(program)
             if "water_code" in program:
                 program["water_code"] = cover.names.index("water") if self.lake else -1.0
             if "windows" in program:
@@ -64,6 +62,13 @@ class Cover:
     @property
     def programs(self) -> Sequence[moderngl.Program]:
         return [self.land] if self.lake is None else [self.land, self.lake]
+
+    def bind(self, program: moderngl.Program) -> None:
+        """Let a program read the surfaces."""
+        for unit, name in enumerate(self._textures, start=_FIRST_UNIT):
+            if name in program:
+                program[name] = unit
+        program["cover_frame"] = self._frame
 
     def show(self, lens: Lens, pose: CameraPose, ground_m: float) -> None:
         """Let the programs show the parts of the picture that a view needs."""

@@ -80,7 +80,7 @@ void main() {{
 
 # A ground with several surfaces, by the codes of the four cells around a place; borders stray from those of
 # cells. A CPU computes all branches, so there are few: one surface a pixel; water, picture in other programs.
-_COVER = f"""
+COVER = f"""
 uniform sampler2DArray details, middles, macros;
 uniform sampler2D wander, cover;
 uniform vec4 cover_frame;  // west, south, cells a metre
@@ -125,7 +125,7 @@ vec4 pictured(out float pixel_m) {
 
 COVER_FS = f"""#version 330
 in vec3 v_normal;
-{_LIGHT}{_FILM}{_COVER}
+{_LIGHT}{_FILM}{COVER}
 void main() {{
     float code = code_here();
     vec3 albedo = 4.0 * scale(details, v_world.xy / {DETAIL_M}, code)
@@ -137,7 +137,7 @@ void main() {{
 # The picture has the tones; the surface adds detail that is finer than the picture's pixels.
 PICTURE_FS = f"""#version 330
 in vec3 v_normal;
-{_LIGHT}{_FILM}{_COVER}{_PICTURE}
+{_LIGHT}{_FILM}{COVER}{_PICTURE}
 void main() {{
     float code = code_here(), pixel_m;
     vec4 seen = pictured(pixel_m);
@@ -160,7 +160,7 @@ def lake_shader(pictured: bool) -> str:
     return f"""#version 330
 uniform float time_s;
 in vec3 v_normal;
-{_LIGHT}{_FILM}{_WATER}{_COVER}{_PICTURE if pictured else ""}
+{_LIGHT}{_FILM}{_WATER}{COVER}{_PICTURE if pictured else ""}
 void main() {{
     {skip}
     if (code_here() != water_code) discard;

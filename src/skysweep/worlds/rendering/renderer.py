@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from typing import Literal, Protocol
+from typing import Literal, Protocol, TypeGuard
 
-from skysweep.arrays import I32, U8
+from skysweep.arrays import F32, I32, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.scenarios.model import CameraModel
@@ -34,7 +34,11 @@ class Painter(Protocol):
 
 
 class Renderer(Painter, Protocol):
-    """A painter that also tells which object each pixel shows."""
+    """A painter that also tells how warm what it shows is, and which object each pixel shows."""
+
+    def render_heat_c(self, lens: Lens, pose: CameraPose, time_s: float = 0.0) -> F32:
+        """Apparent temperatures (H, W) in degrees C of the same view, through the air."""
+        ...
 
     def render_ids(self, lens: Lens, pose: CameraPose, occluders: bool = True, time_s: float = 0.0) -> I32:
         """What each pixel's centre shows (H, W): 0 or 1 + index in ``world.objects``.
@@ -43,6 +47,11 @@ class Renderer(Painter, Protocol):
         with occluders over that without.
         """
         ...
+
+
+def is_renderer(painter: Painter) -> TypeGuard[Renderer]:
+    """Whether a painter is a renderer; a simulator's knows neither temperatures nor objects."""
+    return hasattr(painter, "render_heat_c")
 
 
 def refuse_unrenderable(camera: CameraModel) -> None:
