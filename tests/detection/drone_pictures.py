@@ -39,11 +39,24 @@ def dms(value):
     return degrees, minutes, rest * 60.0
 
 
-def jpeg(image, xmp=None, *, make=None, focal_35_mm=None, place=None, taken=None, gps=None, quality=92):
+def jpeg(
+    image,
+    xmp=None,
+    *,
+    make=None,
+    focal_35_mm=None,
+    place=None,
+    taken=None,
+    gps=None,
+    quality=92,
+    orientation=None,
+):
     """The bytes of an image (H, W, 3) RGB with these tags; ``place`` is latitude, longitude, altitude."""
     exif = Image.Exif()
     if make:
         exif[0x010F] = make
+    if orientation:
+        exif[0x0112] = orientation
     exposure = exif.get_ifd(0x8769)
     if focal_35_mm:
         exposure[0xA405] = focal_35_mm

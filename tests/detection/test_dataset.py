@@ -1,20 +1,15 @@
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from skysweep.detection.training.dataset import (
-    FOCAL_PX,
-    ID_MARGIN_PX,
-    SIDE_PX,
-    _label,
-    develop,
-    random_view,
-    random_world,
-    render_dataset,
-)
+from skysweep.detection.training.dataset import render_dataset
+from skysweep.detection.training.labelled import LabelledImage
+from skysweep.detection.training.random_worlds import SIDE_PX, THERMAL, VISIBLE, random_view, random_world
 from skysweep.detection.training.reading import read_dataset
+from skysweep.detection.training.rendered_pictures import ID_MARGIN_PX, _stand_out, develop, labels_of
 from skysweep.errors import UserError
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 
@@ -35,7 +30,7 @@ def test_views_are_above_the_ground_and_steep_enough():
     assert len(views) > 100
     for lens, pose in views:
         assert pose.position_enu_m[2] >= 1.0
-        assert FOCAL_PX[0] <= lens.focal_px <= FOCAL_PX[1] * 1.0001
+        assert VISIBLE.focal_px[0] <= lens.focal_px <= VISIBLE.focal_px[1] * 1.0001
         assert pose.R_camera_to_enu[2, 2] < -np.sin(np.radians(30))  # the optical axis points down
 
 
@@ -65,7 +60,7 @@ def ids(visible, whole):
 def test_labels_are_boxes_of_what_is_visible(visible, whole, labelled, tmp_path):
     world = random_world(np.random.default_rng(3), "train")
     target = next(k for k, o in enumerate(world.objects) if o.is_target)
-    image = _label(tmp_path / "a.jpg", world, *ids({target + 1: visible}, {target + 1: whole}))
+    image = labels_of(tmp_path / "a.jpg", world, *ids({target + 1: visible}, {target + 1: whole}))
     expected = np.zeros((0, 4)) if labelled is None else [labelled]
     np.testing.assert_allclose(image.boxes_xyxy * SIDE_PX, expected)
 
@@ -74,7 +69,7 @@ def test_look_alikes_are_no_labels(tmp_path):
     world = random_world(np.random.default_rng(3), "train")
     decoy = next(k for k, o in enumerate(world.objects) if not o.is_target)
     box = {decoy + 1: (100, 50, 120, 60)}
-    image = _label(tmp_path / "a.jpg", world, *ids(box, box))
+    image = labels_of(tmp_path / "a.jpg", world, *ids(box, box))
     assert image.class_names == ()
     assert image.decoy_names == (world.objects[decoy].kind,)
 
@@ -111,3 +106,41 @@ def test_bad_requests(tmp_path):
     with pytest.raises(UserError, match="not empty"):
         render_dataset(tmp_path / "b", 4)
     assert (tmp_path / "b" / "thesis.txt").read_text() == "precious"
+
+
+def test_thermal_pictures_show_persons_that_stand_out_and_animals_beside_them(tmp_path):
+    for name in ("a", "b"):
+        render_dataset(tmp_path / name, 12, seed=4, camera="thermal", workers=1)
+    data = read_dataset(tmp_path / "a")
+    assert data.class_names == ("person",)
+    written = json.loads((tmp_path / "a" / "annotations.json").read_text())
+    assert written["info"]["camera"] == "thermal"
+    altitudes_m = [image["altitude_agl_m"] for image in written["images"]]
+    assert 1 < min(altitudes_m) <= max(altitudes_m) < 91
+    for image in data.images:
+        picture = cv2.imread(str(image.path))
+        assert (picture == picture[..., :1]).all()
+        assert image.path.read_bytes() == (tmp_path / "b" / "images" / image.path.name).read_bytes()
+    assert sum(len(image.boxes_xyxy) for image in data.images) > 5
+    assert sum(len(image.decoys_xyxy) for image in data.images) > 5
+
+
+def test_weather_of_thermal_pictures_is_by_day_and_by_night_and_possible():
+    skies = [THERMAL.sky(np.random.default_rng(k)) for k in range(60)]
+    elevations = np.array([sky.light.sun_elevation_deg for sky in skies])
+    assert 0.25 < np.mean(elevations < 0) < 0.75
+    worlds = [random_world(np.random.default_rng(k), "train", THERMAL) for k in range(12)]
+    assert {o.kind for w in worlds for o in w.objects if o.is_target} == {"person"}
+    assert {"sheep", "deer", "dog", "rock"} <= {o.kind for w in worlds for o in w.objects}
+
+
+NONE = np.zeros((0, 4))
+
+
+def test_a_person_as_warm_as_the_ground_does_not_stand_out():
+    box = LabelledImage(Path(), np.array([[0.4, 0.4, 0.5, 0.5]]), ("person",), NONE, NONE, ())
+    grey = np.random.default_rng(0).normal(120, 3, (SIDE_PX, SIDE_PX, 1)).clip(0, 255).astype(np.uint8)
+    picture = np.repeat(grey, 3, axis=2)
+    assert not _stand_out(picture, box)
+    picture[135:150, 135:150] = 220
+    assert _stand_out(picture, box)

@@ -1,10 +1,14 @@
 import json
+import shutil
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from skysweep.cli import app
+from skysweep.detection.model_files import own_model_path
 from skysweep.detection.training.evaluate import Score, bin_of, evaluate
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.detection.training.matching import iou, match
@@ -218,3 +222,13 @@ def test_report_holds_everything(tmp_path):
     ):
         assert part in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_a_model_is_not_compared_with_itself(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((32, 32, 3), np.uint8))
+    (tmp_path / "a.txt").write_text("")
+    (tmp_path / "classes.txt").write_text("person\n")
+    same = shutil.copy(own_model_path(), tmp_path / "copy.onnx")
+    told = CliRunner().invoke(app, ["detect", "evaluate", str(tmp_path), "--against", str(same)])
+    assert told.exit_code == 2
+    assert "copy.onnx: is the same model as skysweep; write another one" in " ".join(told.output.split())

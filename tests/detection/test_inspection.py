@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from test_yolo_outputs import _YOLO3, constant_model, detr, raw_grids, v8, v10
+from test_yolo_outputs import _YOLO3, constant_model, detr, raw_grids, v8, v10, yolo_nas
 from typer.testing import CliRunner
 
 from skysweep.cli import app
@@ -46,6 +46,13 @@ def test_says_what_it_understood(outputs, name, expected, tmp_path):
     assert {key: said[key] for key in expected} == expected
 
 
+def test_what_a_file_leaves_open_is_asked_for_by_the_commands_options(tmp_path):
+    code, _, text = inspected(constant_model(tmp_path / "m.onnx", yolo_nas()))
+    assert code == 2
+    assert "write --pixels 0..255, 0..1 or imagenet" in " ".join(text.split())
+    assert "detector.pixels" not in text
+
+
 def test_draws_the_boxes(tmp_path):
     picture = np.full((320, 320, 3), 90, np.uint8)
     cv2.imwrite(str(tmp_path / "grey.png"), picture)
@@ -62,7 +69,15 @@ def test_draws_the_boxes(tmp_path):
 
 
 def test_what_is_no_picture_or_model_is_one_sentence(tmp_path):
+    (tmp_path / "none.png").write_text("no picture")
     code, _, text = inspected("skysweep", tmp_path / "none.png")
     assert code == 2
     assert "none.png: not a readable picture" in text
     assert inspected(tmp_path / "none.onnx")[0] == 2
+
+
+def test_a_picture_that_is_not_there_is_one_sentence(tmp_path, capfd):
+    code, _, output = inspected("skysweep", tmp_path / "gone.jpg")
+    assert code == 2
+    assert "gone.jpg: there is no such picture; check the path" in " ".join(output.split())
+    assert "WARN" not in capfd.readouterr().err

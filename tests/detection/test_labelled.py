@@ -117,6 +117,10 @@ def test_what_is_written_reads_the_same_in_both_formats(tmp_path):
             "write x, y, width, height",
         ),
         ({"annotations": [{"image_id": 7, "category_id": 5, "bbox": [0, 0, float("nan"), 5]}]}, "write x, y"),
+        (
+            {"annotations": [{"image_id": 7, "category_id": 5, "bbox": [200, 0, 9, 5]}]},
+            "outside the picture of 200 x 100",
+        ),
         ({"annotations": [{"image_id": 7}]}, "not COCO detection annotations"),
         ({"categories": None}, "not COCO detection annotations"),
         (
@@ -140,11 +144,42 @@ def test_malformed_coco(changes, message, tmp_path):
         ("1 0.5 0.5 0.1", "line 1: write  class"),
         ("person 0.5 0.5 0.1 0.1", "line 1: write  class"),
         ("1 nan 0.5 0.1 0.1", "line 1: boxes are shares"),
+        ("inf 0.5 0.5 0.1 0.1", "line 1: class inf is none of the 2"),
+        ("nan 0.5 0.5 0.1 0.1", "line 1: class nan is none of the 2"),
     ],
 )
 def test_malformed_yolo(label, message, tmp_path):
     with pytest.raises(UserError, match=message):
         read_dataset(yolo(tmp_path, label))
+
+
+@pytest.mark.parametrize("names", ["{1: stop sign, 2: person}", "{0: boat, b: person}"])
+def test_names_whose_numbers_leave_a_gap(names, tmp_path):
+    (yolo(tmp_path) / "data.yaml").write_text(f"names: {names}\n")
+    with pytest.raises(UserError, match=r"names has the numbers .* write every number from 0 on"):
+        read_dataset(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((0, 0), "has width 0 and height 0, but the picture is 200 x 100"),
+        ((400, 100), "has width 400 and height 100, but the picture is 200 x 100"),
+        ((100, 200), "has width 100 and height 200, but the picture is 200 x 100"),
+    ],
+)
+def test_coco_of_pictures_of_another_shape(size, message, tmp_path):
+    picture(tmp_path / "a.png")
+    images = [{"id": 7, "file_name": "a.png", "width": size[0], "height": size[1]}]
+    (tmp_path / "annotations.json").write_text(json.dumps(coco(images=images)))
+    with pytest.raises(UserError, match=message):
+        read_dataset(tmp_path)
+
+
+def test_coco_of_pictures_that_were_made_smaller(tmp_path):
+    picture(tmp_path / "a.png", 67, 33)
+    (tmp_path / "annotations.json").write_text(json.dumps(coco()))
+    np.testing.assert_allclose(read_dataset(tmp_path).images[0].boxes_xyxy, [[0.1, 0.1, 0.3, 0.3]])
 
 
 def test_nothing_there(tmp_path):

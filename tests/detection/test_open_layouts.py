@@ -1,8 +1,11 @@
 """Layouts that their outputs do not settle: read right, or refused in one true sentence, never silently."""
 
+from dataclasses import replace
+
 import numpy as np
+import onnx
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 from test_yolo_outputs import (
     BOX,
     CENTRE_SIZE,
@@ -16,6 +19,7 @@ from test_yolo_outputs import (
     frame,
     objectness_rows,
     raw_grids,
+    rf_detr,
     rt_detr,
     scores,
     v8,
@@ -26,8 +30,9 @@ from test_yolo_outputs import (
 )
 
 from skysweep.detection.coco import COCO_80, COCO_91
-from skysweep.detection.grid_layouts import _YOLO3, _YOLO3_TINY, _YOLO4, _YOLO4_TINY
+from skysweep.detection.grid_layouts import _YOLO3, _YOLO3_TINY, _YOLO4, _YOLO4_SCALE_XY, _YOLO4_TINY
 from skysweep.detection.layouts import cell_centres
+from skysweep.detection.model_trial import vouch_for
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 
@@ -165,6 +170,39 @@ def flat(*row):
     return {"rows": array(row, (0, 3, 4, 60, 70, *((0.1, 2) if row[6] == CLASS else (2, 0.1))))}
 
 
+def openvino():
+    """Picture, label from 1, score, box in 0..1."""
+    return {"rows": array((0, CLASS + 1, CONFIDENCE, *(CORNERS / SIDE)), (0, 3, 0.1, 0.2, 0.2, 0.3, 0.4))}
+
+
+def v5_segment():
+    rows = objectness_rows(3 * N_CELLS, 0.9, 0.9)
+    masks = np.full((1, 3 * N_CELLS, 32), 3.0, np.float32)  # larger than any class score
+    prototypes = np.zeros((1, 32, SIDE // 4, SIDE // 4), np.float32)
+    return {"output0": np.concatenate([rows, masks], axis=2), "output1": prototypes}
+
+
+def v5_face():
+    """Centre, size, objectness, five points, one class."""
+    a = np.zeros((1, 3 * N_CELLS, 16), np.float32)
+    a[0, :, 5:15] = 100.0
+    return {"output": a}
+
+
+def two_heads(name, values):
+    return {"aux": np.zeros_like(values), name: values}
+
+
+def oriented_rows(class_id=1, angle=0.5):
+    """YOLO26 with oriented boxes: centre, size, score, class, angle."""
+    a = np.zeros((1, 300, 7), np.float32)
+    a[0, 0] = [*CENTRE_SIZE, CONFIDENCE, class_id, angle]
+    return {"output0": a}
+
+
+THREE = names_of(["person", "boat", "stop sign"])
+NOTHING_YET = {"rows": np.zeros((1, 300, 6), np.float32)}
+NOTHING_YET_OF_7 = {"rows": np.zeros((0, 7), np.float32)}
 ULTRALYTICS = names_of(COCO_80)
 RIGHT = {
     "v8, normalised": (v8_normalised(), {}),
@@ -174,7 +212,8 @@ RIGHT = {
         rows_normalised({"output": objectness_rows(N_CELLS, 1.0, CONFIDENCE, background_objectness=1.0)}, 1),
         {},
     ),
-    "nas, normalised": (nas_normalised(), {}),
+    "nas, normalised": (nas_normalised(), {"name": "yolo_nas_s"}),
+    "boxes and scores, told": (yolo_nas(), {"pixels": "0..255"}),
     "v10, normalised": (v10_normalised(), {}),
     "one normalised row, told": (final(*(CORNERS / SIDE), CONFIDENCE, CLASS), {"boxes": "normalised"}),
     "class, then score": (final(*BOX, CLASS, CONFIDENCE), {}),
@@ -182,6 +221,10 @@ RIGHT = {
     "nas flat nms": (flat(0, *BOX, CONFIDENCE, CLASS), {}),
     "v7 flat nms": (flat(0, *BOX, CLASS, CONFIDENCE), {}),
     "paddle nms": (paddle_nms(), {"pixels": "imagenet"}),
+    "openvino, told": (
+        openvino(),
+        {"pixels": "0..255", "channels": "bgr", "boxes": "normalised", "metadata": names_of(COCO_FROM_1)},
+    ),
     "pp-yoloe without nms": (pp_yoloe(), {"pixels": "0..1"}),
     "damo-yolo, told": (scores_first(), {"pixels": "0..255"}),
     "tensorflow ssd": (tensorflow(), {"pixels": "0..255"}),
@@ -198,16 +241,30 @@ RIGHT = {
         {"pixels": "imagenet", "boxes": "normalised", "metadata": names_of(COCO_FROM_1)},
     ),
     "torchvision": (torchvision(), {"pixels": "0..1", "metadata": names_of(COCO_91)}),
-    "mmdeploy": (mmdeploy(), {"pixels": "imagenet"}),
-    "mmdeploy, unbatched": (unbatched(mmdeploy()), {"pixels": "imagenet"}),
+    "mmdeploy": (mmdeploy(), {"pixels": "imagenet", "channels": "bgr"}),
+    "mmdeploy, unbatched": (unbatched(mmdeploy()), {"pixels": "imagenet", "channels": "rgb"}),
     "nanodet-plus": (nanodet((8, 16, 32, 64)), {}),
     "nanodet": (nanodet(STRIDES), {}),
     "v8 pose": (pose(), {"metadata": names_of(["stop sign"]) | {"task": "pose"}}),
     "v8 obb": (oriented(), {"metadata": names_of(["boat", "stop sign"]) | {"task": "obb"}}),
+    "v5 segmentation": (v5_segment(), {"metadata": ULTRALYTICS}),
     "v8 segmentation, named": (v8_segment(), {"metadata": ULTRALYTICS}),
     "detr, named": (detr(81, CLASS, softmax=True), {"metadata": ULTRALYTICS}),
+    "rt-detr of hugging face": (detr(80, CLASS, softmax=False), {"pixels": "0..1"}),
+    "rf-detr, a name for each column": (
+        rf_detr(3, 2),
+        {"metadata": names_of(["none", "boat", "stop sign"])},
+    ),
     "v5 grids (1, 255, h, w)": (raw_grids(_YOLO3, "chw", squared=True), {"name": "yolov5s"}),
     "v4 tiny": (raw_grids(_YOLO4_TINY, "chw", strides=(16, 32)), {"name": "yolov4-tiny"}),
+    "v7 tiny, which has the anchors of v5": (
+        raw_grids(_YOLO3, "ahwk", squared=True),
+        {"name": "yolov7-tiny"},
+    ),
+    "v4 of its backbone's name": (
+        raw_grids(_YOLO4, "chw", scale=_YOLO4_SCALE_XY),
+        {"name": "yolov4-cspdarknet53"},
+    ),
     "v3, own anchors": (raw_grids(OWN_ANCHORS, "chw"), {"name": "yolov3", "anchors": OWN_ANCHORS}),
     "v5, own anchors": (raw_grids(OWN_ANCHORS, "ahwk", squared=True), {"anchors": OWN_ANCHORS}),
 }
@@ -224,7 +281,7 @@ def model(tmp_path, outputs, *, metadata=None, name="model", anchors=None):
 @pytest.mark.parametrize("case", RIGHT)
 def test_read_right(case, tmp_path):
     outputs, told = RIGHT[case]
-    settings = {k: told[k] for k in ("boxes", "pixels") if k in told}
+    settings = {k: told[k] for k in ("boxes", "pixels", "channels") if k in told}
     about = {k: v for k, v in told.items() if k not in settings}
     found = YoloDetector(model(tmp_path, outputs, **about), **settings).detect(frame())
     assert found.class_names == ("stop sign",)
@@ -236,12 +293,85 @@ def logits():
     return {"output0": np.where(v8()["output0"] == 0, -9, 3).astype(np.float32)}
 
 
+def through_sigmoid(grids):
+    return {name: (1 / (1 + np.exp(-a))).astype(np.float32) for name, a in grids.items()}
+
+
+def v8_heads(n_classes):
+    return {f"head{s}": np.full((1, 64 + n_classes, SIDE // s, SIDE // s), -5, np.float32) for s in STRIDES}
+
+
+IN_CELLS = {s: [(w / s, h / s) for w, h in pairs] for s, pairs in _YOLO3.items()}
+LARGEST_FIRST = dict(zip(STRIDES, reversed(_YOLO3.values()), strict=True))
+
 REFUSED = {
-    "one normalised row": (final(*(CORNERS / SIDE), CONFIDENCE, CLASS), {}, "detector.boxes: normalised"),
+    "grids through a sigmoid, 5 axes": (
+        through_sigmoid(raw_grids(_YOLO3, "ahwk", squared=True)),
+        {"name": "yolov5s"},
+        "have been through a sigmoid",
+    ),
+    "grids through a sigmoid, 4 axes": (
+        through_sigmoid(raw_grids(_YOLO3, "chw", squared=True)),
+        {"name": "yolov5s"},
+        "have been through a sigmoid",
+    ),
+    **{
+        f"scaled v4, {name}": (raw_grids(_YOLO4, axes, squared=True), {"name": name}, "scaled YOLOv4")
+        for name, axes in {"yolov4-csp": "chw", "yolov4-p5": "ahwk", "yolov4x-mish": "chw"}.items()
+    },
+    "v4 tiny of three grids": (
+        raw_grids(_YOLO4, "chw"),
+        {"name": "yolov4-tiny-3l"},
+        "3 raw grids of YOLOv4 tiny, whose anchors are not known",
+    ),
+    "a version of one's own": (
+        raw_grids(_YOLO3, "chw"),
+        {"name": "stop-signs-v3"},
+        "may be those of YOLOv3, v4",
+    ),
+    "a number of classes": (
+        raw_grids(_YOLO3, "chw"),
+        {"name": "yolo_4classes"},
+        "may be those of YOLOv3, v4",
+    ),
+    "anchors in cells": (
+        raw_grids(_YOLO3, "ahwk", squared=True),
+        {"name": "yolov5", "anchors": IN_CELLS},
+        r"at least a cell of the coarsest \(32 pixels\); .* in pixels, not in cells",
+    ),
+    "anchors, largest first": (
+        raw_grids(_YOLO3, "ahwk", squared=True),
+        {"name": "yolov5", "anchors": LARGEST_FIRST},
+        "do not grow from grid to grid .* smallest first",
+    ),
+    "v8 heads": (v8_heads(80), {"name": "yolov8n"}, r"raw heads of 64 \+ 80 channels, as YOLOv8"),
+    "v8 heads, named v5": (v8_heads(80), {"name": "yolov5nu"}, r"raw heads of 64 \+ 80 channels"),
+    "v8 heads, own classes": (
+        v8_heads(2),
+        {"metadata": names_of(["boat", "stop sign"])},
+        r"raw heads of 64 \+ 2 channels",
+    ),
+    "v8 heads, own classes without names": (v8_heads(2), {}, r"names no classes; .*\.names"),
+    "grids of other classes than named": (
+        raw_grids(_YOLO3, "ahwk"),
+        {"metadata": names_of(["boat"])},
+        "80 classes, and 1 are named",
+    ),
+    "one normalised row": (
+        final(*(CORNERS / SIDE), CONFIDENCE, CLASS),
+        {},
+        "detector.boxes: normalised .*detector.boxes: pixels",
+    ),
     "scores first": (scores_first(), {}, "detector.pixels: 0..255, 0..1 or imagenet"),
     "pp-yoloe": (pp_yoloe(), {}, "detector.pixels"),
     "paddle nms": (paddle_nms(), {}, "detector.pixels"),
-    "mmdeploy": (mmdeploy(), {}, "detector.pixels"),
+    "mmdeploy": (
+        mmdeploy(),
+        {},
+        "detector.pixels: .* and detector.channels: rgb or bgr$",
+    ),
+    "boxes first, of no name": (yolo_nas(), {}, r"detector.pixels: .* deviation\)$"),
+    "boxes first, of another name": (yolo_nas(), {"name": "nasa-boats"}, "detector.pixels"),
     "tensorflow of floats": (tensorflow(), {}, "detector.pixels"),
     "torchvision": (torchvision(), {}, "does not say whether its labels count from 0"),
     "zoo ssd": (zoo_ssd(), {}, "does not say whether its labels count from 0"),
@@ -262,6 +392,78 @@ REFUSED = {
         {"name": "yolov3", "anchors": {8: OWN_ANCHORS[8]}},
         "holds 6 numbers; write 18",
     ),
+    "rt-detr of hugging face": (detr(80, CLASS, softmax=False), {}, "detector.pixels"),
+    "rt-detr of hugging face, own classes": (
+        detr(2, 1, softmax=False),
+        {"metadata": names_of(["boat", "stop sign"])},
+        "detector.pixels",
+    ),
+    "rf-detr, a column left over": (
+        rf_detr(3, 2),
+        {"metadata": names_of(["boat", "stop sign"])},
+        r"3 columns of scores for 2 named classes; write a name for each column.*\.names",
+    ),
+    "rf-detr of COCO, 90 names": (
+        rf_detr(91, 13),
+        {"metadata": names_of(COCO_91[1:])},
+        "91 columns of scores for 90 named classes",
+    ),
+    "deformable detr, 90 names": (
+        detr(91, 13, softmax=False),
+        {"metadata": names_of(COCO_91[1:])},
+        "91 columns of scores for 90 named classes",
+    ),
+    "rows that a blank picture leaves out": (NOTHING_YET, {}, "detector.pixels"),
+    "seven columns that a blank picture leaves out": (
+        NOTHING_YET_OF_7,
+        {"metadata": ULTRALYTICS},
+        "detector.pixels: .* and detector.channels",
+    ),
+    "seven columns that a blank picture leaves out, unnamed": (
+        NOTHING_YET_OF_7,
+        {},
+        "does not say whether its labels count from 0",
+    ),
+    "openvino": (openvino(), {}, "does not say whether its labels count from 0"),
+    "openvino, named": (openvino(), {"metadata": names_of(COCO_FROM_1)}, "detector.channels: rgb or bgr"),
+    "rows of oriented boxes": (
+        oriented_rows(),
+        {"metadata": THREE | {"task": "obb"}},
+        "none of the layouts known",
+    ),
+    "rows of oriented boxes without their task": (
+        oriented_rows(class_id=2),
+        {"metadata": THREE},
+        "none of the layouts known",
+    ),
+    "v5 with faces' points": (v5_face(), {"metadata": names_of(["face"])}, "key points"),
+    "two heads of v8": (two_heads("main", v8()["output0"]), {}, "answers aux and main of one shape"),
+    "two heads of v5": (
+        two_heads("main", objectness_rows(3 * N_CELLS, 0.9, 0.9)),
+        {},
+        "answers aux and main of one shape",
+    ),
+    "two heads of yolox": (two_heads("main", yolox()["output"]), {}, "answers aux and main of one shape"),
+    "two heads of nanodet": (
+        two_heads("main", nanodet(STRIDES)["output"]),
+        {},
+        "answers aux and main of one shape",
+    ),
+    "four classes and four sides": (
+        {name: a[..., :4].copy() for name, a in yolo_nas().items()},
+        {},
+        "a and b of one shape .* which of them holds the boxes",
+    ),
+    "classes numbered from 1": (
+        final(*BOX, CONFIDENCE, 1),
+        {"metadata": {"names": str({1: "boat", 2: "stop sign"})}},
+        r"not numbered 0, 1, 2 and so on; .* into m\.names",
+    ),
+    "classes with a gap": (
+        final(*BOX, CONFIDENCE, 1),
+        {"metadata": {"names": str({0: "boat", 2: "stop sign"})}},
+        "not numbered 0, 1, 2",
+    ),
     "pose without its task": (pose(), {}, "52 classes but names none.*export the model for detection"),
     "obb without its task": (
         oriented(),
@@ -280,6 +482,79 @@ def test_refused_in_one_sentence(case, tmp_path):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("outputs", "numbers", "why"),
+    [
+        (v8(), "1 2 3 4 5 6", r"m\.anchors: YOLOv8 .*takes no anchors; delete or rename this file$"),
+        (raw_grids(_YOLO3, "chw"), "10 13 -16 30", r"m\.anchors: write only the anchors' widths .* above 0$"),
+        (raw_grids(_YOLO3, "chw"), "10 13 wide", r"m\.anchors: write only the anchors' widths .* above 0$"),
+        (
+            raw_grids(_YOLO3, "chw"),
+            " ".join(str(n) for n in range(18, 0, -1)),
+            r"m\.onnx: .* do not grow from grid to grid",
+        ),
+    ],
+    ids=["none needed", "negative", "a word", "largest first"],
+)
+def test_wrong_anchors_are_one_sentence(outputs, numbers, why, tmp_path):
+    path = model(tmp_path, outputs, name="yolov3", metadata=names_of(COCO_80))
+    path.with_suffix(".anchors").write_text(numbers)
+    with pytest.raises(UserError, match=why) as refused:
+        YoloDetector(path)
+    assert "\n" not in str(refused.value)
+
+
+def rows_of(brightness, path, metadata=None):
+    """A model that answers rows (K, 6) by the brightness of the picture, 0..255, and else none."""
+    nodes, inits = [helper.make_node("ReduceMax", ["images"], ["lightest"], keepdims=0)], {}
+    for value, rows in brightness.items():
+        low, high = (np.float32((value + step) / 255) for step in (-0.5, 0.5))
+        inits |= {f"low{value}": low, f"high{value}": high, f"rows{value}": array(*rows)}
+        nodes += [
+            helper.make_node("Greater", ["lightest", f"low{value}"], [f"above{value}"]),
+            helper.make_node("Less", ["lightest", f"high{value}"], [f"below{value}"]),
+            helper.make_node("And", [f"above{value}", f"below{value}"], [f"so{value}"]),
+            helper.make_node("Expand", [f"so{value}", f"n{value}"], [f"all{value}"]),
+            helper.make_node("Compress", [f"rows{value}", f"all{value}"], [f"some{value}"], axis=0),
+        ]
+        inits[f"n{value}"] = np.array([len(rows)])
+    nodes.append(helper.make_node("Concat", [f"some{value}" for value in brightness], ["rows"], axis=0))
+    graph = helper.make_graph(
+        nodes,
+        "model",
+        [helper.make_tensor_value_info("images", TensorProto.FLOAT, (1, 3, SIDE, SIDE))],
+        [helper.make_tensor_value_info("rows", TensorProto.FLOAT, ("k", 6))],
+        [numpy_helper.from_array(np.asarray(value), name) for name, value in inits.items()],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(made, metadata or {})
+    onnx.save(made, path)
+    vouch_for(path)
+    return path
+
+
+def shown(brightness):
+    return replace(frame(), image=np.full((SIDE, SIDE, 3), brightness, np.uint8))
+
+
+CERTAIN = [(*BOX, 1, 0)]  # of score 1 and class 0, or of class 1 and score 0
+
+
+def test_the_order_of_columns_is_remembered(tmp_path):
+    path = rows_of({90: [(*BOX, CONFIDENCE, CLASS)], 50: CERTAIN}, tmp_path / "m.onnx")
+    detector = YoloDetector(path, pixels="0..1")
+    with pytest.raises(UserError, match="read in several orders"):
+        detector.detect(shown(50))
+    assert detector.detect(shown(90)).class_names == ("stop sign",)
+    found = detector.detect(shown(50))
+    assert (found.class_names, list(found.confidences)) == (("person",), [1.0])
+
+
+def test_rows_by_ultralytics_are_known_without_any(tmp_path):
+    path = rows_of({50: CERTAIN}, tmp_path / "m.onnx", ULTRALYTICS | {"task": "detect"})
+    assert YoloDetector(path).detect(shown(50)).class_names == ("person",)
+
+
 def test_a_model_of_bytes_is_not_asked_for_its_pixels(tmp_path):
     path = constant_model(
         tmp_path / "m.onnx", tensorflow(), input_shape=(1, "h", "w", 3), input_type=TensorProto.UINT8
@@ -293,6 +568,17 @@ def test_deim_answers_without_a_batch(tmp_path):
     np.testing.assert_allclose(YoloDetector(path).detect(frame()).boxes_xyxy_px, [BOX], atol=0.05)
 
 
+def test_the_picture_need_not_be_the_first_input(tmp_path):
+    shape, scale = (
+        helper.make_tensor_value_info(name, TensorProto.FLOAT, (1, 2))
+        for name in ("im_shape", "scale_factor")
+    )
+    path = constant_model(
+        tmp_path / "m.onnx", paddle_nms(), first_inputs=[shape], extra_inputs=[scale], metadata=ULTRALYTICS
+    )
+    assert YoloDetector(path, pixels="imagenet").detect(frame()).class_names == ("stop sign",)
+
+
 def test_pixel_boxes_may_be_insisted_on(tmp_path):
     path = model(tmp_path, final(0.2, 0.2, 1.9, 1.9, CONFIDENCE, CLASS))
     found = YoloDetector(path, boxes="pixels").detect(frame())
@@ -301,7 +587,7 @@ def test_pixel_boxes_may_be_insisted_on(tmp_path):
 
 def test_boxes_built_from_grids_have_no_unit_to_set(tmp_path):
     path = model(tmp_path, raw_grids(_YOLO3, "chw"), name="yolov3")
-    with pytest.raises(UserError, match=r"YOLOv3 grids are computed in pixels; delete detector\.boxes"):
+    with pytest.raises(UserError, match=r"YOLOv3 grids are computed in pixels; leave out detector\.boxes"):
         YoloDetector(path, boxes="normalised")
 
 

@@ -35,6 +35,10 @@ def test_dji(tmp_path):
     assert found.hfov_rad == pytest.approx(2 * math.atan(32 / (24 / math.hypot(36, 24) * 80)))
 
 
+def test_a_picture_from_the_take_off_place_has_a_height_of_0(tmp_path):
+    assert taken(tmp_path, xmp=dji(0, 0, 0.0, 60.1, -22.5), make="DJI").height_m == 0.0
+
+
 def test_older_autel_looks_down_at_0(tmp_path):
     xmp = attributes(
         'xmlns:Camera="http://pix4d.com/camera/1.0"', Camera__Pitch=30, Camera__Yaw=12, Camera__Roll=1
@@ -45,6 +49,40 @@ def test_older_autel_looks_down_at_0(tmp_path):
     assert found.longitude_deg == pytest.approx(-122.25, abs=1e-6)
     assert found.altitude_amsl_m == -3.0
     assert taken(tmp_path, xmp=xmp, make="Nobody").pitch_deg is None  # 0 may be the horizon
+
+
+def flir(namespace, uri, **values):
+    """Elements with fractions, as FLIR writes them."""
+    elements = "".join(f"<{namespace}:{k}>{v}</{namespace}:{k}>" for k, v in values.items())
+    return ELEMENTS.format(namespaces=f'xmlns:{namespace}="{uri}"', elements=elements).encode()
+
+
+def test_teledyne_flir_counts_from_the_airframe(tmp_path):
+    """As a Teal 2 wrote it."""
+    xmp = flir(
+        "exif", "http://ns.adobe.com/exif/1.0/",
+        CameraPitch="-86831/1600", CameraRoll="16501/1000000", CameraYaw="359986359/1000000",
+        PlatformPitch="-785007/200000", PlatformRoll="-1044397/1000000", PlatformYaw="31901593/100000",
+        CameraHorizontalFOV="33993099/500000",
+    )  # fmt: skip
+    found = taken(tmp_path, xmp=xmp, make="Teledyne FLIR", place=(40.710335, -111.89434, 1320.5))
+    assert found.pitch_deg == pytest.approx(-54.269375 - 3.925035)
+    assert found.heading_deg % 360.0 == pytest.approx(359.986359 + 319.01593 - 360.0)
+    assert found.roll_deg == pytest.approx(0.016501 - 1.044397)
+    assert math.degrees(found.hfov_rad) == pytest.approx(67.986198)
+    assert found.altitude_amsl_m == pytest.approx(1320.5)
+    alone = flir("exif", "http://ns.adobe.com/exif/1.0/", CameraPitch="-86831/1600")
+    assert taken(tmp_path, xmp=alone, make="Teledyne FLIR").pitch_deg is None
+
+
+@pytest.mark.parametrize(("told", "height_m"), [("61250/1000", 61.25), ("0/1000", None), ("7/0", None)])
+def test_flir_has_the_height_from_the_autopilot(told, height_m, tmp_path):
+    """As a Duo Pro R writes it; its angles are the aircraft's."""
+    uri = "http://ns.flir.com/xmp/1.0/"
+    xmp = flir("FLIR", uri, MAVRelativeAltitude=told, MAVYaw="9000/100", MAVPitch="-250/100", MAVRoll="0/100")
+    found = taken(tmp_path, xmp=xmp, make="FLIR", place=(47.5, 8.5, 500.0))
+    assert found.height_m == height_m
+    assert (found.heading_deg, found.pitch_deg, found.roll_deg) == (None, None, None)
 
 
 def test_newer_autel_misspells_as_dji_does(tmp_path):
@@ -133,8 +171,10 @@ def test_ground_of_a_nadir_picture_is_its_footprint_and_the_horizon_has_an_end()
 
 def test_poses_by_file_and_by_time(tmp_path):
     path = tmp_path / "poses.csv"
-    path.write_text("file, latitude_deg ,heading_deg,hfov_deg\nflight/a.jpg,60.5,,90\n")
-    told = read_poses(path).of_file(tmp_path / "a.jpg")
+    path.write_text("\ufefffile, latitude_deg ,heading_deg,hfov_deg\nflight\\a.JPG,60.5,,90\n")  # Excel's
+    pictures = [tmp_path / "flight" / "A.jpg", tmp_path / "a.jpg"]
+    told, nothing = read_poses(path).of_pictures(pictures, tmp_path)
+    assert nothing == Taken()
     assert (told.latitude_deg, told.heading_deg) == (60.5, None)
     assert told.hfov_rad == pytest.approx(math.pi / 2)
     path.write_text("time_s,heading_deg,height_m\n4,10,40\n2,350,20\n")
@@ -154,6 +194,8 @@ def test_poses_by_file_and_by_time(tmp_path):
         ("time_s,height_m\nnan,3\n", "line 2, time_s"),
         ("file,pitch_deg\na.jpg\n", "line 2 has not 2 cells"),
         ("time_s,file\n,\n", "line 2 has neither"),
+        ("file,pitch_deg\na.jpg,-90\nA.jpg,-80\n", "line 3 repeats file A.jpg; write one row for each"),
+        ("time_s,pitch_deg\n1,-90\n1.0,-80\n", "line 3 repeats time_s 1.0; write one row for each"),
         ('file\n"a\n', "is no CSV"),
     ],
 )
@@ -162,6 +204,26 @@ def test_a_mistake_in_poses_is_one_sentence(text, message, tmp_path):
     path.write_text(text)
     with pytest.raises(UserError, match=message):
         read_poses(path)
+
+
+def test_cards_with_pictures_of_one_name(tmp_path):
+    path, cards = tmp_path / "poses.csv", [tmp_path / card / "DJI_0001.JPG" for card in ("100", "101")]
+    path.write_text("file,height_m\n101/DJI_0001.JPG,2\n100/DJI_0001.JPG,1\n")
+    assert [told.height_m for told in read_poses(path).of_pictures(cards, tmp_path)] == [1.0, 2.0]
+    path.write_text("file,height_m\nDJI_0001.JPG,1\n")
+    with pytest.raises(UserError, match=r"may be of .*100/DJI_0001.JPG or of .*; write file with the folder"):
+        read_poses(path).of_pictures(cards, tmp_path)
+    path.write_text("file,height_m\nDJI_0001.JPG,1\n100/DJI_0001.JPG,1\n")
+    with pytest.raises(UserError, match="are both rows of"):
+        read_poses(path).of_pictures(cards[:1], tmp_path)
+
+
+@pytest.mark.parametrize("text", ["file,height_m\nb.jpg,3\n", "time_s,height_m\n1,3\n", "file,height_m\n"])
+def test_a_table_of_no_picture_is_refused(text, tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text(text)
+    with pytest.raises(UserError, match=r"no row names a picture of .*; write a column file with names such"):
+        read_poses(path).of_pictures([tmp_path / "a.jpg"], tmp_path)
 
 
 @settings(max_examples=150, deadline=None)

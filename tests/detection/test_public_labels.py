@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from test_labelled import picture
 
 from skysweep.detection.photos.pose_table import read_poses
-from skysweep.detection.training.class_map import ours, parse_renames
+from skysweep.detection.training.class_map import ours, parse_renames, refuse_unused
 from skysweep.detection.training.reading import read_dataset, with_our_classes, with_poses
 from skysweep.errors import UserError
 
@@ -90,8 +90,38 @@ def test_yolo_beside_the_pictures_and_in_a_split(tmp_path):
     assert with_our_classes(read_dataset(tmp_path / "flat"), {}).images[0].class_names == ("person",)
     picture(tmp_path / "set" / "train" / "images" / "a.png")
     (tmp_path / "set" / "train" / "labels").mkdir()
+    (tmp_path / "set" / "train" / "labels" / "a.txt").write_text("0 0.5 0.5 0.2 0.2\n")
     (tmp_path / "set" / "data.yaml").write_text("names: [boat]\n")
     assert read_dataset(tmp_path / "set" / "train").class_names == ("boat",)
+
+
+def test_a_yolo_folder_of_splits_is_read_whole(tmp_path):
+    (tmp_path / "data.yaml").write_text("names: [boat, person]\n")
+    for split, label in (("train", "0 0.5 0.5 0.2 0.2\n"), ("valid", "1 0.5 0.5 0.2 0.2\n")):
+        picture(tmp_path / split / "images" / "a.png")
+        (tmp_path / split / "labels").mkdir()
+        (tmp_path / split / "labels" / "a.txt").write_text(label)
+    data = read_dataset(tmp_path)
+    assert data.class_names == ("boat", "person")
+    found = [(i.path.parent.parent.name, i.class_names) for i in data.images]
+    assert found == [("train", ("boat",)), ("valid", ("person",))]
+
+
+def test_labels_where_no_picture_has_any_are_not_taken_for_none(tmp_path):
+    picture(tmp_path / "all" / "set" / "images" / "a.png")
+    (tmp_path / "all" / "set" / "labels").mkdir()
+    (tmp_path / "all" / "set" / "labels" / "a.txt").write_text("0 0.5 0.5 0.2 0.2\n")
+    (tmp_path / "data.yaml").write_text("names: [boat]\n")
+    with pytest.raises(UserError, match="no picture has a label file, such as"):
+        read_dataset(tmp_path)
+
+
+def test_boxes_count_in_the_picture_as_it_is_shown(tmp_path):
+    """On its side: 200 x 100 pixels are stored, and 100 x 200 shown."""
+    turned = jpeg(np.full((100, 200, 3), 90, np.uint8), orientation=6)
+    folder = visdrone(tmp_path, "20,10,40,20,1,1,0,0\n")
+    (folder / "images" / "a.jpg").write_bytes(turned)
+    np.testing.assert_allclose(read_dataset(folder).images[0].boxes_xyxy, [[0.2, 0.05, 0.6, 0.15]])
 
 
 def test_names_are_mapped_and_overridden():
@@ -104,6 +134,9 @@ def test_names_are_mapped_and_overridden():
     assert (ours("People", told), ours("life_saving_appliances", told)) == ("ignored", "buoy")
     with pytest.raises(UserError, match="--class people: write NAME=OURS"):
         parse_renames(["people"])
+    with pytest.raises(UserError, match="--class peple=ignored: no class has that name; there are People"):
+        refuse_unused(parse_renames(["peple=ignored"]), ["People"])
+    refuse_unused(told, ["People", "life-saving appliances"])
 
 
 def test_height_and_ground_come_from_the_file_or_before_it_from_a_table(tmp_path):

@@ -127,6 +127,12 @@ def test_only_our_own_models_can_be_fine_tuned(trained):
     assert not (trained / "x.onnx").exists()
 
 
+def test_the_model_is_an_onnx_file(tmp_path):
+    """It is said before an hour of training."""
+    with pytest.raises(UserError, match=r"--out .*m.txt: is no name of an ONNX file"):
+        train_detector(tmp_path, tmp_path / "m.txt")
+
+
 def test_a_data_set_without_labels_teaches_nothing(tmp_path):
     pytest.importorskip("torch")
     (tmp_path / "images").mkdir()

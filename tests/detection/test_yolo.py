@@ -116,6 +116,18 @@ def test_yolox_wants_bgr_bytes(tmp_path):
     assert detector.detect(frame(image)).confidences == pytest.approx([50 / 255], abs=1e-4)
 
 
+def test_the_order_of_channels_may_be_told(tmp_path):
+    """The first channel is blue then, and ImageNet's mean is that of blue."""
+    image = grey(64, 64)
+    image[..., 0], image[..., 2] = 50, 140
+    path = brightest(tmp_path / "m.onnx")
+    told = {"confidence_min": 0.01, "channels": "bgr"}
+    found = YoloDetector(path, **told).detect(frame(image))
+    assert found.confidences == pytest.approx([140 / 255], abs=1e-4)
+    found = YoloDetector(path, **told, pixels="imagenet").detect(frame(image))
+    assert found.confidences == pytest.approx([(140 / 255 - 0.406) / 0.225], abs=1e-4)
+
+
 def test_byte_pictures_with_channels_last(tmp_path):
     nodes = [
         helper.make_node("Cast", ["images"], ["float"], to=TensorProto.FLOAT),
@@ -138,8 +150,8 @@ def test_byte_pictures_with_channels_last(tmp_path):
     assert YoloDetector(path).detect(frame(image)).confidences == pytest.approx([0.8])
 
 
-def test_dynamic_models_look_at_native_resolution(tmp_path):
-    """A 640 x 360 picture goes in as 640 x 384: width and height arrive as the box."""
+def sized(path):
+    """A model of any size. Its answer is a box as wide as its input is high, and as high as that is wide."""
     nodes = [
         helper.make_node("Shape", ["images"], ["shape"]),
         helper.make_node("Cast", ["shape"], ["shape_float"], to=TensorProto.FLOAT),
@@ -154,11 +166,26 @@ def test_dynamic_models_look_at_native_resolution(tmp_path):
         "score_class": np.array([0.9, 0], np.float32),
         "row_shape": np.array([1, 1, 6]),
     }
-    path = model_of(tmp_path / "m.onnx", nodes, constants, input_shape=[1, 3, "h", "w"], output="out")
-    found = YoloDetector(path).detect(frame(grey(360, 640)))
+    return model_of(path, nodes, constants, input_shape=[1, 3, "h", "w"], output="out")
+
+
+def test_dynamic_models_look_at_native_resolution(tmp_path):
+    """A 640 x 360 picture goes in as 640 x 384: width and height arrive as the box."""
+    found = YoloDetector(sized(tmp_path / "m.onnx")).detect(frame(grey(360, 640)))
     np.testing.assert_allclose(
         found.boxes_xyxy_px, [[0, 0, 384, 360]]
     )  # 640 clips to 360, less 12 px padding
+
+
+def test_dynamic_models_get_each_tile_as_large_as_a_whole_picture(tmp_path):
+    """Tiles of 356 x 200 px go in as 640 x 384, enlarged 1.798 times, with 12 px of padding above."""
+    found = YoloDetector(sized(tmp_path / "m.onnx"), tiles=2).detect(frame(grey(360, 640)))
+    right = 384 / (640 / 356)
+    corners = sorted(map(tuple, found.boxes_xyxy_px.round(2)))
+    expected = sorted(
+        (left, top, round(left + right, 2), top + 200.0) for left in (0.0, 284.0) for top in (0.0, 160.0)
+    )
+    np.testing.assert_allclose(corners, expected)
 
 
 def test_the_weaker_of_two_overlapping_boxes_of_a_class_goes(tmp_path):
@@ -202,7 +229,8 @@ def test_what_cannot_be_is_no_answer(row, why, tmp_path):
 
 
 def test_nothing_found_is_empty(tmp_path):
-    found = YoloDetector(final_rows(tmp_path / "m.onnx", [[0] * 6], (320, 320))).detect(frame(grey(320, 320)))
+    path = final_rows(tmp_path / "m.onnx", [[0] * 6], (320, 320))
+    found = YoloDetector(path, pixels="0..1").detect(frame(grey(320, 320)))
     assert len(found) == 0
     assert found.boxes_xyxy_px.shape == (0, 4)
 
@@ -219,9 +247,17 @@ def test_tiles_are_enlarged_and_put_back(tmp_path):
 
 def test_names_from_a_file_beside_the_model(tmp_path):
     path = final_rows(tmp_path / "m.onnx", [[10, 10, 60, 60, 0.9, 1]], (320, 320))
-    (tmp_path / "m.names").write_text("sheep\ngoat\n")
+    (tmp_path / "m.names").write_text("sheep\ngoat\n\n")
     detector = YoloDetector(path)
     assert detector.detect(frame(grey(320, 320))).class_names == ("goat",)
+
+
+@pytest.mark.parametrize(("text", "line"), [("\nsheep\ngoat\n", 1), ("sheep\n \ngoat\n", 2)])
+def test_a_line_without_a_name_does_not_shift_the_others(text, line, tmp_path):
+    path = final_rows(tmp_path / "m.onnx", [[10, 10, 60, 60, 0.9, 1]], (320, 320))
+    (tmp_path / "m.names").write_text(text)
+    with pytest.raises(UserError, match=rf"m\.names: line {line} is empty"):
+        YoloDetector(path)
 
 
 def test_missing_file(tmp_path):
@@ -240,7 +276,7 @@ def test_broken_file(content, tmp_path):
 def test_unknown_class_names_those_there_are(tmp_path):
     path = final_rows(tmp_path / "m.onnx", [[0] * 6], (320, 320), names={0: "sheep", 1: "goat"})
     with pytest.raises(UserError, match=r"no class 'wolf'; it has sheep, goat"):
-        YoloDetector(path, ["wolf"])
+        YoloDetector(path, ["wolf"], pixels="0..1")
 
 
 def test_unnamed_classes_are_an_error_with_the_remedy(tmp_path):
@@ -250,6 +286,40 @@ def test_unnamed_classes_are_an_error_with_the_remedy(tmp_path):
     with pytest.raises(
         UserError, match=r"7 classes but names none; if so, write their names one a line into m\.names"
     ):
+        YoloDetector(path)
+
+
+def one_node(path, node, output, picture_type=TensorProto.FLOAT):
+    picture = helper.make_tensor_value_info("images", picture_type, [1, 3, 64, 64])
+    graph = helper.make_graph([node], "model", [picture], [output])
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("node", "output"),
+    [
+        (
+            helper.make_node("Constant", [], ["out"], value_strings=["sheep"]),
+            helper.make_tensor_value_info("out", TensorProto.STRING, [1]),
+        ),
+        (
+            helper.make_node("SequenceConstruct", ["images", "images"], ["out"]),
+            helper.make_tensor_sequence_value_info("out", TensorProto.FLOAT, None),
+        ),
+    ],
+)
+def test_outputs_that_are_no_numbers(node, output, tmp_path):
+    path = one_node(tmp_path / "m.onnx", node, output)
+    with pytest.raises(UserError, match=r"m\.onnx: the output out is (tensor\(string\)|seq.*), no array"):
+        YoloDetector(path)
+
+
+@pytest.mark.parametrize("kind", [TensorProto.DOUBLE, TensorProto.INT8])
+def test_an_input_of_other_numbers_is_told_so(kind, tmp_path):
+    output = helper.make_tensor_value_info("out", kind, [1, 3, 64, 64])
+    path = one_node(tmp_path / "m.onnx", helper.make_node("Identity", ["images"], ["out"]), output, kind)
+    with pytest.raises(UserError, match=r"the input images is tensor\(.*one of tensor\(float\), tensor"):
         YoloDetector(path)
 
 

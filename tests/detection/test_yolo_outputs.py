@@ -40,6 +40,7 @@ def constant_model(
     input_shape=(1, 3, SIDE, SIDE),
     name="model",
     extra_inputs=(),
+    first_inputs=(),
     input_type=TensorProto.FLOAT,
 ):
     """An ONNX file that answers ``outputs`` to any picture."""
@@ -49,7 +50,8 @@ def constant_model(
         helper.make_tensor_value_info(k, helper.np_dtype_to_tensor_dtype(np.asarray(a).dtype), np.shape(a))
         for k, a in outputs.items()
     ]
-    inputs = [helper.make_tensor_value_info("images", input_type, input_shape), *extra_inputs]
+    picture = helper.make_tensor_value_info("images", input_type, input_shape)
+    inputs = [*first_inputs, picture, *extra_inputs]
     model = helper.make_model(
         helper.make_graph(nodes, name, inputs, infos, constants),
         opset_imports=[helper.make_opsetid("", 17)],
@@ -212,6 +214,11 @@ def detr(n_logits, class_id, *, softmax):
     return {"logits": logits, "pred_boxes": boxes}
 
 
+def rf_detr(n_columns, column):
+    logits, boxes = detr(n_columns, column, softmax=False).values()
+    return {"dets": boxes, "labels": logits}
+
+
 def rt_detr():
     e2e = v7_end_to_end()
     e2e["det_scores"][0, 1:] = 0
@@ -249,9 +256,10 @@ LAYOUTS = {
     "v4": (raw_grids(_YOLO4, "chw", scale=_YOLO4_SCALE_XY), "YOLOv4 grids", "yolov4"),
     "v4 of the ONNX zoo": (raw_grids(_YOLO4, "hwak", scale=_YOLO4_SCALE_XY), "YOLOv4 grids", "model"),
     "v4 decoded": (v4_decoded(), "YOLOv4 decoded", "model"),
-    "yolo-nas": (yolo_nas(), "YOLO-NAS", "model"),
+    "yolo-nas": (yolo_nas(), "YOLO-NAS", "yolo_nas_s"),
     "detr": (detr(92, COCO_91.index("stop sign"), softmax=True), "DETR", "model"),
-    "detr sigmoid": (detr(80, CLASS, softmax=False), "DETR", "model"),
+    "deformable detr": (detr(91, COCO_91.index("stop sign"), softmax=False), "DETR", "model"),
+    "rf-detr": (rf_detr(91, COCO_91.index("stop sign")), "RF-DETR", "model"),
     "rt-detr rows": (rt_detr_rows(), "RT-DETR rows", "model"),
 }
 

@@ -105,3 +105,10 @@ def test_a_file_is_replaced_whole_or_stays_as_it_was(tmp_path):
     assert path.read_bytes() == b"old"
     replace_file(path, b"new", sync=True)
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.txt", b"new")]
+
+
+def test_an_error_names_the_file_and_not_its_unfinished_part(tmp_path):
+    path = tmp_path / ("a" * 250)
+    with pytest.raises(OSError, match="name too long") as refused:
+        replace_file(path, b"x")
+    assert refused.value.filename == str(path)

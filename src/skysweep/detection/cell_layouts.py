@@ -7,6 +7,7 @@ NanoDet-Plus (RangiLyu/nanodet).
 
 from __future__ import annotations
 
+import re
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from skysweep.detection.layouts import (
     BYTE_BGR,
     BYTE_RGB,
     NANODET_BGR,
+    ROUNDING,
     UNIT_RGB,
     Boxes,
     OutputLayout,
@@ -23,6 +25,7 @@ from skysweep.detection.layouts import (
     PixelFormat,
     Probe,
     Size,
+    Unclear,
     best_class,
     cell_centres,
     row_outputs,
@@ -32,6 +35,7 @@ from skysweep.detection.layouts import (
     xyxy_from_cxcywh,
 )
 
+_NAS = re.compile(r"(?:yolo|(?<![a-z]))[-_ ]?nas(?![a-z])")
 _NANODET_BINS = 8  # of the distance to each side
 
 
@@ -39,7 +43,7 @@ def boxes_and_scores(probe: Probe) -> OutputLayout | None:
     """Decoded corners and class scores apart.
 
     (1, N, 1, 4), normalised, and (1, N, C): YOLOv4; (1, N, 4), pixels, and (1, N, C): YOLO-NAS (0..1) and
-    DAMO-YOLO (0..255), told apart by name or order; (1, N, 4) and (1, C, N): PP-YOLOE without NMS.
+    DAMO-YOLO (0..255), told apart by name; (1, N, 4) and (1, C, N): PP-YOLOE without NMS.
     """
     if len(probe.outputs) != 2:
         return None
@@ -52,18 +56,23 @@ def boxes_and_scores(probe: Probe) -> OutputLayout | None:
             return OutputLayout("YOLOv4 decoded", s[2], decode, boxes="normalised")
         if b[2:] != (4,) or strides_of(probe, b[1], 1) is None:
             continue
+        if b == s:
+            raise Unclear(
+                f"answers {boxes} and {scores} of one shape {b}, which does not say which of them holds the "
+                "boxes; export it with NMS"
+            )
         if s[1] == b[1]:
-            family, pixels = _family_of_pair(probe, boxes)
+            family, pixels = _family_of_pair(probe.hint)
             return OutputLayout(family, s[2], decode, pixels)
         if s[2] == b[1]:
             return OutputLayout("PP-YOLOE", s[1], partial(_decode_pair, boxes, scores, True), None)
     return None
 
 
-def _family_of_pair(probe: Probe, boxes: str) -> tuple[str, PixelFormat | None]:
-    if "damo" in probe.hint:
+def _family_of_pair(hint: str) -> tuple[str, PixelFormat | None]:
+    if "damo" in hint:
         return "DAMO-YOLO", BYTE_RGB
-    if "nas" in probe.hint or next(iter(probe.outputs)) == boxes:  # super-gradients writes boxes first
+    if _NAS.search(hint):
         return "YOLO-NAS", UNIT_RGB
     return "YOLO-NAS or DAMO-YOLO", None
 
@@ -76,16 +85,42 @@ def _decode_pair(boxes: str, scores: str, transposed: bool, outputs: Outputs, _:
 def anchored_rows(probe: Probe) -> OutputLayout | None:
     """(1, N, 5 + C) with three rows a cell, decoded: YOLOv5, YOLOv7 and decoded YOLOv3/v4.
 
-    Such a file may repeat the same as raw grids.
+    Such a file may repeat the same as raw grids. Segmentation models add mask coefficients. Raises Unclear if
+    what stands for scores is none: YOLOv5-face and YOLOv7-pose add key points.
     """
+    masks = _n_mask_columns(probe)
     for name, rows, columns in row_outputs(probe):
-        if columns > 5 and strides_of(probe, rows, 3):
-            return OutputLayout("YOLOv5", columns - 5, partial(_decode_objectness, name))
+        n_classes = columns - 5 - masks
+        if n_classes < 1 or not strides_of(probe, rows, 3):
+            continue
+        _refuse_twins(probe, name)
+        if np.any(probe.outputs[name][0, :, 5 : 5 + n_classes] > 1 + ROUNDING):
+            raise Unclear(
+                f"answers values above 1 where a YOLOv5 of {n_classes} classes has scores, as models with "
+                "key points (YOLOv5-face, YOLOv7-pose) do; use one that finds boxes only"
+            )
+        return OutputLayout("YOLOv5", n_classes, partial(_decode_objectness, name, n_classes))
     return None
 
 
-def _decode_objectness(name: str, outputs: Outputs, _: Size) -> Boxes:
-    return objectness_rows(outputs[name][0])
+def _n_mask_columns(probe: Probe) -> int:
+    """32 coefficients, for models with an output of 32 prototypes (1, 32, h, w)."""
+    return 32 if any(v.ndim == 4 and v.shape[1] == 32 for v in probe.outputs.values()) else 0
+
+
+def _refuse_twins(probe: Probe, name: str) -> None:
+    """Raises Unclear if another output has the shape of this one, as of models with two heads."""
+    shape = probe.outputs[name].shape
+    twins = [other for other, values in probe.outputs.items() if values.shape == shape]
+    if len(twins) > 1:
+        raise Unclear(
+            f"answers {' and '.join(twins)} of one shape {shape}, which does not say whose boxes count; "
+            "export it with one of them"
+        )
+
+
+def _decode_objectness(name: str, n_classes: int, outputs: Outputs, _: Size) -> Boxes:
+    return objectness_rows(outputs[name][0, :, : 5 + n_classes])
 
 
 def objectness_rows(rows: F32) -> Boxes:
@@ -99,7 +134,7 @@ def cell_columns(probe: Probe) -> OutputLayout | None:
     Segmentation models add 32 mask coefficients, which a second output (1, 32, h, w) shows; models of poses
     and of oriented boxes say so in their metadata, and add key points or an angle.
     """
-    masks = 32 if any(v.ndim == 4 and v.shape[1] == 32 for v in probe.outputs.values()) else 0
+    masks = _n_mask_columns(probe)
     for name, rows, columns in row_outputs(probe):
         for transposed, cells, values in ((False, columns, rows), (True, rows, columns)):
             if strides_of(probe, cells, 1) is None:
@@ -109,6 +144,7 @@ def cell_columns(probe: Probe) -> OutputLayout | None:
                 n_classes = probe.n_names
             if n_classes <= 0 or (transposed and n_classes != (probe.n_names or 80)):
                 continue
+            _refuse_twins(probe, name)
             oriented = probe.task == "obb"
             decode = partial(_decode_columns, name, n_classes, transposed, oriented)
             return OutputLayout("YOLOv8", n_classes, decode)
@@ -135,6 +171,7 @@ def nanodet_rows(probe: Probe) -> OutputLayout | None:
     for name, rows, columns in row_outputs(probe):
         n_classes, strides = columns - 4 * _NANODET_BINS, strides_of(probe, rows, 1)
         if strides and n_classes == (probe.n_names or 80):
+            _refuse_twins(probe, name)
             decode = partial(_decode_nanodet, name, strides)
             return OutputLayout("NanoDet", n_classes, decode, NANODET_BGR, None)
     return None
@@ -156,8 +193,9 @@ def cell_rows(probe: Probe) -> OutputLayout | None:
         strides = strides_of(probe, rows, 1)
         if strides is None or columns < 6:
             continue
+        _refuse_twins(probe, name)
         p = probe.outputs[name][0]
-        decode = partial(_decode_objectness, name)
+        decode = partial(_decode_objectness, name, columns - 5)
         if np.all(p[:, 4] == 1.0):
             return OutputLayout("YOLOv6", columns - 5, decode)
         # A raw centre is a small offset from its own cell; a decoded one grows with the cell's place.

@@ -2,7 +2,7 @@
 
 Shapes tell neither the version, by which the boxes are computed, nor the anchors. Names in the file may tell
 the version. The anchors are those trained on COCO for a model of COCO's 80 classes; others are read from a
-file beside the model.
+file beside the model. Heads of YOLOv8 and later, which have no anchors, are refused.
 
 Sources: YOLOv3 (arXiv:1804.02767), YOLOv4 (arXiv:2004.10934), YOLOv5 (Ultralytics) and YOLOv7
 (arXiv:2207.02696).
@@ -43,7 +43,9 @@ _YOLO4 = {
 _YOLO3_TINY = {16: ((10, 14), (23, 27), (37, 58)), 32: ((81, 82), (135, 169), (344, 319))}
 _YOLO4_TINY = {16: ((23, 27), (37, 58), (81, 82)), 32: ((81, 82), (135, 169), (344, 319))}
 _YOLO4_SCALE_XY = {8: 1.2, 16: 1.1, 32: 1.05}
-_VERSION = re.compile(r"(?:yolo[-_ ]?v?|(?<![a-z])v)(\d+)")
+_VERSION = re.compile(r"yolo(?:[-_ ]?v[-_ ]?)?(\d+)")
+_SCALED_YOLO4 = re.compile(r"yolo[-_ ]?v?4.*?(?:csp(?!darknet)|(?<![a-z])p[567](?!\d)|x[-_]?mish)")
+_BOX_CHANNELS = 64  # of YOLOv8 and later: 16 bins for each side
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,21 +84,58 @@ def raw_grids(probe: Probe) -> OutputLayout | None:
     """Two or three raw heads of three anchors: YOLOv3, v4, v5 and v7.
 
     Only v5 and v7 have the axes (1, 3, h, w, 5 + C), only v4 has (1, h, w, 3, 5 + C). Raises Unclear if the
-    version or the anchors remain unknown.
+    version or the anchors remain unknown, or the grids are those of other heads.
     """
+    _refuse_heads_without_anchors(probe)
     found = [_as_grid(n, v.shape, probe.input_hw) for n, v in probe.outputs.items()]
     grids = sorted((g for g in found if g is not None), key=lambda g: g.stride)
     if len(grids) != len(probe.outputs) or len({g.columns for g in grids}) != 1:
         return None
     if tuple(g.stride for g in grids) not in ((8, 16, 32), (16, 32)):
         return None
-    version, n_classes = _version(probe, grids[0].axes), grids[0].columns - 5
+    n_classes = grids[0].columns - 5
+    if probe.n_names is None and n_classes != len(COCO_80) and grids[0].axes in ("chw", "hwc"):
+        raise Unclear(
+            "answers raw grids, which may be of several versions of YOLO, and names no classes; write their "
+            "names one a line into a file of its name ending in .names, or export it with decoded boxes"
+        )
+    if probe.n_names not in (None, n_classes):
+        raise Unclear(
+            f"answers raw grids that read as those of {n_classes} classes, and {probe.n_names} are named; "
+            "write their names one a line into a file of its name ending in .names, or export it with "
+            "decoded boxes"
+        )
+    if all(_within_one(grid.cells(probe.outputs)[..., 4:]) for grid in grids):
+        raise Unclear(
+            "answers raw grids that have been through a sigmoid; export it without, or with decoded boxes"
+        )
+    version = _version(probe, grids[0].axes)
     anchors_px, source = _anchors_of(probe, grids, version, n_classes)
     decode = partial(_decode_grids, grids, version, anchors_px)
     return OutputLayout(f"YOLOv{version} grids", n_classes, decode, boxes=None, anchors=source)
 
 
+def _refuse_heads_without_anchors(probe: Probe) -> None:
+    n_classes = probe.n_names or len(COCO_80)
+    channels = _BOX_CHANNELS + n_classes
+    shapes = [v.shape for v in probe.outputs.values()]
+    if shapes and all(len(shape) == 4 and channels in (shape[1], shape[3]) for shape in shapes):
+        raise Unclear(
+            f"answers raw heads of {_BOX_CHANNELS} + {n_classes} channels, as YOLOv8 and later have before "
+            "their boxes are computed; export it with decoded boxes"
+        )
+
+
+def _within_one(values: F32) -> bool:
+    return bool(np.all((values >= 0) & (values <= 1)))
+
+
 def _version(probe: Probe, axes: str) -> int:
+    if _SCALED_YOLO4.search(probe.hint):
+        raise Unclear(
+            "is a scaled YOLOv4 (csp, p5, p6, x-mish) by its name, whose raw grids are not supported; export "
+            "it with decoded boxes"
+        )
     possible = {"ahwk": {5, 7}, "hwak": {4}}.get(axes, {3, 4, 5, 7})
     named = {int(v) for v in _VERSION.findall(probe.hint)} & possible
     if len(named) == 1:
@@ -114,7 +153,7 @@ def _version(probe: Probe, axes: str) -> int:
 
 def _anchors_of(probe: Probe, grids: list[_Grid], version: int, n_classes: int) -> tuple[dict[int, F32], str]:
     """Anchors (3, 2), width and height in pixels, by stride, and where they come from."""
-    tiny, n_values = len(grids) == 2, 6 * len(grids)
+    two, n_values = len(grids) == 2, 6 * len(grids)
     if probe.anchors_px:
         if len(probe.anchors_px) != n_values:
             raise Unclear(
@@ -123,17 +162,28 @@ def _anchors_of(probe: Probe, grids: list[_Grid], version: int, n_classes: int) 
                 "anchors a grid, smallest first"
             )
         values = np.array(probe.anchors_px, np.float32).reshape(-1, 3, 2)
+        areas = values.prod(axis=2).mean(axis=1)
+        if np.any(np.diff(areas) <= 0) or values[-1].max() < grids[-1].stride:
+            raise Unclear(
+                "answers raw grids, and the anchors in the file beside it do not grow from grid to grid up "
+                f"to at least a cell of the coarsest ({grids[-1].stride} pixels); write width and height of "
+                "three anchors a grid in pixels, not in cells, smallest first"
+            )
         return {g.stride: v for g, v in zip(grids, values, strict=True)}, "from the file beside the model"
     if n_classes != len(COCO_80):
         raise Unclear(
             "answers raw grids but does not hold their anchors; write them (width and height in pixels, "
             "smallest first) into a file of its name ending in .anchors, or export it with decoded boxes"
         )
-    tables = {3: _YOLO3_TINY, 4: _YOLO4_TINY} if tiny else {3: _YOLO3, 4: _YOLO4, 5: _YOLO3, 7: _YOLO4}
-    if version not in tables:
+    tiny = "tiny" in probe.hint
+    tables = {3: _YOLO3, 4: _YOLO4, 5: _YOLO3, 7: _YOLO3 if tiny else _YOLO4}
+    if two:
+        tables = {3: _YOLO3_TINY, 4: _YOLO4_TINY}
+    if version not in tables or (tiny and not two and version in (3, 4)):
         raise Unclear(
-            f"answers two raw grids of YOLOv{version}, whose anchors are not known; export it with decoded "
-            "boxes"
+            f"answers {len(grids)} raw grids of YOLOv{version}{' tiny' * tiny}, whose anchors are not known; "
+            "write them (width and height in pixels, smallest first) into a file of its name ending in "
+            ".anchors, or export it with decoded boxes"
         )
     anchors_px = {s: np.array(a, np.float32) for s, a in tables[version].items()}
     return anchors_px, f"those of YOLOv{version} for COCO"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,11 +14,12 @@ Outputs = Mapping[str, F32]
 Size = tuple[int, int]
 BoxUnit = Literal["pixels", "normalised"]
 PixelRange = Literal["0..255", "0..1", "imagenet"]
+Channels = Literal["rgb", "bgr"]
 
 STRIDE_SETS = ((8, 16, 32), (16, 32), (8, 16, 32, 64), (4, 8, 16, 32))
 _MANY = 20  # boxes that do not all lie within the first two pixels, unless they are normalised
 _NORMALISED_MAX = 2.0  # a normalised box may reach beyond the picture
-_ROUNDING = 1e-3  # of a score in half precision
+ROUNDING = 1e-3  # of a score in half precision
 
 
 class Unclear(ValueError):
@@ -27,16 +28,19 @@ class Unclear(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class PixelFormat:
-    """How a model wants its pixels: channel order, then ``(value * scale - mean) / std``."""
+    """How a model wants its pixels: channel order, then in that order ``(value * scale - mean) / std``."""
 
     bgr: bool = False
     scale: float = 1 / 255
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     std: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
-    def with_range(self, wanted: PixelRange | None) -> PixelFormat:
-        """The same channel order with another range; None changes nothing."""
-        return self if wanted is None else replace(_RANGES[wanted], bgr=self.bgr)
+    def told(self, values: PixelRange | None, channels: Channels | None) -> PixelFormat:
+        """The same with other values or another channel order; None changes nothing."""
+        one = self if values is None else _RANGES[values]
+        bgr = self.bgr if channels is None else channels == "bgr"
+        turned = one if one.bgr == bgr else replace(one, mean=one.mean[::-1], std=one.std[::-1])
+        return replace(turned, bgr=bgr)
 
 
 UNIT_RGB = PixelFormat()
@@ -45,6 +49,14 @@ BYTE_BGR = PixelFormat(bgr=True, scale=1.0)
 IMAGENET_RGB = PixelFormat(mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225))
 NANODET_BGR = PixelFormat(True, 1.0, (103.53, 116.28, 123.675), (57.375, 57.12, 58.395))
 _RANGES: dict[PixelRange, PixelFormat] = {"0..255": BYTE_RGB, "0..1": UNIT_RGB, "imagenet": IMAGENET_RGB}
+
+
+class Told(NamedTuple):
+    """What the user says of a model, where its file leaves it open."""
+
+    boxes: BoxUnit | None = None
+    pixels: PixelRange | None = None
+    channels: Channels | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +86,7 @@ class OutputLayout:
     """A recognised output layout.
 
     ``boxes`` is what the family's exports use, or None if the boxes are built from the grid. ``pixels`` is
-    None if the outputs leave the range open.
+    None if the outputs leave the range open; ``bgr`` then is the order of channels, or None if that is open.
     """
 
     name: str
@@ -84,6 +96,7 @@ class OutputLayout:
     boxes: BoxUnit | None = "pixels"
     suppressed: bool = False  # the model has removed duplicates itself
     anchors: str = "none"
+    bgr: bool | None = False
 
 
 def unit_of(found: Boxes, usual: BoxUnit) -> BoxUnit | None:
@@ -106,7 +119,7 @@ def unit_of(found: Boxes, usual: BoxUnit) -> BoxUnit | None:
 
 def refuse_logits(scores: F32) -> None:
     """Raises Unclear if scores lie below 0."""
-    if np.any(scores < -_ROUNDING):
+    if np.any(scores < -ROUNDING):
         raise Unclear("answers scores below 0; export it with its last activation (sigmoid or softmax)")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from skysweep.arrays import F32
 from skysweep.detection.layouts import (
     IMAGENET_RGB,
+    ROUNDING,
     UNIT_RGB,
     Boxes,
     OutputLayout,
@@ -40,7 +41,7 @@ _ORDERS = {
     "box, class, score": (slice(0, 4), 5, 4),
     "class, score, box": (slice(2, 6), 1, 0),
 }
-_USUAL, _PADDLE = "box, score, class", "class, score, box"
+_USUAL, _CLASS_FIRST = "box, score, class", "class, score, box"
 
 
 def labelled_boxes(probe: Probe) -> OutputLayout | None:
@@ -106,7 +107,10 @@ def _decode_tensorflow(
 
 
 def scored_boxes(probe: Probe) -> OutputLayout | None:
-    """Boxes with their score, dets ([1,] K, 5), and labels ([1,] K) from 0: mmdeploy."""
+    """Boxes with their score, dets ([1,] K, 5), and labels ([1,] K) from 0: mmdeploy.
+
+    RTMDet takes BGR, others of mmdetection RGB.
+    """
     names = find_outputs(probe, "dets", "labels")
     if names is None:
         return None
@@ -114,7 +118,7 @@ def scored_boxes(probe: Probe) -> OutputLayout | None:
     if dets.shape[-1] != 5 or dets.size != 5 * labels.size:
         return None
     decode = partial(_decode_scored, names)
-    return OutputLayout("mmdeploy", probe.n_names or 80, decode, None, suppressed=True)
+    return OutputLayout("mmdeploy", probe.n_names or 80, decode, None, suppressed=True, bgr=None)
 
 
 def _decode_scored(names: tuple[str, ...], outputs: Outputs, _: Size) -> Boxes:
@@ -124,20 +128,41 @@ def _decode_scored(names: tuple[str, ...], outputs: Outputs, _: Size) -> Boxes:
 
 
 def detr(probe: Probe) -> OutputLayout | None:
-    """Logits (1, Q, C [+ 1 for nothing]) and boxes (1, Q, 4), centre and size, normalised."""
-    names = find_outputs(probe, "boxes", "logits") or find_outputs(probe, "dets", "labels")
+    """Logits (1, Q, C [+ 1 for nothing]) and boxes (1, Q, 4), centre and size, normalised.
+
+    ``dets`` and ``labels`` are RF-DETR's, which has no column for nothing; nor have RT-DETR, D-FINE and
+    Deformable DETR by Hugging Face, whose ``logits`` and ``pred_boxes`` are named as those of DETR. Where
+    there is such a column, it wins on a blank picture. Raises Unclear if a column is left over.
+    """
+    rf_detr = find_outputs(probe, "dets", "labels")
+    names = find_outputs(probe, "boxes", "logits") or rf_detr
     if names is None or any(probe.outputs[n].ndim != 3 for n in names):
         return None
     boxes, logits = names
     columns = probe.outputs[logits].shape[2]
-    with_nothing = columns == probe.n_names + 1 if probe.n_names else columns in (81, 92)
+    one_more = columns == probe.n_names + 1 if probe.n_names else columns in (81, 92)
+    last_wins = np.mean(probe.outputs[logits][0].argmax(axis=1) == columns - 1) > 0.5
+    with_nothing = bool(one_more and last_wins and names != rf_detr)
+    if probe.n_names and one_more and not with_nothing:
+        raise Unclear(
+            f"answers {columns} columns of scores for {probe.n_names} named classes; write a name for each "
+            "column, one a line, into a file of its name ending in .names"
+        )
 
     def decode(outputs: Outputs, _: Size) -> Boxes:
         z = outputs[logits][0]
         scores = softmax(z)[:, :-1] if with_nothing else sigmoid(z)
         return best_class(xyxy_from_cxcywh(outputs[boxes][0]), scores)
 
-    return OutputLayout("DETR", columns - with_nothing, decode, IMAGENET_RGB, "normalised", suppressed=True)
+    known = with_nothing or names == rf_detr or columns == _COCO_IDS
+    return OutputLayout(
+        "RF-DETR" if names == rf_detr else "DETR" if known else "DETR, RT-DETR or D-FINE",
+        columns - with_nothing,
+        decode,
+        IMAGENET_RGB if known else None,
+        "normalised",
+        suppressed=True,
+    )
 
 
 def final_rows(probe: Probe) -> OutputLayout | None:
@@ -145,7 +170,9 @@ def final_rows(probe: Probe) -> OutputLayout | None:
 
     Six columns: YOLOv10 and exports with NMS (box, score, class), PP-YOLOE (class, score, box). Seven, the
     first of them the picture's number: YOLOv7 and YOLO-NAS with NMS. Or (1, K, 4 + C) with centre and size,
-    and class scores: RT-DETR by Ultralytics. The rows themselves tell the order of six columns.
+    and class scores: RT-DETR by Ultralytics. The rows themselves tell the order of six columns; where there
+    are none on a blank picture, only models by Ultralytics are known. Seven columns with the class first are
+    of many families, and some of them count labels from 1, after the background.
     """
     name = next(iter(probe.outputs))
     shape = probe.outputs[name].shape
@@ -155,20 +182,33 @@ def final_rows(probe: Probe) -> OutputLayout | None:
     if not (shape[-1] == 6 or (shape[-1] == 7 and len(shape) == 2)) or shape[-2] > _MAX_LISTED:
         return _score_rows(probe)
     rows = _objects(probe.outputs[name])
-    order = _order_of(rows) if _fitting(rows) else None
-    if len(rows) and order is None and (scored := _score_rows(probe)):
+    fits_none = len(rows) > 0 and not _fitting(rows)
+    if fits_none and (scored := _score_rows(probe)):
         return scored
-    decode = partial(_decode_rows, name, order)
-    known = "YOLOv10" if shape[-1] == 6 else "YOLOv7 with NMS"
-    asked = order == _PADDLE or len(probe.outputs) > 1
-    pixels = None if asked else UNIT_RGB
+    seven = shape[-1] == 7
+    by_ultralytics = probe.task == "detect" and not seven
+    order = _USUAL if fits_none or by_ultralytics else _order_of(rows)
+    decode = _RowDecoder(name, order)
+    if order in (None, _CLASS_FIRST):
+        n_classes = _named(probe) if seven else probe.n_names or 80
+        bgr = None if seven else False
+        return OutputLayout("rows of objects", n_classes, decode, None, suppressed=True, bgr=bgr)
+    known = "YOLOv7 with NMS" if seven else "YOLOv10"
+    pixels = None if len(probe.outputs) > 1 else UNIT_RGB
     return OutputLayout(known, probe.n_names or 80, decode, pixels, suppressed=True)
 
 
-def _decode_rows(name: str, order: str | None, outputs: Outputs, _: Size) -> Boxes:
-    rows = _objects(outputs[name])
-    box, score, label = _ORDERS[order or _order_of(rows)]
-    return Boxes(rows[:, box], rows[:, score], whole(rows[:, label]))
+class _RowDecoder:
+    """Decodes rows (K, 6), whose order of columns it remembers once a picture has shown it."""
+
+    def __init__(self, name: str, order: str | None) -> None:
+        self._name, self._order = name, order
+
+    def __call__(self, outputs: Outputs, _: Size) -> Boxes:
+        rows = _objects(outputs[self._name])
+        self._order = self._order or _order_of(rows)
+        box, score, label = _ORDERS[self._order or _USUAL]
+        return Boxes(rows[:, box], rows[:, score], whole(rows[:, label]))
 
 
 def _objects(array: F32) -> F32:
@@ -192,19 +232,26 @@ def _fits(rows: F32, order: str) -> bool:
     )
 
 
-def _order_of(rows: F32) -> str:
-    """The order of the columns; the usual one if none fits. Raises Unclear if several do."""
+def _order_of(rows: F32) -> str | None:
+    """The order of the columns; None if none fits, or two that are the same for these rows.
+
+    Raises Unclear if several fit otherwise.
+    """
     fitting = _fitting(rows)
-    if len(fitting) > 1 and np.any(rows[:, 4] != rows[:, 5]):
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting and (_CLASS_FIRST in fitting or np.any(rows[:, 4] != rows[:, 5])):
         raise Unclear("answers rows whose columns may be read in several orders; export it without NMS")
-    return fitting[0] if fitting else _USUAL
+    return None
 
 
 def _score_rows(probe: Probe) -> OutputLayout | None:
     if len(probe.outputs) != 1 or not row_outputs(probe):
         return None
     name, rows, columns = row_outputs(probe)[0]
-    if rows > _MAX_LISTED or columns - 4 != (probe.n_names or 80):
+    if rows > _MAX_LISTED or columns - 4 != (probe.n_names or 80) or probe.task in ("obb", "pose"):
+        return None
+    if not np.all(np.abs(probe.outputs[name][0, :, 4:] - 0.5) <= 0.5 + ROUNDING):
         return None
     return OutputLayout(
         "RT-DETR rows",

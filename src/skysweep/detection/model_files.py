@@ -9,19 +9,25 @@ from pathlib import Path
 
 from skysweep.errors import UserError
 from skysweep.files.reading import read_limited
+from skysweep.scenarios.model import OWN_DETECTORS
 
-OWN_MODEL = "skysweep"
+OWN_MODEL = OWN_DETECTORS["visible"]
 MAX_MODEL_BYTES = 1_000_000_000
 
 
-def own_model_path() -> Path:
-    """The path of the shipped model."""
-    return Path(str(resources.files("skysweep") / "models" / "skysweep.onnx"))
+def own_model_path(name: str = OWN_MODEL) -> Path:
+    """The path of a shipped model."""
+    return Path(str(resources.files("skysweep") / "models" / f"{name}.onnx"))
+
+
+def shipped_models() -> list[Path]:
+    """The files of all shipped models."""
+    return [own_model_path(name) for name in OWN_DETECTORS.values()]
 
 
 def model_file(model: Path | str) -> Path:
-    """The file that a scenario's ``detector.model`` names: "skysweep" or a path."""
-    return own_model_path() if str(model) == OWN_MODEL else Path(model)
+    """The file that a scenario's ``detector.model`` names: one of ours, or a path."""
+    return own_model_path(str(model)) if str(model) in OWN_DETECTORS.values() else Path(model)
 
 
 def existing_model_file(model: Path | str) -> Path:
@@ -29,7 +35,8 @@ def existing_model_file(model: Path | str) -> Path:
     path = model_file(model)
     if not path.is_file():
         raise UserError(
-            f"{path}: there is no such model file; write the path of an ONNX file or {OWN_MODEL!r}"
+            f"{path}: there is no such model file; write the path of an ONNX file, or one of ours: "
+            f"{', '.join(OWN_DETECTORS.values())}"
         )
     return path
 

@@ -19,8 +19,8 @@ from tempfile import TemporaryDirectory
 from threading import Timer
 
 from skysweep.caching import cache_folder
-from skysweep.detection.layouts import BoxUnit, PixelRange
-from skysweep.detection.model_files import own_model_path, sha256_of
+from skysweep.detection.layouts import Told
+from skysweep.detection.model_files import sha256_of, shipped_models
 from skysweep.errors import UserError
 
 try:
@@ -35,15 +35,15 @@ _SAID_AFTER_S = 3.0
 _REFUSED = 2
 
 
-def try_out(path: Path, boxes: BoxUnit | None = None, pixels: PixelRange | None = None) -> None:
+def try_out(path: Path, told: Told) -> None:
     """Raises UserError if a model does not load, or takes too much time or memory for one picture.
 
-    ``boxes`` and ``pixels`` are those of the detector that will use it. The shipped model needs no trial, and
-    a model that passed is not tried again.
+    ``told`` is that of the detector that will use it. The shipped model needs no trial, and a model that
+    passed is not tried again.
     """
     digest = sha256_of(path)
-    if digest != sha256_of(own_model_path()):
-        _try_once(path, digest, boxes, pixels)
+    if digest not in map(sha256_of, shipped_models()):
+        _try_once(path, digest, told)
 
 
 def vouch_for(path: Path) -> None:
@@ -60,14 +60,14 @@ def _passed(digest: str) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _try_once(path: Path, digest: str, boxes: BoxUnit | None, pixels: PixelRange | None) -> None:
+def _try_once(path: Path, digest: str, told: Told) -> None:
     if _passed(digest).exists():
         return
     try:
         # in an empty folder: Python looks for modules where it starts
         with TemporaryDirectory() as empty, _said_when_slow(path):
             done = subprocess.run(
-                [sys.executable, "-m", __name__, str(path.absolute()), boxes or "", pixels or ""],
+                [sys.executable, "-m", __name__, str(path.absolute()), *(word or "" for word in told)],
                 cwd=empty,
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
@@ -81,7 +81,7 @@ def _try_once(path: Path, digest: str, boxes: BoxUnit | None, pixels: PixelRange
     if done.returncode == -getattr(signal, "SIGXCPU", 0):
         raise _too_slow(path)
     if done.returncode == _REFUSED and done.stdout:
-        raise UserError(done.stdout.strip())
+        raise UserError(done.stdout.splitlines()[-1])  # ONNX Runtime may have printed before
     if done.returncode != 0:
         raise UserError(f"{path}: the model broke the process that tried it; export or download it again")
     vouch_for(path)
@@ -117,14 +117,14 @@ def _limit() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
 
 
-def _main(path: Path, boxes: BoxUnit | None, pixels: PixelRange | None) -> int:
+def _main(path: Path, told: Told) -> int:
     import cv2
 
     from skysweep.detection.network import load_network
 
     _limit()
     try:
-        load_network(path, 1, boxes, pixels)
+        load_network(path, 1, told)
     except UserError as error:
         print(error)
         return _REFUSED
@@ -135,5 +135,5 @@ def _main(path: Path, boxes: BoxUnit | None, pixels: PixelRange | None) -> int:
 
 
 if __name__ == "__main__":
-    _path, _boxes, _pixels = sys.argv[1:]
-    sys.exit(_main(Path(_path), _boxes or None, _pixels or None))  # type: ignore[arg-type]
+    _path, *_told = sys.argv[1:]
+    sys.exit(_main(Path(_path), Told(*(word or None for word in _told))))  # type: ignore[arg-type]

@@ -22,9 +22,9 @@ from skysweep.detection.layouts import (
     OutputLayout,
     Outputs,
     PixelFormat,
-    PixelRange,
     Probe,
     Size,
+    Told,
     Unclear,
     refuse_logits,
     size_px,
@@ -46,25 +46,15 @@ _NUMPY_TYPE = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tens
 class Network:
     """An open model: pixels in, decoded boxes out. Raises UserError if it cannot be understood."""
 
-    def __init__(
-        self,
-        session: ort.InferenceSession,
-        path: Path,
-        boxes: BoxUnit | None = None,
-        pixels: PixelRange | None = None,
-    ) -> None:
+    def __init__(self, session: ort.InferenceSession, path: Path, told: Told) -> None:
         self._session, self._path = session, path
-        self.picture_input, *others = session.get_inputs() or [None]
-        first = self.picture_input
-        if first is None or len(first.shape) not in (3, 4) or first.type not in _NUMPY_TYPE:
-            found = "missing" if first is None else f"{first.type} {first.shape}"
-            raise UserError(
-                f"{path}: the first input is {found}, not one picture; "
-                "export the model with an input of shape (1, 3, height, width)"
-            )
-        self._dtype = _NUMPY_TYPE[first.type]
-        *batch, rows, columns, last = first.shape if len(first.shape) == 4 else [1, *first.shape]
-        self._unbatched = len(first.shape) == 3
+        inputs = session.get_inputs()
+        given = self.picture_input = _picture_input(inputs, path)
+        others = [i for i in inputs if i is not given]
+        _refuse_no_numbers(session.get_outputs(), path)
+        self._dtype = _NUMPY_TYPE[given.type]
+        *batch, rows, columns, last = given.shape if len(given.shape) == 4 else [1, *given.shape]
+        self._unbatched = len(given.shape) == 3
         self.channels_last = last == 3
         self._side_inputs = {i: kind for i in others if (kind := _side_input(i.name))}
         if (isinstance(batch[0], int) and batch[0] > 1) or len(others) > len(self._side_inputs):
@@ -77,11 +67,11 @@ class Network:
         outputs = self._run(np.full((*input_hw, 3), PAD_GREY, dtype=np.uint8), PixelFormat())
         self.layout = self._recognise(outputs, input_hw)
         self.class_names = self._names(self.layout)
-        self.pixels = self._pixel_format(pixels)
-        self.boxes = boxes or self._unit(self._decode(outputs, input_hw))
-        if boxes and self.layout.boxes is None:
+        self.pixels = self._pixel_format(told)
+        self.boxes = told.boxes or self._unit(self._decode(outputs, input_hw))
+        if told.boxes and self.layout.boxes is None:
             raise UserError(
-                f"{path}: the boxes of {self.layout.name} are computed in pixels; delete detector.boxes"
+                f"{path}: the boxes of {self.layout.name} are computed in pixels; leave out detector.boxes"
             )
 
     def input_hw_for(self, picture_hw: tuple[int, int]) -> tuple[int, int]:
@@ -146,16 +136,23 @@ class Network:
         except Unclear as error:
             raise UserError(f"{self._path}: the model {error}") from None
 
-    def _pixel_format(self, wanted: PixelRange | None) -> PixelFormat:
-        usual = self.layout.pixels
-        if usual is None and wanted is None and self._dtype != np.uint8:
-            raise UserError(
-                f"{self._path}: the model ({self.layout.name}) does not say which pixels it takes; write "
+    def _pixel_format(self, told: Told) -> PixelFormat:
+        layout, of_bytes = self.layout, self._dtype == np.uint8
+        missing = []
+        if layout.pixels is None and told.pixels is None and not of_bytes:
+            missing.append(
                 "detector.pixels: 0..255, 0..1 or imagenet (0..1, less its mean, divided by its deviation)"
             )
-        if wanted not in (None, "0..255") and self._dtype == np.uint8:
-            raise UserError(f"{self._path}: the input is of bytes; delete detector.pixels")
-        return (usual or PixelFormat()).with_range(wanted)
+        if layout.pixels is None and layout.bgr is None and told.channels is None:
+            missing.append("detector.channels: rgb or bgr")
+        if missing:
+            raise UserError(
+                f"{self._path}: the model ({layout.name}) does not say which pixels it takes; write "
+                f"{' and '.join(missing)}"
+            )
+        if told.pixels not in (None, "0..255") and of_bytes:
+            raise UserError(f"{self._path}: the input is of bytes; leave out detector.pixels")
+        return (layout.pixels or PixelFormat(bgr=bool(layout.bgr))).told(told.pixels, told.channels)
 
     def _recognise(self, outputs: Outputs, input_hw: Size) -> OutputLayout:
         meta = self._session.get_modelmeta()
@@ -182,21 +179,38 @@ class Network:
                 f"{self._path}: outputs {_shapes(outputs)} are none of the layouts known (YOLOv3 to v12, "
                 "YOLOX, DETR, RT-DETR and others); export the model for detection"
             )
+        if probe.anchors_px and layout.anchors == "none":
+            anchors = self._path.with_suffix(".anchors")
+            raise UserError(f"{anchors}: {layout.name} takes no anchors; delete or rename this file")
         return layout
 
     def _named_in_file(self) -> tuple[str, ...] | None:
         """Class names from the sidecar or the metadata, which hold a dict or list in Python or JSON."""
         sidecar = self._path.with_suffix(".names")
         if sidecar.is_file():
-            lines = read_text_limited(sidecar, _MAX_NAMES_BYTES).splitlines()
-            return tuple(line.strip() for line in lines if line.strip())
+            lines = [
+                line.strip() for line in read_text_limited(sidecar, _MAX_NAMES_BYTES).rstrip().splitlines()
+            ]
+            if "" in lines:
+                raise UserError(
+                    f"{sidecar}: line {lines.index('') + 1} is empty; write a name in each line, the first "
+                    "for label 0 ('none' for a label without a class)"
+                )
+            return tuple(lines)
         text = self._session.get_modelmeta().custom_metadata_map.get("names")
         if text is None:
             return None
         try:
             names = ast.literal_eval(text)
             if isinstance(names, dict):
-                names = [names[key] for key in sorted(names, key=int)]
+                by_number = {int(number): name for number, name in names.items()}
+                if sorted(by_number) != list(range(len(names))):
+                    raise UserError(
+                        f"{self._path}: the classes in its metadata 'names' are not numbered 0, 1, 2 and so "
+                        f"on; write a name for each label, one a line, into {sidecar.name} beside it, the "
+                        "first for label 0"
+                    )
+                names = [by_number[number] for number in range(len(names))]
         except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
             names = None
         if not isinstance(names, list | tuple):
@@ -218,11 +232,9 @@ class Network:
         return names
 
 
-def load_network(
-    path: Path, threads: int, boxes: BoxUnit | None = None, pixels: PixelRange | None = None
-) -> Network:
+def load_network(path: Path, threads: int, told: Told) -> Network:
     """Open a model and recognise its layout from its answer to a blank picture. Raises UserError."""
-    return Network(_open(path, threads), path, boxes, pixels)
+    return Network(_open(path, threads), path, told)
 
 
 def read_anchors(model_path: Path) -> tuple[float, ...]:
@@ -238,6 +250,31 @@ def read_anchors(model_path: Path) -> tuple[float, ...]:
     if not values or not all(0 < v < math.inf for v in values):
         raise UserError(f"{path}: write only the anchors' widths and heights in pixels, as numbers above 0")
     return values
+
+
+def _picture_input(inputs: list[ort.NodeArg], path: Path) -> ort.NodeArg:
+    """The first input of three or four axes. Raises UserError if it is missing or takes other numbers."""
+    given = next((i for i in inputs if i.shape and len(i.shape) in (3, 4)), None)
+    if given is None:
+        found = f"the first input is {inputs[0].type} {inputs[0].shape}" if inputs else "the input is missing"
+        raise UserError(
+            f"{path}: {found}, not one picture; export the model with an input of shape (1, 3, height, width)"
+        )
+    if given.type not in _NUMPY_TYPE:
+        raise UserError(
+            f"{path}: the input {given.name} is {given.type}; export the model with one of "
+            f"{', '.join(_NUMPY_TYPE)}"
+        )
+    return given
+
+
+def _refuse_no_numbers(outputs: list[ort.NodeArg], path: Path) -> None:
+    for output in outputs:
+        if not output.type.startswith("tensor(") or output.type == "tensor(string)":
+            raise UserError(
+                f"{path}: the output {output.name} is {output.type}, no array of numbers; export the model "
+                "for detection"
+            )
 
 
 def _side_input(name: str) -> str | None:

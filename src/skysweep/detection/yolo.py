@@ -10,7 +10,7 @@ import numpy as np
 
 from skysweep.arrays import F64, I64, U8
 from skysweep.detection.answers import refuse_nonsense
-from skysweep.detection.layouts import Boxes, BoxUnit, OutputLayout, PixelRange
+from skysweep.detection.layouts import Boxes, BoxUnit, Channels, OutputLayout, PixelRange, Told
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.detection.network import letterbox, load_network
@@ -31,11 +31,13 @@ class YoloDetector:
         classes: names to keep; None keeps all.
         confidence_min: detections below are dropped, 0..1.
         iou_max: if two boxes of one class overlap more, the weaker one is dropped, 0..1.
-        tiles: split each picture into ``tiles`` x ``tiles`` overlapping parts, each enlarged to the model's
-            input, so that small things span ``tiles`` times as many pixels (at ``tiles**2`` times the cost).
+        tiles: split each picture into ``tiles`` x ``tiles`` overlapping parts, each scaled to the model's
+            input, so that small things span almost ``tiles`` times as many pixels (at ``tiles**2`` times the
+            cost). A model that takes any size gets each part as large as it gets a whole picture.
         threads: CPU threads of the network. They do not spin while waiting, so that rendering can overlap.
-        boxes: what the model's boxes are measured in, and
-        pixels: what values it takes, where the model leaves that open; None: as its family's exports do.
+        boxes: what the model's boxes are measured in,
+        pixels: what values it takes, and
+        channels: in which order, where the model leaves that open; None: as its family's exports do.
 
     Raises:
         UserError: the file is missing or broken, takes too much time or memory (see
@@ -59,11 +61,13 @@ class YoloDetector:
         threads: int = 1,
         boxes: BoxUnit | None = None,
         pixels: PixelRange | None = None,
+        channels: Channels | None = None,
     ) -> None:
         self._path = existing_model_file(model_path)
-        try_out(self._path, boxes, pixels)
+        told = Told(boxes, pixels, channels)
+        try_out(self._path, told)
         self._confidence_min, self._iou_max, self._tiles = confidence_min, iou_max, tiles
-        self.network = load_network(self._path, threads, boxes, pixels)
+        self.network = load_network(self._path, threads, told)
         self.model_class_names = self.network.class_names
         self.class_names = tuple(classes) if classes is not None else self.model_class_names
         for name in self.class_names:

@@ -40,7 +40,7 @@ def whole_files(folder: Path) -> Iterator[Path]:
 
 
 def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
-    """Write a file whole or not at all; ``sync`` waits until the disk has it. Raises OSError."""
+    """Write a file whole or not at all; ``sync`` waits until the disk has it. Raises OSError of ``path``."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with part.open("wb") as file:
@@ -49,9 +49,11 @@ def replace_file(path: Path, content: bytes, sync: bool = False) -> None:
                 file.flush()
                 os.fsync(file.fileno())
         part.replace(path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             part.unlink()
+        if isinstance(error, OSError):
+            error.filename, error.filename2 = str(path), None
         raise
 
 

@@ -11,6 +11,11 @@ Which names hold what, and which way their angles count:
   https://support.pix4d.com/hc/en-us/articles/205732309-EXIF-and-XMP-tag-information-read-by-Pix4D-Desktop
 - Skydio (``drone-skydio``): Latitude, Longitude, AbsoluteAltitude and the structure CameraOrientationNED.
   https://support.skydio.com/hc/en-us/articles/4417425974683-Skydio-camera-and-metadata-overview
+- Teledyne FLIR's Hadron, as on the Teal 2 (``exif``): CameraYaw, CameraPitch and CameraRoll count from the
+  airframe, whose own are PlatformYaw, PlatformPitch and PlatformRoll; CameraHorizontalFOV in degrees.
+  https://github.com/Theta-Limited/OpenAthenaAndroid/issues/159
+- FLIR's Duo Pro R (``FLIR``): MAVRelativeAltitude, from the autopilot; 0 without one. Its angles, MAVYaw,
+  MAVPitch and MAVRoll, are the aircraft's. Appendix B of https://www.manualslib.com/manual/1561119/Flir-Duo-Pro-R.html
 
 EXIF (CIPA DC-008) has the place of every camera with a receiver, and the focal length as on 35 mm film, which
 is meant along the diagonal (CIPA DCG-001).
@@ -33,6 +38,7 @@ from skysweep.errors import UserError
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _MAKE = 0x010F
+_ORIENTATION, _ON_ITS_SIDE = 0x0112, (5, 6, 7, 8)
 _TIME, _OFFSET, _SUBSECOND = 0x9003, 0x9011, 0x9291  # of the original
 _FOCAL_35 = 0xA405
 _LOOKS_DOWN_AT_0 = ("autel", "sensefly", "sentera")  # makes whose Camera:Pitch is 0 straight down
@@ -62,6 +68,17 @@ def size_px_of(path: Path) -> tuple[int, int]:
             return picture.size
     except Exception as error:  # as above
         raise UserError(f"{path}: not a readable picture") from error
+
+
+def upright_size_px_of(path: Path) -> tuple[int, int]:
+    """Width and height of a picture turned as its EXIF says. Raises UserError if it is no picture."""
+    try:
+        with Image.open(path) as picture:
+            width_px, height_px = picture.size
+            turned = _tags(picture)[0].get(_ORIENTATION) in _ON_ITS_SIDE
+    except Exception as error:  # as above
+        raise UserError(f"{path}: not a readable picture") from error
+    return (height_px, width_px) if turned else (width_px, height_px)
 
 
 def _tags(picture: Image.Image) -> tuple[Tags, Tags]:
@@ -95,12 +112,15 @@ def _pose(tags: Tags, gps: Tags, xmp: Mapping[str, str]) -> Taken:
     altitude = _first(xmp, "AbsoluteAltitude")
     if altitude is None and (altitude := _number(gps.get(6))) is not None:
         altitude *= -1.0 if gps.get(5) in (1, b"\x01") else 1.0
+    height = _first(xmp, "RelativeAltitude")
+    if height is None:
+        height = _positive(_first(xmp, "MAVRelativeAltitude"))
     heading, pitch, roll = _attitude(str(tags.get(_MAKE, "")).lower(), xmp)
     return Taken(
         latitude,
         longitude,
         altitude,
-        _first(xmp, "RelativeAltitude"),
+        height,
         _positive(_first(xmp, "Camera:AboveGroundAltitude")),
         heading,
         pitch,
@@ -117,6 +137,8 @@ def _attitude(make: str, xmp: Mapping[str, str]) -> tuple[float | None, float | 
     ):
         if (pitch := _first(xmp, pitch_name)) is not None:
             return _first(xmp, yaw_name), pitch, _first(xmp, roll_name)
+    if (pitch := _sum(xmp, "CameraPitch", "PlatformPitch")) is not None:
+        return _sum(xmp, "CameraYaw", "PlatformYaw"), pitch, _sum(xmp, "CameraRoll", "PlatformRoll")
     if make.startswith(_LOOKS_DOWN_AT_0) and (pitch := _first(xmp, "Camera:Pitch")) is not None:
         return _first(xmp, "Camera:Yaw"), pitch - 90.0, _first(xmp, "Camera:Roll")
     return None, None, None
@@ -136,9 +158,13 @@ def _lens(tags: Tags, xmp: Mapping[str, str], size_px: tuple[int, int]) -> Taken
         sensor_px, unit_mm = _number(tags.get(0xA002)) or width_px, _MM_PER_UNIT.get(tags.get(0xA210, 2))
         if focal_mm and per_unit and unit_mm and per_unit > 100.0:  # 72 is that of a screen
             focal_px = focal_mm * per_unit / unit_mm * width_px / sensor_px
-    if not focal_px or focal_px <= 0.0:
+    hfov_deg = _first(xmp, "CameraHorizontalFOV")
+    if hfov_deg is not None:
+        hfov_rad = math.radians(hfov_deg)
+    elif focal_px and focal_px > 0.0:
+        hfov_rad = 2.0 * math.atan(width_px / (2.0 * focal_px))
+    else:
         return Taken()
-    hfov_rad = 2.0 * math.atan(width_px / (2.0 * focal_px))
     return Taken(hfov_rad=hfov_rad) if _NARROWEST_RAD <= hfov_rad <= _WIDEST_RAD else Taken()
 
 
@@ -186,14 +212,20 @@ def _first(xmp: Mapping[str, str], *names: str) -> float | None:
     return next((v for name in names if (v := _number(xmp.get(name))) is not None), None)
 
 
+def _sum(xmp: Mapping[str, str], *names: str) -> float | None:
+    numbers = [_number(xmp.get(name)) for name in names]
+    return None if None in numbers else sum(number for number in numbers if number is not None)
+
+
 def _positive(value: float | None) -> float | None:
     return value if value is not None and value > 0.0 else None
 
 
 def _number(value: Any) -> float | None:
-    """A finite number; None if it is none."""
+    """A finite number, also where XMP writes it as a fraction; None if it is none."""
     try:
-        number = float(value)
+        above, _, below = value.partition("/") if isinstance(value, str) else (value, "", "")
+        number = float(above) / float(below or 1.0)
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return None
     return number if math.isfinite(number) else None

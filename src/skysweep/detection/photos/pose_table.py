@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,16 +33,45 @@ _AROUND = ("heading_deg", "roll_deg")  # angles that go on at 360
 COLUMNS = ("file", *_LIMITS)
 
 
-class PoseTable(NamedTuple):
-    """Rows by the name of their picture, and rows by their time; a table has one of both."""
+Parts = tuple[str, ...]
 
-    by_file: dict[str, Taken]
+
+class PoseTable(NamedTuple):
+    """Rows by the path of their picture, and rows by their time; a table has one of both."""
+
+    path: Path
+    by_file: dict[Parts, Taken]  # by the parts of the path, or of its end, in lower case
     times_s: tuple[float, ...]  # ascending
     by_time: tuple[Taken, ...]
 
-    def of_file(self, path: Path) -> Taken:
-        """What the table says of a picture; nothing where it has no row."""
-        return self.by_file.get(path.name, Taken())
+    def of_pictures(self, pictures: Sequence[Path], source: Path) -> list[Taken]:
+        """What the table says of each picture of ``source``; nothing where it has no row.
+
+        Raises UserError if it has none for all of them, or leaves open which row is of which picture.
+        """
+        found = [self._row_of(picture) for picture in pictures]
+        if pictures and not any(found):
+            raise UserError(
+                f"{self.path}: no row names a picture of {source}; write a column file with names such as "
+                f"{pictures[0].name}"
+            )
+        known: dict[Parts, Path] = {}
+        for row, picture in zip(found, pictures, strict=True):
+            if row and known.setdefault(row, picture) != picture:
+                raise UserError(
+                    f"{self.path}: the row of {'/'.join(row)} may be of {known[row]} or of {picture}; write "
+                    f"file with the folder, such as {picture.parent.name}/{picture.name}"
+                )
+        return [self.by_file[row] if row else Taken() for row in found]
+
+    def _row_of(self, picture: Path) -> Parts:
+        """The row whose path the picture's ends with; empty where there is none."""
+        parts = _parts(picture.absolute().as_posix())
+        rows = [parts[k:] for k in range(len(parts)) if parts[k:] in self.by_file]
+        if len(rows) > 1:
+            named = " and ".join("/".join(row) for row in rows)
+            raise UserError(f"{self.path}: {named} are both rows of {picture}; leave one of them out")
+        return rows[0] if rows else ()
 
     def at(self, time_s: float) -> Taken | None:
         """What it says of a time, linear between rows; None before the first row and after the last."""
@@ -63,7 +93,8 @@ def read_poses(path: Path) -> PoseTable:
     A cell may be empty. Raises UserError with the line and column of the first mistake.
     """
     try:
-        lines = csv.DictReader(io.StringIO(read_text_limited(path, _MAX_BYTES)), strict=True)
+        text = read_text_limited(path, _MAX_BYTES).removeprefix("\ufeff")  # as Excel writes it
+        lines = csv.DictReader(io.StringIO(text), strict=True)
         header = [name.strip() for name in lines.fieldnames or []]
         unknown = [name for name in header if name not in COLUMNS]
         if unknown or not {"file", "time_s"} & set(header):
@@ -75,8 +106,8 @@ def read_poses(path: Path) -> PoseTable:
         rows = [(lines.line_num, row) for row in lines]
     except (csv.Error, ValueError) as error:  # Python 3.10's csv refuses NUL with a bare csv.Error
         raise UserError(f"{path}: is no CSV ({error}); write one line a picture below a header") from None
-    by_file: dict[str, Taken] = {}
-    by_time: list[tuple[float, Taken]] = []
+    by_file: dict[Parts, Taken] = {}
+    by_time: dict[float, Taken] = {}
     for line, row in rows:
         if None in row or None in row.values():
             raise UserError(
@@ -84,14 +115,21 @@ def read_poses(path: Path) -> PoseTable:
             )
         taken = _row(path, line, row)
         name = row.get("file", "").strip()
-        if name:
-            by_file[Path(name).name] = taken
-        elif taken.time_s is not None:
-            by_time.append((taken.time_s, taken))
-        else:
+        if not name and taken.time_s is None:
             raise UserError(f"{path}: line {line} has neither file nor time_s; write one of them")
-    by_time.sort(key=lambda each: each[0])
-    return PoseTable(by_file, tuple(t for t, _ in by_time), tuple(taken for _, taken in by_time))
+        if _parts(name) in by_file or (not name and taken.time_s in by_time):
+            what = f"file {name}" if name else f"time_s {row['time_s']}"
+            raise UserError(f"{path}: line {line} repeats {what}; write one row for each")
+        if name:
+            by_file[_parts(name)] = taken
+        elif taken.time_s is not None:
+            by_time[taken.time_s] = taken
+    times_s = sorted(by_time)
+    return PoseTable(path, by_file, tuple(times_s), tuple(by_time[t] for t in times_s))
+
+
+def _parts(path: str) -> Parts:
+    return PurePosixPath(path.replace("\\", "/").lower()).parts
 
 
 def _row(path: Path, line: int, row: dict[str, str]) -> Taken:

@@ -48,6 +48,16 @@ def parse_renames(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
+def refuse_unused(renames: Mapping[str, str], names: Iterable[str]) -> None:
+    """Raises UserError if one of the renamed classes is none of those there are."""
+    there = dict.fromkeys(names)
+    plain = {_plain(name) for name in there}
+    for name, our in renames.items():
+        if name not in plain:
+            listed = ", ".join(there) or "none"
+            raise UserError(f"--class {name}={our}: no class has that name; there are {listed}")
+
+
 def ours(name: str, renames: Mapping[str, str] | None = None) -> str:
     """Our name of a class; ``renames`` come before ``OURS``."""
     plain = _plain(name)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from skysweep.arrays import F64
+from skysweep.detection.photos.exif import upright_size_px_of
 from skysweep.detection.training.labelled import (
     MAX_ANNOTATION_BYTES,
     LabelledDataset,
@@ -61,33 +62,23 @@ def _coco_image(
     decoys: list[dict[str, Any]],
     names: dict[Any, str],
 ) -> LabelledImage:
-    size = np.array([image["width"], image["height"]] * 2, dtype=float)
+    picture = _picture(path, image)
+    width, height = _size(path, image, picture)
 
     def shares(items: list[dict[str, Any]]) -> F64:
         rows = []
         for item in items:
             bbox = item["bbox"]
+            at = f"{path}: bbox {bbox} of {image['file_name']}"
             if len(bbox) != 4 or not np.all(np.isfinite(bbox)) or min(bbox[2:]) < 0:
-                raise UserError(
-                    f"{path}: bbox {bbox} of {image['file_name']}: write x, y, width, height in pixels"
-                )
-            rows.append([bbox[0], bbox[1], bbox[0] + bbox[2], bbox[1] + bbox[3]])
-        return np.asarray(np.clip(boxes_of(rows) / size, 0, 1))
+                raise UserError(f"{at}: write x, y, width, height in pixels")
+            left, top, right, bottom = bbox[0], bbox[1], bbox[0] + bbox[2], bbox[1] + bbox[3]
+            if left >= width or top >= height or right <= 0 or bottom <= 0:
+                raise UserError(f"{at}: lies outside the picture of {width:g} x {height:g}; correct it")
+            rows.append([left, top, right, bottom])
+        return np.asarray(np.clip(boxes_of(rows) / ([width, height] * 2), 0, 1))
 
     single = [a for a in annotations if not a.get("iscrowd")]
-    above = path.parent.parent
-    split = above / path.stem.removeprefix("instances_")
-    folders = (
-        path.parent,
-        path.parent / "images",
-        above,
-        above / "images",
-        split,
-        above / "images" / split.name,
-    )
-    picture = next((f / image["file_name"] for f in folders if (f / image["file_name"]).is_file()), None)
-    if picture is None:
-        raise UserError(f"{path}: the picture {image['file_name']} is neither beside the file nor in images/")
     return LabelledImage(
         picture,
         shares(single),
@@ -98,6 +89,37 @@ def _coco_image(
         _altitude_agl_m(image),
         _measure(image.get("ground_m2")),
     )
+
+
+def _picture(path: Path, image: dict[str, Any]) -> Path:
+    above = path.parent.parent
+    split = above / path.stem.removeprefix("instances_")
+    folders = (
+        path.parent,
+        path.parent / "images",
+        above,
+        above / "images",
+        split,
+        above / "images" / split.name,
+    )
+    for folder in folders:
+        picture = folder / str(image["file_name"])
+        if picture.is_file():
+            return picture
+    raise UserError(f"{path}: the picture {image['file_name']} is neither beside the file nor in images/")
+
+
+def _size(path: Path, image: dict[str, Any], picture: Path) -> tuple[float, float]:
+    """Width and height that boxes count in: the upright picture's, or those of it before it was resized."""
+    width, height = float(image["width"]), float(image["height"])
+    true_width, true_height = upright_size_px_of(picture)
+    off = abs(width * true_height - height * true_width)
+    if not (min(width, height) > 0 and off <= max(width, height, true_width, true_height)):
+        raise UserError(
+            f"{path}: {image['file_name']} has width {width:g} and height {height:g}, but the picture is "
+            f"{true_width} x {true_height}; write its size, and boxes that count in it"
+        )
+    return width, height
 
 
 def _altitude_agl_m(image: dict[str, Any]) -> float | None:

@@ -267,7 +267,9 @@ def _of_class(found: Detections, name: str, renames: Mapping[str, str] | None) -
 
 
 def read_picture(path: Path) -> U8:
-    """A picture (H, W, 3) RGB. Raises UserError if the file is no picture."""
+    """A picture (H, W, 3) RGB. Raises UserError if the file is missing or no picture."""
+    if not path.is_file():
+        raise UserError(f"{path}: there is no such picture; check the path")
     picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if picture is None:
         raise UserError(f"{path}: not a readable picture")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from skysweep.arrays import F64
+from skysweep.errors import UserError
 
 MAX_ANNOTATION_BYTES = 250_000_000
 MAX_LABEL_BYTES = 5_000_000
@@ -54,6 +55,17 @@ def boxes_of(rows: Sequence[Sequence[float]]) -> F64:
 def pictures_below(folder: Path) -> list[Path]:
     """The pictures in a folder and the folders in it, in the order of their names."""
     return sorted(f for f in folder.rglob("*") if f.suffix.lower() in PICTURE_SUFFIXES and f.is_file())
+
+
+def refuse_orphans(labels_in: Path, images_in: Path, pictures: Iterable[Path]) -> None:
+    """Raises UserError if a label file below a folder belongs to none of the pictures below another."""
+    known = {picture.relative_to(images_in).with_suffix("") for picture in pictures}
+    for label in sorted(labels_in.rglob("*.txt")):
+        stem = label.relative_to(labels_in).with_suffix("")
+        if stem not in known and label.name != "classes.txt":
+            raise UserError(
+                f"{label}: there is no picture {images_in / stem}.*; add it, or take the label out"
+            )
 
 
 def write_labels(

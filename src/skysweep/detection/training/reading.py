@@ -10,17 +10,19 @@ import numpy as np
 
 from skysweep.detection.photos.exif import size_px_of, taken_of
 from skysweep.detection.photos.pose_table import PoseTable
+from skysweep.detection.photos.taken import Taken
 from skysweep.detection.training.class_map import IGNORED, ours
 from skysweep.detection.training.coco_labels import read_coco
-from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
+from skysweep.detection.training.labelled import LabelledDataset, LabelledImage, boxes_of, pictures_below
 from skysweep.detection.training.visdrone_labels import is_visdrone, read_visdrone
-from skysweep.detection.training.yolo_labels import names_file, read_yolo
+from skysweep.detection.training.yolo_labels import names_file, read_yolo, split_folders
 from skysweep.errors import UserError
 
 _LAYOUTS = (
     "a COCO or SeaDronesSee folder (annotations.json and pictures), a YOLO folder (data.yaml, images/, "
     "labels/) or a VisDrone folder (images/, annotations/)"
 )
+_NONE = boxes_of([])
 
 
 def read_dataset(path: Path) -> LabelledDataset:
@@ -28,10 +30,51 @@ def read_dataset(path: Path) -> LabelledDataset:
 
     Raises UserError if there is none, or a label or picture is malformed or missing.
     """
+    data = _labelled(path)
+    if data is None:
+        raise UserError(f"{path}: neither annotations nor labels are there; write the path of {_LAYOUTS}")
+    return data
+
+
+def read_photos(path: Path) -> LabelledDataset:
+    """The same, or the pictures below a folder without labels, as empty ones.
+
+    Raises UserError as ``read_dataset``, or if there is no picture.
+    """
+    if not path.exists():
+        raise UserError(f"--photos {path}: is not there; write the path of a folder of photos")
+    if path.is_file() and path.suffix != ".json":
+        raise UserError(f"--photos {path}: is a file; write the path of the folder that it is in")
+    data = _labelled(path)
+    if data is None:
+        _refuse_labels(path)
+        empty = tuple(LabelledImage(f, _NONE, (), _NONE, _NONE, ()) for f in pictures_below(path))
+        data = LabelledDataset(path, (), empty, "no labels")
+    if not data.images:
+        raise UserError(f"--photos {path}: there are no pictures; write the path of a folder of photos")
+    return data
+
+
+def _refuse_labels(path: Path) -> None:
+    """Raise UserError if files below a folder look like labels: their targets would be taken for ground."""
+    pictures = {picture.stem for picture in pictures_below(path)}
+    for file in sorted(path.rglob("*")):
+        if file.suffix in (".txt", ".xml", ".json") and (
+            file.stem in pictures or {"labels", "annotations"} & set(file.parts[len(path.parts) : -1])
+        ):
+            raise UserError(
+                f"--photos {path}: {file.relative_to(path)} looks like labels, in a layout that is not read "
+                f"from here; write the path of {_LAYOUTS}"
+            )
+
+
+def _labelled(path: Path) -> LabelledDataset | None:
+    """What is labelled in a known layout; None for a folder without labels."""
     if path.is_file() and path.suffix == ".json":
         return read_coco(path)
     if not path.is_dir():
-        raise UserError(f"{path}: there is no such data set; write the path of {_LAYOUTS}")
+        what = "is a file" if path.exists() else "there is no such data set"
+        raise UserError(f"{path}: {what}; write the path of {_LAYOUTS}")
     if (path / "annotations.json").is_file():
         return read_coco(path / "annotations.json")
     if (path / "labels").is_dir():
@@ -44,9 +87,9 @@ def read_dataset(path: Path) -> LabelledDataset:
     if found:
         listed = ", ".join(str(f.relative_to(path)) for f in found)
         raise UserError(f"{path}: more than one annotation file ({listed}); write the path of one")
-    if names_file(path) in (path / "classes.txt", path / "data.yaml"):
+    if split_folders(path) or names_file(path) in (path / "classes.txt", path / "data.yaml"):
         return read_yolo(path)
-    raise UserError(f"{path}: neither annotations nor labels are there; write the path of {_LAYOUTS}")
+    return None
 
 
 def with_our_classes(data: LabelledDataset, renames: Mapping[str, str]) -> LabelledDataset:
@@ -77,14 +120,14 @@ def with_poses(
 ) -> LabelledDataset:
     """The same with the altitude and ground that the pictures' files say, or before them a table.
 
-    What the labels say already stays.
+    What the labels say already stays. Raises UserError as ``PoseTable.of_pictures``.
     """
+    paths = [image.path for image in data.images]
+    told = [Taken()] * len(paths) if table is None else table.of_pictures(paths, data.path)
     images = []
-    for number, image in enumerate(data.images, start=1):
+    for number, (image, row) in enumerate(zip(data.images, told, strict=True), start=1):
         if image.altitude_agl_m is None or image.ground_m2 is None:
-            taken = taken_of(image.path)
-            if table is not None:
-                taken = table.of_file(image.path).filled_from(taken)
+            taken = row.filled_from(taken_of(image.path))
             height_m = image.altitude_agl_m if image.altitude_agl_m is not None else taken.over_ground_m
             area_m2 = replace(taken, altitude_agl_m=height_m).ground_m2(*size_px_of(image.path))
             known = image.ground_m2 if image.ground_m2 is not None else area_m2

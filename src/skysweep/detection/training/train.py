@@ -79,6 +79,8 @@ def train_detector(
             be written.
         MissingExtraError: PyTorch or YOLOX is not installed.
     """
+    if out.suffix.lower() != ".onnx":
+        raise UserError(f"--out {out}: is no name of an ONNX file; write a name such as detector.onnx")
     torch = _torch()
     data = read_dataset(dataset)
     if not any(len(image.boxes_xyxy) for image in data.images):

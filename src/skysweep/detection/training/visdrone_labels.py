@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skysweep.detection.photos.exif import size_px_of
+from skysweep.detection.photos.exif import upright_size_px_of
 from skysweep.detection.training.class_map import IGNORED, ours
 from skysweep.detection.training.labelled import (
     MAX_LABEL_BYTES,
@@ -20,6 +20,7 @@ from skysweep.detection.training.labelled import (
     LabelledImage,
     boxes_of,
     pictures_below,
+    refuse_orphans,
 )
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
@@ -45,6 +46,7 @@ def read_visdrone(path: Path) -> LabelledDataset:
     pictures = pictures_below(path / "images")
     if not pictures:
         raise UserError(f"{path / 'images'}: there are no pictures; VisDrone has images/ and annotations/")
+    refuse_orphans(path / "annotations", path / "images", pictures)
     names = tuple(name for name in CATEGORIES if ours(name) != IGNORED)
     return LabelledDataset(path, names, tuple(_image(path, picture) for picture in pictures), "VisDrone")
 
@@ -72,6 +74,6 @@ def _image(path: Path, picture: Path) -> LabelledImage:
         else:
             boxes.append(box)
             classes.append(name)
-    size = np.array(size_px_of(picture) * 2, dtype=float)
+    size = np.array(upright_size_px_of(picture) * 2, dtype=float)
     shares, crowds = (np.clip(boxes_of(rows) / size, 0, 1) for rows in (boxes, left_out))
     return LabelledImage(picture, shares, tuple(classes), crowds, boxes_of([]), ())

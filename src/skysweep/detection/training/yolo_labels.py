@@ -13,6 +13,7 @@ from skysweep.detection.training.labelled import (
     LabelledImage,
     boxes_of,
     pictures_below,
+    refuse_orphans,
 )
 from skysweep.errors import UserError
 from skysweep.files.plain_yaml import parse_foreign_yaml
@@ -20,18 +21,39 @@ from skysweep.files.reading import read_text_limited
 
 
 def read_yolo(path: Path) -> LabelledDataset:
-    """Read a folder with ``images/`` and ``labels/``, or with a text file beside each picture.
+    """Read a folder with ``images/`` and ``labels/``, with such folders, or with text files beside pictures.
 
-    Raises UserError if a label is malformed or the names of the classes are missing.
+    Raises UserError if a label is malformed, no picture has one, or the names of the classes are missing.
     """
+    splits = split_folders(path)
+    if splits and not (path / "labels").is_dir():
+        parts = [_read_folder(split) for split in splits]
+        names = dict.fromkeys(name for part in parts for name in part.class_names)
+        return LabelledDataset(path, tuple(names), tuple(i for part in parts for i in part.images), "YOLO")
+    return _read_folder(path)
+
+
+def split_folders(path: Path) -> list[Path]:
+    """The folders in a folder that have ``labels/``: train, valid and test."""
+    return sorted(labels.parent for labels in path.glob("*/labels") if labels.is_dir())
+
+
+def _read_folder(path: Path) -> LabelledDataset:
     images_in, labels_in = (path / "images", path / "labels") if (path / "labels").is_dir() else (path, path)
     names = _yolo_names(path)
     pictures = pictures_below(images_in)
     if not pictures:
         raise UserError(f"{images_in}: there are no pictures; a YOLO folder has images/ and labels/")
+    if labels_in != images_in:
+        refuse_orphans(labels_in, images_in, pictures)
+    labels = [labels_in / picture.relative_to(images_in).with_suffix(".txt") for picture in pictures]
+    if not any(label.is_file() for label in labels):
+        raise UserError(
+            f"{path}: no picture has a label file, such as {labels[0]}; write the path of a folder with "
+            "images/ and labels/, with an empty label file for a picture without objects"
+        )
     images = []
-    for picture in pictures:
-        label = labels_in / picture.relative_to(images_in).with_suffix(".txt")
+    for picture, label in zip(pictures, labels, strict=True):
         boxes, classes = _yolo_boxes(label, names) if label.is_file() else (boxes_of([]), ())
         images.append(LabelledImage(picture, boxes, classes, boxes_of([]), boxes_of([]), ()))
     return LabelledDataset(path, names, tuple(images), "YOLO")
@@ -59,7 +81,13 @@ def _yolo_names(path: Path) -> tuple[str, ...]:
             f"{described}: names is missing; write  names: [first class, second class]"
         ) from error
     if isinstance(names, dict):
-        names = [names[key] for key in sorted(names)]
+        if set(names) != set(range(len(names))):
+            numbers = ", ".join(str(key) for key in names)
+            raise UserError(
+                f"{described}: names has the numbers {numbers}; write every number from 0 on, as the labels "
+                "count them"
+            )
+        names = [names[number] for number in range(len(names))]
     if not isinstance(names, list):
         raise UserError(f"{described}: names is no list; write  names: [first class, second class]")
     return tuple(str(name) for name in names)
@@ -76,7 +104,7 @@ def _yolo_boxes(label: Path, names: tuple[str, ...]) -> tuple[F64, tuple[str, ..
             raise UserError(f"{label}: line {number}: write  class centre_x centre_y width height") from error
         if not (0 <= cx <= 1 and 0 <= cy <= 1 and 0 <= width <= 1 and 0 <= height <= 1):
             raise UserError(f"{label}: line {number}: boxes are shares of the picture, 0..1, not pixels")
-        if index != int(index) or not 0 <= index < len(names):
+        if not 0 <= index < len(names) or index != int(index):
             raise UserError(f"{label}: line {number}: class {index:g} is none of the {len(names)} named ones")
         rows.append([cx - width / 2, cy - height / 2, cx + width / 2, cy + height / 2])
         classes.append(names[int(index)])
