@@ -19,10 +19,11 @@ import numpy as np
 
 from skysweep.experiments.sweep.spec import load_spec, scenarios_of
 from skysweep.flights.fly import fly_in_memory
-from skysweep.strategies.belief import checks, search
+from skysweep.strategies.belief import checks
 from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import Checks
 from skysweep.strategies.belief.fit import Fit
+from skysweep.strategies.belief.ground import Ground
 from skysweep.strategies.belief.hypotheses import Hypotheses
 
 SWEEP = Path(__file__).parent.parent / "examples" / "belief.yaml"
@@ -55,6 +56,10 @@ def only_above(self: Checks, place_enu_m: Any, height_m: float) -> list[tuple[fl
     return [(0.0, 0.0)]
 
 
+def go_home(_: Ground, *arguments: Any) -> None:
+    return None
+
+
 ABLATIONS: dict[str, list[Callable[[], Any]]] = {
     "nothing": [],
     "looks that are alike in one passing": [lambda: patch.object(Hypotheses, "__init__", independent)],
@@ -65,9 +70,9 @@ ABLATIONS: dict[str, list[Callable[[], Any]]] = {
         lambda: patch.object(Fit, "learn_spread", lambda *_: None),
     ],
     "leaving out what does not pay": [lambda: patch.object(Checks, "route", visit_all)],
-    "choosing the height": [lambda: patch.object(search, "_HEIGHTS", 1)],
     "other sides": [lambda: patch.object(Checks, "sides_m", only_above)],
     "slowing down in passing": [lambda: patch.object(checks, "_IN_PASSING", 1e-3)],
+    "looking again at weakly searched ground": [lambda: patch.object(Ground, "again", go_home)],
 }
 
 

@@ -14,6 +14,7 @@ from skysweep.geometry.camera import Lens
 from skysweep.planning.flight_plan import leg_time_s
 from skysweep.scenarios.model import Model, Scenario, Search, VehicleLimits
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
+from skysweep.sensing.statistical.searched_area import SearchedArea
 from skysweep.sensing.statistical.view import View
 from skysweep.types import XY
 from skysweep.worlds.obstacles import Obstacles, keep_m
@@ -47,6 +48,7 @@ class MissionContext:
     keep_m: float  # distance that the vehicle keeps from them
     load_sensor_model: Callable[[], StatisticalModel]
     load_sensor_view: Callable[[], View]
+    searched_area: Callable[[int, int], SearchedArea]  # nothing looked at yet; arguments as ``SearchedArea``
     parameters: Model  # the strategy's own
 
     @classmethod
@@ -86,6 +88,7 @@ class MissionContext:
             keep_m(scenario),
             load,
             lambda: load().view_of(camera, scenario.detector),
+            lambda cells_across, max_cells: SearchedArea(scenario, load(), cells_across, max_cells),
             parameters,
         )
 
@@ -101,18 +104,6 @@ class MissionContext:
     def sensor_view(self) -> View:
         """The camera's pictures in the pixels of that model. Raises UserError as ``sensor_model``."""
         return self.load_sensor_view()
-
-    @property
-    def sensor_caveat(self) -> str:
-        """A sentence if the sensor model was not calibrated for this search; empty if it was."""
-        smallest_m = min(low for low, _ in self.sizes_m.values())
-        beyond = self.sensor_model.extrapolation(
-            self.sensor_view, self.search, smallest_m, self.gimbal_pitch_rad
-        )
-        return beyond and (
-            f"The sensor model was calibrated {beyond}: what it says there is a guess; write another "
-            "altitude of search, or another camera."
-        )
 
     def ground_at_m(self, xy: XY) -> float:
         """Height of the ground, ENU."""

@@ -1,4 +1,4 @@
-"""Which candidates are worth a closer look, and from which height."""
+"""Which candidates are worth a closer look, and from which side."""
 
 import math
 
@@ -42,44 +42,48 @@ def test_a_route_visits_each_place_once_at_most_and_pays(drawn):
     assert length_m / 5.0 <= sum(losses[k] for k in route) + 1e-6
 
 
-def test_what_is_surely_one_thing_is_not_come_down_for():
+def test_a_look_costs_the_way_and_the_doubt_that_it_leaves():
     signs = Hypotheses(CONTEXT, "stop sign", BeliefParameters())
 
-    def height_m(loss_s, away_m, **changed):
-        checks = Checks(context_of(**changed), BeliefParameters())
-        looks = checks.looks(signs, signs.fresh(), 0.2, loss_s, np.zeros(3), away_m, 30.0, math.inf, 16)
-        return min(looks, key=lambda look: look[1])[0]
+    def cost_s(loss_s, away_m, above_m=30.0, ways=1):
+        return CHECKS.look_costs_s(signs, signs.fresh(), 0.2, loss_s, np.zeros(3), away_m, above_m, ways=ways)
 
-    assert 4.0 <= height_m(500.0, 100.0) < 15.0
-    assert height_m(0.0, 100.0) >= height_m(500.0, 100.0)
-    assert height_m(0.0, 0.0, confirm_height_max_m=8.0) <= 8.0 + 1e-9
-    assert height_m(500.0, 100.0, confirm_height_max_m=4.8) == pytest.approx(4.0)
+    down_s = (30.0 - 4.0) / CONTEXT.vehicle.descent_speed_mps
+    assert down_s < cost_s(0.0, 0.0) < down_s + 6.0
+    assert cost_s(0.0, 200.0) - cost_s(0.0, 100.0) == pytest.approx(100.0 / 5.0)
+    assert cost_s(0.0, 100.0) < cost_s(1.0, 100.0) < cost_s(0.0, 100.0) + 1.0
+    assert cost_s(500.0, 100.0) < cost_s(0.0, 100.0) + 5.0, "another look costs less than that doubt"
+    assert cost_s(0.0, 100.0, ways=2) == pytest.approx(2.0 * cost_s(0.0, 100.0))
 
 
 def test_a_place_stays_in_view_for_three_looks():
-    checks = Checks(CONTEXT, BeliefParameters(check_speed_mps=10.0))
-    assert checks.speed_mps(100.0, 6.0) == 10.0
-    slow_mps = checks.speed_mps(0.0, 6.0)
+    at_m = {"scan_altitude_agl_m": 60.0}
+    checks = Checks(context_of(check_altitude_agl_m=6.0, **at_m), BeliefParameters(check_speed_mps=10.0))
+    assert checks.speed_mps(100.0) == 10.0
+    slow_mps = checks.speed_mps(0.0)
     reach_m = 0.4 * CONTEXT.lens.footprint_m(6.0)[1]
-    assert slow_mps == checks.speed_mps(reach_m, 6.0)
+    assert slow_mps == checks.speed_mps(reach_m)
     assert 2.0 * reach_m / slow_mps * CONTEXT.looks_hz == pytest.approx(3.0)
-    assert slow_mps < checks.speed_mps(reach_m + 2.0, 6.0) < 10.0
-    assert checks.speed_mps(0.0, 30.0) == 10.0, "from there it is in view for long"
+    assert slow_mps < checks.speed_mps(reach_m + 2.0) < 10.0
+    high = Checks(context_of(check_altitude_agl_m=30.0, **at_m), BeliefParameters(check_speed_mps=10.0))
+    assert high.speed_mps(0.0) == 10.0, "from there it is in view for long"
 
 
 def test_what_a_tree_hides_is_looked_at_from_beside_it():
     """A crown above a place: it is seen from beside, in the picture; in the open from straight above."""
     wood = {"trees": [{"position_enu_m": [50.0, 40.0], "height_m": 6.0, "crown_radius_m": 1.5}]}
-    context = context_of(scenario=change_scenario(load_scenario("clusters"), wood))
-    checks, height_m = Checks(context, BeliefParameters()), 12.0
+    height_m = 12.0
+    wood = change_scenario(load_scenario("clusters"), wood | {"search.check_altitude_agl_m": height_m})
+    context = context_of(scenario=wood)
+    checks = Checks(context, BeliefParameters())
     across_m, along_m = CONTEXT.lens.footprint_m(height_m)
     hidden, open_ = np.array([50.5, 40.0, 0.0]), np.array([20.0, 20.0, 0.0])
-    assert checks.sides_m(open_, height_m)[0] == (0.0, 0.0)
+    assert checks.sides_m(open_)[0] == (0.0, 0.0)
     for place, n_others in ((hidden, 1), (open_, 8)):
-        first, *others = checks.sides_m(place, height_m)
+        first, *others = checks.sides_m(place)
         assert len(others) >= n_others
         for aside_m in (first, *others):
             assert not context.obstacles.hide(place, place + np.array([*aside_m, height_m]))
             assert math.hypot(*aside_m) < 0.5 * math.hypot(across_m, along_m)
         assert all(math.dist(first, other) >= 0.3 * along_m for other in others)
-    assert math.hypot(*checks.sides_m(hidden, height_m)[0]) > 1.0
+    assert math.hypot(*checks.sides_m(hidden)[0]) > 1.0

@@ -6,12 +6,15 @@ import shutil
 
 import pytest
 
+from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.resume import resume_folder
 from skysweep.flights.rig import Rig
-from skysweep.mission.journal import read_journal
+from skysweep.mission.journal import MemoryJournal, read_journal
+from skysweep.mission.loop import Flight
 from skysweep.results.journal_lines import can_be_told
-from skysweep.scenarios.files import load_scenario
+from skysweep.results.reporting.wording import safety_words
+from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.strategies.belief.account import MOVED, within_clear
 from skysweep.types import SETTLING, EventKind
 
@@ -29,6 +32,15 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def records(folder):
     return read_journal(folder / "journal.jsonl")
+
+
+def flown_until(name, changes, seed=0):
+    journal = MemoryJournal()
+    scenario = change_scenario(load_scenario(name), {"search.strategy": "belief", **changes})
+    with Flight(build_mission(scenario, seed, Rig("statistical")), journal) as flight:
+        for _ in flight:
+            pass
+    return journal.lines
 
 
 def of_kind(records, *kinds):
@@ -110,3 +122,29 @@ def test_the_exports_say_how_sure_it_was_and_from_how_near(folder, records):
         verdict = verdicts[told["candidate"]]
         assert told["probability"] == verdict["probability"]
         assert f"found from {told['seen_from_m']:.0f} m and higher" in verdict["reason"]
+
+
+def test_a_check_in_the_tour_is_the_cheapest_of_what_could_be_done(records):
+    """Its price is by how much it lengthens the way; leaving the scan has its three prices."""
+    scanned = max(r["t"] for r in of_kind(records, EventKind.WAYPOINT_REACHED))
+    tour = [r for r in of_kind(records, EventKind.CHECK_STARTED) if r["t"] > scanned]
+    assert len(tour) >= 3
+    for record in tour:
+        assert record["alternatives"][0][0].startswith("look from"), record
+
+
+def test_an_early_end_leaves_candidates_with_their_probability():
+    records = flown_until("clusters", {"vehicle.battery_wh": 12.0})
+    left = of_kind(records, EventKind.UNCHECKED)
+    assert left
+    assert all("the search ended early (" in r["reason"] for r in left)
+    told = {r["candidate"]: r["probability"] for r in records if "probability" in r}
+    assert [r["probability"] for r in left] == [told[r["candidate"]] for r in left]
+
+
+def test_where_ground_is_looked_at_again_is_told():
+    records = flown_until("maritime", {"search.scan_altitude_agl_m": 40.0, "scatter_m": 5.0}, seed=70104)
+    (line, *_) = of_kind(records, EventKind.LOOKS_AGAIN)
+    assert [what for what, _ in line["alternatives"]] == ["look again", "go home"]
+    east_m, north_m, _ = line["p"]
+    assert f"weakly at {east_m:.0f} m east, {north_m:.0f} m north: another look" in safety_words(line)

@@ -49,6 +49,19 @@ def test_it_is_quicker_than_algorithm_1_and_finds_as_many():
     assert sum(s["mission_time_s"] for s in ours) < 0.7 * sum(s["mission_time_s"] for s in papers)
 
 
+def test_a_resumed_search_expects_as_much_success():
+    """After the scan, too, where nothing of it is left."""
+    mission = build_mission(scenario(), 31_000, Rig("statistical"))
+    strategy = mission.strategy
+    with Flight(mission, MemoryJournal()) as flight:
+        for _ in flight:
+            if not strategy._to_scan and strategy._success() > 0.0:
+                break
+        again = build_mission(scenario(), 31_000, Rig("statistical")).strategy
+        again.restore(json.loads(json.dumps(strategy.snapshot())))
+        assert again._success() == pytest.approx(strategy._success(), rel=0.01)
+
+
 def test_it_ends_once_those_who_are_missing_are_probably_found():
     whole = flown(parameters={"n_missing": 8})
     assert "reason" not in of_kind(whole, EventKind.FINISHED)[0]

@@ -70,5 +70,5 @@ def test_a_decision_among_a_hundred_candidates_takes_milliseconds():
     took = steps_s(400)
     assert len(took) == 3 * N + 400
     print(f"median {1e3 * np.median(took):.2f} ms, worst {1e3 * took.max():.1f} ms")
-    assert np.median(took) <= 2e-3
-    assert took.max() <= 20e-3 * 3  # on a busy machine
+    assert np.median(took) <= 2e-3 * 3  # on a busy machine
+    assert took.max() <= 20e-3 * 3

@@ -16,7 +16,7 @@ LANES = [(0.0, 0.0), (2000.0, 0.0), (2000.0, 40.0), (0.0, 40.0)]
 
 def saved_s(place, waiting, here=(0.0, 0.0), above_m=30.0, scan=LANES, others=()):
     places = np.array([place, *others], dtype=float)
-    return TIMING.saved_s(here, above_m, scan, places, np.full(len(places), waiting))[0]
+    return TIMING.visits(here, above_m, scan, places, np.full(len(places), waiting)).saved_s[0]
 
 
 def test_the_scan_lasts_as_long_as_its_way_takes():

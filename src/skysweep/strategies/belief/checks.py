@@ -1,4 +1,4 @@
-"""Which candidates are worth a closer look, in which order, and from which height."""
+"""Which candidates are worth a closer look, in which order, and from which side."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.planning.routing import shortest_tour
-from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -23,11 +22,11 @@ _SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)) 
 _BESIDE = [(0.0, 0.0), *((s * u, s * v) for s in (0.4, 0.8) for u, v in _SIDES)]  # of half the picture
 _APART = 0.3  # of the picture's height: so far from each other are two sides
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
-LOOKS_THERE = 5  # that tell something; then a lower look is due, or a verdict by the odds
+LOOKS_THERE = 5  # that tell something; then another side is due, or a verdict by the odds
 _IN_PASSING = 3  # looks for which a place stays in view at least
 _BRAKES_MPS2 = 4.0
 _STOP_S = 3.0  # that braking and speeding up take, where a candidate is not in view for so many looks
-_AGAIN_S = 4.0  # that another look from below takes, beside the way down
+_AGAIN_S = 4.0  # that another look takes
 
 
 class Checks:
@@ -39,11 +38,9 @@ class Checks:
         self._looks_hz = context.looks_hz
         self._sinks_mps = context.vehicle.descent_speed_mps
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
-        self._lowest_m = search.check_altitude_agl_m
-        self._highest_m = search.scan_altitude_agl_m
+        self._height_m = search.check_altitude_agl_m
+        self._reach_m = _IN_VIEW * context.lens.footprint_m(self._height_m)[1]  # before it a place is in view
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
-        if search.confirm_height_max_m is not None:
-            self._highest_m = min(self._highest_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
 
     def route(self, here: XY, places: F64, losses_s: Sequence[float]) -> list[int]:
         """Indices of the ``places`` (N, 2) that are worth a visit, in the order of a short way.
@@ -55,8 +52,7 @@ class Checks:
         route = _ordered(here, places, [k for k, loss_s in enumerate(losses_s) if loss_s > _LEAST_S])
         planned = len(route)
         while route:
-            spared_m = _spared_m(np.vstack([[here], places[route]]))
-            gains_s = [losses_s[k] - _AT_A_PLACE_S for k in route] - spared_m / self._speed_mps
+            gains_s = np.array([losses_s[k] for k in route]) - self.visits_s(here, places[route])
             worst = int(np.argmin(gains_s))
             if gains_s[worst] >= 0.0:
                 break
@@ -65,6 +61,10 @@ class Checks:
             route = _ordered(here, places, route)
         return route[: self._worth(here, places, route, losses_s)]
 
+    def visits_s(self, here: XY, places: F64) -> F64:
+        """By how much each of the places (N, 2) lengthens the way from here through all of them, in s."""
+        return _AT_A_PLACE_S + _spared_m(np.vstack([[here], places])) / self._speed_mps
+
     def _worth(self, here: XY, places: F64, route: list[int], losses_s: Sequence[float]) -> int:
         """How many places of a route, from its start, buy most: a far group may not pay as a whole."""
         steps_m = np.linalg.norm(np.diff(np.vstack([[here], places[route]]), axis=0), axis=1)
@@ -72,7 +72,7 @@ class Checks:
         totals_s = np.concatenate([[0.0], np.cumsum(gains_s)])
         return int(np.argmax(totals_s))
 
-    def looks(
+    def look_costs_s(
         self,
         hypotheses: Hypotheses,
         belief: F64,
@@ -81,53 +81,37 @@ class Checks:
         place_enu_m: F64,
         away_m: float,
         above_m: float,
-        highest_m: float,
-        n_heights: int,
-        ways: int = 1,
-    ) -> list[tuple[float, float]]:
-        """Height in m, from the lowest to ``highest_m``, and price in s of each look that may decide.
+        ways: int,
+    ) -> float:
+        """Price of a closer look: the time until it, and what the doubt that it leaves costs.
 
-        The vehicle is ``away_m`` from the place and ``above_m`` above it. The price is the time until the
-        look (twice that for two ``ways``, there and back), and the doubt that it leaves or another look from
-        further down, whichever is cheaper.
+        The vehicle is ``away_m`` from the place and ``above_m`` above it; it flies there and, in two
+        ``ways``, back. Where another look is cheaper than the doubt, that counts.
         """
-        looks = []
-        top_m = max(min(self._highest_m, highest_m), self._lowest_m)
-        for height_m in np.geomspace(self._lowest_m, top_m, n_heights).tolist():
-            eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
-            reach_m = self._reach_m(height_m)
-            takes_s = max(
-                max(away_m - reach_m, 0.0) / self._speed_mps, max(above_m - height_m, 0.0) / self._sinks_mps
-            )
-            in_view_s = 2.0 * reach_m / self._speed_mps
-            looks_s = LOOKS_THERE / self._looks_hz
-            takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
-            doubt = hypotheses.confusion(belief, eye, place_enu_m, nothing)
-            again_s = doubt * ((height_m - self._lowest_m) / self._sinks_mps + _AGAIN_S)
-            looks.append((height_m, ways * takes_s + min(loss_s * doubt, again_s)))
-        return looks
+        eye = CameraPose(place_enu_m + np.array([0.0, 0.0, self._height_m]), self._R)
+        flown_s = max(away_m - self._reach_m, 0.0) / self._speed_mps
+        takes_s = max(flown_s, max(above_m - self._height_m, 0.0) / self._sinks_mps)
+        in_view_s, looks_s = 2.0 * self._reach_m / self._speed_mps, LOOKS_THERE / self._looks_hz
+        takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
+        doubt = hypotheses.confusion(belief, eye, place_enu_m, nothing)
+        return ways * takes_s + doubt * min(loss_s, _AGAIN_S)
 
-    def speed_mps(self, away_m: float, height_m: float) -> float:
-        """How fast to fly, so far from a place that is looked at in passing from this height."""
-        reach_m = self._reach_m(height_m)
-        passing_mps = 2.0 * reach_m * self._looks_hz / _IN_PASSING
-        brakes_m = max(away_m - reach_m, 0.0)
+    def speed_mps(self, away_m: float) -> float:
+        """How fast to fly, so far from a place that is looked at in passing."""
+        passing_mps = 2.0 * self._reach_m * self._looks_hz / _IN_PASSING
+        brakes_m = max(away_m - self._reach_m, 0.0)
         return min(self._speed_mps, math.sqrt(passing_mps**2 + 2.0 * _BRAKES_MPS2 * brakes_m))
 
-    def _reach_m(self, height_m: float) -> float:
-        """From how far before it a place is in view."""
-        return _IN_VIEW * self._lens.footprint_m(height_m)[1]
-
-    def sides_m(self, place_enu_m: F64, height_m: float) -> list[XY]:
-        """From how far east and north of a place (3,) the camera sees it at this height, best first.
+    def sides_m(self, place_enu_m: F64) -> list[XY]:
+        """From how far east and north of a place (3,) the camera sees it in a check, best first.
 
         The first is straight above or, where a tree or a wall hides it, the nearest that was tried. The
         others are from all sides of that, so far apart that the picture of the place is another one. Where
         the vehicle does not come because of obstacles is no side; straight above is one where none is left.
         """
-        across_m, along_m = self._lens.footprint_m(height_m)
+        across_m, along_m = self._lens.footprint_m(self._height_m)
         right, down = self._R[:, 0] * across_m / 2.0, self._R[:, 1] * along_m / 2.0
-        up = np.array([0.0, 0.0, height_m])
+        up = np.array([0.0, 0.0, self._height_m])
         seen = [
             (float(aside[0]), float(aside[1]))
             for aside in (u * right + v * down for u, v in _BESIDE)

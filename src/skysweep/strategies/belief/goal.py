@@ -1,4 +1,4 @@
-"""The candidate that the vehicle is on its way to, and from where it is looked at."""
+"""The candidate that the vehicle is on its way to, and from which side it is looked at."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from skysweep.types import XY
 
 @dataclass(slots=True)
 class Goal:
-    """One candidate, from one height, from one side after the other."""
+    """One candidate, from one side after the other."""
 
     id: int
-    height_m: float  # above it
     sides_m: list[XY]  # how far east and north of it: this one, then those left
     looks_above: int = 0  # it, from this side
     looks_before: int | None = None  # that told something of it, when it was reached

@@ -20,6 +20,7 @@ from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import LOOKS_THERE, Checks
 from skysweep.strategies.belief.goal import Goal
+from skysweep.strategies.belief.ground import LOOKS_AGAIN, Ground
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.belief.timing import Timing
 from skysweep.strategies.context import MissionContext
@@ -32,8 +33,6 @@ _LEVEL_M = 1.6
 _HOVERS_MPS = 0.4
 _LOOKS_AT_LEAST = 2  # that tell something, before a verdict
 _LOOKS_AT_MOST = 10  # from above a candidate, whatever they tell
-_HEIGHTS, _NAMED = 16, 3  # of looks that a check chooses from; of those named beside a verdict
-_LOWER = 1.5  # a lower look is from so many times less
 _SMALL_DOUBT_S = 5.0  # is no reason for one
 _SUPPOSED, _SUPPOSED_SHARE = 5.0, 0.1  # targets of a search before any is found, and how much that weighs
 _TURNS = 3  # to a candidate that is not worth the way after all, then to another: not for ever
@@ -54,6 +53,9 @@ class BeliefSearch:
         self._suspects = Suspects(context, self._p)
         self._checks = Checks(context, self._p)
         self._timing = Timing(context, self._p)
+        self._ground = Ground(context, self._p)
+        self._again: XY | None = None  # where weakly searched ground is looked at again
+        self._looks_again = 0  # from there
         self._to_scan: list[XY] = list(context.waypoints_xy_enu_m)
         self._scan_lasts_s = max(self._timing.scan_s(self._to_scan), 1.0)
         self._scan_left_s = self._scan_lasts_s
@@ -78,6 +80,7 @@ class BeliefSearch:
             self._to_scan += [xy for xy in leg if self._to_scan[-1:] != [xy]]
         self._heed(seen.verdicts)
         for look in seen.looks:
+            self._ground.take(look)
             for k in self._suspects.take(look, seen.candidates, self._settled):
                 events.append(self._told(EventKind.SCANNED, seen, k, "found at the edge of a picture"))
             for k in self._suspects.moved(self._settled):
@@ -182,7 +185,7 @@ class BeliefSearch:
         else:
             found = f"found from {self._suspects.all[k].lowest_m:.0f} m and higher"
             reason = f"{found}; {self._mistake(k, 'confirm')}"
-            self._settle(seen, k, EventKind.CONFIRMED, events, reason, self._options(k, self._looks(seen, k)))
+            self._settle(seen, k, EventKind.CONFIRMED, events, reason, self._options(seen, k))
 
     def _may_be_told_apart(self, seen: Observation, k: int) -> bool:
         """Whether it may be one thing with a confirmed candidate, and the next look may show both."""
@@ -226,20 +229,21 @@ class BeliefSearch:
         p = self._suspects.probability(k)
         if p * self._p.missed_cost_s < (1.0 - p) * self._p.alarm_cost_s:
             reason = self._mistake(k, "reject")
-            self._settle(seen, k, EventKind.REJECTED, events, reason, self._options(k, self._looks(seen, k)))
+            self._settle(seen, k, EventKind.REJECTED, events, reason, self._options(seen, k))
         elif self._may_confirm(k):
             self._confirm(seen, k, events)
         else:
             reason = f"likely, but not found from {self._search.confirm_height_max_m:g} m or lower"
-            self._settle(seen, k, EventKind.UNCHECKED, events, reason, self._options(k, self._looks(seen, k)))
+            self._settle(seen, k, EventKind.UNCHECKED, events, reason, self._options(seen, k))
 
     def _mistake(self, k: int, verdict: str) -> str:
-        """What being wrong costs, and after how many looks from the newest height and side."""
+        """What being wrong costs, and after how many looks from the newest side."""
         looked = ""
         goal = self._goal
         if goal is not None and k == goal.id and goal.looks_before is not None:
             n = self._suspects.all[k].n_looks - goal.looks_before
-            looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.height_m:.0f} m "
+            from_m = self._search.check_altitude_agl_m
+            looked = f"after {n} more look{'' if n == 1 else 's'} from {from_m:.0f} m "
         return f"{looked}a mistake costs {self._verdicts_s(k)[verdict]:.0f} s on average"
 
     # ---- checks ------------------------------------------------------------------------------------------
@@ -261,14 +265,20 @@ class BeliefSearch:
         places = np.array([self._xy(seen, k) for k in open_])
         waiting = self._p.waiting_cost * np.array([self._suspects.probability(k) for k in open_])
         dear = 1.0 + self._p.waiting_cost * self._still_waiting()
-        saved_s = self._timing.saved_s(here, seen.altitude_agl_m, scan, places, waiting, dear)
+        visits = self._timing.visits(here, seen.altitude_agl_m, scan, places, waiting, dear)
+        saved_s = visits.saved_s
         for i in np.argsort(-saved_s)[:_MOST_URGENT].tolist():
             if saved_s[i] <= 0.0:
                 return
             k, waits_s = open_[i], self._waiting_s(open_[i])
-            if min(price_s for _, price_s in self._looks(seen, k)) < self._loss_s(k) + waits_s:
+            if self._look_costs_s(seen, k) < self._loss_s(k) + waits_s:
                 self._left = self._left or here
-                self._turn_to(seen, k, math.inf, events, f", and waiting for the scan's end {waits_s:.0f} s")
+                looks_s = {
+                    "look now": float(visits.now_s[i]),
+                    "look when the scan is nearest": float(visits.nearest_s[i]),
+                    "look after the scan": float(visits.after_s[i]),
+                }
+                self._turn_to(seen, k, events, looks_s, f", and waiting for the scan's end {waits_s:.0f} s")
                 return
 
     def _still_waiting(self) -> float:
@@ -288,9 +298,33 @@ class BeliefSearch:
         if seen.looks or self._goal is None:
             self._choose_goal(seen, here, events)
         if self._goal is None:
-            return self._finish(seen, events)
+            return self._look_again(seen, here, events)
         then = next((self._xy(seen, k) for k in self._route if k != self._goal.id), None)
         return Command(Mode.CHECK, self._way_to(seen, self._goal, then), tuple(events))
+
+    def _look_again(self, seen: Observation, here: XY, events: list[Event]) -> Command:
+        """To ground that was searched too weakly, where that buys more than going home."""
+        height_m = self._search.scan_altitude_agl_m
+        if self._again is not None:
+            arrived = math.dist(here, self._again) <= _THERE_M and seen.altitude_agl_m > height_m - _LEVEL_M
+            if not seen.elsewhere and (arrived or _hovers(seen)):
+                self._looks_again += len(seen.looks)
+            if seen.refused or self._looks_again >= LOOKS_AGAIN:
+                self._again = None
+        if self._again is None:
+            found = sum(self._suspects.probability(k) for k in self._suspects.all)
+            worth = self._ground.again(here, seen.altitude_agl_m, found)
+            if worth is None:
+                return self._finish(seen, events)
+            (x, y, z), buys_s, takes_s = worth
+            self._again, self._looks_again = (x, y), 0
+            reason = f"another look takes {takes_s:.0f} s and saves {buys_s:.0f} s on average"
+            options = _cheapest_first({"look again": takes_s, "go home": buys_s})
+            events.append(
+                Event(EventKind.LOOKS_AGAIN, position_enu_m=(x, y, z), reason=reason, alternatives=options)
+            )
+        waypoint = Waypoint(self._again, height_m, self._p.check_speed_mps, to_look=True)
+        return Command(Mode.SCAN, waypoint, tuple(events))
 
     def _attend(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """What the newest looks say of the goal, and of what may be one thing with a confirmed candidate."""
@@ -309,8 +343,8 @@ class BeliefSearch:
         x, y, _ = seen.vehicle.position_enu_m.tolist()
         return Waypoint(
             to,
-            goal.height_m,
-            self._checks.speed_mps(math.dist((x, y), to), goal.height_m),
+            self._search.check_altitude_agl_m,
+            self._checks.speed_mps(math.dist((x, y), to)),
             to_look=True,
             then_xy_enu_m=None if goal.stops else then,
         )
@@ -336,25 +370,27 @@ class BeliefSearch:
                 return
         if self._goal is None or first != self._goal.id:
             self._turns[first] = self._turns.get(first, 0) + 1
-            self._turn_to(seen, first, math.inf, events)
+            look_s = float(self._checks.visits_s(here, places[route])[0])
+            self._turn_to(seen, first, events, {self._a_look: look_s})
 
     def _turn_to(
-        self, seen: Observation, k: int, highest_m: float, events: list[Event], more: str = ""
+        self, seen: Observation, k: int, events: list[Event], looks_s: Mapping[str, float], more: str = ""
     ) -> None:
-        looks = self._looks(seen, k, highest_m, _HEIGHTS)
-        height_m, _ = min(looks, key=_price_s)
-        sides_m = self._checks.sides_m(seen.candidates[k].position_enu_m, height_m)
-        self._goal = Goal(k, height_m, sides_m[: 1 + _SIDES])
+        sides_m = self._checks.sides_m(seen.candidates[k].position_enu_m)
+        self._goal = Goal(k, sides_m[: 1 + _SIDES])
         reason = f"a verdict now costs {self._loss_s(k):.0f} s on average{more}"
-        events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, self._options(k, looks)))
+        options = _cheapest_first({**self._verdicts_s(k), **looks_s})
+        events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, options))
 
-    def _looks(
-        self, seen: Observation, k: int, highest_m: float = math.inf, n_heights: int = _NAMED
-    ) -> list[tuple[float, float]]:
-        """Height in m and price in s of the looks that may decide, from the lowest up."""
+    @property
+    def _a_look(self) -> str:
+        return f"look from {self._search.check_altitude_agl_m:.0f} m"
+
+    def _look_costs_s(self, seen: Observation, k: int) -> float:
+        """Price of a closer look from here, and of the doubt that it leaves; in the scan, there and back."""
         suspect = self._suspects.all[k]
         x, y, _ = seen.vehicle.position_enu_m.tolist()
-        return self._checks.looks(
+        return self._checks.look_costs_s(
             self._suspects.hypotheses(suspect.class_name),
             suspect.belief,
             self._suspects.nothing,
@@ -362,25 +398,21 @@ class BeliefSearch:
             seen.candidates[k].position_enu_m,
             math.dist((x, y), self._xy(seen, k)),
             seen.altitude_agl_m,
-            highest_m,
-            n_heights,
             ways=2 if self._to_scan else 1,
         )
 
-    def _options(self, k: int, looks: list[tuple[float, float]]) -> _Options:
+    def _options(self, seen: Observation, k: int) -> _Options:
         """What could be decided of a candidate now, and what that costs in s on average, cheapest first."""
         back = " and back" if self._to_scan else ""
-        costs_s = self._verdicts_s(k)
-        for height_m, price_s in (looks[-1], looks[0], min(looks, key=_price_s)):
-            costs_s[f"look from {height_m:.0f} m{back}"] = price_s
-        return tuple(sorted(((what, round(cost_s, 1)) for what, cost_s in costs_s.items()), key=_price_s))
+        look_s = self._look_costs_s(seen, k)
+        return _cheapest_first({**self._verdicts_s(k), self._a_look + back: look_s})
 
     def _judge_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
-        """Once it was looked at enough from there: look from further down or another side, or decide."""
+        """Once it was looked at enough from there: look from another side, or decide."""
         if self._goal is None:
             return
         goal, k = self._goal, self._goal.id
-        to, height_m = self._beside(seen, goal), goal.height_m
+        to, height_m = self._beside(seen, goal), self._search.check_altitude_agl_m
         if seen.lookout is not None:
             to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
         if seen.altitude_agl_m > height_m + _LEVEL_M and not _hovers(seen):
@@ -395,10 +427,7 @@ class BeliefSearch:
         is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(k) < _SMALL_DOUBT_S
         if not is_clear and looks < LOOKS_THERE and goal.looks_above < _LOOKS_AT_MOST:
             return
-        lowest_m = self._search.check_altitude_agl_m
-        if goal.height_m > _LOWER * lowest_m and self._loss_s(k) > _SMALL_DOUBT_S:
-            self._turn_to(seen, k, goal.height_m / _LOWER, events)
-        elif self._loss_s(k) > _SIDE_S and len(goal.sides_m) > 1:
+        if self._loss_s(k) > _SIDE_S and len(goal.sides_m) > 1:
             goal.look_from(goal.sides_m[1:])
             events.append(self._stays_open(seen, k, "another side may show more"))
         elif is_clear or not self._waits(k):
@@ -448,6 +477,8 @@ class BeliefSearch:
             "settled": [[k, str(kind)] for k, kind in self._settled.items()],
             "looked": sorted(self._looked),
             "suspects": self._suspects.snapshot(),
+            "ground": self._ground.snapshot(),
+            "again_xy": None if self._again is None else list(self._again),
             "route": list(self._route),
             "goal": None if self._goal is None else asdict(self._goal),
             "turns": [[k, n] for k, n in self._turns.items()],
@@ -458,11 +489,15 @@ class BeliefSearch:
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue from a snapshot."""
         self._to_scan = [(x, y) for x, y in snapshot["to_scan"]]
+        self._scan_left_s = self._timing.scan_s(self._to_scan)
         left, goal = snapshot["left_xy"], snapshot["goal"]
         self._left = None if left is None else (left[0], left[1])
         self._settled = {k: EventKind(kind) for k, kind in snapshot["settled"]}
         self._looked = set(snapshot["looked"])
         self._suspects.restore(snapshot["suspects"])
+        self._ground.restore(snapshot["ground"])
+        again = snapshot["again_xy"]
+        self._again = None if again is None else (again[0], again[1])
         self._route, self._turns = list(snapshot["route"]), dict(snapshot["turns"])
         if goal is not None:
             goal = Goal(**{**goal, "sides_m": [(east_m, north_m) for east_m, north_m in goal["sides_m"]]})
@@ -475,5 +510,7 @@ def _hovers(seen: Observation) -> bool:
     return bool(np.linalg.norm(seen.vehicle.velocity_enu_mps) < _HOVERS_MPS)
 
 
-def _price_s(option: tuple[Any, float]) -> float:
-    return option[1]
+def _cheapest_first(costs_s: Mapping[str, float]) -> _Options:
+    return tuple(
+        (what, round(cost_s, 1)) for what, cost_s in sorted(costs_s.items(), key=lambda option: option[1])
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,19 @@ from skysweep.types import XY
 
 _LEAVING_S = 8.0  # that braking, turning and coming back to the scan's way take
 _NOW_S = 5.0  # of the scan, during which a visit is one from here
+
+
+class Visits(NamedTuple):
+    """What a visit of each place costs in seconds (N,), by when it is made."""
+
+    now_s: F64
+    nearest_s: F64  # when the scan comes nearest to it
+    after_s: F64  # in the tour after the scan
+
+    @property
+    def saved_s(self) -> F64:
+        """(N,) by a visit now against one later."""
+        return np.minimum(self.nearest_s, self.after_s) - self.now_s
 
 
 class Timing:
@@ -28,10 +42,10 @@ class Timing:
         """How long it takes to fly the way of the scan."""
         return float(self._ends_s(np.array(scan).reshape(-1, 2))[-1])
 
-    def saved_s(
+    def visits(
         self, here: XY, above_m: float, scan: Sequence[XY], places: F64, waiting: F64, dear: float = 1.0
-    ) -> F64:
-        """What a visit of each place (N, 2) now saves against one later, in seconds (N,).
+    ) -> Visits:
+        """What a visit of each place (N, 2) costs now and later.
 
         ``scan`` is the way of the scan, from where it goes on. ``waiting`` (N,) is the price of a second that
         a place waits, ``dear`` that of a second of detour, while all others wait. The way back and the climb
@@ -53,7 +67,7 @@ class Timing:
         lane_s = dear * (np.maximum(away_s, whole_s) + np.maximum(away_s, climb_s) + _LEAVING_S)
         lane_s += waiting[:, None] * until_s
         tour_s = _apart_m(np.vstack([places, path[-1]]))[:-1] / self._speed_mps + waiting * ends_s[-1]
-        return np.asarray(np.minimum(lane_s.min(axis=1), tour_s) - dear * now_s)
+        return Visits(dear * now_s, lane_s.min(axis=1), tour_s)
 
     def _later(self, path: F64, ends_s: F64) -> tuple[F64, F64]:
         """The way without its next seconds, which are now."""
