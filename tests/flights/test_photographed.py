@@ -10,8 +10,10 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 import skysweep as ss
+from skysweep.cli import app
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.flights.photographed.places import pose_of, scenario_of
@@ -213,6 +215,21 @@ def test_pictures_of_the_same_name_are_other_pictures(tmp_path):
     assert look_at_flight(first, out, Options()).n_candidates == 1
 
 
+def test_detections_of_the_wrong_size_are_counted(tmp_path):
+    """From 100 m the sign's picture spans 9 m on the ground."""
+    folder, out = tmp_path / "flight", tmp_path / "out"
+    folder.mkdir()
+    image = world_with_a_sign().render(ss.camera_pose((12.0, 9.0, 10.0), heading_deg=0, pitch_deg=-90))
+    shot_from(None, folder, "a.jpg", (0.0, 0.0, 100.0), 0.0, -90.0, image)
+    told = CliRunner().invoke(app, ["detect", "run", str(folder), "--out", str(out), "--find", "stop sign"])
+    assert "candidates: 0, pictures: 1" in told.output
+    sentence = "1 detection left out: too large or small on the ground"
+    assert sentence in told.output
+    page = (out / "report.html").read_text()
+    assert sentence in page
+    assert "The detector reported nothing" not in page
+
+
 def test_a_video_with_poses(tmp_path):
     path, out = tmp_path / "flight.mp4", tmp_path / "out"
     world = world_with_a_sign()
@@ -234,9 +251,31 @@ def test_a_video_with_poses(tmp_path):
         look_at_flight(path, tmp_path / "other", Options())
 
 
+def test_a_picture_of_the_sky_is_left_out(tmp_path):
+    grey = np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8)
+    for name, pitch_deg in (("down.jpg", -90.0), ("up.jpg", 90.0)):
+        shot_from(None, tmp_path, name, (0.0, 0.0, 20.0), 0.0, pitch_deg, grey)
+    shots, ((name, why),) = shots_of(tmp_path, None, None, 1.0, has_dem=False)
+    assert ([shot.name for shot in shots], name) == (["down.jpg"], "up.jpg")
+    assert why.startswith("shows no ground, as its camera looks up (pitch_deg 90;")
+
+
+def test_a_table_without_rows_of_the_pictures_is_refused(tmp_path):
+    folder = make_empty(tmp_path / "flight")
+    shot_from(None, folder, "a.jpg", (0, 0, 20), 0, -90, np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8))
+    (tmp_path / "poses.csv").write_text("file,height_m\nb.jpg,20\n")
+    with pytest.raises(UserError, match="no row names a picture of"):
+        look_at_flight(folder, tmp_path / "out", Options(poses=tmp_path / "poses.csv"))
+
+
 def make_empty(folder):
     folder.mkdir()
     return folder
+
+
+def make_table(folder):
+    (folder / "poses.csv").write_text("file,height_m\na.jpg,20\n")
+    return folder / "poses.csv"
 
 
 @pytest.mark.parametrize(
@@ -247,6 +286,7 @@ def make_empty(folder):
             lambda folder: make_empty(folder / "empty"),
             "no picture can be put on the map: there are none in it",
         ),
+        (make_table, "is no readable video; give a folder of pictures or a video file"),
     ],
 )
 def test_nothing_to_look_at_is_one_sentence(make, message, tmp_path):

@@ -1,4 +1,4 @@
-"""Camera and detector tried before take-off, by a clock that runs fifty times as fast as the wall's."""
+"""Camera and detector tried before take-off, by a clock that runs ten times as fast as the wall's."""
 
 import threading
 import time
@@ -12,7 +12,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.types import Detections, Frame
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
 
-FASTER = 50.0
+FASTER = 10.0
 
 
 def scenario(**changes):

@@ -200,7 +200,7 @@ def test_a_plan_or_sensor_file_that_was_changed_is_refused(tmp_path):
     scenario = Scenario.model_validate(SHORT)
     plan = write_plan(tmp_path / "field.plan", plan_for_qgc(scenario, plan_scenario(scenario)[0]))
     sensor = tmp_path / "sensor.yaml"
-    sensor.write_text((Path(skysweep.__file__).parent / "sensing/statistical/default.yaml").read_text())
+    sensor.write_text((Path(skysweep.__file__).parent / "sensing/statistical/visible.yaml").read_text())
     files = {"search.plan": str(plan), "detector.statistical_model": str(sensor)}
     whole = tmp_path / "whole"
     summary = fly_to_folder(change_scenario(scenario, files), 2, whole, Rig("statistical"))

@@ -45,8 +45,8 @@ def to_look(x, y):
     return Waypoint((x, y), HEIGHT_M, 1.0, to_look=True)
 
 
-def over(clear, here, to, speed_mps=2.0):
-    return clear.over(np.array(here, dtype=float), to, 0.0, Waypoint(to, HEIGHT_M, speed_mps))
+def over(clear, here, *way, speed_mps=2.0):
+    return clear.over(np.array(here, dtype=float), way, 0.0, Waypoint(way[-1], HEIGHT_M, speed_mps))
 
 
 def test_what_is_kept_clear_of_grows_with_the_error_of_the_position():
@@ -67,6 +67,13 @@ def test_before_a_tree_it_climbs_and_behind_it_it_comes_down():
     assert heights == [*sorted(heights[:5]), *sorted(heights[5:], reverse=True)]
     assert heights[4] == pytest.approx(12.0 + keep_m(wood()) + 0.5)
     assert heights[6:] == [HEIGHT_M, HEIGHT_M]
+
+
+@pytest.mark.parametrize("x", [0, 8, 13, 20, 25])
+def test_what_stands_behind_the_first_place_of_a_way_is_climbed_for_in_time(x):
+    clear = clearance(wood())
+    on_the_way, height_m = (x + 4.0, 20.0), over(clear, (x, 20, 20), (60.0, 20.0))[2]
+    assert over(clear, (x, 20, 20), on_the_way, (60.0, 20.0)) == (*on_the_way, pytest.approx(height_m))
 
 
 def test_too_low_before_a_tree_it_waits_and_climbs_straight_up_until_it_is_high_enough():
@@ -163,7 +170,7 @@ def test_the_simulator_notices_what_a_mission_runs_into_that_does_not_look_out(m
     monkeypatch.setattr(
         Clearance,
         "over",
-        lambda self, here, to, ground_m, waypoint: (*to, ground_m + waypoint.altitude_agl_m),
+        lambda self, here, way, ground_m, waypoint: (*way[0], ground_m + waypoint.altitude_agl_m),
     )
     _, run, summary = flown(load_scenario("buildings"))
     assert summary["collisions"] >= 4

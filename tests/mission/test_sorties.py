@@ -2,6 +2,9 @@
 
 import json
 import math
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -212,22 +215,43 @@ def test_wind_that_does_not_drop_ends_the_mission():
     assert run.landed_s is not None
 
 
-class Killed(Exception):
-    pass
+FLOWN_UNTIL_KILLED = """
+import os, signal, sys
+from pathlib import Path
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
+from skysweep.scenarios.files import load_scenario
+
+scenario, folder, mode, tick = sys.argv[1:]
+ticks = []
+
+def kill(_state, now, _new):
+    ticks.append(now == mode)
+    if sum(ticks) == int(tick):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+fly_to_folder(load_scenario(scenario), 0, Path(folder), Rig("statistical", watch=kill))
+"""
 
 
-@pytest.mark.parametrize("mode", ["SWAP", "TRANSIT"])
-def test_killed_between_two_sorties_it_resumes_bit_for_bit(tmp_path, mode):
-    whole, killed, ticks = tmp_path / "whole", tmp_path / "killed", []
-    fly_to_folder(field(), 0, whole, Rig("statistical"))
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    fly_to_folder(field(), 0, folder, Rig("statistical"))
+    return folder
 
-    def kill(_state, now, _new):
-        ticks.append(now == mode)
-        if sum(ticks) == 40:
-            raise Killed
 
-    with pytest.raises(Killed):
-        fly_to_folder(field(), 0, killed, Rig("statistical", watch=kill))
+@pytest.mark.parametrize(
+    ("mode", "tick"), [("SWAP", 1), ("SWAP", 300), ("SWAP", 600), ("SWAP", 601), ("TRANSIT", 40)]
+)
+def test_killed_between_two_sorties_it_resumes_bit_for_bit(whole, tmp_path, mode, tick):
+    """With SIGKILL as it lands, while it waits, right before it takes off again, and so on."""
+    killed = tmp_path / "killed"
+    (tmp_path / "field.yaml").write_text(dump_scenario(field()))
+    told = [tmp_path / "field.yaml", killed, mode, str(tick)]
+    flyer = subprocess.run([sys.executable, "-c", FLOWN_UNTIL_KILLED, *told], check=False)
+    assert flyer.returncode == -signal.SIGKILL
+    assert len(read_journal(killed / "journal.jsonl")) < len(read_journal(whole / "journal.jsonl"))
     assert resume_folder(killed)["sorties"] == 3
     assert read_journal(killed / "journal.jsonl") == read_journal(whole / "journal.jsonl")
     told = [json.loads((folder / "summary.json").read_text()) for folder in (whole, killed)]

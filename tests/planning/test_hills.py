@@ -4,10 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.flown_path import FlownPath, hidden_from
 from skysweep.planning.following import Following
 from skysweep.planning.proof import prove
 from skysweep.planning.sight import View, least_heights
@@ -105,6 +106,18 @@ def test_what_the_proof_calls_seen_is_seen_by_rays(heights):
         assert any(sees(s, terrain, eye, plan.heading_deg, place) for eye in near)
 
 
+def clears_m(terrain, place, over):
+    """From what height above a point a place is seen: samples, and denser ones around what hides it most."""
+    samples = [np.linspace(0.0, 1.0, 20_001)[1:], np.geomspace(1e-5, 1.0, 20_000)]
+    for _ in range(2):
+        share = np.unique(np.concatenate(samples))
+        ground = terrain.height_m(place[:2] + share[:, None] * (over - place[:2]))
+        heights = place[2] + (ground - 0.02 - place[2]) / share
+        k = int(heights.argmax())
+        samples = [np.linspace(share[max(k - 1, 0)], share[min(k + 1, len(share) - 1)], 2_000)]
+    return float(heights.max())
+
+
 @settings(max_examples=100, deadline=None)
 @given(heights=rough_ground(), seed=st.integers(0, 2**32 - 1))
 def test_the_least_height_clears_all_ground_in_between_and_no_more(heights, seed):
@@ -114,10 +127,35 @@ def test_the_least_height_clears_all_ground_in_between_and_no_more(heights, seed
     place = np.array([*a, terrain.height_m(a)[0]])
     view = View(1e6, 1e6, 0.0, 1.0)  # shows everything
     (least,) = least_heights(terrain, view, place[None], b[None])
-    share = np.unique(np.concatenate([np.linspace(0.0, 1.0, 20_001)[1:], np.geomspace(1e-5, 1.0, 20_000)]))
-    ground = terrain.height_m(a + share[:, None] * (b - a))
-    needed = max(place[2], float((place[2] + (ground - 0.02 - place[2]) / share).max()))
+    needed = max(place[2], clears_m(terrain, place, b))
     assert needed - 1e-6 <= least <= needed + 0.05
+
+
+@settings(max_examples=100, deadline=None)
+@given(heights=rough_ground(), seed=st.integers(0, 2**32 - 1), antenna_m=st.floats(0.0, 30.0))
+def test_no_ground_between_antenna_and_vehicle_is_missed(heights, seed, antenna_m):
+    """Against dense samples; the vehicle is just above or below the height that clears them."""
+    terrain = build_terrain(scenario(heights))
+    assume(not terrain.is_flat)
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform((-80, -80), (380, 280), (2, 2))
+    mast = np.array([*a, terrain.height_m(a)[0] + antenna_m])
+    needed = clears_m(terrain, mast, b)
+    for height_m, is_hidden in ((needed - 1e-3, True), (needed + 0.05, False)):
+        one = np.zeros(1)
+        path = FlownPath(one, b[None], one, np.array([height_m]), slice(0, 1))
+        assert hidden_from(mast, path, terrain).tolist() == [is_hidden]
+
+
+def test_a_ridge_as_sharp_as_the_posts_allow_hides():
+    """Its edge, 8 m above the line of sight, lies between places that are half a post apart on the way."""
+    heights = np.zeros((21, 31))
+    heights[:, 15] = 50.0
+    terrain = build_terrain(scenario(heights))
+    west, _, east, _ = terrain.bounds_enu_m
+    mast, vehicle = np.array([west + 4.0, 100.0, 42.0]), np.array([[east - 6.0, 100.0]])
+    path = FlownPath(np.zeros(1), vehicle, np.zeros(1), np.full(1, 42.0), slice(0, 1))
+    assert hidden_from(mast, path, terrain).all()
 
 
 def test_the_proof_finds_what_is_missed():
@@ -190,7 +228,7 @@ def test_a_ceiling_leaves_cells_unseen_and_the_proof_says_so():
 def test_a_vehicle_on_its_way_finds_the_height_and_speed_of_its_place():
     s = scenario(0.5 * np.linspace(0, 420, 30)[None, :].repeat(6, axis=0), transect_heading_deg=90.0)
     profile = plan_scenario(s)[0].profiles[0]
-    following = Following([profile], 3.0)
+    following = Following([profile.leg_xy_enu_m], [profile], 3.0)
     (x0, y0), end = profile.leg_xy_enu_m.tolist()
     to = tuple(end)
     planned = following.at((x0, y0 + 3.0), to, 0.0)
@@ -199,10 +237,16 @@ def test_a_vehicle_on_its_way_finds_the_height_and_speed_of_its_place():
     whole_way = following.at((x0, y0), to, 1e6)
     assert whole_way.ahead_height_m == pytest.approx(profile.height_m.max())
     assert whole_way.speed_mps == pytest.approx(profile.speed_mps[-1])
-    assert following.at((x0, y0 + 30.0), to, 0.0) is None
+    assert planned.ahead_xy_enu_m == (x0, y0)
+    assert math.dist(whole_way.ahead_xy_enu_m, (x0, y0)) == pytest.approx(2.0 * whole_way.speed_mps)
+    beside = following.at((x0, y0 + 30.0), to, 20.0)
+    assert beside[:3] == (-math.inf, -math.inf, math.inf)
+    assert beside.ahead_xy_enu_m == pytest.approx((x0 + 20.0, y0))
+    assert following.at((x0, y0 + 60.0), to, 20.0) is None
     assert following.at((x0, y0), (0.0, 1.0), 0.0) is None
     on_its_way_there = following.at((x0, y0 + 50.0), (x0, y0), 10.0)
-    assert on_its_way_there == (-math.inf, pytest.approx(profile.height_m[0] - 4 * 0.8 * 6.0), math.inf)
+    climbed_m = pytest.approx(profile.height_m[0] - 4 * 0.8 * 6.0)
+    assert on_its_way_there == (-math.inf, climbed_m, math.inf, None)
     assert following.at((x0, y0 + 8.0), (x0, y0), 10.0).ahead_height_m == pytest.approx(profile.height_m[0])
 
 
@@ -212,4 +256,12 @@ def test_a_tiny_area_is_proven_too():
     proof = prove(plan, s, build_terrain(s))
     assert len(proof.seen) > 50
     assert proof.seen.all()
-    assert Following(plan.profiles, 3.0).at((1.0, 1.0), (9.0, 9.0), 10.0) is None
+    assert Following(plan.transects, plan.profiles, 3.0).at((1.0, 1.0), (9.0, 9.0), 10.0) is None
+
+
+def test_a_long_transect_over_level_ground_is_flown_along_a_short_one_to_its_end():
+    long, short = np.array([[0.0, 0.0], [300.0, 0.0]]), np.array([[300.0, 40.0], [100.0, 40.0]])
+    following = Following([long, short], (), 3.0)
+    assert following.at((100.0, 15.0), (300.0, 0.0), 16.0) == (-math.inf, -math.inf, math.inf, (116.0, 0.0))
+    assert following.at((290.0, 1.0), (300.0, 0.0), 16.0).ahead_xy_enu_m == (300.0, 0.0)
+    assert following.at((200.0, 45.0), (100.0, 40.0), 16.0) is None

@@ -10,6 +10,7 @@ from tests.worlds.test_land_cover import collection
 from typer.testing import CliRunner
 
 from skysweep.cli import app
+from skysweep.flights.advise import advise
 from skysweep.flights.fly import fly_in_memory
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.scenarios.files import load_scenario
@@ -44,6 +45,7 @@ def test_the_scenario_can_be_planned_and_flown(place):
     assert told["dem_pixel_m"] == pytest.approx(10.0, abs=0.05)
     assert "TM35FIN" in told["dem_crs"]
     assert (told["filled"], told["buildings"], told["orthophoto_crs"]) == (0.0, 1, None)
+    assert not told["dem_states_unit"]
     assert set(told["surfaces"]) == {"forest floor", "grass"}
     scenario = load_scenario(place / "mine.yaml")
     assert scenario.name == "mine"
@@ -90,6 +92,15 @@ def test_heights_suit_the_target(place, target):
     assert scenario.target_classes == (target,)
     assert scenario.pixels_on_target(scenario.search.scan_altitude_agl_m) >= 20
     assert scenario.search.check_altitude_agl_m < scenario.search.scan_altitude_agl_m
+
+
+@pytest.mark.parametrize("target", ["person", "boat", "stop sign"])
+def test_what_is_written_needs_no_warning(place, target):
+    done = new("--out", "mine.yaml", "--target", target)
+    assert "warning" not in done.output
+    scenario = load_scenario(place / "mine.yaml")
+    assert scenario.detector == load_scenario("valley").detector
+    assert all(option.pod > 0.8 for option in advise(scenario, 0.8).options)
 
 
 def test_another_target_is_refused(place):

@@ -30,6 +30,14 @@ def test_shipped_scenarios_give_none_but_for_checks_among_trees_and_houses(name)
         )
 
 
+@pytest.mark.parametrize(("elevation_deg", "heading_deg"), [(45, 150), (45, 10), (80, 180)])
+def test_a_sun_that_cannot_be_at_this_latitude_is_said_of_a_thermal_camera(elevation_deg, heading_deg):
+    light = f"{{sun_elevation_deg: {elevation_deg}, sun_heading_deg: {heading_deg}}}"
+    said = [w for w in warnings_of(light=light, camera="{kind: thermal}") if "the sun never stands" in w]
+    assert bool(said) == ((elevation_deg, heading_deg) != (45, 150))
+    assert not any("the sun never stands" in w for w in warnings_of(light=light))
+
+
 def test_too_high_for_the_camera_tells_the_pixels_and_the_altitude_that_gives_twelve():
     (warning,) = warnings_of(search="{scan_altitude_agl_m: 60}")
     assert "spans only 7.0 pixels from 60 m; scan from 35.1 m for 12 pixels" in warning

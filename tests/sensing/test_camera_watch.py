@@ -91,6 +91,15 @@ def test_nothing_is_doubted_of_a_sound_camera(whole):
     assert doubts(*whole) == [None] * len(whole[0])
 
 
+def test_a_thermal_camera_is_not_judged_by_motion_but_by_each_picture(whole):
+    poses, images = whole
+    upside_down = [image[::-1, ::-1] for image in images]
+    assert any(doubts(poses, upside_down))
+    assert not any(doubts(poses, upside_down, CameraWatch(FLAT, "thermal")))
+    black = [np.zeros_like(image) for image in images]
+    assert whys(doubts(poses, black, CameraWatch(FLAT, "thermal"))) == {"shows black"}
+
+
 def test_what_gnss_and_gimbal_get_wrong_is_no_reason():
     """A slow error of 0.3 m, attitudes that are a degree off for a look or two."""
     poses = there_and_back()
@@ -110,6 +119,47 @@ def test_an_attitude_that_lags_and_is_right_again_is_no_reason():
         pose_at(p.position_enu_m[0] + e, p.position_enu_m[1]) for p, e in zip(poses, off_m, strict=True)
     ]
     assert whys(doubts(believed, pictures(poses))) == set()
+
+
+def test_a_lag_up_high_is_no_reason_further_down():
+    """The same angle is less on the ground there: a descent that begins in a hard manoeuvre."""
+    down_m = np.concatenate([np.zeros(20), np.linspace(0.0, 16.0, 12), np.full(20, 16.0)])
+    poses = [pose_at(3.0, -40.0 + 1.2 * k, 30.0 - d_m) for k, d_m in enumerate(down_m.tolist())]
+    off_m = np.zeros(len(poses))
+    off_m[20] = 4.8
+    believed = [
+        pose_at(p.position_enu_m[0] + e, *p.position_enu_m[1:]) for p, e in zip(poses, off_m, strict=True)
+    ]
+    assert whys(doubts(believed, pictures(poses))) == set()
+
+
+def wood(height_m):
+    trees = [
+        {"position_enu_m": [x, y], "height_m": height_m, "crown_radius_m": 1.0}
+        for x in range(0, 91, 10)
+        for y in range(0, 91, 10)
+    ]
+    area = {"polygon_enu_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}
+    return known_obstacles(Scenario.model_validate({"name": "wood", "area": area, "trees": trees}))
+
+
+def test_crowns_that_pass_faster_before_a_turn_are_no_reason():
+    """On the way north trees fill the picture, on the way east the ground does."""
+    steps = np.arange(8)
+    poses = [pose_at(20.0, 20.0 + 2.0 * k) for k in steps.tolist()]
+    poses += [pose_at(22.0 + 2.0 * k, 34.0) for k in steps.tolist()]
+    tops_m = np.interp(np.arange(len(poses)), [6, 9], [12.0, 0.0])
+    seen = [pose_at(*p.position_enu_m[:2], 30.0 - top_m) for p, top_m in zip(poses, tops_m, strict=True)]
+    assert whys(doubts(poses, pictures(seen), CameraWatch(wood(12.0)))) == set()
+    assert whys(doubts(poses, pictures(seen), CameraWatch(FLAT))) != set()
+
+
+@pytest.mark.parametrize(("step_m", "doubted"), [(0.5, True), (3.0, False)])
+def test_crowns_that_are_passed_within_a_look_are_not_compared(step_m, doubted):
+    """They are so near that the next picture shows others."""
+    poses = [pose_at(20.0 + step_m * (k % 2), 40.0, 8.0) for k in range(60)]
+    elsewhere = [pose_at(*xy, 8.0) for xy in np.random.default_rng(2).uniform(-110, 110, (60, 2)).tolist()]
+    assert any(doubts(poses, pictures(elsewhere), CameraWatch(wood(4.5)))) == doubted
 
 
 @pytest.mark.parametrize("ground", [0.0, 0.02])

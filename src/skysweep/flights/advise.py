@@ -120,7 +120,7 @@ def _settings(scenario: Scenario) -> Iterator[tuple[float, float]]:
         heights.add(safety.altitude_max_agl_m)
     cruise_mps = scenario.vehicle.cruise_speed_mps
     held_mps = max(safety.air_speed_max_mps - scenario.wind.mean_speed_mps, _SLOWEST_MPS)
-    fastest_mps = min(cruise_mps, held_mps)  # against the wind
+    fastest_mps = round(min(cruise_mps, held_mps), 1)  # against the wind
     speeds = {round(share * fastest_mps, 1) for share in _SPEED_SHARES}
     speeds.add(min(search.scan_speed_mps, fastest_mps))
     for height_m in sorted(heights | {search.scan_altitude_agl_m}, reverse=True):

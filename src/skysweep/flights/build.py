@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from skysweep.detection.layouts import Told
 from skysweep.detection.model_files import existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.errors import UserError
@@ -77,12 +78,12 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
             exposures,
             camera_model.latency_s,
             PATIENCE_S if rig.vehicle is None or rig.vehicle_waits else 0.0,
-            CameraWatch(obstacles),
+            CameraWatch(obstacles, camera_model.kind),
         )
     waypoints, yaw_rad = plan.waypoints_xy_enu_m, yaw_from_heading(plan.heading_deg)
     context = MissionContext.of(scenario, waypoints, yaw_rad, obstacles, spec.parameters_of(search))
     needs_model = spec.needs_sensor_model or rig.sensor == "statistical"
-    caveat = context.sensor_caveat if needs_model else ""
+    caveat = context.sensor_model.beyond_calibration(scenario) if needs_model else ""
     if rig.sensor == "statistical":
         caveat = " ".join(filter(None, [caveat, _stand_ins(world, context)]))
     return Mission(
@@ -104,7 +105,7 @@ def build_mission(scenario: Scenario, seed: int, rig: Rig = DEFAULT_RIG) -> Miss
         caveat,
         replays=all(p is None for p in (rig.vehicle, rig.camera, rig.make_camera, rig.detector)),
         change_battery=getattr(vehicle, "change_battery", None),
-        following=Following(plan.profiles, scenario.vehicle.climb_speed_mps) if plan.profiles else None,
+        following=Following(plan.transects, plan.profiles, scenario.vehicle.climb_speed_mps),
     )
 
 
@@ -149,7 +150,12 @@ def _camera(scenario: Scenario, world: World, eye: Truth, seed: int, rig: Rig) -
 
 
 def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | Painter:
-    """A simulator renders at the detector's rate."""
+    """A simulator renders at the detector's rate, what is visible."""
+    if renderer in ("gazebo", "gz") and scenario.camera.kind == "thermal":
+        raise UserError(
+            f"--renderer {renderer}: draws no thermal pictures; write --renderer auto, or a scenario with "
+            "camera.kind: visible"
+        )
     looks_hz = min(scenario.detector.rate_hz, scenario.camera.rate_hz)
     if renderer == "gazebo":
         from skysweep.gazebo.lockstep import GazeboRenderer
@@ -163,13 +169,18 @@ def _painter(scenario: Scenario, world: World, renderer: Backend) -> Backend | P
 
 
 def refuse_unseeable(scenario: Scenario, sensor_name: str) -> None:
-    """Raises UserError if the sensor's or the detector's file is missing or of another kind."""
+    """Raises UserError if the sensor's or the detector's file is missing or of another kind.
+
+    So it does if the statistical sensor was not calibrated for the search.
+    """
     if sensor_name == "statistical":
-        model_for(scenario)
+        if beyond := model_for(scenario).beyond_calibration(scenario):
+            raise UserError(f"search: {beyond[0].lower()}{beyond[1:].rstrip('.')}")
         return
     model = scenario.detector.model
     if model not in entry_points(group="skysweep.detectors").names:
-        try_out(existing_model_file(model), scenario.detector.boxes, scenario.detector.pixels)
+        d = scenario.detector
+        try_out(existing_model_file(model), Told(d.boxes, d.pixels, d.channels))
 
 
 def make_detector(scenario: Scenario, threads: int) -> Detector:
@@ -192,4 +203,5 @@ def make_detector(scenario: Scenario, threads: int) -> Detector:
         threads=threads,
         boxes=d.boxes,
         pixels=d.pixels,
+        channels=d.channels,
     )

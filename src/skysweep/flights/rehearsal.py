@@ -34,12 +34,11 @@ def rehearse(scenario: Scenario, rig: Rig) -> Check:
     looks = Looks(scenario, mission.look_period, mission.cover_altitude_agl_m)
     with closing(mission.sensor):
         try:
-            answers = _answers(mission)
+            answers, rate_hz = _answers(mission)
         except Exception as error:
             return Check("detector", False, f"camera or detector fails: {error}")
     if not answers:
         return Check("detector", False, "does not answer; look after the camera, or take a smaller model")
-    rate_hz = (len(answers) - 1) / _MEASURED_S
     doubted = [a.doubt.why for a in answers if a.doubt is not None and a.doubt.why in OF_ITSELF]
     if doubted:
         blind = len(doubted) > len(answers) // 2 and doubted[-1] != REPEATED
@@ -54,8 +53,11 @@ def rehearse(scenario: Scenario, rig: Rig) -> Check:
     return Check("detector", None, f"{said}; enough to cover the area, but targets are seen less often")
 
 
-def _answers(mission: Mission) -> list[Detections]:
-    """The first answer, which takes longer, and those of the following ``_MEASURED_S``."""
+def _answers(mission: Mission) -> tuple[list[Detections], float]:
+    """The first answer, which takes longer, and those of the following ``_MEASURED_S``; their rate.
+
+    The rate is by the vehicle's clock: on a busy computer the ticks take longer than they should.
+    """
     tick_s = 1.0 / mission.scenario.camera.rate_hz
 
     def answers(longest_s: float) -> Iterator[Detections]:
@@ -66,7 +68,12 @@ def _answers(mission: Mission) -> list[Detections]:
                 yield found
 
     first = next(answers(_WARM_UP_S), None)
-    return [] if first is None else [first, *answers(_MEASURED_S)]
+    if first is None:
+        return [], 0.0
+    begun_s = mission.vehicle.state().time_s
+    further = list(answers(_MEASURED_S))
+    lasted_s = max(mission.vehicle.state().time_s - begun_s, _MEASURED_S)
+    return [first, *further], len(further) / lasted_s
 
 
 def _sees(answers: Sequence[Detections]) -> str:

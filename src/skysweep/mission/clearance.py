@@ -7,6 +7,8 @@ looked at from the nearest clear one, as low as possible.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -42,30 +44,34 @@ class Clearance:
         self._looked: tuple[Waypoint, Waypoint | None] | None = None  # the last request, and its answer
 
     def over(
-        self, here_enu_m: F64, to: XY, ground_m: float, waypoint: Waypoint
+        self, here_enu_m: F64, way: Sequence[XY], ground_m: float, waypoint: Waypoint
     ) -> tuple[float, float, float]:
-        """Where to fly now, ENU, on the way to a place, at the waypoint's altitude above ``ground_m``.
+        """Where to fly now, ENU, on a way from place to place, at the waypoint's altitude above ``ground_m``.
 
         Obstacles raise it; if the next metres are not clear, it is straight up.
         """
         x, y, z = here_enu_m.tolist()
         height_m = ground_m + waypoint.altitude_agl_m
         if min(z, height_m) < self._clear_above_m:
-            aim_m, least_m = self._obstacles.heights_along(
-                (x, y),
-                to,
-                self._keep_m,
-                min(self._keep_m, waypoint.altitude_agl_m),
-                _BRAKING_S * waypoint.speed_mps,
-                _CLIMB_SHARE * self._climb_mps / waypoint.speed_mps,
-            )
+            aim_m, least_m, near_m = -math.inf, -math.inf, _BRAKING_S * waypoint.speed_mps
+            for begin, end in pairwise([(x, y), *way]):
+                leg_aim_m, leg_least_m = self._obstacles.heights_along(
+                    begin,
+                    end,
+                    self._keep_m,
+                    min(self._keep_m, waypoint.altitude_agl_m),
+                    near_m,
+                    _CLIMB_SHARE * self._climb_mps / waypoint.speed_mps,
+                )
+                aim_m, least_m = max(aim_m, leg_aim_m), max(least_m, leg_least_m)
+                near_m -= math.dist(begin, end)
             if aim_m > height_m:
                 height_m = aim_m + _ROOM_M
             if z < least_m:
                 self._held_xy = self._held_xy or (x, y)
                 return (*self._held_xy, height_m)
         self._held_xy = None
-        return (*to, height_m)
+        return (*way[0], height_m)
 
     def lookout(self, waypoint: Waypoint) -> Waypoint | None:
         """From where to see the waypoint's place: from there, else beside, else higher; None if nowhere.

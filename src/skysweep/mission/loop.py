@@ -217,7 +217,7 @@ class Flight:
         state, candidates = self._m.vehicle.state(), self._m.tracker.candidates()
         if end is not _ALL_WELL:
             self._looks.give_up(state.time_s)
-            self._notes.left_behind(state.time_s, candidates, self._looks.blind_legs())
+            self._notes.left_behind(state.time_s, end.cause, candidates, self._looks.blind_legs())
             self._desk.give_up(state.time_s)
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
 
@@ -625,14 +625,15 @@ class Flight:
             is_low = z < planned.height_m - ALTITUDE_TOLERANCE_M
             speed_mps = min(waypoint.speed_mps, _CLIMBS_MPS if is_low else planned.speed_mps)
             waypoint = waypoint._replace(speed_mps=speed_mps)
-        to_x, to_y = self._aim((x, y), waypoint)
+        way = self._way((x, y), waypoint, None if planned is None else planned.ahead_xy_enu_m)
+        to_x, to_y = way[0]
         distance = math.hypot(to_x - x, to_y - y)
         share = min(1.0, waypoint.speed_mps * LOOK_AHEAD_S / max(distance, 1e-6))
         ground_at_m = self._m.ground_at_m
         ground = max(ground_at_m(x, y), ground_at_m(x + (to_x - x) * share, y + (to_y - y) * share))
         if planned is not None:
             ground = max(ground, planned.ahead_height_m - waypoint.altitude_agl_m)
-        place = self._clearance.over(state.position_enu_m, (to_x, to_y), ground, waypoint)
+        place = self._clearance.over(state.position_enu_m, way, ground, waypoint)
         yaw_rad = self._m.yaw_rad if waypoint.yaw_rad is None else waypoint.yaw_rad
         pitch_rad = waypoint.gimbal_pitch_rad
         if pitch_rad is None:
@@ -649,15 +650,22 @@ class Flight:
             return None
         return following.at(here, waypoint.xy_enu_m, waypoint.speed_mps * LOOK_AHEAD_S)
 
-    def _aim(self, here: XY, waypoint: Waypoint) -> XY:
-        """Where to fly straight to; round the corner where the waypoint is flown through."""
+    def _way(self, here: XY, waypoint: Waypoint, ahead: XY | None) -> list[XY]:
+        """Where to fly straight to, one after the other.
+
+        First to the place ``ahead`` on a transect; round the corner where the waypoint is flown through.
+        """
         to, then = self._router.next_xy(here, waypoint.xy_enu_m), waypoint.then_xy_enu_m
+        if to != waypoint.xy_enu_m:
+            return [to]
+        if ahead not in (None, to) and self._router.is_straight(here, ahead):
+            return [ahead, to]
         ahead_m = waypoint.speed_mps / POSITION_GAIN - math.dist(here, to)
-        if then is None or to != waypoint.xy_enu_m or ahead_m <= 0.0:
-            return to
+        if then is None or ahead_m <= 0.0:
+            return [to]
         share = min(1.0, ahead_m / max(math.dist(to, then), 1e-6))
         beyond = to[0] + share * (then[0] - to[0]), to[1] + share * (then[1] - to[1])
-        return beyond if self._router.is_straight(here, beyond) else to
+        return [beyond if self._router.is_straight(here, beyond) else to]
 
     def _keep_out(self, state: VehicleState, phase: Phase) -> _Part[VehicleState]:
         """Command nothing while somebody else flies. Returns the state on hand-back or on the ground."""

@@ -49,7 +49,7 @@ class Mission:
     caveat: str = ""  # of what the strategy may believe, for the journal
     replays: bool = True  # deterministic; otherwise snapshots are journaled
     change_battery: Callable[[], None] | None = None  # of a simulated vehicle; None: a person changes it
-    following: Following | None = None  # of the plan's transects, where they have profiles
+    following: Following | None = None  # along the plan's transects
 
     @property
     def return_altitude_agl_m(self) -> float:

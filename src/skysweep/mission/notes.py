@@ -48,6 +48,7 @@ class Notes:
         self._next_state_s = 0.0
         self._listed: set[int] = set()  # scanned candidates
         self._settled: set[int] = set()
+        self._believed: dict[int, float] = {}  # the last probability told of each candidate
         self._alarms: dict[str, Action] = {}
 
     @property
@@ -81,6 +82,8 @@ class Notes:
                 self._settled.add(record["candidate"])
             elif record["kind"] == EventKind.SCANNED:
                 self._listed.add(record["candidate"])
+            if "probability" in record and "candidate" in record:
+                self._believed[record["candidate"]] = record["probability"]
         self._journal.write(max(r["t"] for r in before), "resumed")
 
     def snapshot(
@@ -128,8 +131,12 @@ class Notes:
                 fields["candidate"] = event.candidate_id
                 fields["p"] = event.position_enu_m
                 fields["covariance_m2"] = seen.candidates[event.candidate_id].covariance_m2
+            elif event.position_enu_m is not None:
+                fields["p"] = event.position_enu_m
             if event.probability is not None and 0.0 <= event.probability <= 1.0:
                 fields["probability"] = round(event.probability, 4)
+                if event.candidate_id is not None:
+                    self._believed[event.candidate_id] = round(event.probability, 4)
             if event.kind == EventKind.UNCHECKED:
                 fields["reason"] = event.reason or seen.refused
             elif event.reason:
@@ -176,25 +183,26 @@ class Notes:
         )
 
     def left_behind(
-        self, time_s: float, candidates: dict[int, Candidate], blind: tuple[tuple[XY, XY], ...]
+        self, time_s: float, why: str, candidates: dict[int, Candidate], blind: tuple[tuple[XY, XY], ...]
     ) -> None:
         """What an early end leaves undone: candidates scanned or seen twice, legs flown blind."""
         self._unsearched(time_s, blind, again=False)
         for k, candidate in candidates.items():
             if k in self._listed or len(candidate.confidences) > 1:
-                self._unchecked(time_s, candidate)
+                self._unchecked(time_s, candidate, f"the search ended early ({why})")
 
     def left_outside(self, time_s: float, candidates: Sequence[Candidate]) -> None:
         """Candidates outside the area, which are not checked."""
         for candidate in candidates:
-            self._unchecked(time_s, candidate, reason=OUTSIDE)
+            self._unchecked(time_s, candidate, OUTSIDE)
 
-    def _unchecked(self, time_s: float, candidate: Candidate, **why: str) -> None:
+    def _unchecked(self, time_s: float, candidate: Candidate, reason: str) -> None:
         if candidate.id not in self._settled:
             self._settled.add(candidate.id)
-            self._journal.write(
-                time_s, EventKind.UNCHECKED, candidate=candidate.id, **_place(candidate), **why
-            )
+            fields: dict[str, object] = {"candidate": candidate.id, **_place(candidate), "reason": reason}
+            if candidate.id in self._believed:
+                fields["probability"] = self._believed[candidate.id]
+            self._journal.write(time_s, EventKind.UNCHECKED, **fields)
 
     def end(self, time_s: float, reason: str, witness: Witness | None, landed: bool) -> None:
         """Clearance from obstacles, if simulated; whether it landed; why the mission ended."""

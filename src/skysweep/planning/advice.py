@@ -16,6 +16,7 @@ from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
 from skysweep.scenarios.model import DEFAULT_SIZE_M, MAX_TREES, Building, Scenario, TargetClass
 from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
+from skysweep.worlds.weather import sine_of_declination
 from skysweep.worlds.world import (
     classes_of,
     elevation_of,
@@ -23,6 +24,7 @@ from skysweep.worlds.world import (
     ground_picture_of,
     land_cover_of,
     mapped_buildings,
+    notes_on_buildings,
 )
 
 UNSEEN_BELOW_PX = 8.0  # a small detector finds next to nothing on fewer pixels
@@ -31,6 +33,7 @@ WISHED_AT_CHECK_PX = 30.0  # from here on a detector tells a target from what lo
 _WORTH_SAYING = 0.005  # of the area
 _ALTITUDE_OFF_M = 15.0
 _FOOT_M, _LIKE_FEET = 0.3048, 0.03
+_DECLINATION_MAX_DEG = 24.0  # the sun's is 23.4, and scenarios are rounded
 _RASTER = 316  # points across an area
 
 
@@ -51,6 +54,7 @@ def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = N
         *_about_footprints(scenario),
         *_about_obstacles(scenario),
         *_about_speeds(scenario),
+        *_about_sun(scenario),
     ]
 
 
@@ -113,12 +117,11 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
         yield from dem.notes
         told_m, is_m = scenario.home.altitude_amsl_m, dem.home_amsl_m
         if abs(told_m - is_m) > _ALTITUDE_OFF_M:
-            low, high = sorted([abs(told_m), abs(is_m)])
-            in_feet = low > 0.0 and abs(high / low * _FOOT_M - 1.0) < _LIKE_FEET
-            yield (
-                f"home.altitude_amsl_m: is {told_m:g} m, but terrain.dem has {is_m:.1f} m there; "
-                + ("one of them is probably in feet, see terrain.dem_unit" if in_feet else "write that")
+            in_feet = told_m != 0.0 and abs(is_m / told_m * _FOOT_M - 1.0) < _LIKE_FEET
+            cure = (
+                "its heights are probably in feet: write terrain.dem_unit: feet" if in_feet else "write that"
             )
+            yield (f"home.altitude_amsl_m: is {told_m:g} m, but terrain.dem has {is_m:.1f} m there; {cure}")
     if cover is not None:
         yield from cover.notes
         grown = sum(wanted_trees(cover, classes_of(scenario)))
@@ -127,6 +130,7 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
                 f"terrain.land_cover: grows {grown:,.0f} trees, of which {MAX_TREES:,} are drawn, so that "
                 "woods are thinner than they are; search a smaller area, or write fewer trees_per_hectare"
             )
+    yield from notes_on_buildings(scenario)
     if picture is not None:
         ground_m2 = shapely.box(*ground_bounds(scenario)).area
         share = shapely.box(*picture.bounds_enu_m).area / ground_m2
@@ -137,6 +141,18 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
                 "terrain.orthophoto: has no overviews, so that looks from high up read much of the file; "
                 "add them with  gdaladdo"
             )
+
+
+def _about_sun(scenario: Scenario) -> Iterator[str]:
+    """A thermal camera sees the day behind the moment, which there is only of a sun that there may be."""
+    light, latitude_deg = scenario.light, scenario.home.latitude_deg
+    sine = sine_of_declination(light, math.radians(latitude_deg))
+    if scenario.camera.kind == "thermal" and abs(sine) > math.sin(math.radians(_DECLINATION_MAX_DEG)):
+        yield (
+            f"light.sun_elevation_deg: the sun never stands {light.sun_elevation_deg:g} degrees high at "
+            f"light.sun_heading_deg {light.sun_heading_deg:g} at home's latitude ({latitude_deg:.1f}), so "
+            "temperatures are those of no real day; write both as  skysweep plan --at  prints them"
+        )
 
 
 def _about_resolution(scenario: Scenario) -> Iterator[str]:

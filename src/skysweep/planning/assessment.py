@@ -62,6 +62,8 @@ class Assessment:
                 f"safety.altitude_max_agl_m ({ceiling_m:g}), which ends the mission; fly slower or lower, "
                 "write another search.transect_heading_deg, or raise the ceiling"
             )
+        if self.scenario.camera.kind == "thermal":
+            return
         if self.is_night:
             yield "--at: the sun is below the horizon, and the camera sees nothing; fly by day"
         elif self.sun.elevation_deg < LOW_DEG:

@@ -237,7 +237,10 @@ def _path(plan: CoveragePlan, scenario: Scenario) -> tuple[F64, Spent]:
 
 def _drawn_plan(scenario: Scenario, path: str) -> CoveragePlan:
     altitude = scenario.search.scan_altitude_agl_m
-    drawn = read_plan(path)
+    try:
+        drawn = read_plan(path)
+    except UserError as error:
+        raise UserError(f"search.plan: {error}") from None
     sea_level_m = scenario.home.altitude_amsl_m
     for point in drawn.waypoints:
         height = point.altitude_m - (sea_level_m if point.above == "sea level" else 0.0)

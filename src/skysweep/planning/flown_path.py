@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from skysweep.arrays import F64
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.planning.following import LOOK_AHEAD_S, ground_along
-from skysweep.planning.sight import ray_step_m
+from skysweep.planning.sight import height_over_ground
 from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
-from skysweep.worlds.world import TerrainSurface, bilinear_at
+from skysweep.worlds.world import TerrainSurface
 
 ANTENNA_M = 2.0  # above home, without a mast
 
@@ -98,7 +98,7 @@ def hidden_from(mast: F64, path: FlownPath, terrain: TerrainSurface) -> NDArray[
     if terrain.is_flat:
         return np.zeros(len(path.height_m), dtype=bool)
     places = np.column_stack([path.xy_enu_m, path.height_m])
-    return _hidden(terrain.heights_m, terrain.bounds_enu_m, ray_step_m(terrain), mast, places)
+    return _hidden(terrain.heights_m, terrain.bounds_enu_m, mast, places)
 
 
 @njit(cache=True)
@@ -113,19 +113,10 @@ def _follow(wanted: F64, least: F64, begin: float, climb: float, sink: float) ->
 
 @njit(cache=True)
 def _hidden(
-    heights: F64, bounds: tuple[float, float, float, float], ray_step: float, mast: F64, places: F64
+    heights: F64, bounds: tuple[float, float, float, float], mast: F64, places: F64
 ) -> NDArray[np.bool_]:
     hidden = np.zeros(len(places), dtype=np.bool_)
-    highest = heights.max()
     for k in range(len(places)):
-        dx, dy, dz = places[k, 0] - mast[0], places[k, 1] - mast[1], places[k, 2] - mast[2]
-        pieces = math.ceil(math.hypot(dx, dy) / ray_step)
-        for i in range(1, pieces):
-            share = i / pieces
-            z = mast[2] + share * dz
-            if dz > 0.0 and z > highest:
-                break
-            if bilinear_at(heights, bounds, mast[0] + share * dx, mast[1] + share * dy) > z:
-                hidden[k] = True
-                break
+        x, y, z = places[k]
+        hidden[k] = height_over_ground(heights, bounds, mast, x, y, -math.inf, z) > z
     return hidden

@@ -26,6 +26,8 @@ HIGHER = 1.25  # than it scans from: slower, or another transect, before it flie
 STATION_M = 5.0  # along a leg
 LOOK_AHEAD_S = 2.0  # of terrain, in flight
 BESIDE_M = 10.0  # of a transect: farther away, its heights say nothing
+_NEAR_M = 50.0  # from here a vehicle on its way to a transect's end flies onto it
+_LONG_M = 250.0  # shorter ones over level ground are flown straight to their end
 _RATE_SHARE = 0.8  # of the climb and descent speed that is planned with
 _SLOWEST = 0.2  # of the scan speed
 _SPEEDS = 8  # tried, from the scan speed to the slowest
@@ -69,19 +71,31 @@ class Planned(NamedTuple):
     height_m: float  # ENU
     ahead_height_m: float  # ENU, the highest of the way ahead
     speed_mps: float
+    ahead_xy_enu_m: XY | None = None  # a place of the transect ahead, to fly to
 
 
 class Following:
-    """The profiles of a plan's transects, for a vehicle on its way along them."""
+    """A plan's transects and their profiles, for a vehicle on its way along them.
 
-    def __init__(self, profiles: Sequence[LegProfile], climb_speed_mps: float) -> None:
+    The vehicle flies to a place ahead on a transect (pure pursuit): wind and the turn before bow the straight
+    way to a far end. Over level ground that is done for transects of ``_LONG_M`` or more.
+    """
+
+    def __init__(
+        self, transects: Sequence[F64], profiles: Sequence[LegProfile], climb_speed_mps: float
+    ) -> None:
         self._climb_mps = _RATE_SHARE * climb_speed_mps
+        profile_of = {profile.leg_xy_enu_m.tobytes(): profile for profile in profiles}
         self._starts: dict[XY, LegProfile] = {}
-        self._ends: dict[XY, list[LegProfile]] = {}
-        for profile in profiles:
-            (x, y), (to_x, to_y) = profile.leg_xy_enu_m.tolist()
-            self._starts[x, y] = profile
-            self._ends.setdefault((to_x, to_y), []).append(profile)
+        self._ends: dict[XY, list[tuple[F64, LegProfile | None]]] = {}
+        for transect in transects:
+            leg = np.ascontiguousarray(transect)
+            (x, y), (to_x, to_y) = leg.tolist()
+            profile = profile_of.get(leg.tobytes())
+            if profile is not None:
+                self._starts[x, y] = profile
+            if profile is not None or math.dist((x, y), (to_x, to_y)) >= _LONG_M:
+                self._ends.setdefault((to_x, to_y), []).append((leg, profile))
 
     def at(self, here: XY, to: XY, ahead_m: float) -> Planned | None:
         """On the way to a transect's end, or to its start; None elsewhere.
@@ -90,25 +104,35 @@ class Following:
         valleys may lie in between.
         The speed is that of half of the way ahead, for a vehicle that takes its time to slow down.
         """
-        for profile in self._ends.get(to, ()):
-            x, y, share = foot_point(profile.leg_xy_enu_m, *here)
-            if math.dist(here, (x, y)) <= BESIDE_M:
-                stations = np.arange(len(profile.height_m))
-                step_m = max(profile.length_m / stations[-1], 1e-9)
-                at = np.minimum(
-                    share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1]
-                )
-                heights = np.interp(at, stations, profile.height_m)
-                between = profile.height_m[math.ceil(at[0]) : math.floor(at[2]) + 1]
-                highest_m = between.max(initial=heights.max())
-                speed_mps = np.interp(at[1], stations, profile.speed_mps)
-                return Planned(float(heights[0]), float(highest_m), float(speed_mps))
+        for leg, profile in self._ends.get(to, ()):
+            x, y, share = foot_point(leg, *here)
+            away_m = math.dist(here, (x, y))
+            if away_m > _NEAR_M:
+                continue
+            if profile is None or away_m > BESIDE_M:
+                return Planned(-math.inf, -math.inf, math.inf, _place_at(leg, share, ahead_m))
+            stations = np.arange(len(profile.height_m))
+            step_m = max(profile.length_m / stations[-1], 1e-9)
+            at = np.minimum(share * stations[-1] + np.array([0.0, 0.5, 1.0]) * ahead_m / step_m, stations[-1])
+            heights = np.interp(at, stations, profile.height_m)
+            between = profile.height_m[math.ceil(at[0]) : math.floor(at[2]) + 1]
+            highest_m = between.max(initial=heights.max())
+            speed_mps = float(np.interp(at[1], stations, profile.speed_mps))
+            ahead = _place_at(leg, share, min(ahead_m, LOOK_AHEAD_S * speed_mps))
+            return Planned(float(heights[0]), float(highest_m), speed_mps, ahead)
         begun = self._starts.get(to)
         if begun is None:
             return None
         left_m = max(0.0, math.dist(here, to) - ahead_m)
         climb_m = self._climb_mps * LOOK_AHEAD_S * left_m / max(ahead_m, 1e-9)
         return Planned(-math.inf, float(begun.height_m[0]) - climb_m, math.inf)
+
+
+def _place_at(leg: F64, share: float, ahead_m: float) -> XY:
+    """The place of a leg (2, 2) so far ahead of a share of it; its end at the latest."""
+    (x, y), (to_x, to_y) = leg.tolist()
+    share += ahead_m / max(math.dist((x, y), (to_x, to_y)), 1e-9)
+    return (to_x, to_y) if share >= 1.0 else (x + share * (to_x - x), y + share * (to_y - y))
 
 
 def profiles_of(

@@ -23,8 +23,8 @@ from skysweep.worlds.obstacles import Obstacles, known_obstacles
 from skysweep.worlds.world import elevation_of, ground_picture_of, land_cover_of, mapped_buildings
 
 _CAMERA = {"width_px": 3840, "height_px": 2160, "hfov_rad": 1.2, "rate_hz": 2.0}
-_LARGE_M = 3.0  # a target that spans enough pixels without tiles
 _VEHICLE = {"cruise_speed_mps": 10.0, "battery_wh": 400.0}
+_DETECTOR = {"rate_hz": 0.5}
 _SCAN_PX, _CHECK_PX = 24.0, 110.0
 _HIGHEST_SCAN_M = 80.0
 _OVER_TREES_M = 8.0
@@ -80,12 +80,7 @@ def draft_scenario(
     if dem_unit is not None:
         fields["terrain"]["dem_unit"] = dem_unit
     fields["generators"] = [{"class": target, "pattern": "uniform", "count": _TARGETS, "seed": None}]
-    tiles = 1 if DEFAULT_SIZE_M[target] >= _LARGE_M else 2
-    fields |= {
-        "camera": dict(_CAMERA),
-        "vehicle": dict(_VEHICLE),
-        "detector": {"rate_hz": 1.0, "tiles": tiles},
-    }
+    fields |= {"camera": dict(_CAMERA), "vehicle": dict(_VEHICLE), "detector": dict(_DETECTOR)}
 
     def scenario_of(text: str) -> Scenario:
         return with_paths_beside(parse_scenario(text, str(out), folder), folder)
@@ -96,7 +91,7 @@ def draft_scenario(
     ground = elevation_of(scenario_of(dump_yaml(fields)))
     assert ground is not None
     fields["home"]["altitude_amsl_m"] = round(ground.home_amsl_m, 1)
-    fields["search"] = _search(target, known_obstacles(scenario_of(dump_yaml(fields))))
+    fields["search"] = _search(target, scenario_of(dump_yaml(fields)))
     _, estimate = plan_scenario(scenario_of(dump_yaml(fields)))
     fields["vehicle"]["batteries"] = estimate.batteries + 1  # checks take theirs
     text = _HEADER.format(name=out.name) + dump_yaml(fields)
@@ -109,6 +104,7 @@ class Understood:
 
     dem_crs: str
     dem_pixel_m: float
+    dem_states_unit: bool  # of its heights; else metres are assumed
     lowest_amsl_m: float
     highest_amsl_m: float
     filled: float  # share of the ground without a height in the file
@@ -135,6 +131,7 @@ def understood(scenario: Scenario) -> Understood:
     return Understood(
         dem.source.crs.name,
         dem.source.pixel_m,
+        dem.states_unit,
         float(dem.heights_m.min()) + dem.home_amsl_m,
         float(dem.heights_m.max()) + dem.home_amsl_m,
         dem.filled,
@@ -147,8 +144,13 @@ def understood(scenario: Scenario) -> Understood:
     )
 
 
-def _search(target: str, obstacles: Obstacles) -> dict[str, float]:
-    """Heights from which the smallest target spans enough pixels, above all trees; n_c as in the examples."""
+def _search(target: str, scenario: Scenario) -> dict[str, float]:
+    """Heights from which the smallest target spans enough pixels, above all trees; n_c as in the examples.
+
+    The scan is as fast as the vehicle keeps up against the wind.
+    """
+    obstacles = known_obstacles(scenario)
+    against_wind_mps = scenario.safety.air_speed_max_mps - scenario.wind.mean_speed_mps
     focal_px = _CAMERA["width_px"] / 2 / math.tan(_CAMERA["hfov_rad"] / 2)
     size_m = DEFAULT_SIZE_M[target]
     tops_m = obstacles.solids[:, 8] - obstacles.terrain.height_m(obstacles.solids[:, :2])
@@ -159,7 +161,7 @@ def _search(target: str, obstacles: Obstacles) -> dict[str, float]:
         "n_c": 3.0,
         "scan_altitude_agl_m": float(scan_m),
         "check_altitude_agl_m": float(check_m),
-        "scan_speed_mps": 10.0,
+        "scan_speed_mps": math.floor(10.0 * min(scenario.vehicle.cruise_speed_mps, against_wind_mps)) / 10.0,
         "check_speed_mps": 4.0,
     }
 

@@ -21,7 +21,6 @@ from skysweep.worlds.world import TerrainSurface, bilinear_at
 
 CELLS_ACROSS = 16  # a swath
 _MAX_CELLS = 2_000_000
-_RAYS_PER_POST = 2.0  # samples on a line of sight, for each post of the ground's grid that it passes
 _TOUCHES_M = 0.02  # of ground beside a line of sight that does not hide
 
 
@@ -79,13 +78,6 @@ def nearest_transects(cells: GroundCells, legs_xy_enu_m: F64, reach_m: float) ->
 def least_heights(terrain: TerrainSurface, view: View, places_enu_m: F64, stations_xy_enu_m: F64) -> F64:
     """Heights ENU (N,) above stations (N, 2) from which places (N, 3) on the ground are seen."""
     return _least_heights(terrain.heights_m, terrain.bounds_enu_m, view, places_enu_m, stations_xy_enu_m)
-
-
-def ray_step_m(terrain: TerrainSurface) -> float:
-    """Between the samples of a line of sight."""
-    west, south, east, north = terrain.bounds_enu_m
-    rows, columns = terrain.heights_m.shape
-    return float(min((east - west) / (columns - 1), (north - south) / (rows - 1)) / _RAYS_PER_POST)
 
 
 @njit(cache=True)
@@ -147,17 +139,35 @@ def least_height(
 ) -> float:
     """Height above (x, y) from which a place (3,) is in the picture and not behind other ground.
 
+    Beyond ``enough`` it is any height above that.
+    """
+    dx, dy = x - place[0], y - place[1]
+    along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
+    in_picture = place[2] + max(along / view.along, across / view.across)
+    return height_over_ground(heights, bounds, place, x, y, in_picture, enough)
+
+
+@njit(cache=True)
+def height_over_ground(
+    heights: F64,
+    bounds: tuple[float, float, float, float],
+    place: F64,
+    x: float,
+    y: float,
+    least: float,
+    enough: float,
+) -> float:
+    """Height above (x, y), at least ``least``, from which no ground hides a place (3,) on or above it.
+
     Beyond ``enough`` it is any height above that. Ground between four posts is bilinear, a parabola along the
     line of sight, so the crossings of the posts' grid and one place between two of them tell all.
     """
     dx, dy = x - place[0], y - place[1]
-    along, across = abs(dx * view.east + dy * view.north), abs(dy * view.east - dx * view.north)
-    least = place[2] + max(along / view.along, across / view.across)
     west, south, east, north = bounds
     rows, columns = heights.shape
     next_x, every_x = _crossings(place[0] - west, dx, (east - west) / (columns - 1))
     next_y, every_y = _crossings(place[1] - south, dy, (north - south) / (rows - 1))
-    begin, ground = 0.0, place[2]
+    begin, ground = 0.0, bilinear_at(heights, bounds, place[0], place[1])
     while begin < 1.0 and least <= enough:
         end = min(next_x, next_y, 1.0)
         middle = 0.5 * (begin + end)

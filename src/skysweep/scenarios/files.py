@@ -19,7 +19,7 @@ from skysweep.files.models import validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.files.writing import replace_file
-from skysweep.scenarios.model import Scenario
+from skysweep.scenarios.model import OWN_DETECTORS, Scenario
 
 _OURS = "shipped:"
 _OF_TERRAIN = ("dem", "land_cover", "orthophoto")
@@ -98,6 +98,8 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     None leaves a field unchanged. Raises UserError if a field is unknown or the result is no valid scenario.
     """
     data = scenario.model_dump(by_alias=True)
+    if changes.get("camera.kind", scenario.camera.kind) != scenario.camera.kind:
+        _leave_open(data, scenario)
     for dotted, value in changes.items():
         if value is not None:
             *parents, field = dotted.split(".")
@@ -108,6 +110,15 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
                     f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
                 ) from None
     return validated(Scenario, _with_area_read(data, scenario.name, Path()), scenario.name)
+
+
+def _leave_open(data: dict[str, Any], scenario: Scenario) -> None:
+    """Take out what is usual for the kind of its camera, so that another kind has its own."""
+    kind = scenario.camera.kind
+    usual = type(scenario.camera)(kind=kind).model_dump(by_alias=True)
+    data["camera"] = {k: v for k, v in data["camera"].items() if k not in usual or v != usual[k]}
+    if data["detector"]["model"] == OWN_DETECTORS[kind]:
+        del data["detector"]["model"]
 
 
 def dump_scenario(scenario: Scenario) -> str:

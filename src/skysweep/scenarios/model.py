@@ -7,7 +7,9 @@ an area may be given in latitude/longitude instead. ``Scenario.model_json_schema
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
@@ -37,8 +39,10 @@ MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
 ALTITUDE_TOLERANCE_M = 0.8  # within which a height is kept: PX4 NAV_MC_ALT_RAD
 MAX_CURRENT_MPS = 10.0
+SUN_LEAST_DEG = 3.0  # elevation, for visible pictures
 MARGIN_M = 60.0  # of world around the area, so that pictures near the edge are not empty
 
+CameraKind = Literal["visible", "thermal"]
 TargetClass = Literal["stop sign", "person", "boat"]
 DistractorClass = Literal[
     "red bucket", "red round sign", "rock", "stump", "clothing", "buoy", "sheep", "deer", "dog"
@@ -67,6 +71,12 @@ DEFAULT_SIZE_M: dict[str, float] = {
 }
 SIZE_OF_AGE_M: dict[Age, float] = {"child": 1.2, "teenager": 1.55, "adult": 1.75}  # 6, 13 years; grown up
 DEFAULT_POSE: dict[str, str] = {"person": "lying"}
+SHARE_FROM_ABOVE = {  # of its size that an object spans in a pose, seen straight down; all of it in others
+    **dict.fromkeys(("standing", "walking", "waving"), 0.3),  # shoulders against body height
+    "floating": 0.4,  # head, shoulders and arms
+    "sitting": 0.55,  # from the back to the feet, or to the head
+    "crouching": 0.42,
+}
 USUAL_POSES = ("face-up", "standing", "lying", "floating")  # what is believed where a scenario says nothing
 
 _OF_FILES = {
@@ -78,6 +88,8 @@ _OF_FILES = {
     "buildings_file",
     "roads_file",
 }
+
+_OF_HEAT = ("air_temperature_c", "cloud_cover")
 
 PointXY = tuple[float, float]
 ObjectSpeed = Annotated[float, Field(gt=0, le=20, description="A walking adult: 1.4")]
@@ -199,7 +211,7 @@ class Terrain(Model):
         description="What the classes of land_cover are; default: those of ESA WorldCover",
     )
     orthophoto: str | None = Field(
-        None, description="The ground's picture, a GeoTIFF in any CRS with colours of 8 bits"
+        None, description="The ground's picture, a GeoTIFF in any CRS with colours of 8 or 16 bits"
     )
 
     @model_serializer(mode="wrap")
@@ -429,9 +441,21 @@ class Wind(Model):
 class Light(Model):
     """Sun and air."""
 
-    sun_elevation_deg: float = Field(45.0, ge=3, le=90)
+    sun_elevation_deg: float = Field(
+        45.0, ge=-90, le=90, description=f"A visible camera needs {SUN_LEAST_DEG:g} or more; below 0 is night"
+    )
     sun_heading_deg: float = Field(150.0, ge=0, lt=360, description="Direction of the sun")
     visibility_m: float = Field(3000.0, ge=50, description="Haze hides everything farther away")
+    air_temperature_c: float = Field(15.0, ge=-40, le=50, description="Seen by a thermal camera only")
+    cloud_cover: float = Field(
+        0.0, ge=0, le=1, description="Of the past day: less sun, less cold at night; thermal camera only"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Light for a visible camera has the same keys as before there were these fields."""
+        of_heat = {name: type(self).model_fields[name].default for name in _OF_HEAT}
+        return {k: v for k, v in write(self).items() if k not in of_heat or v != of_heat[k]}
 
 
 class VehicleLimits(Model):
@@ -489,14 +513,22 @@ class Gimbal(Model):
 
 
 class CameraModel(Model):
-    """Camera; the default is that of PX4's Typhoon H480 in Gazebo."""
+    """Camera; the default is that of PX4's Typhoon H480 in Gazebo.
 
+    A thermal camera sees the long-wave infrared, white hot; its defaults are those of a common core, 640 x
+    512 pixels of 12 um behind 13.5 mm.
+    """
+
+    kind: CameraKind = Field("visible", description="thermal: other defaults, see docs/thermal.md")
     width_px: int = Field(640, ge=64, le=8192)
     height_px: int = Field(360, ge=64, le=8192)
     hfov_rad: float = Field(2.0, gt=0.02, lt=3.0, description="Horizontal field of view")
     rate_hz: float = Field(10.0, ge=0.1, le=60, description="Pictures a second")
     exposure_s: float = Field(1 / 500, gt=0, le=0.1, description="Longer: brighter but blurred in motion")
-    noise_std: float = Field(2.0, ge=0, le=50, description="Grey levels (0..255)")
+    noise_std: float = Field(2.0, ge=0, le=50, description="Grey levels (0..255); of a visible camera")
+    netd_k: float = Field(
+        0.05, ge=0, le=2, description="Noise of a thermal camera, as a temperature difference (NETD)"
+    )
     jpeg_quality: int = Field(90, ge=10, le=100)
     latency_s: float = Field(0.2, ge=0, le=5, description="From exposure until the detection arrives")
     pose_delay_s: float = Field(
@@ -504,25 +536,60 @@ class CameraModel(Model):
     )
     gimbal: Gimbal = Gimbal()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_its_kind(cls, data: Any) -> Any:
+        is_thermal = isinstance(data, dict) and data.get("kind") == "thermal"
+        return {**_THERMAL_CAMERA, **data} if is_thermal else data
+
+    @model_validator(mode="after")
+    def _noise_of_its_kind(self) -> CameraModel:
+        other, own = ("netd_k", "noise_std") if self.kind == "visible" else ("noise_std", "netd_k")
+        if getattr(self, other) != type(self).model_fields[other].default:
+            raise ValueError(f"{other}: is not of a {self.kind} camera; delete it, or write {own}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_other_kinds(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A visible camera has the same keys as before there was another."""
+        left_out = ("kind", "netd_k") if self.kind == "visible" else ("noise_std",)
+        return {k: v for k, v in write(self).items() if k not in left_out}
+
     @property
     def lens(self) -> Lens:
         """The lens as the geometry module wants it."""
         return Lens(self.width_px, self.height_px, self.hfov_rad)
 
 
+OWN_DETECTORS: dict[CameraKind, str] = {
+    "visible": "skysweep",
+    "thermal": "skysweep-thermal",
+}  # by the kind of the camera
+_THERMAL_CAMERA = {"width_px": 640, "height_px": 512, "hfov_rad": 0.554, "exposure_s": 0.01}
+
+
 class DetectorModel(Model):
     """Which detector, and how often it looks."""
 
-    model: str = Field("skysweep", description="'skysweep' (ours, shipped) or the path of an ONNX file")
+    model: str = Field(
+        "skysweep",
+        description="'skysweep', for a thermal camera 'skysweep-thermal' (ours, shipped), or the path of an "
+        "ONNX file",
+    )
     rate_hz: float = Field(2.5, ge=0.1, le=60, description="Looks a second, at most the camera's rate")
     confidence_min: float = Field(0.25, ge=0.01, le=0.99, description="Detections below are dropped")
     iou_max: float = Field(0.5, gt=0, le=1, description="Boxes of one class that overlap more are one thing")
-    tiles: int = Field(1, ge=1, le=8, description="Split the picture into tiles x tiles")
+    tiles: int = Field(
+        1, ge=1, le=8, description="Split the picture into tiles x tiles, each scaled to the model's input"
+    )
     boxes: Literal["pixels", "normalised"] | None = Field(
         None, description="What the model's boxes are measured in, where its file leaves that open"
     )
     pixels: Literal["0..255", "0..1", "imagenet"] | None = Field(
         None, description="What pixel values the model takes, if not those of its family's exports"
+    )
+    channels: Literal["rgb", "bgr"] | None = Field(
+        None, description="The order of the pixels' channels, if not that of its family's exports"
     )
     statistical_model: str | None = Field(
         None,
@@ -532,7 +599,8 @@ class DetectorModel(Model):
     @model_serializer(mode="wrap")
     def _without_what_is_open(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """A scenario that leaves them open has the same keys as before there were these fields."""
-        return {k: v for k, v in write(self).items() if k not in ("boxes", "pixels") or v is not None}
+        may_be_open = ("boxes", "pixels", "channels")
+        return {k: v for k, v in write(self).items() if k not in may_be_open or v is not None}
 
 
 PositiveOrInf = Annotated[float, Field(gt=0, allow_inf_nan=True)]
@@ -768,6 +836,28 @@ class Scenario(Model):
         """A scenario without files is written as before there were any."""
         return {k: v for k, v in write(self).items() if k not in _OF_FILES or v is not None}
 
+    @model_validator(mode="before")
+    @classmethod
+    def _detector_of_the_camera(cls, data: Any) -> Any:
+        """Without ``detector.model``, that of the camera's kind."""
+        if not isinstance(data, dict):
+            return data
+        camera, detector = data.get("camera"), data.get("detector", {})
+        kind = camera.get("kind") if isinstance(camera, dict) else getattr(camera, "kind", None)
+        if kind == "thermal" and isinstance(detector, dict):
+            return {**data, "detector": {"model": OWN_DETECTORS["thermal"], **detector}}
+        return data
+
+    @model_validator(mode="after")
+    def _detector_sees_the_camera(self) -> Scenario:
+        kind, model = self.camera.kind, self.detector.model
+        if model in OWN_DETECTORS.values() and model != OWN_DETECTORS[kind]:
+            raise ValueError(
+                f"detector.model: {model} does not know the pictures of a {kind} camera; write "
+                f"{OWN_DETECTORS[kind]} or the path of an ONNX file"
+            )
+        return self
+
     @property
     def frame(self) -> LocalFrame:
         """The ENU frame. Altitudes are AMSL throughout (no geoid model: the origin's own is kept)."""
@@ -853,6 +943,16 @@ class Scenario(Model):
         return self
 
     @model_validator(mode="after")
+    def _is_light_enough(self) -> Scenario:
+        elevation = self.light.sun_elevation_deg
+        if self.camera.kind == "visible" and elevation < SUN_LEAST_DEG:
+            raise ValueError(
+                f"light.sun_elevation_deg: is {elevation:g}; write {SUN_LEAST_DEG:g} or more, or "
+                "camera.kind: thermal"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _can_be_placed(self) -> Scenario:
         area = self.area_enu_m
         for index, generator in enumerate(self.generators):
@@ -900,31 +1000,42 @@ class Scenario(Model):
         return tuple(sorted(kinds)) or classes
 
     def pixels_on_target(self, altitude_agl_m: float) -> float:
-        """Pixels that the smallest target spans, seen straight down from ``altitude_agl_m``."""
-        size = min(low for low, _ in self.target_sizes_m.values())
-        return float(np.asarray(self.camera.lens.pixels_on_target(size, altitude_agl_m)))
+        """Pixels that the smallest target spans in its pose, seen straight down from ``altitude_agl_m``."""
+        return float(np.asarray(self.camera.lens.pixels_on_target(self.smallest_extent_m, altitude_agl_m)))
+
+    @property
+    def smallest_extent_m(self) -> float:
+        """What the smallest target spans in its pose, seen straight down."""
+        return min(SHARE_FROM_ABOVE.get(pose, 1.0) * size_m for _, pose, size_m in self._searched())
 
     @property
     def target_poses(self) -> dict[str, tuple[str, ...]]:
         """Poses of the searched objects, by class."""
-        found: dict[str, tuple[str, ...]] = {}
-        for kind in self.target_classes:
-            usual = DEFAULT_POSE.get(kind, "face-up")
-            told: list[str] = [t.pose or usual for t in self.targets if t.kind == kind]
-            told += [p for g in self.generators if g.kind == kind for p in (*(g.poses or ()),) or (usual,)]
-            found[kind] = tuple(sorted(set(told or [usual])))
-        return found
+        return {
+            kind: tuple(sorted({pose for other, pose, _ in self._searched() if other == kind}))
+            for kind in self.target_classes
+        }
 
     @property
     def target_sizes_m(self) -> dict[str, tuple[float, float]]:
         """Smallest and largest size of the searched objects, by class."""
         found: dict[str, tuple[float, float]] = {}
         for kind in self.target_classes:
-            told = [t.size_m for t in self.targets if t.kind == kind]
-            told += [size for g in self.generators if g.kind == kind for size in g.sizes_m]
-            sizes = [size or DEFAULT_SIZE_M[kind] for size in told] or [DEFAULT_SIZE_M[kind]]
+            sizes = [size_m for other, _, size_m in self._searched() if other == kind]
             found[kind] = min(sizes), max(sizes)
         return found
+
+    def _searched(self) -> Iterator[tuple[str, str, float]]:
+        """Class, pose and size of what is searched for; the usual ones where nothing is told."""
+        for kind in self.target_classes:
+            told: list[tuple[str | None, float | None]] = [
+                (t.pose, t.size_m) for t in self.targets if t.kind == kind
+            ]
+            for g in self.generators:
+                if g.kind == kind:
+                    told += itertools.product(g.poses or (None,), g.sizes_m)
+            for pose, size_m in told or [(None, None)]:
+                yield kind, pose or DEFAULT_POSE.get(kind, "face-up"), size_m or DEFAULT_SIZE_M[kind]
 
     def with_search(self, **changes: Any) -> Scenario:
         """A copy with other search parameters, validated again."""

@@ -1,7 +1,8 @@
 """Whether a camera shows what lies below its estimated place.
 
 Every picture is judged by itself (repeated, black, white, out of focus) and by how the ground moved since
-the ones before (docs/safety.md lists what that detects). Without texture or overlap nothing is judged.
+the ones before (docs/safety.md lists what that detects). Without texture or overlap nothing is judged. The
+motion in a thermal camera's pictures is not: one warm straight edge outshines all texture there.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import cv2
 import numpy as np
 
 from skysweep.arrays import F64
+from skysweep.scenarios.model import CameraKind
 from skysweep.sensing.ground_motion import GroundMotion, View, looks_down, motion, view_of
 from skysweep.types import U8, Doubt, Frame
 from skysweep.worlds.obstacles import Obstacles
@@ -55,11 +57,19 @@ class _Step(NamedTuple):
     moved: GroundMotion
     off_m: float  # what is explained whatever the duration
     relief: float  # the share by which what stands on the ground may seem faster
+    shows_tops_again: bool  # both pictures show what stands highest, wherever it is
     drift_mps: float  # of the surface itself
 
     @property
     def is_rough(self) -> bool:
         return self.relief > _ROUGH
+
+    @property
+    def is_strange(self) -> bool:
+        """Whether the two pictures do not show the same place."""
+        if self.drift_mps or (self.is_rough and not self.shows_tops_again):
+            return False
+        return self.moved.alike < (_STRANGE_ROUGH if self.is_rough else _STRANGE)
 
 
 class _Fault(NamedTuple):
@@ -82,8 +92,9 @@ class _Fault(NamedTuple):
 class CameraWatch:
     """Judges the pictures of one camera, in their order. Deterministic; keeps a few small pictures."""
 
-    def __init__(self, obstacles: Obstacles) -> None:
+    def __init__(self, obstacles: Obstacles, kind: CameraKind = "visible") -> None:
         self._obstacles = obstacles
+        self._compares = kind == "visible"
         self._drift_mps = _WAVES_MPS if obstacles.terrain.surface == "water" else 0.0
         self._image: U8 | None = None
         self._fresh_s = self._repeated_s = -math.inf
@@ -115,7 +126,7 @@ class CameraWatch:
         self._take_pitch(frame.camera.pitch_rad)
         if self._blurs(view.sharpness):
             return Doubt(BLURRED, frame.time_s)
-        if looks_down(view.lens, view.camera):
+        if self._compares and looks_down(view.lens, view.camera):
             if stood_s >= _STALL_S:
                 self._doubt("stood still and may be late now", frame.time_s)
             self._compare(view)
@@ -141,11 +152,7 @@ class CameraWatch:
         step = self._step(self._before, view)
         self._before = view
         self._steps.append(step)
-        if (
-            step is not None
-            and not step.drift_mps
-            and step.moved.alike < (_STRANGE_ROUGH if step.is_rough else _STRANGE)
-        ):
+        if step is not None and step.is_strange:
             self._doubt("shows something else than what lies there", view.time_s)
             return
         told = [s for s in [*self._steps][-_STEPS:] if s is not None]
@@ -180,13 +187,17 @@ class CameraWatch:
         height_m = z - ground_m
         if before is None or height_m <= 0.0 or not looks_down(before.lens, before.camera):
             return None
-        relief = self._relief(np.array([x, y]), ground_m, height_m, now.lens.footprint_m(height_m))
+        footprint_m = now.lens.footprint_m(height_m)
+        relief = self._relief(np.array([x, y]), ground_m, height_m, footprint_m)
         if relief is None:
             return None
         moved = motion(before, now, ground_m)
         if moved.overlap < _COMMON or moved.textured < _TEXTURED:
             return None
-        return _Step(now.time_s, moved, _OFF_M + _OFF_SHARE * height_m, relief, self._drift_mps)
+        of_tops_m = min(footprint_m) / (1.0 + relief)
+        again = math.hypot(*moved.believed_m) <= (1.0 - _COMMON) * of_tops_m
+        off_m = _OFF_M + _OFF_SHARE * height_m
+        return _Step(now.time_s, moved, off_m, relief, again, self._drift_mps)
 
     def _relief(
         self, xy: F64, ground_m: float, height_m: float, footprint_m: tuple[float, float]
@@ -223,7 +234,8 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     """How the pictures differ from the estimated way; None: they do not.
 
     Sums the last step, the last two, three ... For a gimbal or an attitude that lags in a hard manoeuvre, the
-    worst steps of each sum are forgiven, unless that makes it larger: they were ways back.
+    worst steps of each sum are forgiven, unless that makes it larger: they were ways back. What stands on the
+    ground seems faster along each step, which is across the whole way where that turns.
     """
     if not steps:
         return None
@@ -240,11 +252,16 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     along_m = np.abs((both_m * ahead).sum(axis=-1)).min(axis=0)
     across_m = np.abs(both_m[..., 0] * ahead[:, 1] - both_m[..., 1] * ahead[:, 0]).min(axis=0)
     flown_m, lasted_s = np.cumsum(way_each_m), np.cumsum(elapsed_s)
-    explained_m = max(s.off_m for s in back) + (_OFF_MPS + back[0].drift_mps) * lasted_s
-    relief_m = np.cumsum(way_each_m * [s.relief for s in back])
-    false = across_m > explained_m + _ACROSS * flown_m
+    allowed_m = np.array([s.off_m for s in back])
+    explained_m = allowed_m.max() + (_OFF_MPS + back[0].drift_mps) * lasted_s
+    relief = np.array([s.relief for s in back])
+    relief_each_m = way_each_m * relief
+    relief_m = np.cumsum(relief_each_m)
+    way_across_m = np.abs(np.outer(ahead[:, 0], way_m[:, 1]) - np.outer(ahead[:, 1], way_m[:, 0]))
+    relief_across_m = (np.tril(way_across_m) * relief).sum(axis=1)
+    false = across_m > explained_m + _ACROSS * flown_m + relief_across_m
     false |= along_m > explained_m + _ALONG * flown_m + relief_m
-    false |= off_each_m.max() > _JUMP * back[0].off_m + relief_m
+    false |= off_each_m > _JUMP * allowed_m + relief_each_m
     if not false.any():
         return None
     k = int(np.argmax(false))

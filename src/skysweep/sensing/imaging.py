@@ -129,9 +129,9 @@ class ImagingSensor:
 
     def _look(self, exposed: VehicleState) -> _Look:
         frame = self.camera.capture(exposed)
-        look = _Look(frame, self._judge(frame), Future())
-        self._asked.put((frame, look.answer))
-        return look
+        answer: Future[Detections] = Future()
+        self._asked.put((frame, answer))  # first: the detector works while the watch judges
+        return _Look(frame, self._judge(frame), answer)
 
     def _judge(self, frame: Frame) -> Doubt | None:
         return self._watch.judge(frame) if self._watch is not None else None

@@ -168,6 +168,19 @@ def test_a_geotiff_without_crs_is_refused(tmp_path):
         read_map(path)
 
 
+def test_a_geotiff_in_a_local_crs_is_refused(tmp_path):
+    """As a map, in a frame of its own or a scenario's, and as heights."""
+    rasterio = pytest.importorskip("rasterio")
+    path, here = tmp_path / "local.tif", cells_of(np.ones((3, 3)))
+    with rasterio.open(path, "w", driver="GTiff", width=3, height=3, count=1, dtype="float32",
+                       crs=rasterio.CRS.from_wkt('LOCAL_CS["x",UNIT["metre",1]]'),
+                       transform=rasterio.Affine(10.0, 0.0, 0.0, 0.0, -10.0, 30.0)) as file:  # fmt: skip
+        file.write(np.ones((3, 3), dtype="float32"), 1)
+    for read in (lambda: read_map(path), lambda: read_map(path, FRAME), lambda: read_heights(path, here)):
+        with pytest.raises(UserError, match=r"local\.tif: is in a local CRS .* save it in EPSG:4326"):
+            read()
+
+
 def test_a_geotiff_without_its_extra_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "rasterio", None)
     (tmp_path / "map.tif").write_bytes(b"")
@@ -190,6 +203,7 @@ BOUNDS = (22.1, 60.2, 22.12, 60.21)
         ({"poa": np.full((3, 3), np.nan), "bounds_lon_lat_deg": BOUNDS}, "9 cells are NaN"),
         ({"poa": np.zeros((3, 3)), "bounds_lon_lat_deg": BOUNDS}, "0 everywhere"),
         ({"poa": np.zeros((0, 3)), "bounds_lon_lat_deg": BOUNDS}, "0x3"),
+        ({"poa": np.array([[1.0, None]]), "bounds_lon_lat_deg": BOUNDS}, "holds Python objects, not numbers"),
         ({"poa": np.array(["a"]), "bounds_lon_lat_deg": BOUNDS}, "no table of numbers"),
         ({"poa": np.ones((3, 3)), "frame_lat_lon_deg": (60.2, 22.1)}, "cell_size_m: write 1 finite number"),
     ],

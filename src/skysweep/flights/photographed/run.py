@@ -18,6 +18,7 @@ from skysweep.flights.photographed.answers import ANSWERS_FILE, answers_of
 from skysweep.flights.photographed.places import scenario_of
 from skysweep.flights.photographed.shots import Problem, shots_of
 from skysweep.flights.photographed.telling import tell
+from skysweep.results.pictures_report import detections_left_out
 from skysweep.results.run_folder import load_flown, refuse_links
 from skysweep.results.writing import write_results
 from skysweep.scenarios.model import TargetClass
@@ -34,6 +35,7 @@ class Options:
     tiles: int = 1
     boxes: Any = None  # as ``YoloDetector`` has them
     pixels: Any = None
+    channels: Any = None
     poses: Path | None = None
     dem: Path | None = None
     hfov_deg: float | None = None
@@ -47,6 +49,7 @@ class Looked:
     n_pictures: int
     n_candidates: int
     left_out: tuple[Problem, ...]
+    detections_left_out: dict[str, int]  # by class; of a size that it has not, or on no ground
 
 
 def look_at_flight(
@@ -71,6 +74,7 @@ def look_at_flight(
         threads=2,
         boxes=options.boxes,
         pixels=options.pixels,
+        channels=options.channels,
     )
     classes = _classes(detector.class_names, options)
     made_with = {
@@ -79,6 +83,7 @@ def look_at_flight(
         "tiles": options.tiles,
         "boxes": options.boxes,
         "pixels": options.pixels,
+        "channels": options.channels,
     }
     scenario = scenario_of(shots, source.resolve().name, made_with, options.dem)
     world = build_world(scenario, 0)
@@ -93,8 +98,9 @@ def look_at_flight(
     answers = answers_of(shots, detector, classes, out, setup, progress)
     n = tell(out, scenario, world, shots, answers, problems)
     damaged = [Problem(s.name, a.failure) for s, a in zip(shots, answers, strict=True) if a.failure]
-    write_results(load_flown(out), out)
-    return Looked(len(shots) - len(damaged), n, (*problems, *damaged))
+    run = load_flown(out)
+    write_results(run, out)
+    return Looked(len(shots) - len(damaged), n, (*problems, *damaged), detections_left_out(run))
 
 
 def _refuse_others(source: Path, out: Path) -> None:

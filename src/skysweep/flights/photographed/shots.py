@@ -16,7 +16,7 @@ from skysweep.detection.photos.pose_table import PoseTable
 from skysweep.detection.photos.taken import Taken
 from skysweep.detection.training.labelled import PICTURE_SUFFIXES, pictures_below
 from skysweep.errors import UserError
-from skysweep.geometry.camera import Lens
+from skysweep.geometry.camera import CameraPose, Lens
 
 _STEP_S = 1.0  # between pictures without a clock
 _LEAST_STEP_S = 0.1  # between two pictures: their names tell tenths of a second
@@ -63,7 +63,7 @@ def shots_of(
     usable: list[Shot] = []
     for shot in found:
         filled = shot._replace(taken=shot.taken.filled_from(Taken(hfov_rad=hfov_rad)))
-        missing = _missing(filled.taken, has_dem)
+        missing = _missing(filled, has_dem)
         if missing:
             problems.append(Problem(shot.name, missing))
         else:
@@ -76,8 +76,9 @@ def shots_of(
     return _in_time(usable), sorted(problems)
 
 
-def _missing(taken: Taken, has_dem: bool) -> str:
-    """In words, what it takes to put a picture on the map and is not known; empty if all is."""
+def _missing(shot: Shot, has_dem: bool) -> str:
+    """In words, what keeps a picture from being put on the map; empty if nothing does."""
+    taken = shot.taken
     if taken.latitude_deg is None or taken.longitude_deg is None:
         return "does not say where it was taken; give latitude_deg and longitude_deg with --poses"
     over_ground_m = taken.over_ground_m
@@ -89,27 +90,29 @@ def _missing(taken: Taken, has_dem: bool) -> str:
         return "does not say where its camera looked; give heading_deg and pitch_deg with --poses"
     if taken.hfov_rad is None:
         return "does not say its lens; give --hfov-deg, or hfov_deg with --poses"
+    if not shot.lens.seen_ground_m2(CameraPose(np.zeros(3), taken.R_camera_to_enu), 1.0):
+        return (
+            f"shows no ground, as its camera looks up (pitch_deg {taken.pitch_deg:g}; straight down is -90)"
+        )
     return ""
 
 
 def _in_folder(folder: Path, table: PoseTable | None) -> tuple[list[Shot], list[Problem]]:
-    found, problems = [], []
-    for path in pictures_below(folder):
+    found, problems, paths = [], [], pictures_below(folder)
+    told = [Taken()] * len(paths) if table is None else table.of_pictures(paths, folder)
+    for path, row in zip(paths, told, strict=True):
         name = str(path.relative_to(folder))
         try:
-            taken, size_px = taken_of(path), size_px_of(path)
+            taken, size_px = row.filled_from(taken_of(path)), size_px_of(path)
         except UserError:
             problems.append(Problem(name, "is no readable picture"))
             continue
-        if table is not None:
-            taken = table.of_file(path).filled_from(taken)
         found.append(Shot(name, path, taken, size_px, math.nan))
     return found, problems
 
 
 def _in_video(path: Path, table: PoseTable | None, every_s: float) -> list[Shot]:
-    if table is None or not table.times_s:
-        raise UserError(f"{path}: a video does not say where it was taken; give --poses with a column time_s")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # it warns of what is no video
     video = cv2.VideoCapture(str(path))
     try:
         width, height, rate, n = (
@@ -125,6 +128,8 @@ def _in_video(path: Path, table: PoseTable | None, every_s: float) -> list[Shot]
         video.release()
     if not (width > 0 and height > 0 and rate > 0 and n >= 1):
         raise UserError(f"{path}: is no readable video; give a folder of pictures or a video file")
+    if table is None or not table.times_s:
+        raise UserError(f"{path}: a video does not say where it was taken; give --poses with a column time_s")
     found = []
     for k in range(math.floor((n - 1) / rate / every_s) + 1):
         time_s = k * every_s

@@ -30,7 +30,8 @@ def checked_poa(poa: ArrayLike, field: str = "poa") -> F64:
         raise UserError(f"{field}: has {values.size:,} cells; write at most {MAX_CELLS:,}, larger ones")
     if not np.isfinite(values).all():
         bad = int((~np.isfinite(values)).sum())
-        raise UserError(f"{field}: {bad} cells are NaN or infinite; write 0 where the target cannot be")
+        cells = "cell is" if bad == 1 else "cells are"
+        raise UserError(f"{field}: {bad} {cells} NaN or infinite; write 0 where the target cannot be")
     if values.min() < 0.0:
         raise UserError(f"{field}: holds {values.min():g}; write probabilities from 0 on")
     largest = values.max()

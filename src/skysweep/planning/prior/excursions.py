@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -20,9 +22,13 @@ def go_where_it_pays(paths: Paths, worth_per_m: float) -> None:
     """Lead paths to parts of the map where what is left to find is worth search and way."""
     worth, parts = _parts(paths, worth_per_m)
     least = 2.0 * worth_per_m * paths.lattice.pitch_m
+    departures = [_Departures.of(paths, path) for path in range(len(paths.starts_xy_m))]
     for part in np.argsort(-worth, kind="stable")[:_PARTS]:
         if worth[part] > least:
-            _go_to(paths, np.argwhere(parts == part + 1), float(worth[part]), worth_per_m)
+            cells = np.argwhere(parts == part + 1)
+            led = _go_to(paths, departures, cells, float(worth[part]), worth_per_m)
+            if led is not None:
+                departures[led] = _Departures.of(paths, led)
 
 
 def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
@@ -40,31 +46,53 @@ def _parts(paths: Paths, worth_per_m: float) -> tuple[F64, NDArray[np.int32]]:
     return np.atleast_1d(ndimage.sum_labels(net, labels, index)), labels
 
 
-def _go_to(paths: Paths, cells: I64, worth: float, worth_per_m: float) -> None:
-    """Lead the path that is nearest to one of the cells (M, 2) there and back, or there from its end."""
-    field = paths.lattice
-    tree = cKDTree(field.xy_m(cells))
-    best: tuple[float, int, I64] | None = None
-    for path in range(len(paths.starts_xy_m)):
-        visits = paths.visits(path)
+@dataclass(frozen=True)
+class _Departures:
+    """Places on one path from where a way may begin, the last first."""
+
+    visits: I64  # (K,) the visit before each place
+    final: NDArray[np.bool_]  # (K,) whether the path ends with that visit
+    from_xy_m: F64  # (K, 2) where that visit is
+    to_xy_m: F64  # (K, 2) where the path leads from it
+    legs_m: F64  # (K,) how far that is
+    xy_m: F64  # (K, 2)
+
+    @classmethod
+    def of(cls, paths: Paths, path: int) -> _Departures:
+        visits, pitch_m = paths.visits(path), paths.lattice.pitch_m
         places = paths.xy_m(visits)
         ends = np.append(places[1:], places[-1:], axis=0)
         legs = np.linalg.norm(ends - places, axis=1)
-        pieces = np.where(legs > 1.5 * field.pitch_m, np.ceil(legs / (2.0 * field.pitch_m)), 1).astype(int)
+        pieces = np.where(legs > 1.5 * pitch_m, np.ceil(legs / (2.0 * pitch_m)), 1).astype(int)
         leg = np.repeat(np.arange(len(visits)), pieces)
         share = (np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces) + 0.5) / pieces[leg]
         every = -(-len(leg) // _PLACES)
         leg, share = leg[len(leg) - 1 :: -every], share[len(leg) - 1 :: -every]
-        near = tree.query(places[leg] + share[:, None] * (ends - places)[leg])[1]
-        there = field.xy_m(cells[near])
-        way = np.linalg.norm(there - places[leg], axis=1)
-        back = np.linalg.norm(there - ends[leg], axis=1) - legs[leg] + field.pitch_m
-        cost_m = np.where(leg == len(visits) - 1, way, way + back)
+        between = places[leg] + share[:, None] * (ends - places)[leg]
+        return cls(visits[leg], leg == len(visits) - 1, places[leg], ends[leg], legs[leg], between)
+
+
+def _go_to(
+    paths: Paths, departures: list[_Departures], cells: I64, worth: float, worth_per_m: float
+) -> int | None:
+    """Lead the path nearest to one of the cells (M, 2) there and back, or there from its end; which one."""
+    pitch_m = paths.lattice.pitch_m
+    centres = paths.lattice.xy_m(cells)
+    tree = cKDTree(centres)
+    best: tuple[float, int, int, I64] | None = None
+    for path, ways in enumerate(departures):
+        near = tree.query(ways.xy_m)[1]
+        there = centres[near]
+        way = np.linalg.norm(there - ways.from_xy_m, axis=1)
+        back = np.linalg.norm(there - ways.to_xy_m, axis=1) - ways.legs_m + pitch_m
+        cost_m = np.where(ways.final, way, way + back)
         k = int(np.argmin(cost_m))
-        if cost_m[k] + field.pitch_m <= paths.left_m[path] and (best is None or cost_m[k] < best[0]):
-            best = float(cost_m[k]), int(visits[leg[k]]), cells[near[k]]
-    if best is not None and best[0] * worth_per_m < worth:
-        _insert(paths, best[1], best[2])
+        if cost_m[k] + pitch_m <= paths.left_m[path] and (best is None or cost_m[k] < best[0]):
+            best = float(cost_m[k]), path, int(ways.visits[k]), cells[near[k]]
+    if best is None or best[0] * worth_per_m >= worth:
+        return None
+    _insert(paths, best[2], best[3])
+    return best[1]
 
 
 def _insert(paths: Paths, visit: int, node: I64) -> None:

@@ -26,6 +26,7 @@ from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.planning.prior.rasters import Raster
+from skysweep.text import percent
 
 MAX_MAP_BYTES = 200_000_000
 _COLUMNS = ("lon", "lat", "poa")
@@ -76,7 +77,9 @@ def _read_npz(path: Path) -> Raster | ProbabilityMap:
             arrays = {name: np.asarray(file[name]) for name in file.files}
     except UserError:
         raise
-    except Exception:  # zipfile and NumPy let through whatever a damaged file makes them raise
+    except Exception as error:  # zipfile and NumPy let through whatever a damaged file makes them raise
+        if "allow_pickle" in str(error):
+            raise UserError("holds Python objects, not numbers; write poa as an array of floats") from None
         raise UserError("is no NumPy file; write one with numpy.savez(file, poa=..., ...)") from None
     if "poa" not in arrays:
         raise UserError("poa: is missing; write the probabilities (rows, columns) as poa")
@@ -199,7 +202,9 @@ def read_heights(path: Path, cells: ProbabilityMap) -> F64:
         raise UserError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     missing = float(np.isnan(heights).mean())
     if missing > 0.0:
-        raise UserError(f"{path}: has no height for {missing:.0%} of the map; give one that covers all of it")
+        raise UserError(
+            f"{path}: has no height for {percent(missing)} of the map; give one that covers all of it"
+        )
     return heights
 
 

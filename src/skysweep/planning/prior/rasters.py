@@ -47,7 +47,7 @@ class Raster:
 
         Raises UserError where the CRS leads to no place on earth, or the map is too fine for its extent.
         """
-        from_crs = pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        from_crs = self._to_wgs84()
         rows, columns = self.poa.shape
         share = np.linspace(0.0, 1.0, _BORDER)
         x = self.x0 + self.dx * columns * np.concatenate(
@@ -82,19 +82,30 @@ class Raster:
         return self.onto(empty)
 
     def onto(self, cells: ProbabilityMap) -> ProbabilityMap:
-        """The same map on other cells. Raises UserError where none of it lies on them."""
-        from_crs = pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        """The same map on other cells. Raises UserError where none of it lies there, or the CRS is local."""
+        from_crs = self._to_wgs84()
         return cells.with_poa(checked_poa(self._sampled(cells, from_crs)))
 
     def interpolated(self, cells: ProbabilityMap) -> F64:
-        """Values (R, C) in the middles of a map's cells, linear between those of a raster; NaN beyond it."""
-        from_crs = pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        """Values (R, C) in the middles of a map's cells, linear between those of a raster; NaN beyond it.
+
+        Raises UserError where the CRS is local.
+        """
+        from_crs = self._to_wgs84()
         xy = cells.centres_xy_m.reshape(-1, 2)
         geodetic = cells.frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
         x, y = from_crs.transform(geodetic[:, 1], geodetic[:, 0], direction="INVERSE")
         i, j = (np.asarray(y) - self.y0) / self.dy - 0.5, (np.asarray(x) - self.x0) / self.dx - 0.5
         values = ndimage.map_coordinates(self.poa, [i, j], order=1, cval=np.nan)
         return np.asarray(values.reshape(cells.poa.shape))
+
+    def _to_wgs84(self) -> pyproj.Transformer:
+        try:
+            return pyproj.Transformer.from_crs(self.crs, "EPSG:4326", always_xy=True)
+        except pyproj.exceptions.ProjError:
+            raise UserError(
+                "is in a local CRS that leads to no place on earth; save it in EPSG:4326"
+            ) from None
 
     def _sampled(self, cells: ProbabilityMap, from_crs: pyproj.Transformer) -> F64:
         """The density at places in each cell, (R, C)."""

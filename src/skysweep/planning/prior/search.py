@@ -65,7 +65,8 @@ def plan_search(
         One path (K, 2) in metres for each vehicle, K at least 2.
 
     Raises:
-        UserError: a field that no search can be planned with, or a budget that does not reach the map.
+        UserError: a field that no search can be planned with, or a budget that does not reach the map or is
+            shorter for each vehicle than a cell or a sweep is wide.
     """
     p = checked_poa(poa)
     cell_m = positive(cell_size_m, "cell_size_m")
@@ -79,6 +80,12 @@ def plan_search(
         raise UserError(
             f"budget_m: {each_m:g} m for each vehicle do not reach the map, which begins {way_m:.0f} m from "
             f"the start; write more than {n * way_m:.0f}, or start nearer"
+        )
+    least_m = max(cell_m, width_m)
+    if each_m < least_m:
+        raise UserError(
+            f"budget_m: {each_m:g} m for each vehicle are less than a cell or a sweep is wide; write metres, "
+            f"at least {n * least_m:g}"
         )
     p *= 1.0 + _TIES * np.random.default_rng(seed).random(p.shape)
     enough_m = ENOUGH_COVERAGE * p.size * cell_m**2 / width_m + way_m

@@ -17,6 +17,7 @@ from skysweep.planning.prior.checks import positive
 from skysweep.planning.prior.flown import ground_path
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.scenarios.model import Scenario
+from skysweep.text import percent
 from skysweep.worlds.world import build_terrain
 
 
@@ -30,14 +31,22 @@ def slope_deg(heights_m: ArrayLike, cell_size_m: float) -> F64:
 
 
 def heights_of_scenario(scenario: Scenario, cells: ProbabilityMap) -> F64:
-    """Heights (R, C) of a scenario's terrain in the middles of a map's cells, metres."""
+    """Heights (R, C) of a scenario's terrain in the middles of a map's cells, metres.
+
+    Raises UserError where its ground does not reach under the whole map.
+    """
     xy = cells.centres_xy_m.reshape(-1, 2)
     geodetic = cells.frame.geodetic_from_enu(np.column_stack([xy, np.zeros(len(xy))]))
-    return (
-        build_terrain(scenario)
-        .height_m(ground_path(geodetic[:, :2], scenario.frame))
-        .reshape(cells.poa.shape)
-    )
+    ground, places = build_terrain(scenario), ground_path(geodetic[:, :2], scenario.frame)
+    west, south, east, north = ground.bounds_enu_m
+    reaches = ((places >= [west, south]) & (places <= [east, north])).all(axis=1)
+    if not reaches.all():
+        missing = percent(float(1.0 - reaches.mean()))
+        raise UserError(
+            f"{scenario.name}: its ground has no height for {missing} of the map; give one whose ground "
+            "covers all of it, or make the map over that scenario"
+        )
+    return ground.height_m(places).reshape(cells.poa.shape)
 
 
 def slope_factors(slopes_deg: F64, upto_deg: ArrayLike, factors: ArrayLike) -> F64:
