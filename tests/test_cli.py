@@ -1,10 +1,14 @@
 """The command line as a user meets it: real processes, exit codes, one clear sentence for bad input."""
 
 import json
+import shutil
 import subprocess
 import sys
 
 import pytest
+import yaml
+
+from skysweep.detection.model_files import own_model_path
 
 SKYSWEEP = [sys.executable, "-m", "skysweep.cli"]
 
@@ -138,6 +142,19 @@ def test_a_camera_for_a_sensor_without_pictures_is_refused(tmp_path, scenario):
     result = skysweep("run", scenario, "--sensor", "statistical", "--camera", "gazebo", cwd=tmp_path)
     refused(result, "--camera gazebo", "takes no pictures")
     assert not (tmp_path / "runs").exists()
+
+
+def test_a_run_takes_the_detector_of_a_file(tmp_path, scenario):
+    shutil.copy(own_model_path(), tmp_path / "mine.onnx")
+    arguments = ("--sensor", "statistical", "--set", "detector.model=gone.onnx", "--out", "r")
+    result = skysweep("run", scenario, "--detector", "mine.onnx", *arguments, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    flown = yaml.safe_load((tmp_path / "r" / "config.yaml").read_text())
+    assert flown["detector"]["model"] == str(tmp_path / "mine.onnx")
+    gone = skysweep("run", scenario, "--detector", "gone.onnx", cwd=tmp_path)
+    refused(gone, "gone.onnx: there is no such model file")
+    unknown = skysweep("run", scenario, "--detector", "yolo", cwd=tmp_path)
+    refused(unknown, "--detector yolo: write scenario, skysweep, skysweep-thermal, FILE.onnx, or ros:/TOPIC")
 
 
 def test_any_field_can_be_set(tmp_path, scenario):

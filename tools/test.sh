@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sets skysweep up for development and runs every check:  tools/test.sh
-# With arguments pytest gets them, and what else takes long is left out (coverage, ROS, the wheel):
+# With arguments pytest gets them, and what else takes long is left out (ROS, the wheel):
 #   tools/test.sh tests/planning -x
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -26,7 +26,7 @@ ros_tests() {
 }
 
 passed=true
-.venv/bin/python -m pytest -n 2 --cov --cov-report= || passed=false
+.venv/bin/python -m pytest -n 2 --durations=60 || passed=false
 tools/try-wheel.sh || passed=false
 ros_tests || passed=false
 $passed

@@ -1,7 +1,7 @@
 """skysweep plans, simulates, compares and flies UAV search-and-rescue missions.
 
 ``import skysweep as ss`` offers the names in ``__all__``; each is imported when it is asked for. What is not
-there is private and may change at any time.
+there is private and may change at any time, but for what docs/python.md excepts.
 """
 
 from __future__ import annotations

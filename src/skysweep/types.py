@@ -62,6 +62,7 @@ class EventKind(_Word):
     REJECTED = "rejected"
     UNCHECKED = "unchecked"
     SCAN_RESUMED = "scan_resumed"
+    LOOKS_AGAIN = "looks_again"  # at ground that was searched too weakly
     WAYPOINT_REACHED = "waypoint_reached"
     FINISHED = "finished"
 

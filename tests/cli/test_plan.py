@@ -45,6 +45,21 @@ def test_advice_is_a_table_with_one_best_row():
     shown = plan("clusters", "--advise", "--pod", "0.9").stdout
     assert "expected POD" in shown
     assert "best: " in shown
+    assert "plan it: skysweep plan clusters --altitude " in shown
+
+
+def test_advice_compares_each_flight_once_and_says_why_some_cannot_be(tmp_path):
+    scenario = tmp_path / "mine.yaml"
+    scenario.write_text(
+        "name: mine\narea: {polygon_enu_m: [[0, 0], [290, 0], [290, 280], [0, 280]]}\n"
+        "camera: {hfov_rad: 1.0}\nvehicle: {cruise_speed_mps: 10, battery_wh: 11}\n"
+        "search: {scan_speed_mps: 10}\n"
+    )
+    options = json.loads(plan(str(scenario), "--advise", "--json").stdout)["options"]
+    assert len({(o["altitude_agl_m"], round(o["speed_mps"], 3)) for o in options}) == len(options)
+    shown = plan(str(scenario), "--advise").stdout
+    assert "no flight: vehicle.battery_wh: 11 Wh do not last" in shown
+    assert "best: " in shown
 
 
 def test_the_gaps_of_a_run_are_a_scenario_that_flies(tmp_path, run_folder):
@@ -72,6 +87,7 @@ def test_the_gaps_of_a_run_are_a_scenario_that_flies(tmp_path, run_folder):
         (["--gaps", "nowhere"], "nowhere: has no config.yaml"),
         (["clusters", "--at", "noon"], "--at: 'noon' is no date and time"),
         (["--advise"], "SOURCE: is missing"),
+        (["clusters", "--advise", "--out", "here"], "--out, --at: belong to a plan, which --advise writes"),
     ],
 )
 def test_what_does_not_go_together_is_one_sentence(words, sentence):

@@ -97,6 +97,17 @@ def test_a_scenario_says_area_start_and_sweep_width(tmp_path):
     assert (first.latitude_deg, first.longitude_deg) == pytest.approx((60.2006, 22.1011), abs=1e-6)
 
 
+def test_how_much_of_a_map_lies_outside_the_area_is_said(tmp_path):
+    """Also where rounding would make it all."""
+    poa = np.zeros((50, 50))
+    poa[20:25, 20:25], poa[0, 0] = 1.0, 25.0 * 249.0
+    np.savez("far.npz", poa=poa, bounds_lon_lat_deg=BOUNDS)
+    said = plan("shore.yaml", *search("--prior", "far.npz"))
+    assert said.exit_code == 0, said.output
+    warned = said.stderr.replace("\n", " ")
+    assert "far.npz: all but 0.4% of the map lies outside the area and is left out" in warned
+
+
 def test_a_mission_that_was_flown_counts_as_searched(tmp_path):
     where_it_is_most_probable = "[[60.2012, 22.104], [60.2012, 22.108], [60.2028, 22.108], [60.2028, 22.104]]"
     (tmp_path / "near.yaml").write_text(
@@ -124,6 +135,8 @@ def test_mistakes_are_told_in_one_sentence(tmp_path):
     refused("no such file", *search("--prior", "other.npz"))
     refused("n_uavs: is 0", *search("--uavs", 0))
     refused("do not reach the map", *search("--start", "23,60.2"))
+    refused("write LON,LAT, the longitude first", *search("--start", "60.201,22.101"))
+    refused("write LON,LAT, the longitude first", *search("--start", "-157.9,-60.2"))
     refused("holds no journal.jsonl", *search("--searched", "."))
     refused("no such file", *search("--searched", "other.plan"))
     np.savez("far.npz", poa=np.ones((5, 5)), bounds_lon_lat_deg=(10.0, 50.0, 10.1, 50.1))

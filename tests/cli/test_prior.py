@@ -14,6 +14,12 @@ from skysweep.sensing.statistical.sweep_width import sweep_width_from, sweep_wid
 
 LKP = "22.105,60.202"
 OWN = ("--lkp", LKP, "--within-m", "100,200,400,600", "--cell-m", 10)
+HILLS = """\
+name: hills
+area:
+  polygon_lat_lon_deg: [[60.195, 22.090], [60.195, 22.120], [60.209, 22.120], [60.209, 22.090]]
+home: {latitude_deg: 60.2006, longitude_deg: 22.1031}
+"""
 SHORE = """\
 name: shore
 area:
@@ -89,8 +95,9 @@ def test_terrain_and_mixtures_change_maps(tmp_path):
     }
     (tmp_path / "trail.geojson").write_text(json.dumps(trail))
     (tmp_path / "lake.geojson").write_text(json.dumps(lake))
+    (tmp_path / "flat.yaml").write_text(HILLS)
     done("terrain", "lost.npz", "--near", "trail.geojson:20:4", "--inside", "lake.geojson:0", "--slope",
-         "5:1,90:9", "--heights", "clusters", "--lkp", LKP)  # fmt: skip
+         "5:1,90:9", "--heights", "flat.yaml", "--lkp", LKP)  # fmt: skip
     lost, changed = read_map("lost.npz"), read_map("terrain.npz")
     x, y = np.moveaxis(lost.centres_xy_m, -1, 0)
     assert changed.poa[x < -60.0].sum() == 0.0
@@ -99,6 +106,26 @@ def test_terrain_and_mixtures_change_maps(tmp_path):
     done("mix", "lost.npz:1", "terrain.npz:3", "--out", "mixed.npz")
     assert read_map("mixed.npz").poa == pytest.approx(0.25 * lost.poa + 0.75 * changed.poa, abs=1e-9)
     assert "changes no cell" in done("terrain", "lost.npz", "--inside", "lake.geojson:1").stderr
+
+
+def test_slopes_are_those_of_a_scenario_of_this_place(tmp_path):
+    """Hills change the map, flat ground is said to change nothing, other or too little ground is refused."""
+    done("lost-person", *OWN, "--out", "lost.npz")
+    (tmp_path / "flat.yaml").write_text(HILLS)
+    (tmp_path / "hills.yaml").write_text(HILLS + "terrain: {hills_height_m: 80, hills_wavelength_m: 150}\n")
+    (tmp_path / "shore.yaml").write_text(SHORE)
+    slopes = ("terrain", "lost.npz", "--slope", "15:1,90:0.1", "--heights")
+    assert "changes no cell" not in done(*slopes, "hills.yaml").stderr
+    lost, changed = read_map("lost.npz"), read_map("terrain.npz")
+    ratio = changed.poa[lost.poa > 0.0] / lost.poa[lost.poa > 0.0]
+    assert ratio.max() == pytest.approx(10.0 * ratio.min())
+    assert "check that --heights has slopes there" in done(*slopes, "flat.yaml").stderr
+    (tmp_path / "terrain.npz").unlink()
+    refused("clusters: its ground has no height for 100% of the map", *slopes, "clusters")
+    refused("shore: its ground has no height for 9", *slopes, "shore.yaml")
+    assert not (tmp_path / "terrain.npz").exists()
+    done("lost-person", *OWN, "--over", "shore.yaml", "--out", "lost.npz")
+    done(*slopes, "shore.yaml")
 
 
 def test_the_map_after_a_mission_counts_each_altitude_with_its_own_sweep_width(tmp_path):

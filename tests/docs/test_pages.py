@@ -38,10 +38,10 @@ NOT_RUN = {
     "Needs jq": 1,
     "Runs until Ctrl-C": 2,
     "Set-up": 6,
-    "Takes an hour": 2,
+    "Takes an hour": 4,
     "Takes half an hour": 2,
-    "Takes hours": 2,
-    "Takes minutes": 3,
+    "Takes hours": 3,
+    "Takes minutes": 5,
     "Takes minutes to hours": 1,
 }
 

@@ -1,12 +1,20 @@
 """The benchmark measures what it says; how fast a machine is, is no test."""
 
 import json
+import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from skysweep.detection.model_files import own_model_path
+from skysweep.errors import UserError
 from skysweep.experiments import bench as benches
 from skysweep.experiments.bench import MEASUREMENTS, bench
 from skysweep.scenarios.model import Scenario
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "detection"))
+from test_yolo_outputs import constant_model, yolo_nas
 
 SMALL = Scenario.model_validate(
     {
@@ -47,3 +55,25 @@ def test_bench_gives_one_flat_json_object_of_plausible_numbers(monkeypatch):
     assert rates["vehicle_rtf"] > rates["statistical_mission_rtf"] > rates["rendered_mission_rtf"]
     assert result["statistical_mission_s"] == pytest.approx(400 / result["statistical_mission_rtf"], rel=1e-3)
     assert len(told) == MEASUREMENTS
+
+
+def test_the_time_over_that_of_yolox_nano(tmp_path):
+    rows = np.zeros((1, 52**2 + 26**2 + 13**2, 85), np.float32)  # raw, as the public file's
+    shape = (1, 3, 416, 416)
+    nano = constant_model(tmp_path / "yolox_nano.onnx", {"output": rows}, input_shape=shape)
+    measured = benches._pictures(SMALL, benches._yolox_nano(nano))
+    assert measured["detector_vs_yolox_nano"] > 1  # it computes nothing
+    assert "detector_vs_yolox_nano" not in benches._pictures(SMALL, None)
+
+
+def test_a_model_that_asks_for_its_pixels_is_not_yolox_nano(tmp_path):
+    with pytest.raises(UserError, match=r"--yolox-nano .*: is not the public yolox_nano.onnx"):
+        benches._yolox_nano(constant_model(tmp_path / "m.onnx", yolo_nas()))
+
+
+def test_another_model_is_not_yolox_nano():
+    """That is said before minutes of measuring."""
+    told = []
+    with pytest.raises(UserError, match=r"--yolox-nano .*: is not the public yolox_nano.onnx"):
+        bench(told.append, own_model_path())
+    assert not told

@@ -11,12 +11,14 @@ from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.errors import UserError
 from skysweep.experiments.calibration import from_pictures
 from skysweep.experiments.calibration.figure import _NO_SHIFT, drawn_rates
-from skysweep.experiments.calibration.from_pictures import calibrate_on_pictures
+from skysweep.experiments.calibration.from_pictures import calibrate_on_pictures, look_at
+from skysweep.scenarios.model import DetectorModel
 from skysweep.sensing.statistical.model import StatisticalModel, score_of
 from skysweep.types import Detections
 
 NONE = np.zeros((0, 4))
 SIZE = 640, 360
+OURS = DetectorModel(model="skysweep")
 
 
 class Known:
@@ -24,7 +26,8 @@ class Known:
 
     answers: dict[int, list]
 
-    def __init__(self, *_, **__):
+    def __init__(self, *_, **given):
+        Known.given = given
         self.class_names = ("person", "stop sign")
 
     def detect(self, frame):
@@ -60,7 +63,7 @@ def test_curves_follow_the_pictures_and_the_rest_is_the_rendered_fit(tmp_path, m
     rendered = StatisticalModel.load()
     out = tmp_path / "real.yaml"
     data = pictures(tmp_path, monkeypatch)
-    calibrate_on_pictures("skysweep", data, rendered, out)
+    calibrate_on_pictures(OURS, data, rendered, out)
     model = StatisticalModel.load(out)
     assert model.pictures.labels == {"person": 144}
     assert "score, spread and lapse of person" in model.pictures.measured
@@ -88,16 +91,86 @@ def test_curves_follow_the_pictures_and_the_rest_is_the_rendered_fit(tmp_path, m
     assert model.held_out[0].brier < model.held_out[0].brier_of_rates
 
 
+def test_a_picture_shows_the_fit(tmp_path, monkeypatch):
+    calibrate_on_pictures(OURS, pictures(tmp_path, monkeypatch), StatisticalModel.load(), tmp_path / "r.yaml")
+    picture = cv2.imread(str(tmp_path / "r.png"))
+    height, width = picture.shape[:2]
+    assert (width, height) == (930, 680)  # one kind, and three panels of held-out looks and of nothing
+    assert (np.abs(picture.astype(int) - (178, 114, 0)).max(axis=2) < 30).sum() > 200  # a person's blue
+
+
+def test_tiles_make_the_objects_larger(tmp_path, monkeypatch):
+    """In 2 x 2 tiles a person of 20 px is for the shipped detector as one of 24 px in the whole picture."""
+    data, rendered = pictures(tmp_path, monkeypatch), StatisticalModel.load()
+    whole, _ = look_at(OURS, data, rendered)
+    assert Known.given.items() >= {"tiles": 1, "boxes": None, "pixels": None, "channels": None}.items()
+    settings = {"tiles": 2, "boxes": "normalised", "pixels": "0..255", "channels": "rgb"}
+    tiled, _ = look_at(DetectorModel(**settings), data, rendered)
+    assert Known.given.items() >= settings.items()
+    assert tiled.pixels.max() / whole.pixels.max() == pytest.approx(1.216, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--tiles", "2"),
+        ("--class", "a=boat"),
+        ("--boxes", "pixels"),
+        ("--pixels", "0..1"),
+        ("--channels", "bgr"),
+    ],
+)
+def test_what_counts_with_real_pictures_only(option, tmp_path):
+    told = CliRunner().invoke(
+        app, ["calibrate", "--pictures", "20", *option, "--out", str(tmp_path / "s.yaml")]
+    )
+    assert told.exit_code == 2
+    assert f"{option[0]}: counts with real pictures only" in " ".join(told.output.split())
+
+
 def test_another_detectors_rendered_fit_and_empty_pictures_are_refused(tmp_path, monkeypatch):
     rendered = StatisticalModel.load()
     data = pictures(tmp_path, monkeypatch, n=3)
     other = rendered.model_copy(update={"detector": rendered.detector.model_copy(update={"sha256": "0"})})
     with pytest.raises(UserError, match="--rendered: the sensor model is of skysweep, not of"):
-        calibrate_on_pictures("skysweep", data, other, tmp_path / "x.yaml")
-    nothing = tuple(replace(image, boxes_xyxy=NONE, class_names=()) for image in data.images)
+        calibrate_on_pictures(OURS, data, other, tmp_path / "x.yaml")
+    few = tuple(replace(image, boxes_xyxy=image.boxes_xyxy[:0], class_names=()) for image in data.images[1:])
     with pytest.raises(UserError, match="of no class were 5 reports of 3 objects"):
-        calibrate_on_pictures("skysweep", replace(data, images=nothing), rendered, tmp_path / "x.yaml")
+        calibrate_on_pictures(
+            OURS, replace(data, images=(one_label(data.images[0]), *few)), rendered, tmp_path / "x.yaml"
+        )
     assert not (tmp_path / "x.yaml").exists()
+
+
+def one_label(image):
+    return replace(image, boxes_xyxy=image.boxes_xyxy[:1], class_names=("person",))
+
+
+def test_labels_of_no_class_of_ours_are_named(tmp_path, monkeypatch):
+    data, rendered = pictures(tmp_path, monkeypatch, n=3), StatisticalModel.load()
+    images = tuple(replace(image, class_names=("hiker",) * 6) for image in data.images)
+    hikers = replace(data, class_names=("hiker",), images=images)
+    with pytest.raises(UserError, match=r"its labels \(hiker\) are of none of .* --class 'hiker=stop sign'"):
+        look_at(OURS, hikers, rendered)
+    with pytest.raises(UserError, match="--class hikers=person: no class has that name; there are hiker"):
+        look_at(OURS, hikers, rendered, {"hikers": "person"})
+    looks, _ = look_at(OURS, hikers, rendered, {"hiker": "person"})
+    assert len(looks.pixels) == len(look_at(OURS, data, rendered)[0].pixels) > 0
+    unlabelled = tuple(replace(image, boxes_xyxy=NONE, class_names=()) for image in data.images)
+    with pytest.raises(UserError, match="no picture has a label that counts"):
+        look_at(OURS, replace(data, images=unlabelled), rendered)
+    with pytest.raises(UserError, match="the data set has no pictures"):
+        look_at(OURS, replace(data, images=()), rendered)
+
+
+@pytest.mark.parametrize("option", ["--camera", "--add-to", "--seed", "--workers"])
+def test_what_counts_with_rendered_pictures_only(option, tmp_path):
+    value = {"--camera": "clusters", "--add-to": "sensor.yaml"}.get(option, "1")
+    told = CliRunner().invoke(
+        app, ["calibrate", "--pictures", str(tmp_path), option, value, "--out", str(tmp_path / "s.yaml")]
+    )
+    assert told.exit_code == 2
+    assert f"{option}: counts with rendered pictures only; leave it out" in " ".join(told.output.split())
 
 
 def test_pictures_are_a_number_or_a_folder(tmp_path):

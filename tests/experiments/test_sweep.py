@@ -346,6 +346,14 @@ def test_stopped_before_the_estimate_it_keeps_what_was_flown(tmp_path):
     [
         ("statistical", "detector.confidence_min: [0.05]", r"confidence_min is 0\.05, below 0\.1"),
         ("statistical", "detector.model: [gone.onnx]", r"gone\.onnx: there is no such model file"),
+        (
+            "statistical",
+            "search.scan_altitude_agl_m: [30, 110]",
+            r"^search: the sensor model was calibrated for 4 to 220 pixels on target, not 1.68 and .* it "
+            r"reports nothing of fewer than 3\.2 pixels; write another altitude of search, or "
+            r"another camera$",
+        ),
+        ("statistical", "camera.gimbal.pitch_deg: [-30]", "for 0 to 50 degrees off the vertical, not 60"),
         ("imaging", "detector.model: [gone.onnx]", r"gone\.onnx: there is no such model file"),
     ],
 )

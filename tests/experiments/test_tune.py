@@ -324,7 +324,7 @@ def test_a_trial_that_is_not_what_was_written_is_refused(tmp_path):
 
 def test_what_was_flown_with_another_sensor_file_is_not_taken(tmp_path):
     sensor = tmp_path / "sensor.yaml"
-    shipped = (Path(skysweep.__file__).parent / "sensing/statistical/default.yaml").read_text()
+    shipped = (Path(skysweep.__file__).parent / "sensing/statistical/visible.yaml").read_text()
     sensor.write_text(shipped)
     scenario = tiny(**{"detector.statistical_model": str(sensor)})
     wanted = problem(Parameter(CHECK_SPEED, (2.0, 4.0)), scenario=scenario, seeds=4)

@@ -132,7 +132,7 @@ def test_fifteen_minutes_take_about_a_second_at_most():
         coverage.add(line)
     took_s = time.process_time() - begun_s
     assert coverage.pod().max() > 0.9
-    assert took_s < 3.0  # 0.6 s, but more on a busy machine
+    assert took_s < 8.0  # 0.6 s, but more on a busy machine
 
 
 def test_targets_are_reported_as_often_as_their_cells_say(capsys):

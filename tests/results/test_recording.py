@@ -186,6 +186,26 @@ def test_map_has_the_area_at_its_place_and_every_verdict(messages):
     assert len(told) == 5
 
 
+def test_what_moves_is_drawn_where_it_is(tmp_path):
+    walker = {
+        "class": "person",
+        "position_enu_m": [5, 10],
+        "motion": {"kind": "path", "waypoints_enu_m": [[35, 10]], "speed_mps": 0.5},
+    }
+    folder = write_run(tmp_path / "run", tiny_records(), targets=[walker])
+    messages = messages_of(write_recording(load_run(folder), tmp_path / "mission.mcap"))
+    places = {
+        t: mark.pose.position.x
+        for t, drawn in of(messages, "/skysweep/moving")
+        for mark in drawn.markers
+        if mark.ns == "truth"
+    }
+    assert places[0.0] == pytest.approx(5.0)
+    assert places[10.0] == pytest.approx(10.0)
+    ((_, world),) = of(messages, "/skysweep/world")
+    assert [mark.ns for mark in world.markers if mark.id == 0] == ["area", "truth tracks"]
+
+
 def test_vehicle_is_drawn_in_its_own_frame(messages):
     ((_, drawn),) = of(messages, "/skysweep/vehicle")
     assert {mark.header.frame_id for mark in drawn.markers} == {"base_link"}

@@ -163,3 +163,22 @@ def test_types_know_their_definition_and_hash():
 def test_a_field_that_does_not_exist_is_an_error():
     with pytest.raises(TypeError, match="altitude"):
         make("geometry_msgs/msg/Point", altitude=3.0)
+
+
+def test_a_growing_path_has_the_bytes_of_the_path():
+    poses = [m.pose_stamped(0.5 * k, [k, -k, 2.0 * k], np.eye(3)) for k in range(7)]
+    growing = m.GrowingPath()
+    for length in (1, 2, 3, 7):
+        for pose in poses[growing.length : length]:
+            growing.add(pose)
+        assert growing.cdr(length) == to_cdr(m.path(length, poses[:length]))
+
+
+def test_a_mark_that_is_drawn_again_has_the_time_of_the_drawing():
+    mark = m.Mark(
+        "n", 1, m.CUBE, np.array([1.0, 2.0, 3.0]), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 1.0), frame=m.BASE
+    )
+    first, later = (m.markers(t, [mark], clear=True).markers for t in (1.0, 2.0))
+    assert [m.seconds(each.header.stamp) for each in (*first, *later)] == [1.0, 1.0, 2.0, 2.0]
+    assert [each.header.frame_id for each in later] == [m.MAP, m.BASE]
+    assert later[1].pose.position.z == 3.0

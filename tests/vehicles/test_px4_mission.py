@@ -33,7 +33,7 @@ SMALL = {
     "camera": {"hfov_rad": 1.2},
     "geofence_enu_m": [[-20, -20], [80, -20], [80, 60], [-20, 60]],
 }
-SPEED = 10.0
+SPEED = 4.0  # Offboard is lost after a second of the vehicle's time, which a busy machine may need
 
 
 def small() -> Scenario:
@@ -54,9 +54,9 @@ def test_a_mission_through_mavlink_finds_what_the_embedded_one_finds(tmp_path):
         summary = flight.fly(0, tmp_path / "run", "rendered", rig)
         assert not server.face.pilot.armed
         landed = server.face.pilot.state.position_enu_m
+    assert summary["end_reason"] == "completed"
     assert modes >= {"TAKEOFF", "SCAN", "CHECK", "RETURN", "LAND"}
     assert summary["n_confirmed"] == embedded["n_confirmed"] == 2
-    assert summary["end_reason"] == "completed"
     assert summary["mission_time_s"] == pytest.approx(embedded["mission_time_s"], rel=0.1)
     assert np.hypot(landed[0] + 5.0, landed[1] + 5.0) < 4.0
     run = load_run(tmp_path / "run")

@@ -3,8 +3,12 @@
 import cv2
 import numpy as np
 import pytest
+from tests.web.conftest import SHORT
 
+from skysweep.flights.fly import fly_to_folder
+from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import Lens
+from skysweep.mission.journal import read_journal
 from skysweep.scenarios.files import load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.web.ground import ground_picture
@@ -203,3 +207,16 @@ def test_a_replay_and_a_mission_that_has_ended_take_no_orders(client, root, clie
     assert client.post("/api/runs/short/operator", json={"word": "hold"}, headers=BEARER).status_code == 409
     ended = client_of(root / "short", live="_", give=lambda order: None)
     assert ended.post("/api/runs/_/operator", json={"word": "hold"}, headers=BEARER).status_code == 409
+
+
+def test_the_truth_of_a_target_that_moves_is_its_way_through_the_mission(tmp_path, client_of):
+    walks = {"kind": "path", "waypoints_enu_m": [[8, 3]], "speed_mps": 0.1}
+    target = {"class": "stop sign", "position_enu_m": [4, 3], "size_m": 0.9, "motion": walks}
+    scenario = Scenario.model_validate({**SHORT, "targets": [target]})
+    fly_to_folder(scenario, 0, tmp_path / "root" / "walk", Rig("statistical"))
+    (shown,) = client_of(tmp_path / "root").get("/api/runs/walk/scene").json()["targets"]
+    assert shown["position_enu_m"] == [4.0, 3.0, 0.0]
+    way = np.array(shown["way"])
+    assert way[0].tolist() == [0.0, 4.0, 3.0]
+    assert way[-1, 0] == pytest.approx(read_journal(tmp_path / "root/walk/journal.jsonl")[-1]["t"], abs=0.01)
+    np.testing.assert_allclose(way[:, 1], np.minimum(4.0 + 0.1 * way[:, 0], 8.0), atol=0.01)

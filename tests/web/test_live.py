@@ -173,7 +173,7 @@ def test_a_mission_is_watched_held_continued_and_brought_home(tmp_path):
             if modes and modes[-1] == due:
                 asked(where, "/api/runs/_/operator", {"word": orders.pop(0)})
             ended = message.get("ended", False)
-    output, errors = mission.communicate(timeout=60)
+    output, errors = mission.communicate(timeout=180)
     assert mission.returncode == 0, errors
     assert "Mission time" in output
     words = [r["word"] for r in read_journal(tmp_path / "out" / "journal.jsonl") if r["kind"] == "operator"]
@@ -210,7 +210,7 @@ def test_ctrl_c_is_the_missions_and_ends_the_page_with_it(tmp_path):
     where = printed_address(mission)
     assert asked(where, "/api/runs/_/scene")["live"]
     os.killpg(mission.pid, signal.SIGINT)
-    _, errors = mission.communicate(timeout=60)
+    _, errors = mission.communicate(timeout=180)
     assert mission.returncode == 130
     assert "go on with:  skysweep resume out" in errors
     assert "Traceback" not in errors
@@ -240,7 +240,7 @@ def test_the_page_stays_after_the_mission_where_somebody_sits_at_a_terminal(tmp_
     assert not scene["controls"]
     assert mission.poll() is None
     mission.send_signal(signal.SIGINT)
-    output, errors = mission.communicate(timeout=60)
+    output, errors = mission.communicate(timeout=180)
     assert mission.returncode == 0
     assert "report: out/report.html" in output
     assert "the page stays until Ctrl-C" in errors

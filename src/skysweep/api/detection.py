@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.detection.layouts import BoxUnit, PixelRange
+from skysweep.detection.layouts import BoxUnit, Channels, PixelRange
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
@@ -24,6 +24,7 @@ def load_detector(
     threads: int = 1,
     boxes: BoxUnit | None = None,
     pixels: PixelRange | None = None,
+    channels: Channels | None = None,
 ) -> ImageDetector:
     """The shipped detector, or an ONNX file of the YOLO family.
 
@@ -36,9 +37,10 @@ def load_detector(
         threads: CPU threads.
         boxes: what the model's boxes are measured in, where its file leaves that open.
         pixels: what pixel values the model takes, if not those of its family's exports.
+        channels: the order of their channels, likewise.
 
     Raises:
-        UserError: the file is missing or broken, has no such class, or leaves one of the last two open.
+        UserError: the file is missing or broken, has no such class, or leaves one of the last three open.
     """
     if isinstance(classes, str):
         raise UserError(f"classes: is '{classes}'; write a list, such as ['{classes}']")
@@ -51,6 +53,7 @@ def load_detector(
             threads=threads,
             boxes=boxes,
             pixels=pixels,
+            channels=channels,
         )
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from skysweep.api.checks import whole_seed
 from skysweep.api.scenarios import ScenarioLike, load_scenario
-from skysweep.arrays import F64, U8
+from skysweep.arrays import F32, F64, U8
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu, yaw_from_heading
@@ -94,9 +94,19 @@ class World:
     def render(self, pose: CameraPose, time_s: float = 0.0) -> U8:
         """The picture (H, W, 3) RGB of the scenario's camera from a pose, without noise or blur.
 
-        ``time_s`` moves the waves. Raises UserError if rendering is impossible here.
+        That of a thermal camera is white hot. ``time_s`` moves the waves. Raises UserError if rendering is
+        impossible here.
         """
-        return self._renderer.render(self.lens, _pose(pose), time_s)
+        from skysweep.worlds.rendering.white_hot import seen
+
+        return seen(self._scenario.camera, self._renderer, self.lens, _pose(pose), time_s)
+
+    def temperatures_c(self, pose: CameraPose, time_s: float = 0.0) -> F32:
+        """Apparent temperatures (H, W) in degrees C through the scenario's lens, whatever its camera's kind.
+
+        Raises UserError if rendering is impossible here.
+        """
+        return self._renderer.render_heat_c(self.lens, _pose(pose), time_s)
 
     def detect(self, pose: CameraPose, velocity_enu_mps: Sequence[float] = (0.0, 0.0, 0.0)) -> Detections:
         """The statistical sensor's report from a pose: a new draw each time, the same in every process.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,7 +12,7 @@ from rich.table import Table
 
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import bar, friendly
-from skysweep.errors import MissingExtraError
+from skysweep.errors import MissingExtraError, UserError
 
 _COLUMNS = {
     "hectares": "ha",
@@ -31,6 +32,10 @@ def bench(
     scale: Annotated[
         bool, typer.Option("--scale", help="Measure how plans and missions grow from 2 to 2000 hectares.")
     ] = False,
+    yolox_nano: Annotated[
+        Path | None,
+        typer.Option(help="Public yolox_nano.onnx that you have: compare the detector's time with its."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure this machine and print one JSON object: real-time factors, frames a second, milliseconds.
@@ -41,15 +46,19 @@ def bench(
 
         skysweep bench > this-machine.json
 
+        skysweep bench --yolox-nano yolox_nano.onnx
+
         skysweep bench --scale
     """
+    if scale and yolox_nano is not None:
+        raise UserError("--yolox-nano: is not measured with --scale; leave one of them out")
     if scale:
         _scale(as_json)
     else:
-        _bench()
+        _bench(yolox_nano)
 
 
-def _bench() -> None:
+def _bench(yolox_nano: Path | None) -> None:
     from skysweep.experiments.bench import MEASUREMENTS
     from skysweep.experiments.bench import bench as measure
 
@@ -60,7 +69,7 @@ def _bench() -> None:
         def doing(what: str) -> None:
             progress.update(task, completed=next(done, MEASUREMENTS), description=what)
 
-        measured = measure(doing)
+        measured = measure(doing, yolox_nano)
         doing("the live page")
         measured |= {"live_view_cost": _live_view_cost()}
         progress.update(task, completed=MEASUREMENTS + 1)

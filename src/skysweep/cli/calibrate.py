@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,12 +23,14 @@ from skysweep.cli.common import (
     say,
     warn,
 )
+from skysweep.cli.detection import BoxesOption, ChannelsOption, PixelsOption, RenamesOption, by_options
 from skysweep.errors import UserError
 from skysweep.files.writing import make_folder
 
 if TYPE_CHECKING:
     from skysweep.experiments.matrix import MissionJob
     from skysweep.results.summary import Summary
+    from skysweep.scenarios.model import DetectorModel
     from skysweep.sensing.statistical.model import HeldOut
 
 app = typer.Typer()
@@ -41,8 +44,13 @@ FIRST_LOOK = 6000  # pictures below which a fit is rough
 def calibrate(
     context: typer.Context,
     detector: Annotated[
-        str, typer.Option("--model", "--detector", help="'skysweep' or the path of an ONNX file.")
-    ] = "skysweep",
+        str | None,
+        typer.Option(
+            "--model",
+            "--detector",
+            help="One of ours or the path of an ONNX file; default: ours for the camera.",
+        ),
+    ] = None,
     camera: Annotated[
         str,
         typer.Option(
@@ -71,6 +79,13 @@ def calibrate(
     poses: Annotated[
         Path | None, typer.Option(help="With a FOLDER: CSV that says how each picture was taken.")
     ] = None,
+    tiles: Annotated[
+        int | None, typer.Option(min=1, max=8, help="With a FOLDER: split each picture into tiles x tiles.")
+    ] = None,
+    boxes: BoxesOption = None,
+    pixels: PixelsOption = None,
+    channels: ChannelsOption = None,
+    renames: RenamesOption = None,
     seed: SeedOption = 0,
     workers: WorkersOption = None,
     out: Annotated[Path, typer.Option(help="YAML file to write, with a picture beside it.")] = Path(
@@ -96,18 +111,48 @@ def calibrate(
     """
     if context.invoked_subcommand is not None:
         return
+    from skysweep.detection.training.class_map import parse_renames
     from skysweep.experiments.calibration.run import calibrate as fit
     from skysweep.scenarios.files import load_scenario
+    from skysweep.scenarios.model import OWN_DETECTORS, DetectorModel
     from skysweep.sensing.statistical.model import StatisticalModel
 
-    known = None if add_to is None else StatisticalModel.load(add_to)
     _refuse_unwritable(out)
     if not pictures.isdecimal():
-        _calibrate_on_pictures(detector, Path(pictures), rendered, poses, out, as_json)
+        for name in ("camera", "add_to", "seed", "workers"):
+            source = context.get_parameter_source(name)
+            if source is not None and source.name == "COMMANDLINE":
+                option = name.replace("_", "-")
+                raise UserError(f"--{option}: counts with rendered pictures only; leave it out")
+        looked_at_with = DetectorModel(
+            model=detector or OWN_DETECTORS["visible"],
+            tiles=tiles or 1,
+            boxes=boxes,
+            pixels=pixels,
+            channels=channels,
+        )
+        with by_options():
+            _calibrate_on_pictures(
+                looked_at_with, Path(pictures), parse_renames(renames or []), rendered, poses, out, as_json
+            )
         return
     n = int(pictures)
+    of_a_folder = {
+        "rendered": rendered,
+        "poses": poses,
+        "tiles": tiles,
+        "boxes": boxes,
+        "pixels": pixels,
+        "channels": channels,
+        "class": renames,
+    }
+    for name, value in of_a_folder.items():
+        if value is not None:
+            raise UserError(f"--{name}: counts with real pictures only; write their folder as --pictures")
     if not LEAST_PICTURES <= n <= MOST_PICTURES:
         raise UserError(f"--pictures {pictures}: write {LEAST_PICTURES} to {MOST_PICTURES}, or a folder")
+    known = None if add_to is None else StatisticalModel.load(add_to)
+    seeing = load_scenario(camera).camera
     try:
         with bar() as progress:
             task = progress.add_task("looking", total=n)
@@ -116,7 +161,7 @@ def calibrate(
                 doing = "fitting" if done == total else "looking"
                 progress.update(task, completed=done, total=total, description=doing)
 
-            model = fit(detector, load_scenario(camera).camera, out, n, seed, workers, on_look, known)
+            model = fit(detector or OWN_DETECTORS[seeing.kind], seeing, out, n, seed, workers, on_look, known)
     except KeyboardInterrupt:
         say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
@@ -137,24 +182,34 @@ def calibrate(
 
 
 def _calibrate_on_pictures(
-    detector: str, folder: Path, rendered: Path | None, poses: Path | None, out: Path, as_json: bool
+    detector: DetectorModel,
+    folder: Path,
+    renames: Mapping[str, str],
+    rendered: Path | None,
+    poses: Path | None,
+    out: Path,
+    as_json: bool,
 ) -> None:
     from skysweep.detection.photos.pose_table import read_poses
-    from skysweep.detection.training.reading import read_dataset, with_our_classes, with_poses
+    from skysweep.detection.training.reading import read_dataset, with_poses
     from skysweep.experiments.calibration.from_pictures import calibrate_on_pictures
+    from skysweep.scenarios.model import OWN_DETECTORS, CameraKind
     from skysweep.sensing.statistical.model import StatisticalModel
 
-    base = StatisticalModel.load(rendered)
+    kinds: dict[str, CameraKind] = {own: kind for kind, own in OWN_DETECTORS.items()}
+    base = StatisticalModel.load(rendered, kinds.get(detector.model, "visible"))
     table = None if poses is None else read_poses(poses)
-    data = with_our_classes(read_dataset(folder), {})
+    data = read_dataset(folder)
     with counting("reading") as reading:
         data = with_poses(data, table, reading)
     with counting("looking") as looking:
-        model = calibrate_on_pictures(detector, data, base, out, looking)
+        model = calibrate_on_pictures(detector, data, base, out, renames, looking)
     told = model.pictures
     assert told is not None
+    picture = out.with_suffix(".png")
     record = {
         "sensor_model": str(out),
+        "picture": str(picture),
         "holds_for": model.holds_for,
         "held_out": [h.model_dump() for h in model.held_out],
         "pictures": told.model_dump(),
@@ -165,7 +220,7 @@ def _calibrate_on_pictures(
         *_fit_tables(model.held_out),
         f"From {told.pictures} pictures: {'; '.join(told.measured)}.",
         f"From renders, because pictures do not tell them: {'; '.join(told.from_renders)}.",
-        f"sensor model: {out}",
+        f"sensor model: {out}, picture: {picture}",
     )
 
 

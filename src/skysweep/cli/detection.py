@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,35 +12,92 @@ import typer
 
 from skysweep.cli.answers import JsonOption, answer
 from skysweep.cli.common import SeedOption, WorkersOption, bar, counting, friendly, tell, warn, working
+from skysweep.errors import UserError
+
+RenamesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--class",
+        metavar="NAME=OURS",
+        help="Our name of a class, or 'ignored'; may be repeated (docs/detector.md).",
+    ),
+]
+
+
+@contextmanager
+def by_options() -> Iterator[None]:
+    """Errors name the options --boxes, --pixels and --channels instead of the fields of a scenario."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(re.sub(r"\bdetector\.(boxes|pixels|channels)\b:?", r"--\1", str(error))) from error
 
 
 @friendly
 def dataset(
     out: Annotated[Path, typer.Argument(help="A new folder.")],
     images: Annotated[
-        int, typer.Option("--pictures", "--images", min=1, max=1_000_000, help="How many to render.")
+        int, typer.Option("--pictures", "--images", min=1, max=1_000_000, help="How many to make.")
     ] = 6000,
     seed: SeedOption = 0,
     split: Annotated[Literal["train", "held-out"], typer.Option(help="Which assets to show.")] = "train",
+    clutter: Annotated[
+        bool,
+        typer.Option(
+            "--clutter", help="Add roads, cars, houses, jetties, rubbish; vary tones as cameras do."
+        ),
+    ] = False,
+    photos: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Make half of the pictures of your photos; may be repeated. A photo without a label counts "
+            "as a picture without targets: some are rendered into it.",
+        ),
+    ] = None,
+    renames: RenamesOption = None,
+    camera: Annotated[
+        Literal["visible", "thermal"], typer.Option(help="thermal: white-hot pictures of persons.")
+    ] = "visible",
     workers: WorkersOption = None,
 ) -> None:
     """Render labelled pictures (COCO and YOLO labels) to train or evaluate detectors.
 
+    Photos may have labels that detect evaluate reads; COCO, YOLO or VisDrone.
+
     Examples:
 
-        skysweep dataset training --pictures 6000
+        skysweep dataset training --pictures 6000 --clutter
 
         skysweep dataset held-out --split held-out --pictures 1000 --seed 1
+
+        skysweep dataset training --photos DCIM/100MEDIA --photos my-labelled-flights
+
+        skysweep dataset nights --camera thermal --pictures 6000
     """
+    from skysweep.detection.training.class_map import parse_renames
     from skysweep.detection.training.dataset import render_dataset
 
+    if renames and not photos:
+        raise UserError("--class: counts with --photos only; write the folder of the photos, or leave it out")
     with bar() as progress:
         task = progress.add_task("rendering", total=images)
 
         def show(done: int) -> None:
             progress.update(task, completed=done)
 
-        render_dataset(out, images, seed=seed, split=split, workers=workers, progress=show)
+        render_dataset(
+            out,
+            images,
+            seed=seed,
+            split=split,
+            camera=camera,
+            clutter=clutter,
+            photos=photos or (),
+            renames=parse_renames(renames or []),
+            workers=workers,
+            progress=show,
+        )
     tell(f"data set: {out}")
 
 
@@ -96,9 +156,14 @@ PixelsOption = Annotated[
     Literal["0..255", "0..1", "imagenet"] | None,
     typer.Option(help="What pixel values the model takes, where its file leaves that open."),
 ]
+ChannelsOption = Annotated[
+    Literal["rgb", "bgr"] | None,
+    typer.Option(help="The order of the pixels' channels, where the model's file leaves that open."),
+]
 
 
 @friendly
+@by_options()
 def detect_inspect(
     model: Annotated[str, typer.Argument(help="'skysweep' or the path of an ONNX file.")],
     picture: Annotated[Path | None, typer.Argument(help="A picture to look for objects in.")] = None,
@@ -108,6 +173,7 @@ def detect_inspect(
     ] = 0.25,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    channels: ChannelsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """What is understood of a model: its input, pixels, outputs and classes; draws what it finds.
@@ -124,7 +190,9 @@ def detect_inspect(
     from skysweep.detection.yolo import YoloDetector
 
     with working(f"trying {model}"):
-        detector = YoloDetector(model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels)
+        detector = YoloDetector(
+            model, confidence_min=confidence, threads=2, boxes=boxes, pixels=pixels, channels=channels
+        )
     understood = describe(detector.network)
     lines = [f"{name}: {words}" for name, words in understood.items()]
     record: dict[str, Any] = {"model": understood, "found": None, "picture": None}
@@ -145,14 +213,6 @@ def detect_inspect(
     answer(as_json, record, *lines)
 
 
-RenamesOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--class",
-        metavar="NAME=OURS",
-        help="Our name of a class, or 'ignored'; may be repeated (docs/detector.md).",
-    ),
-]
 PosesOption = Annotated[
     Path | None, typer.Option("--poses", help="CSV: how each picture was taken, before what its file says.")
 ]
@@ -160,6 +220,7 @@ TilesOption = Annotated[int, typer.Option(min=1, max=8, help="Split each picture
 
 
 @friendly
+@by_options()
 def detect_evaluate(
     dataset: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="COCO, SeaDronesSee, YOLO or VisDrone folder.")
@@ -177,6 +238,7 @@ def detect_evaluate(
     tiles: TilesOption = 1,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    channels: ChannelsOption = None,
     renames: RenamesOption = None,
     poses: PosesOption = None,
     report: Annotated[Path | None, typer.Option(help="HTML file to write, with curves and mistakes.")] = None,
@@ -194,8 +256,10 @@ def detect_evaluate(
 
         skysweep detect evaluate my-labelled-flights --model old.onnx --against new.onnx --json
     """
+    from skysweep.detection.layouts import Told
+    from skysweep.detection.model_files import existing_model_file, sha256_of
     from skysweep.detection.photos.pose_table import read_poses
-    from skysweep.detection.training.class_map import parse_renames
+    from skysweep.detection.training.class_map import parse_renames, refuse_unused
     from skysweep.detection.training.evaluate import CONFIDENCE_FLOOR, evaluate
     from skysweep.detection.training.reading import read_dataset, with_our_classes, with_poses
     from skysweep.detection.yolo import YoloDetector
@@ -207,22 +271,29 @@ def detect_evaluate(
         refuse_no_page(report)
     named = parse_renames(renames or [])
     table = None if poses is None else read_poses(poses)
-    data = with_our_classes(read_dataset(dataset), named)
+    labelled = read_dataset(dataset)
+    data = with_our_classes(labelled, named)
     with counting("reading") as reading:
         data = with_poses(data, table, reading)
     models: dict[str, Path | str] = {model: model}
     if against is not None:
+        if sha256_of(existing_model_file(against)) == sha256_of(existing_model_file(model)):
+            raise UserError(f"--against {against}: is the same model as {model}; write another one")
         models[against] = against
     if stock:
         from skysweep.detection.training.stock import stock_model_path
 
         models["YOLOv3-tiny (COCO)"] = stock_model_path()
-    evaluations = {}
+    detectors = {}
     for name, path in models.items():
-        told = (boxes, pixels) if path == model else (None, None)
-        detector = YoloDetector(
-            path, confidence_min=CONFIDENCE_FLOOR, tiles=tiles, threads=2, boxes=told[0], pixels=told[1]
+        told = Told(boxes, pixels, channels) if path == model else Told()
+        detectors[name] = YoloDetector(
+            path, confidence_min=CONFIDENCE_FLOOR, tiles=tiles, threads=2, **told._asdict()
         )
+    known = [name for detector in detectors.values() for name in detector.class_names]
+    refuse_unused(named, [*labelled.class_names, *known])
+    evaluations = {}
+    for name, detector in detectors.items():
         with counting(name) as looking:
             evaluations[name] = evaluate(
                 detector, data, confidence_min=confidence, renames=named, progress=looking
@@ -244,6 +315,7 @@ def detect_evaluate(
 
 
 @friendly
+@by_options()
 def detect_run(
     source: Annotated[Path, typer.Argument(metavar="FOLDER_OR_VIDEO", help="The pictures of a flight.")],
     out: Annotated[Path, typer.Option(help="Run folder to write, or to go on with.")] = Path("looked-at"),
@@ -258,6 +330,7 @@ def detect_run(
     tiles: TilesOption = 1,
     boxes: BoxesOption = None,
     pixels: PixelsOption = None,
+    channels: ChannelsOption = None,
     poses: PosesOption = None,
     dem: Annotated[
         Path | None, typer.Option(help="Elevation model (GeoTIFF) of the ground; without one it is level.")
@@ -273,7 +346,7 @@ def detect_run(
 ) -> None:
     """Put what a detector finds in the pictures of a flight on the map, with the exports of a mission.
 
-    Place, height, direction and lens come from EXIF and XMP (DJI, Autel, Parrot, Skydio), or from --poses.
+    Place, height, direction and lens come from EXIF and XMP (DJI, Autel, Parrot, Skydio, FLIR) or --poses.
     The same command goes on where it was interrupted.
 
     Examples:
@@ -285,8 +358,10 @@ def detect_run(
         skysweep export runs/search-1 --format kmz
     """
     from skysweep.flights.photographed.run import Options, look_at_flight
+    from skysweep.results.pictures_report import left_out_words
 
-    options = Options(model, tuple(find or ()), confidence, tiles, boxes, pixels, poses, dem, hfov_deg, every)
+    classes = tuple(find or ())
+    options = Options(model, classes, confidence, tiles, boxes, pixels, channels, poses, dem, hfov_deg, every)
     with counting("looking") as looking:
         looked = look_at_flight(source, out, options, looking)
     for problem in looked.left_out:
@@ -296,8 +371,11 @@ def detect_run(
         "pictures": looked.n_pictures,
         "candidates": looked.n_candidates,
         "left_out": [problem._asdict() for problem in looked.left_out],
+        "detections_left_out": looked.detections_left_out,
     }
     lines = [f"candidates: {looked.n_candidates}, pictures: {looked.n_pictures}; {out / 'report.html'}"]
     if looked.left_out:
         lines.append(f"pictures left out: {len(looked.left_out)}")
+    if looked.detections_left_out:
+        lines.append(left_out_words(looked.detections_left_out))
     answer(as_json, record, *lines)

@@ -87,7 +87,11 @@ def run(
         typer.Option(help="rendered (ours), gazebo (Classic 11 draws), gz (gz-sim draws), or ros:/TOPIC."),
     ] = "rendered",
     detector: Annotated[
-        str, typer.Option(help="The scenario's, or ros:/TOPIC: another node's detections.")
+        str,
+        typer.Option(
+            help="The scenario's, one of ours by name, the path of an ONNX file, or ros:/TOPIC: another "
+            "node's detections."
+        ),
     ] = "scenario",
     pose: Annotated[
         str, typer.Option(help="The vehicle's own, or ros:/TOPIC: another node's odometry.")
@@ -122,6 +126,8 @@ def run(
 
         skysweep run clusters --camera gazebo
 
+        skysweep run clusters --detector yolo11n.onnx
+
         skysweep run clusters --detector ros:/my_model/detections
     """
     from skysweep.flights.fly import fly_to_folder, refuse_other_mission
@@ -130,8 +136,10 @@ def run(
     from skysweep.flights.rig import Rig
     from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import change_scenario, load_scenario
+    from skysweep.scenarios.model import OWN_DETECTORS
     from skysweep.strategies import strategy_spec
 
+    is_model = detector in OWN_DETECTORS.values() or detector.lower().endswith(".onnx")
     named = {
         "search.strategy": strategy,
         "search.n_c": n_c,
@@ -139,6 +147,7 @@ def run(
         "search.c_t": c_t,
         "search.scan_altitude_agl_m": h_s,
         "search.check_altitude_agl_m": h_c,
+        "detector.model": detector if is_model else None,
     }
     given = {field: value for field, value in named.items() if value is not None}
     chosen = change_scenario(load_scenario(scenario), changes_of(change) | given)
@@ -151,7 +160,7 @@ def run(
     engine = engines.get(camera, renderer)
     on_topics = (
         _topic("camera", camera, "rendered", *engines),
-        _topic("detector", detector, "scenario"),
+        "" if is_model else _topic("detector", detector, "scenario", *OWN_DETECTORS.values(), "FILE.onnx"),
         _topic("pose", pose, "vehicle"),
     )
     refuse_other_mission(folder)
@@ -221,7 +230,7 @@ def _topic(option: str, value: str, *others: str) -> str:
         return ""
     kind, _, topic = value.partition(":")
     if kind != "ros" or not topic:
-        raise UserError(f"--{option} {value}: write {' or '.join(others)}, or ros:/TOPIC")
+        raise UserError(f"--{option} {value}: write {', '.join(others)}, or ros:/TOPIC")
     return topic
 
 

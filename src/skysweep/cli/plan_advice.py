@@ -12,9 +12,11 @@ from skysweep.cli.common import counting, warn
 from skysweep.flights.advise import Option, advise
 from skysweep.scenarios.model import Scenario
 
+_NO_FLIGHT = "no flight"
 
-def answer_advice(as_json: bool, scenario: Scenario, wanted_pod: float) -> None:
-    """Compare flights and answer with all of them and the best one."""
+
+def answer_advice(as_json: bool, source: str, scenario: Scenario, wanted_pod: float) -> None:
+    """Compare flights over what ``source`` names and answer with all of them and the best one."""
     with counting("flights") as count:
         advice = advise(scenario, wanted_pod, count)
     if advice.uncalibrated:
@@ -35,13 +37,22 @@ def answer_advice(as_json: bool, scenario: Scenario, wanted_pod: float) -> None:
     if best is None:
         answer(as_json, record, table, f"no flight is possible: {advice.why}")
         return
-    fields = " ".join(f"--set search.{name}={value:g}" for name, value in best.search_fields.items())
-    words = f"best: {best.altitude_agl_m:g} m, {best.speed_mps:g} m/s, sidelap {best.sidelap:g}: {advice.why}"
-    answer(as_json, record, table, words, f"fly it: skysweep run ... {fields}")
+    reasons = {
+        option.why_not.partition(":")[0]: option.why_not for option in advice.options if option.why_not
+    }
+    altitude, speed, sidelap = best.altitude_agl_m, best.speed_mps, best.sidelap
+    answer(
+        as_json,
+        record,
+        table,
+        *(f"{_NO_FLIGHT}: {why}" for why in reasons.values()),
+        f"best: {altitude:g} m, {speed:g} m/s, sidelap {sidelap:g}: {advice.why}",
+        f"plan it: skysweep plan {source} --altitude {altitude:g} --speed {speed:g} --sidelap {sidelap:g}",
+    )
 
 
 def _row(option: Option) -> list[str]:
-    lasts = [option.why_not.split(":")[0], ""]
+    lasts = [_NO_FLIGHT, ""]
     if option.time_s is not None:
         lasts = [f"{option.time_s / 3600:.2f} h", str(option.batteries)]
     return [

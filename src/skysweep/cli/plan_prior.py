@@ -18,15 +18,15 @@ from skysweep.files.writing import whole_files
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.area_files import scenario_over
 from skysweep.planning.flight_plan import leg_time_s
-from skysweep.planning.prior.flown import ground_path
 from skysweep.planning.prior.map_files import read_map, write_map
-from skysweep.planning.prior.maps import ProbabilityMap
+from skysweep.planning.prior.maps import FARTHEST_M, ProbabilityMap
 from skysweep.planning.prior.picture import draw_sortie
 from skysweep.planning.prior.planned_sortie import PlannedSortie, plan_sortie
 from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
 from skysweep.sensing.statistical.sweep_width import sweep_width_m
+from skysweep.text import percent
 
 _WORTH_SAYING = 0.05  # of the map, that lies outside the area
 MAP_AFTER, REPORT = "after.npz", "sortie.json"
@@ -97,7 +97,8 @@ def _map(options: SearchOptions, scenario: Scenario | None) -> ProbabilityMap:
         outside = 1.0 - cells.share_within(scenario.area_enu_m)
         cells = cells.within(scenario.area_enu_m)
         if outside > _WORTH_SAYING:
-            warn(f"--prior {options.prior}: {outside:.0%} of the map lies outside the area and is left out")
+            left_out = percent(outside)
+            warn(f"--prior {options.prior}: {left_out} of the map lies outside the area and is left out")
     coverage, _ = coverage_of_searches(
         cells, options.searched, options.sweep_width_of_runs_m, options.sweep_width_m
     )
@@ -110,7 +111,13 @@ def _start(options: SearchOptions, scenario: Scenario | None, frame: LocalFrame)
             raise UserError("--start: is missing; write where the vehicles start as LON,LAT in degrees")
         return np.array(scenario.home.position_enu_m, dtype=float)
     longitude, latitude = lon_lat_of(options.start_lon_lat, "--start")
-    return np.asarray(ground_path([(latitude, longitude)], frame)[0])
+    from_origin = frame.enu_from_geodetic([[latitude, longitude, frame.altitude_m]])
+    if np.linalg.norm(from_origin) > FARTHEST_M:
+        raise UserError(
+            f"--start {options.start_lon_lat}: is more than {FARTHEST_M / 1e3:.0f} km from the map's origin; "
+            "write LON,LAT, the longitude first, or start nearer"
+        )
+    return np.asarray(from_origin[0, :2])
 
 
 def _scenario_of(prior: Path, sortie: PlannedSortie) -> Scenario:

@@ -72,7 +72,9 @@ def plan(
             help="Probability of detection: wanted of --advise (default 0.8); less is a gap (default 0.5)."
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the .plan files and the picture.")] = Path("plan"),
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the .plan files and the picture. Default: plan.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Plan the coverage of an area: length, time, batteries, a QGroundControl plan and a picture.
@@ -113,6 +115,7 @@ def plan(
         "search.scan_speed_mps": speed,
         "camera.hfov_rad": hfov,
     }
+    folder = out or Path("plan")
     if pod is not None:
         refuse_pod(pod)
         if not advise and gaps is None:
@@ -120,7 +123,7 @@ def plan(
     if gaps is not None:
         if source is not None or prior is not None or advise or any(v is not None for v in changes.values()):
             raise UserError("--gaps: flies a run's own scenario again; write only --pod and --out beside it")
-        plan_gaps(as_json, gaps, 0.5 if pod is None else pod, out)
+        plan_gaps(as_json, gaps, 0.5 if pod is None else pod, folder)
         return
     chosen = None
     if source is not None:
@@ -136,16 +139,18 @@ def plan(
             warn(warning)
         width_m = sweep_width_m if sweep_width_m is not None else width_of_sensor(chosen)
         options = SearchOptions(prior, budget_m, width_m, uavs, start, searched or [], sweep_width_m, seed)
-        plan_with_prior(as_json, options, chosen, changes, out)
+        plan_with_prior(as_json, options, chosen, changes, folder)
         return
     if budget_m is not None or sweep_width_m is not None or start is not None or searched or uavs != 1:
         raise UserError(
             "--prior: is missing; name the map of where the target may be, or leave its options out"
         )
-    if chosen is None:
+    if chosen is None or source is None:
         raise UserError("SOURCE: is missing; write a scenario or an area, or a map with --prior")
     if advise:
-        answer_advice(as_json, chosen, 0.8 if pod is None else pod)
+        if out is not None or at is not None:
+            raise UserError("--out, --at: belong to a plan, which --advise writes none of; leave them out")
+        answer_advice(as_json, source, chosen, 0.8 if pod is None else pod)
         return
     for warning in warnings_for_plan(chosen):
         warn(warning)
@@ -156,7 +161,7 @@ def plan(
         count(1, 3)
         judged = assess(coverage, chosen, moment)
         count(2, 3)
-        with whole_files(out) as unfinished:
+        with whole_files(folder) as unfinished:
             draw_plan(unfinished / f"{chosen.name}.png", chosen, coverage, estimate)
             write_plan(unfinished / f"{chosen.name}.plan", plan_for_qgc(chosen, coverage))
         count(3, 3)
@@ -175,7 +180,7 @@ def plan(
     table.add_row("pixels on the smallest target", f"{estimate.pixels_on_target:.1f}")
     for name, value in judged.rows():
         table.add_row(name, value)
-    written = {"plan": f"{out / chosen.name}.plan", "picture": f"{out / chosen.name}.png"}
+    written = {"plan": f"{folder / chosen.name}.plan", "picture": f"{folder / chosen.name}.png"}
     figures = {**asdict(estimate), "heading_deg": coverage.heading_deg, **judged.record()}
     record = {"scenario": chosen.name, **figures, **written}
     answer(as_json, record, table, *(f"{what}: {path}" for what, path in written.items()))

@@ -201,15 +201,20 @@ def terrain(
     for text in near or []:
         path, (within_m, factor) = _with_numbers(text, "--near", "FILE:M:FACTOR")
         shapes = read_features(path, cells.frame)
-        changed = _times(changed, factors_near(cells, shapes, within_m, factor), "--near", text)
+        changed = _times(changed, factors_near(cells, shapes, within_m, factor), f"--near {text}")
     for text in inside or []:
         path, (factor,) = _with_numbers(text, "--inside", "FILE:FACTOR")
         shapes = read_features(path, cells.frame)
-        changed = _times(changed, factors_within(cells, shapes, factor), "--inside", text)
+        changed = _times(changed, factors_within(cells, shapes, factor), f"--inside {text}")
     if slope is not None:
         classes = [_numbers(part.replace(":", ","), "--slope", 2) for part in slope.split(",")]
         slopes = slope_deg(_heights(heights, cells), cells.cell_size_m)
-        changed = changed.times(slope_factors(slopes, *zip(*classes, strict=True)))
+        changed = _times(
+            changed,
+            slope_factors(slopes, *zip(*classes, strict=True)),
+            f"--slope {slope}",
+            "that --heights has slopes there",
+        )
     _write(out, f"{prior.stem}, changed by terrain", changed, _mark(lkp, cells))
 
 
@@ -357,10 +362,12 @@ def _heights(source: str | None, cells: ProbabilityMap) -> F64:
     return heights_of_scenario(load_scenario(source), cells)
 
 
-def _times(cells: ProbabilityMap, factors: F64, option: str, text: str) -> ProbabilityMap:
-    """The map with factors, unless they say nothing about it: then they are of another place."""
+def _times(
+    cells: ProbabilityMap, factors: F64, option: str, check: str = "that its shapes lie on the map"
+) -> ProbabilityMap:
+    """The map with factors. Where they say nothing about it, it is said what to ``check``."""
     if (factors == 1.0).all():
-        warn(f"{option} {text}: changes no cell; check that its shapes lie on the map")
+        warn(f"{option}: changes no cell; check {check}")
     return cells.times(factors)
 
 

@@ -68,24 +68,32 @@ def scenarios_show(
 def scenarios_validate(
     files: Annotated[list[str], typer.Argument(help="Scenario files.")], as_json: JsonOption = False
 ) -> None:
-    """Check scenario files; exit code 2 at the first that is wrong.
+    """Check scenario files without flying; exit code 2 at the first that is wrong or cannot be flown.
 
     Example:
 
         skysweep scenarios validate my-scenario.yaml other.yaml
     """
+    from skysweep.errors import UserError
+    from skysweep.flights.refusals import refuse_unflyable, unusable_sensors
     from skysweep.planning.advice import warnings_for
     from skysweep.scenarios.files import load_scenario
+    from skysweep.strategies.fields import checked
 
-    checked = []
+    told = []
     for file in files:
-        warnings = warnings_for(load_scenario(file))
-        checked.append({"file": file, "warnings": warnings})
+        scenario = load_scenario(file)
+        try:
+            warnings = [*warnings_for(checked(scenario)), *unusable_sensors(scenario)]
+            refuse_unflyable(scenario)
+        except UserError as error:
+            raise UserError(f"{file}: {error}") from None
+        told.append({"file": file, "warnings": warnings})
         if not as_json:
             for warning in warnings:
                 tell(f"{file}: warning: {warning}")
             tell(f"{file}: {'usable' if warnings else 'good'}")
-    answer(as_json, {"files": checked})
+    answer(as_json, {"files": told})
 
 
 @app.command("new")
@@ -157,7 +165,8 @@ def scenarios_new(
     }
     table = figures_table()
     table.add_row("elevation", f"{found.dem_crs}, every {found.dem_pixel_m:.2g} m")
-    table.add_row("heights", f"{found.lowest_amsl_m:.0f} to {found.highest_amsl_m:.0f} m AMSL")
+    assumed = "" if found.dem_states_unit else "; the file states no unit: if they are feet, --dem-unit feet"
+    table.add_row("heights", f"{found.lowest_amsl_m:.0f} to {found.highest_amsl_m:.0f} m AMSL{assumed}")
     table.add_row("holes filled", f"{found.filled:.2%} of the ground" if found.filled else "none")
     if found.orthophoto_pixel_m is not None:
         table.add_row(

@@ -10,11 +10,12 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skysweep.errors import MissingExtraError
+from skysweep.detection.model_files import existing_model_file
+from skysweep.errors import MissingExtraError, UserError
 from skysweep.experiments.workers import Job, run_jobs
 from skysweep.flights.build import build_mission
 from skysweep.flights.fly import fly_in_memory, fly_unwritten
@@ -26,9 +27,12 @@ from skysweep.mission.loop import fly
 from skysweep.results.video.make import write_video
 from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.scenarios.model import Scenario
-from skysweep.types import Command, Frame, Observation, Setpoint
+from skysweep.types import Command, Detector, Frame, Observation, Setpoint
 from skysweep.vehicles.embedded.multirotor import Multirotor
 from skysweep.worlds.world import World, build_world
+
+if TYPE_CHECKING:
+    from skysweep.detection.yolo import YoloDetector
 
 SCENARIO = "clusters"
 THREADS = 2
@@ -36,6 +40,8 @@ _VEHICLE_S = 600.0
 _TICK_S = 0.1
 _PICTURES = 60
 _BENCH_LENS = Lens(640, 360, 1.2)
+_NANO_LENS = Lens(416, 416, 1.2)
+_NANO_MAX_BYTES = 6_000_000  # it has 0.9 million weights; the next larger YOLOX, of the same input, has 5
 _FILMED_S = 150.0
 _MISSION_S = 400.0  # what statistical_mission_s is scaled to
 _MIX = ("clusters", "abundance", "sparse")
@@ -43,7 +49,9 @@ MEASUREMENTS = 8  # that are reported
 _WARM_UP, _MEASURED = 12, 108  # missions of the mix
 
 
-def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
+def bench(
+    report: Callable[[str], None] = lambda doing: None, yolox_nano: Path | None = None
+) -> dict[str, Any]:
     """Measure and return one flat mapping of names to numbers.
 
     Real-time factors (``_rtf``) are simulated seconds over wall seconds, for whole missions from take-off to
@@ -61,9 +69,13 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
     ``video_rtf`` is that of making a video as ``skysweep video`` does, set-up included, of the first
     ``_FILMED_S`` seconds of a mission; None without the extra ``video``.
 
+    With ``yolox_nano``, the public ``yolox_nano.onnx``, ``detector_vs_yolox_nano`` is the time of the
+    scenario's model on a picture of 640 x 360 over that model's on one of 416 x 416, looked at in turn.
+
     ``report`` is called with the name of each measurement. Raises UserError when the detector or renderer
-    cannot run.
+    cannot run, or ``yolox_nano`` is another model.
     """
+    nano = None if yolox_nano is None else _yolox_nano(yolox_nano)
     scenario = load_scenario(SCENARIO)
     at_10_hz = {"camera.rate_hz": 10.0, "detector.rate_hz": 10.0}
     every_frame = change_scenario(scenario, at_10_hz)
@@ -84,7 +96,7 @@ def bench(report: Callable[[str], None] = lambda doing: None) -> dict[str, Any]:
         "worker_memory_mb": memory_mb,
     }
     report("renderer and detector")
-    result |= _pictures(scenario)
+    result |= _pictures(scenario, nano)
     report("mission with pictures")
     result["rendered_mission_rtf"] = _mission_rtf(scenario, 0, "imaging")
     report("mission with pictures, detector on every frame")
@@ -174,7 +186,27 @@ def _fly_one_of_many(job: tuple[str, int]) -> float:
     return int(status.split("VmHWM:")[1].split()[0]) / 1024.0
 
 
-def _pictures(scenario: Scenario) -> dict[str, Any]:
+def _yolox_nano(path: Path) -> YoloDetector:
+    from skysweep.detection.yolo import YoloDetector
+
+    another = UserError(
+        f"--yolox-nano {path}: is not the public yolox_nano.onnx (YOLOX, 416 x 416, less than "
+        f"{_NANO_MAX_BYTES / 1e6:g} MB); give that file, or leave it out"
+    )
+    if existing_model_file(path).stat().st_size > _NANO_MAX_BYTES:
+        raise another
+    try:
+        nano = YoloDetector(path, threads=THREADS)
+    except UserError:
+        raise another from None
+    height, width = nano.network.fixed_hw
+    is_nano = nano.layout.name in ("YOLOX", "YOLOX raw")
+    if not is_nano or (width, height) != (_NANO_LENS.width_px, _NANO_LENS.height_px):
+        raise another
+    return nano
+
+
+def _pictures(scenario: Scenario, nano: YoloDetector | None) -> dict[str, Any]:
     from skysweep.detection.yolo import YoloDetector
     from skysweep.worlds.rendering.renderer import make_renderer
 
@@ -186,11 +218,23 @@ def _pictures(scenario: Scenario) -> dict[str, Any]:
     assert images[0].shape == (_BENCH_LENS.height_px, _BENCH_LENS.width_px, 3)
     frames = [Frame(0.0, images[k % len(images)], poses[0], _BENCH_LENS) for k in range(_PICTURES)]
     render_s = _median_s(lambda pose: renderer.render(_BENCH_LENS, pose), poses)
-    return {
+    measured = {
         "renderer": type(renderer).__name__,
         "render_fps_640x360": 1.0 / render_s,
         "detector_ms_640x360": 1000.0 * _median_s(detector.detect, frames),
     }
+    if nano is not None:
+        square = Frame(0.0, renderer.render(_NANO_LENS, poses[0]), poses[0], _NANO_LENS)
+        measured["detector_vs_yolox_nano"] = _time_ratio(detector, frames, nano, square)
+    return measured
+
+
+def _time_ratio(detector: Detector, frames: Sequence[Frame], other: Detector, frame: Frame) -> float:
+    """Median time of a detector on a frame over that of another on its own, looked at in turn."""
+    other.detect(frame)
+    pairs = [(_median_s(detector.detect, [own]), _median_s(other.detect, [frame])) for own in frames]
+    own_s, other_s = np.median(pairs, axis=0).tolist()
+    return float(own_s / other_s)
 
 
 def _median_s(work: Callable[[Job], object], jobs: Sequence[Job]) -> float:

@@ -7,21 +7,18 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 
 import polars as pl
 
-import skysweep
-from skysweep.detection.model_files import sha256_of
-from skysweep.scenarios.model import Scenario
+from skysweep.detection.model_files import own_model_path, sha256_of
+from skysweep.scenarios.model import OWN_DETECTORS, Scenario
+from skysweep.sensing.statistical.model import own_sensor_path
 from skysweep.strategies import code_of
+from skysweep.strategies.fields import value_at
 from skysweep.worlds.ground_files import ground_digest
 
-RESULTS_VERSION = 3  # increased when missions of the same scenario and seed end differently than before
-
-_PACKAGE = Path(skysweep.__file__).parent
-_SHIPPED_FILE = {"imaging": "models/skysweep.onnx", "statistical": "sensing/statistical/default.yaml"}
+RESULTS_VERSION = 4  # increased when missions of the same scenario and seed end differently than before
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +103,7 @@ class Matrix:
 
     def _values(self, field: str) -> pl.Series:
         """The value of a field in each configuration. Numbers are floats."""
-        values = [attrgetter(field)(c.scenario) for c in self.configurations]
+        values = [value_at(c.scenario, field) for c in self.configurations]
         is_number = all(v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in values)
         return pl.Series(values, dtype=pl.Float64 if is_number else None)
 
@@ -120,7 +117,8 @@ def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
     fields = scenario.model_dump(by_alias=True)
     own, version = code_of(scenario.search.strategy)
     named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
-    files = [_PACKAGE / _SHIPPED_FILE[sensor]]
+    kind = scenario.camera.kind
+    files = [own_model_path(OWN_DETECTORS[kind]) if sensor == "imaging" else own_sensor_path(kind)]
     files += [Path(n) for n in named if isinstance(n, str) and os.path.isfile(n)]
     ground = ground_digest(scenario)
     code = [*map(sha256_of, files), *([version] if version else []), *([ground] if ground else [])]

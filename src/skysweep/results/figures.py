@@ -201,7 +201,7 @@ def _top_view(
     scale = 1.0 if detail else 0.72
     for thing in run.world.objects if run.has_truth else ():
         if thing.track is not None:
-            way = run.world.way(thing, run.last_s)
+            _, way = run.world.way(thing, run.last_s)
             axis.plot(way[:, 0], way[:, 1], color="black" if thing.is_target else GREY, lw=0.6, zorder=3)
     for name, points in _points(run).items():
         axis.plot(points[:, 0], points[:, 1], **_mark(name, scale), zorder=4)

@@ -7,6 +7,7 @@ tree of splits).
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from typing import Any
 
 from skysweep.ros import messages as m
@@ -25,7 +26,7 @@ _SCENE = (
 )
 
 
-def layout_json(has_film: bool) -> str:
+def layout_json(has_film: bool, has_movers: bool) -> str:
     """The layout as JSON. Without a film, the picture's panel shows the evidence kept of candidates."""
     scene, place, picture = "3D!scene", "map!place", "Image!picture"
     altitude, battery, modes, events = (
@@ -35,7 +36,7 @@ def layout_json(has_film: bool) -> str:
         "RosOut!events",
     )
     panels: dict[str, Any] = {
-        scene: _scene(),
+        scene: _scene((*_SCENE, topics.MOVING) if has_movers else _SCENE),
         place: {"layer": "map", "followTopic": "", "zoomLevel": 17, "topicColors": {}, "disabledTopics": []},
         picture: {
             "imageMode": _picture(has_film),
@@ -63,10 +64,10 @@ def layout_json(has_film: bool) -> str:
     return json.dumps(layout, indent=1) + "\n"
 
 
-def _scene() -> dict[str, Any]:
+def _scene(shown: Iterable[Topic]) -> dict[str, Any]:
     view = {"perspective": True, "distance": 70, "phi": 55, "thetaOffset": 40, "fovy": 45}
     aim = {"target": [0, 0, 0], "targetOffset": [0, 0, 0], "targetOrientation": [0, 0, 0, 1]}
-    visible: dict[str, dict[str, Any]] = {topic.full_name: {"visible": True} for topic in _SCENE}
+    visible: dict[str, dict[str, Any]] = {topic.full_name: {"visible": True} for topic in shown}
     frustum = {"distance": 8, "planarProjectionFactor": 1, "width": 0.12, "color": "#d97706"}  # m
     visible[topics.CAMERA_INFO.full_name] |= frustum
     transforms = {"showLabel": False, "axisScale": 0, "lineWidth": 0, "enablePreloading": True}

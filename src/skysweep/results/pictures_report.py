@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 from skysweep.results.evidence import evidence
@@ -25,10 +27,14 @@ _HAVE_A_LOOK = (
 def write_pictures_report(run: Run, summary: RunSummary, folder: Path) -> Path:
     """Write ``report.html``, with ``map.png`` of the folder and the candidates' pictures inside."""
     candidates = unchecked_targets(run)
-    text = _HAVE_A_LOOK if candidates else "The detector reported nothing."
+    off_size = detections_left_out(run)
+    nothing = "No detection became a candidate." if off_size else "The detector reported nothing."
+    text = [_HAVE_A_LOOK if candidates else nothing]
+    if off_size:
+        text.append(f"{left_out_words(off_size)}.")
     sections = [
         Section("Map", pictures=[picture(folder / "map.png", _CAPTION)]),
-        Section("Candidates", [text], grids=[_candidates(candidates)] if candidates else []),
+        Section("Candidates", text, grids=[_candidates(candidates)] if candidates else []),
     ]
     shown = [each for group in evidence(run).values() for each in group]
     if shown:
@@ -51,6 +57,20 @@ def write_pictures_report(run: Run, summary: RunSummary, folder: Path) -> Path:
         (f"{run.scenario.search.scan_altitude_agl_m:.0f} m", "usual height"),
     ]
     return write_page(folder / "report.html", f"Pictures: {run.scenario.name}", lead, sections, tiles)
+
+
+def detections_left_out(run: Run) -> dict[str, int]:
+    """How many detections of each class the tracker left out, for their size or as they are on no ground."""
+    seen = Counter(name for look in run.events("look") for name in look.get("class_names", ()))
+    kept = Counter(sighting["class_name"] for sighting in run.events("sighting"))
+    return dict(seen - kept)
+
+
+def left_out_words(counts: Mapping[str, int]) -> str:
+    """What ``detections_left_out`` says, in words."""
+    listed = ", ".join(f"{n} of {name}" for name, n in counts.items())
+    n = counted(sum(counts.values()), "detection")
+    return f"{n} left out: too large or small on the ground for what it says, or on no ground ({listed})"
 
 
 def _candidates(targets: list[FoundTarget]) -> Grid:

@@ -9,22 +9,18 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-import shapely
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraMotion, CameraPose, pose_between
 from skysweep.results.run_folder import Run
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.statistical.cells import SearchedCells
 from skysweep.sensing.statistical.model import StatisticalModel, model_for
+from skysweep.sensing.statistical.searched_area import SearchedArea, motion_between
 from skysweep.types import SEARCHING, Doubt, Mode
-from skysweep.worlds.occlusion import Occluders
-from skysweep.worlds.world import World, build_buildings, build_terrain, build_trees
 
 _CELLS_ACROSS = 12  # the shorter side of a picture from the scan's height
 _MAX_CELLS = 40_000
-_FINEST_M = 0.25
 _LATEST_S = 1.0  # by which an answer may be later than usual
 _FARTHEST_M = 1e6
 _LONGEST_AXIS = 1.01  # of a rotation, rounded
@@ -47,34 +43,9 @@ class CoverageMap:
     """
 
     def __init__(self, scenario: Scenario, model: StatisticalModel) -> None:
-        area, search = scenario.area_enu_m, scenario.search
-        west, south, east, north = area.bounds
-        across_m = min(scenario.camera.lens.footprint_m(search.scan_altitude_agl_m))
-        sides_m = east - west, north - south
-        coarse_m = max(math.sqrt(math.prod(sides_m) / _MAX_CELLS), max(sides_m) / _MAX_CELLS)
-        self.cell_m = max(across_m / _CELLS_ACROSS, coarse_m, _FINEST_M)
-        columns, rows = (max(1, math.ceil(side_m / self.cell_m - 1e-9)) for side_m in sides_m)
-        self.bounds_enu_m = (west, south, west + columns * self.cell_m, south + rows * self.cell_m)
-        x, y = np.meshgrid(
-            west + (np.arange(columns) + 0.5) * self.cell_m, south + (np.arange(rows) + 0.5) * self.cell_m
-        )
-        half_m = 0.5 * self.cell_m
-        self.inside = shapely.intersects(area, shapely.box(x - half_m, y - half_m, x + half_m, y + half_m))
-        terrain = build_terrain(scenario)
-        trees, buildings = build_trees(scenario, terrain), build_buildings(scenario, terrain)
-        xy = np.column_stack([x.ravel(), y.ravel()])
-        z = terrain.height_m(xy).reshape(x.shape)
-        self._cells = SearchedCells(
-            np.stack([x, y, z], axis=-1),
-            self.inside,
-            terrain,
-            Occluders(World(terrain, (), trees, buildings, scenario.light, seed=0)).solids,
-            scenario.camera,
-            scenario.detector,
-            model,
-            scenario.target_sizes_m,
-            scenario.target_poses,
-        )
+        area = SearchedArea(scenario, model, _CELLS_ACROSS, _MAX_CELLS)
+        self.cell_m, self.bounds_enu_m = area.cell_m, area.bounds_enu_m
+        self.inside, self._cells = area.inside, area.cells
         self._latency_s = scenario.camera.latency_s
         self._period_s = 1.0 / min(scenario.detector.rate_hz, scenario.camera.rate_hz)
         self._keeps_looks = False
@@ -141,10 +112,7 @@ class CoverageMap:
         if not before.searches or not 0.0 < lasted_s <= _LONGEST_GAP_S:
             return
         pose = pose_between(before.camera, after.camera, (exposed_s - before.time_s) / lasted_s)
-        R, moved_m = pose.R_camera_to_enu, after.camera.position_enu_m - before.camera.position_enu_m
-        turned = before.camera.R_camera_to_enu.T @ after.camera.R_camera_to_enu
-        rates = np.array([turned[2, 1], turned[0, 2], turned[1, 0]]) - turned[[1, 2, 0], [2, 0, 1]]
-        motion = CameraMotion(R.T @ moved_m / lasted_s, 0.5 * rates / lasted_s)
+        motion = motion_between(before.camera, after.camera, pose.R_camera_to_enu, lasted_s)
         self._looks.append((exposed_s, pose, motion))
         self._cells.look(pose, motion)
 

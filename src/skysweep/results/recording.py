@@ -8,6 +8,7 @@ vehicle's shape, pictures as JPEG, boxes and map as Foxglove draws them.
 from __future__ import annotations
 
 import heapq
+import itertools
 import json
 from collections.abc import Iterable
 from operator import itemgetter
@@ -34,8 +35,9 @@ from skysweep.ros.interfaces import definition, make, to_cdr, type_hash
 from skysweep.ros.targets import RGBA, KnownTarget, TargetBoard
 from skysweep.ros.topics import Topic
 from skysweep.types import F64, SETTLING
+from skysweep.worlds.world import WorldObject
 
-Timed = tuple[float, Topic, Any]
+Timed = tuple[float, Topic, Any]  # a message, or its CDR
 
 _PATH_EVERY = 20  # states, since a path is written whole each time
 _QUIET_KINDS = ("state", "sighting", "plan", "clock", "look", "snapshot")
@@ -58,7 +60,8 @@ def write_recording(run: Run, path: str | Path) -> Path:
                 told = {"offered_qos_profiles": profile, "topic_type_hash": type_hash(topic.type_name)}
                 channels[topic.name] = writer.register_channel(topic.full_name, "cdr", schema, told)
             nanoseconds = round(time_s * 1e9)
-            writer.add_message(channels[topic.name], nanoseconds, to_cdr(message), nanoseconds)
+            data = message if isinstance(message, bytes) else to_cdr(message)
+            writer.add_message(channels[topic.name], nanoseconds, data, nanoseconds)
         writer.finish()  # type: ignore[no-untyped-call]
     return path
 
@@ -66,7 +69,7 @@ def write_recording(run: Run, path: str | Path) -> Path:
 def _messages(run: Run) -> Iterable[Timed]:
     """All messages in the order of their times. Pictures are read when their turn comes."""
     looks = FilmedLooks(run)
-    parts = (_beginning(run, looks), _flight(run), _film(looks), _evidence(run), _events(run))
+    parts = (_beginning(run, looks), _flight(run), _moving(run), _film(looks), _evidence(run), _events(run))
     return heapq.merge(*parts, key=itemgetter(0))
 
 
@@ -118,15 +121,16 @@ def _flight(run: Run) -> Iterable[Timed]:
         return
     fixes = run.scenario.frame.geodetic_from_enu(states.position_enu_m)
     times, altitudes_m = states.time_s.tolist(), run.altitudes_agl_m
-    flown: list[Any] = []
+    flown = m.GrowingPath()
     mode = None
     for k, time_s in enumerate(times):
         position = states.position_enu_m[k]
         camera = CameraPose(states.camera_position_enu_m[k], states.R_camera_to_enu[k])
         R = _level_body(camera.R_camera_to_enu)
         yield time_s, topics.TF, m.transforms(time_s, position, R, camera)
-        flown.append(m.pose_stamped(time_s, position, R))
-        yield time_s, topics.POSE, flown[-1]
+        pose = m.pose_stamped(time_s, position, R)
+        flown.add(pose)
+        yield time_s, topics.POSE, pose
         yield time_s, topics.FIX, m.fix(time_s, fixes[k])
         yield time_s, topics.ALTITUDE, make(topics.ALTITUDE.type_name, data=float(altitudes_m[k]))
         yield time_s, topics.BATTERY, m.battery(time_s, float(states.battery[k]))
@@ -134,7 +138,7 @@ def _flight(run: Run) -> Iterable[Timed]:
             mode = states.mode[k]
             yield time_s, topics.STATE, m.text(mode)
         if (k + 1) % _PATH_EVERY == 0 or k + 1 == len(times):
-            yield time_s, topics.FLOWN_PATH, m.path(time_s, flown)
+            yield time_s, topics.FLOWN_PATH, flown.cdr(time_s)
 
 
 def _level_body(R_camera_to_enu: F64) -> F64:
@@ -152,16 +156,36 @@ def _still_life(run: Run) -> list[m.Mark]:
         points = np.column_stack([xy, terrain.height_m(xy)])
         marks.append(m.Mark("area", k, m.LINE_STRIP, points, (0.3, 0.0, 0.0), to_rgba("0.6")))
     for k, thing in enumerate(run.world.objects if run.has_truth else ()):
-        colour = to_rgba("white" if thing.is_target else "0.4", 0.8)
-        size = max(thing.size_m, 0.3)
-        position = thing.position_enu_m
-        marks.append(m.Mark("truth", k, m.CYLINDER, position, (size, size, 0.1), colour))
-        above = position + np.array([0.0, 0.0, 1.0])
-        marks.append(m.Mark("truth labels", k, m.TEXT, above, (0.0, 0.0, 1.0), colour, thing.kind))
-        if thing.track is not None:
-            way = run.world.way(thing, run.last_s)
-            marks.append(m.Mark("truth tracks", k, m.LINE_STRIP, way, (0.15, 0.0, 0.0), colour))
+        if thing.track is None:
+            marks += _truth(k, thing, thing.position_enu_m)
+        else:
+            _, way = run.world.way(thing, run.last_s)
+            marks.append(m.Mark("truth tracks", k, m.LINE_STRIP, way, (0.15, 0.0, 0.0), _truth_rgba(thing)))
     return marks
+
+
+def _moving(run: Run) -> Iterable[Timed]:
+    """What moves, where it is."""
+    movers = run.movers
+    if not movers:
+        return
+    times_s, _ = run.world.way(movers[0][1], run.last_s)
+    for time_s in times_s.tolist():
+        marks = (_truth(k, thing, run.world.position(thing, time_s)) for k, thing in movers)
+        yield time_s, topics.MOVING, m.markers(time_s, itertools.chain.from_iterable(marks))
+
+
+def _truth(k: int, thing: WorldObject, position_enu_m: F64) -> tuple[m.Mark, m.Mark]:
+    colour, size = _truth_rgba(thing), max(thing.size_m, 0.3)
+    above = position_enu_m + np.array([0.0, 0.0, 1.0])
+    return (
+        m.Mark("truth", k, m.CYLINDER, position_enu_m, (size, size, 0.1), colour),
+        m.Mark("truth labels", k, m.TEXT, above, (0.0, 0.0, 1.0), colour, thing.kind),
+    )
+
+
+def _truth_rgba(thing: WorldObject) -> tuple[float, float, float, float]:
+    return to_rgba("white" if thing.is_target else "0.4", 0.8)
 
 
 def _vehicle() -> list[m.Mark]:

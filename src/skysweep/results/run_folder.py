@@ -27,7 +27,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.text import printable
 from skysweep.types import F64, EventKind, Mode
 from skysweep.worlds.ground_files import ground_digest
-from skysweep.worlds.world import World, build_world
+from skysweep.worlds.world import World, WorldObject, build_world
 
 Record = Mapping[str, Any]
 
@@ -142,6 +142,12 @@ class Run:
     def has_truth(self) -> bool:
         """Whether the sensor saw the scenario's world, with targets in it. Else nothing can be judged."""
         return self.is_simulated and bool(self.world.targets)
+
+    @property
+    def movers(self) -> list[tuple[int, WorldObject]]:
+        """Number and beginning of the world's objects that move; none where the world is not the truth."""
+        things = self.world.objects if self.has_truth else ()
+        return [(k, thing) for k, thing in enumerate(things) if thing.track is not None]
 
     @property
     def is_simulated(self) -> bool:

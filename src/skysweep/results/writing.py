@@ -40,7 +40,8 @@ def write_results(
         on_step(1, _PARTS)
         write_exports(run, unfinished)
         write_recording(run, unfinished / "mission.mcap")
-        (unfinished / LAYOUT_FILE).write_text(layout_json(FilmedLooks(run).has_pictures), encoding="utf-8")
+        layout = layout_json(FilmedLooks(run).has_pictures, bool(run.movers))
+        (unfinished / LAYOUT_FILE).write_text(layout, encoding="utf-8")
         on_step(2, _PARTS)
         report = write_pictures_report if run.is_photographed else write_run_report
         report(run, summary, unfinished)

@@ -67,26 +67,26 @@ def typestore() -> Typestore:
 def make(type_name: str, **fields: Any) -> Any:
     """A message such as ``make("geometry_msgs/msg/Point", x=1.0)``; fields not given are zero or empty.
 
-    A message within it, or a list of them, may be given as dictionaries of their fields.
+    A message within it, or a list of them, may be given as dictionaries of their fields. Messages share what
+    was not given, so nothing in it may be written to.
     """
-    message_type, plain, composed = _parts(type_name)
+    message_type, zeros, composed = _parts(type_name)
     for name, kind in composed:
-        if name not in fields:
-            fields[name] = _zero(kind)
-        elif isinstance(value := fields[name], dict):
+        value = fields.get(name)
+        if isinstance(value, dict):
             fields[name] = make(kind[1], **value)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             (_, element_type), _ = kind[1]
             fields[name] = [make(element_type, **element) for element in value]
-    return message_type(**(plain | fields))
+    return message_type(**(zeros | fields))
 
 
 @cache
 def _parts(type_name: str) -> tuple[type, dict[str, Any], list[tuple[str, Any]]]:
-    """A message's class, the zeros of its numbers and strings, and its other fields."""
+    """A message's class, the zeros of its fields, which all messages share, and its composed fields."""
     fields = typestore().fielddefs[type_name][1]
-    plain = {name: _zero(kind) for name, kind in fields if kind[0] == Nodetype.BASE}
-    return typestore().types[type_name], plain, [field for field in fields if field[0] not in plain]
+    zeros = {name: _zero(kind) for name, kind in fields}
+    return typestore().types[type_name], zeros, [f for f in fields if f[1][0] != Nodetype.BASE]
 
 
 def to_cdr(message: Any) -> bytes:

@@ -8,7 +8,8 @@ z up; ``camera`` is optical: x right, y down, z forward. Stamps are the vehicle'
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
-from skysweep.ros.interfaces import make
+from skysweep.ros.interfaces import make, to_cdr
 from skysweep.types import F64, U8, Detections, Frame, VehicleState
 
 Fields = dict[str, Any]
@@ -31,6 +32,7 @@ DETECTIONS = "vision_msgs/msg/Detection2DArray"
 GEOJSON = "foxglove_msgs/msg/GeoJSON"
 IMAGE = "sensor_msgs/msg/Image"
 LOG = "rcl_interfaces/msg/Log"
+MARKER = "visualization_msgs/msg/Marker"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 ODOMETRY = "nav_msgs/msg/Odometry"
 PATH = "nav_msgs/msg/Path"
@@ -47,9 +49,12 @@ _UNKNOWN_VARIANCE = 1e6
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """A shape to draw in a frame. Lines have points (N, 3), all others a position (3,)."""
+    """A shape to draw in a frame. Lines have points (N, 3), all others a position (3,).
+
+    One that is drawn again and again costs little.
+    """
 
     namespace: str
     id: int
@@ -100,14 +105,26 @@ def transforms(time_s: float, position_enu_m: F64, R_body_to_enu: F64, camera: C
     R_enu_to_body = R_body_to_enu.T
     offset_body_m = R_enu_to_body @ (camera.position_enu_m - position_enu_m)
     R_gimbal_to_body = R_enu_to_body @ camera.R_camera_to_enu @ R_CAMERA_TO_GIMBAL.T
-    body = _transform(time_s, ODOM, BASE, position_enu_m, R_body_to_enu)
-    return make(TF, transforms=[body, _transform(time_s, BASE, GIMBAL, offset_body_m, R_gimbal_to_body)])
+    body, gimbal = _quaternions(np.stack([R_body_to_enu, R_gimbal_to_body]))
+    return make(
+        TF,
+        transforms=[
+            _transform(time_s, ODOM, BASE, position_enu_m, body),
+            _transform(time_s, BASE, GIMBAL, offset_body_m, gimbal),
+        ],
+    )
 
 
 def fixed_transforms() -> Any:
     """``tf2_msgs/TFMessage`` for ``/tf_static``: map -> odom and gimbal -> camera."""
-    odom = _transform(0.0, MAP, ODOM, np.zeros(3), np.eye(3))
-    return make(TF, transforms=[odom, _transform(0.0, GIMBAL, CAMERA, np.zeros(3), R_CAMERA_TO_GIMBAL)])
+    odom, camera = _quaternions(np.stack([np.eye(3), R_CAMERA_TO_GIMBAL]))
+    return make(
+        TF,
+        transforms=[
+            _transform(0.0, MAP, ODOM, np.zeros(3), odom),
+            _transform(0.0, GIMBAL, CAMERA, np.zeros(3), camera),
+        ],
+    )
 
 
 def pose_stamped(time_s: float, position_enu_m: ArrayLike, R_body_to_enu: F64) -> Any:
@@ -119,6 +136,30 @@ def pose_stamped(time_s: float, position_enu_m: ArrayLike, R_body_to_enu: F64) -
 def path(time_s: float, poses: Sequence[Any]) -> Any:
     """``nav_msgs/Path`` through poses of ``pose_stamped``."""
     return make(PATH, header=header(time_s, MAP), poses=list(poses))
+
+
+class GrowingPath:
+    """The CDR of a ``nav_msgs/Path`` that grows, of which a pose is encoded once."""
+
+    def __init__(self) -> None:
+        self.length = 0
+        self._first: list[Any] = []
+        self._newest: list[Any] = []
+        self._encoded = bytearray()  # poses after the first
+
+    def add(self, pose: Any) -> None:
+        """Add a pose of ``pose_stamped``."""
+        (self._newest if self.length else self._first).append(pose)
+        self.length += 1
+
+    def cdr(self, time_s: float) -> bytes:
+        """The whole path. Poses after the first have the same bytes in a path of any length."""
+        start = to_cdr(path(time_s, self._first))
+        self._encoded += to_cdr(path(time_s, self._first + self._newest))[len(start) :]
+        self._newest = []
+        length_ends = len(to_cdr(path(time_s, [])))
+        length = self.length.to_bytes(4, "little")
+        return start[: length_ends - 4] + length + start[length_ends:] + self._encoded
 
 
 def planned_path(waypoints_enu_m: F64) -> Any:
@@ -359,33 +400,36 @@ def read_detections(message: Any, frame: Frame, source: str) -> Detections:
 
 def markers(time_s: float, marks: Iterable[Mark], clear: bool = False) -> Any:
     """``visualization_msgs/MarkerArray``; ``clear`` removes what was drawn before."""
-    drawn = [_marker(time_s, mark) for mark in marks]
-    start = [{"header": header(time_s, MAP), "action": _DELETE_ALL}] if clear else []
+    marks = list(marks)
+    headers = {frame: header(time_s, frame) for frame in (MAP, *(mark.frame for mark in marks))}
+    drawn = [replace(_marker(mark), header=headers[mark.frame]) for mark in marks]
+    start = [make(MARKER, header=headers[MAP], action=_DELETE_ALL)] if clear else []
     return make(MARKERS, markers=[*start, *drawn])
 
 
-def _marker(time_s: float, mark: Mark) -> Fields:
+@lru_cache(maxsize=4096)
+def _marker(mark: Mark) -> Any:
     line = mark.kind == LINE_STRIP
-    return {
-        "header": header(time_s, mark.frame),
-        "ns": mark.namespace,
-        "id": mark.id,
-        "type": mark.kind,
-        "pose": _level((0.0, 0.0, 0.0) if line else mark.where_m),
-        "scale": _xyz(mark.size_m),
-        "color": _colour(mark.rgba),
-        "points": [_xyz(point) for point in mark.where_m] if line else [],
-        "text": mark.text,
-        "frame_locked": True,
-    }
+    return make(
+        MARKER,
+        ns=mark.namespace,
+        id=mark.id,
+        type=mark.kind,
+        pose=_level((0.0, 0.0, 0.0) if line else mark.where_m),
+        scale=_xyz(mark.size_m),
+        color=_colour(mark.rgba),
+        points=[_xyz(point) for point in mark.where_m] if line else [],
+        text=mark.text,
+        frame_locked=True,
+    )
 
 
 def _rows(found: Detections) -> Iterable[tuple[list[float], float, str]]:
     return zip(found.boxes_xyxy_px.tolist(), found.confidences.tolist(), found.class_names, strict=True)
 
 
-def _transform(time_s: float, parent: str, child: str, offset_m: F64, R_child_to_parent: F64) -> Fields:
-    turn = {"translation": _xyz(offset_m), "rotation": _quaternion(R_child_to_parent)}
+def _transform(time_s: float, parent: str, child: str, offset_m: F64, child_to_parent: Fields) -> Fields:
+    turn = {"translation": _xyz(offset_m), "rotation": child_to_parent}
     return {"header": header(time_s, parent), "child_frame_id": child, "transform": turn}
 
 
@@ -399,8 +443,12 @@ def _xyz(vector: ArrayLike) -> Fields:
 
 
 def _quaternion(R: F64) -> Fields:
-    x, y, z, w = Rotation.from_matrix(R).as_quat().tolist()
-    return {"x": x, "y": y, "z": z, "w": w}
+    return _quaternions(R[None])[0]
+
+
+def _quaternions(R: F64) -> list[Fields]:
+    """Of rotations (N, 3, 3)."""
+    return [dict(zip("xyzw", q, strict=True)) for q in Rotation.from_matrix(R).as_quat().tolist()]
 
 
 def _colour(rgba: tuple[float, float, float, float]) -> Fields:

@@ -42,6 +42,7 @@ class TargetBoard:
 
     def __init__(self) -> None:
         self.targets: dict[int, KnownTarget] = {}
+        self._marks: dict[int, tuple[Mark, Mark]] = {}
 
     def note(self, record: Mapping[str, Any]) -> bool:
         """Take in one record; True if a target is new or its standing changed."""
@@ -58,25 +59,28 @@ class TargetBoard:
         elif standing == "seen":
             return False
         spread = record.get("covariance_m2")
-        self.targets[identity] = replace(
+        target = self.targets[identity] = replace(
             known,
             standing=standing,
             by_operator="by" in record,
             position_enu_m=known.position_enu_m if place is None else np.array(place, dtype=float),
             radius_95_m=known.radius_95_m if spread is None else _radius_95_m(spread),
         )
+        self._marks[identity] = _disc_and_label(target)
         return True
 
     def marks(self) -> list[Mark]:
         """A disc of the 95 % radius and a label for every target."""
-        marks = []
-        for t in self.targets.values():
-            rgba = RGBA[t.standing]
-            size = (2 * t.radius_95_m, 2 * t.radius_95_m, 0.2)
-            marks.append(Mark(t.standing, t.id, CYLINDER, t.position_enu_m, size, rgba))
-            above = t.position_enu_m + np.array([0.0, 0.0, 2.0])
-            marks.append(Mark("labels", t.id, TEXT, above, (0.0, 0.0, 1.5), (1.0, 1.0, 1.0, 1.0), t.label))
-        return marks
+        return [mark for marks in self._marks.values() for mark in marks]
+
+
+def _disc_and_label(t: KnownTarget) -> tuple[Mark, Mark]:
+    size = (2 * t.radius_95_m, 2 * t.radius_95_m, 0.2)
+    above = t.position_enu_m + np.array([0.0, 0.0, 2.0])
+    return (
+        Mark(t.standing, t.id, CYLINDER, t.position_enu_m, size, RGBA[t.standing]),
+        Mark("labels", t.id, TEXT, above, (0.0, 0.0, 1.5), (1.0, 1.0, 1.0, 1.0), t.label),
+    )
 
 
 def _radius_95_m(covariance_m2: Any) -> float:

@@ -22,7 +22,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from skysweep.errors import UserError
 from skysweep.results.picture_files import told_by_name
 from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
-from skysweep.web.entries import entries, has_end, report_of, thumbnail_of
+from skysweep.web.entries import end_s, entries, report_of, thumbnail_of
 from skysweep.web.feed import Feed, Place
 from skysweep.web.ground import ground_picture
 from skysweep.web.orders import Told, checked_order
@@ -103,10 +103,10 @@ class App:
     async def _scene(self, request: Request) -> Response:
         folder = await self._begun(request)
         identity = request.path_params["id"]
-        ended = (folder / JOURNAL_FILE).is_file() and has_end(folder / JOURNAL_FILE)
-        scene = await run_in_threadpool(scene_of, folder, ended)
+        ended_s = end_s(folder / JOURNAL_FILE) if (folder / JOURNAL_FILE).is_file() else None
+        scene = await run_in_threadpool(scene_of, folder, ended_s)
         address = f"/api/runs/{quote(identity)}"
-        scene["live"] = identity == self._live and not ended
+        scene["live"] = identity == self._live and ended_s is None
         scene["controls"] = scene["live"] and self._give is not None
         scene["ground"] = {
             "picture": f"{address}/ground.jpg" if scene["simulated"] else None,
@@ -161,7 +161,7 @@ class App:
             return _refused(
                 409, "This mission is not flown by the process that shows it: no orders reach it."
             )
-        if has_end(self._places.file(folder, JOURNAL_FILE)):
+        if end_s(self._places.file(folder, JOURNAL_FILE)) is not None:
             return _refused(409, "The mission has ended.")
         try:
             body = await _body(request)

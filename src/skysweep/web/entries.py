@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +22,7 @@ from skysweep.web.scene import head_of
 _DEEPEST = 4  # folders in folders
 _MOST = 2000  # entries
 _TAIL_BYTES = 1 << 12  # of a journal: its last line is short
-_END = b'"kind": "end"'
+_END = re.compile(rb'\{"t": ([\d.]+), "kind": "end"')
 
 # The kinds of studies, by a file that each has in its folder.
 _STUDIES = {
@@ -106,7 +107,7 @@ def _run(folder: Path, is_live: bool) -> dict[str, Any]:
     journal = folder / JOURNAL_FILE
     modified_s = (journal if journal.is_file() else folder / CONFIG_FILE).stat().st_mtime
     entry: dict[str, Any] = {"modified_unix_s": modified_s, "state": "broken off"}
-    if journal.is_file() and has_end(journal):
+    if journal.is_file() and end_s(journal) is not None:
         entry["state"] = "ended"
     elif is_live or time.time() - modified_s < FLYING_S:
         entry["state"] = "flying"
@@ -122,12 +123,13 @@ def _run(folder: Path, is_live: bool) -> dict[str, Any]:
     return entry
 
 
-def has_end(journal: Path) -> bool:
-    """Whether a journal's last line is that of a mission that has ended. Raises OSError."""
+def end_s(journal: Path) -> float | None:
+    """The time of a journal's last line, where it is that of a mission that has ended. Raises OSError."""
     with journal.open("rb") as file:
         file.seek(max(0, journal.stat().st_size - _TAIL_BYTES))
         lines = file.read().split(b"\n")
-    return len(lines) > 1 and _END in lines[-2]
+    ended = _END.match(lines[-2]) if len(lines) > 1 else None
+    return float(ended[1]) if ended else None
 
 
 def _figures(summary: dict[str, Any]) -> list[dict[str, str]]:

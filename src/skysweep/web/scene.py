@@ -64,8 +64,10 @@ def scenario_of(folder: Path) -> Scenario:
     return load_scenario(folder / CONFIG_FILE)
 
 
-def scene_of(folder: Path, ended: bool) -> dict[str, Any]:
-    """The scene of a run. The truth is in it only where the mission was simulated and has ended.
+def scene_of(folder: Path, ended_s: float | None) -> dict[str, Any]:
+    """The scene of a run that ended at that time of its journal; None: it has not.
+
+    The truth is in it only where the mission was simulated and has ended.
 
     Raises UserError as ``scenario_of``.
     """
@@ -120,7 +122,7 @@ def scene_of(folder: Path, ended: bool) -> dict[str, Any]:
         "hover_power_w": scenario.vehicle.hover_power_w,
         "classes": list(scenario.target_classes),
         "objects": _objects(world),
-        "targets": _targets(world) if simulated and ended else [],
+        "targets": _targets(world, ended_s) if simulated and ended_s is not None else [],
         "coverage": grid_of(scenario),
     }
 
@@ -173,8 +175,15 @@ def _objects(world: World) -> list[dict[str, Any]]:
     return [*buildings, *trees]
 
 
-def _targets(world: World) -> list[dict[str, Any]]:
-    return [{"class_name": t.kind, "position_enu_m": _rounded(t.position_enu_m)} for t in world.targets]
+def _targets(world: World, ended_s: float) -> list[dict[str, Any]]:
+    """``way`` of those that move: times, eastings and northings, linear in between."""
+    found = []
+    for thing in world.targets:
+        found.append({"class_name": thing.kind, "position_enu_m": _rounded(thing.position_enu_m)})
+        if thing.track is not None:
+            times_s, places = world.way(thing, ended_s)
+            found[-1]["way"] = [_rounded(p) for p in np.column_stack([times_s, places[:, :2]])]
+    return found
 
 
 def _utm_zone(latitude_deg: float, longitude_deg: float) -> dict[str, Any] | None:

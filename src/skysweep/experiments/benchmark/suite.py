@@ -131,8 +131,9 @@ def contenders(added: Sequence[str] = ()) -> tuple[Contender, ...]:
 
 
 def close_look_m(scenario: Scenario, target_px: float) -> float:
-    """The height from which the smallest target spans ``target_px``, at most that of the scan."""
-    height_m = scenario.pixels_on_target(1.0) / target_px
+    """The height from which the smallest target's size spans ``target_px``, at most that of the scan."""
+    smallest_m = min(low for low, _ in scenario.target_sizes_m.values())
+    height_m = scenario.camera.lens.focal_px * smallest_m / target_px
     return round(min(height_m, scenario.search.scan_altitude_agl_m), 2)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
@@ -40,43 +41,63 @@ def draw_fit(
     with bars are measured, with 95 % (Clopper-Pearson) intervals. Lines are what the sensor draws at the
     missions' threshold for usual looks; the band holds two thirds. Below are held-out looks, by factor and by
     their predicted chance. The last panels show reports of nothing and reports of look-alikes over altitude.
+
+    Of a fit to real pictures it shows only what these tell: kinds, pixels, and reports of nothing.
     """
-    rows = -(-len(SUBJECTS) // _COLUMNS)
-    check_rows = -(-(len(EDGES) + 3) // _COLUMNS)
+    real = model.pictures
+    subjects = [k for k in range(len(SUBJECTS)) if real is None or (looks.subject == k).any()]
+    factors = list(EDGES) if real is None else ["pixels"]
+    n_checks = len(factors) + (3 if real is None else 2)
+    columns = min(_COLUMNS, max(len(subjects), n_checks))
+    rows, check_rows = -(-len(subjects) // columns), -(-n_checks // columns)
     heights = [3.3 * rows, 3.3 * check_rows]
-    figure = Figure(figsize=(3.1 * _COLUMNS, sum(heights) + 0.2), layout="constrained")
+    figure = Figure(figsize=(3.1 * columns, sum(heights) + 0.2), layout="constrained")
     above, below = cast("Any", figure.subfigures(2, 1, height_ratios=heights))
-    _draw_kinds(above, rows, looks, told, model)
-    panels = below.subplots(check_rows, _COLUMNS).ravel()
-    _draw_checks(panels, told)
-    _draw_background(panels[len(EDGES) + 1], background, model)
-    _draw_distractors(panels[len(EDGES) + 2], model)
-    for spare in panels[len(EDGES) + 3 :]:
+    _draw_kinds(above, (rows, columns), subjects, looks, told, model)
+    panels = below.subplots(check_rows, columns).ravel()
+    _draw_checks(panels, told, factors)
+    _draw_background(panels[len(factors) + 1], background, model)
+    if real is None:
+        _draw_distractors(panels[len(factors) + 2], model)
+    for spare in panels[n_checks:]:
         spare.axis("off")
+    n_pictures = model.experiment.pictures if real is None else real.pictures
+    n_looks = model.experiment.looks if real is None else len(looks.pixels)
     figure.suptitle(
-        f"Statistical sensor for detector '{model.detector.name}': {model.experiment.pictures} pictures, "
-        f"{model.experiment.looks} looks; reports with confidence ≥ {MISSION_CONFIDENCE_MIN:g}",
+        f"Statistical sensor for detector '{model.detector.name}': {n_pictures} pictures, {n_looks} looks; "
+        f"reports with confidence ≥ {MISSION_CONFIDENCE_MIN:g}",
         fontsize=11,
+        wrap=True,
     )
     figure.savefig(path, dpi=100)
 
 
-def _draw_kinds(figure: Any, rows: int, looks: ScoredLooks, told: Told, model: StatisticalModel) -> None:
-    axes = figure.subplots(2 * rows, _COLUMNS, sharex=True, height_ratios=[1.0, 0.8] * rows, squeeze=False)
+def _draw_kinds(
+    figure: Any,
+    shape: tuple[int, int],
+    subjects: Sequence[int],
+    looks: ScoredLooks,
+    told: Told,
+    model: StatisticalModel,
+) -> None:
+    rows, columns = shape
+    axes = figure.subplots(2 * rows, columns, sharex=True, height_ratios=[1.0, 0.8] * rows, squeeze=False)
     fits = {(k.kind, k.pose, k.reported_as): k for k in model.kinds}
-    for index, (kind, pose) in enumerate(SUBJECTS):
-        row, column = divmod(index, _COLUMNS)
+    for place, index in enumerate(subjects):
+        kind, pose = SUBJECTS[index]
+        row, column = divmod(place, columns)
         above, below = axes[2 * row, column], axes[2 * row + 1, column]
         mine = looks.where(looks.subject == index)
-        above.set_title(f"{kind}, {pose} ({len(mine.pixels)} looks)", fontsize=9)
+        what = f"{kind}, {pose}" if model.pictures is None else kind
+        above.set_title(f"{what} ({len(mine.pixels)} looks)", fontsize=9)
         usual = _usual_factors(told, index)
         for c, name in enumerate(CLASSES):
             if (kind, pose, name) in fits:
                 _measured(above, below, mine.pixels, mine.confidences[:, c], name)
                 _drawn(above, below, fits[kind, pose, name], usual, name)
         _decorate(above, below, first=column == 0)
-    for spare in range(len(SUBJECTS), rows * _COLUMNS):
-        row, column = divmod(spare, _COLUMNS)
+    for spare in range(len(subjects), rows * columns):
+        row, column = divmod(spare, columns)
         for axis in axes[2 * row : 2 * row + 2, column]:
             axis.set_axis_off()
     handles = [
@@ -147,11 +168,11 @@ def _decorate(above: Axes, below: Axes, first: bool) -> None:
         below.set_ylabel("confidence", fontsize=8)
 
 
-def _draw_checks(panels: NDArray[Any], told: Told) -> None:
+def _draw_checks(panels: NDArray[Any], told: Told, factors: Sequence[str]) -> None:
     own = told.is_own
-    for axes, (name, edges) in zip(panels, EDGES.items(), strict=False):
+    for axes, name in zip(panels, factors, strict=False):
         labels = []
-        for k, (low, high) in enumerate(pairwise(edges)):
+        for k, (low, high) in enumerate(pairwise(EDGES[name])):
             inside = own & (told.values[name] >= low) & (told.values[name] < high)
             labels.append(f"{low:g}-{high:g}")
             if inside.any():
@@ -160,7 +181,7 @@ def _draw_checks(panels: NDArray[Any], told: Told) -> None:
         axes.set_xticks(range(len(labels)), labels, fontsize=6)
         _finish(axes, f"targets, held out: {name}", "reported in a look")
         axes.set_ylim(-0.03, 1.03)
-    axes = panels[len(EDGES)]
+    axes = panels[len(factors)]
     for t, (threshold, colour) in enumerate(zip(THRESHOLDS, ("#444444", "#0072B2"), strict=True)):
         which = np.minimum((told.chance[:, t] * 10).astype(int), 9)
         for b in np.unique(which):
@@ -171,7 +192,7 @@ def _draw_checks(panels: NDArray[Any], told: Told) -> None:
         axes.plot([], [], "o", color=colour, markersize=3, label=f"confidence ≥ {threshold:g}")
     axes.plot([0, 1], [0, 1], color="#D55E00", linewidth=1)
     axes.legend(fontsize=7, frameon=False)
-    axes.set_xlabel("told from other worlds", fontsize=8)
+    axes.set_xlabel("told from other worlds or pictures", fontsize=8)
     _finish(axes, "all looks, held out", "reported in a look")
 
 

@@ -8,7 +8,7 @@ rendered factors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 
@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F64
 from skysweep.detection.model_files import existing_model_file, sha256_of
-from skysweep.detection.training.class_map import ours
+from skysweep.detection.training.class_map import ours, refuse_unused
 from skysweep.detection.training.evaluate import read_picture
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.detection.training.matching import intersection_shares
+from skysweep.detection.training.reading import with_our_classes
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.experiments.calibration.check import goodness, tell
+from skysweep.experiments.calibration.figure import draw_fit
 from skysweep.experiments.calibration.fit import (
     GRID_PX,
     MIN_OBJECTS,
@@ -64,23 +66,26 @@ _SUBJECT = {kind: k for k, (kind, _) in reversed(list(enumerate(SUBJECTS)))}  # 
 
 
 def calibrate_on_pictures(
-    model: str,
+    detector: DetectorModel,
     data: LabelledDataset,
     rendered: StatisticalModel,
     out_yaml: Path,
+    renames: Mapping[str, str] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> StatisticalModel:
-    """Measure a detector on pictures whose classes have our names, and write the sensor model.
+    """Measure a detector on labelled pictures; write the sensor model and its picture.
 
-    ``rendered`` is the model that 'skysweep calibrate' fitted to renders for the same detector. Raises
-    UserError when it is another's, the pictures tell too little, or the results cannot be written.
+    The picture of the fit is beside ``out_yaml``, as ``.png``. Of ``detector`` count model, tiles, boxes and
+    pixels. Names of classes become ours, as ``class_map.ours`` has them with ``renames``. ``rendered`` is the
+    model that 'skysweep calibrate' fitted to renders for the same detector.
+    Raises UserError when it is another's, the pictures tell too little, or the results cannot be written.
     """
-    if sha256_of(existing_model_file(model)) != rendered.detector.sha256:
+    if sha256_of(existing_model_file(detector.model)) != rendered.detector.sha256:
         raise UserError(
-            f"--rendered: the sensor model is of {rendered.detector.name}, not of {model}; make one with  "
-            f"skysweep calibrate --model {model}  and give it as --rendered"
+            f"--rendered: the sensor model is of {rendered.detector.name}, not of {detector.model}; make one "
+            f"with  skysweep calibrate --model {detector.model}  and give it as --rendered"
         )
-    looks, background = look_at(model, data, rendered, progress)
+    looks, background = look_at(detector, data, rendered, renames, progress)
     factors = factors_of(looks)
     curves = {
         CLASSES[c]: curve
@@ -97,11 +102,12 @@ def calibrate_on_pictures(
     rates = [_background(background, c, rendered) for c in range(len(CLASSES))]
     measured += [f"background of {b.reported_as}" for b, is_own in rates if b is not None and is_own]
     counts = {kind: int((looks.subject == _SUBJECT[kind]).sum()) for kind in curves}
+    told = tell(looks, factors, keys)
     fitted = rendered.model_copy(
         update={
             "kinds": [_measured(kind, rendered, curves) for kind in rendered.kinds],
             "background": [b for b, _ in rates if b is not None],
-            "held_out": goodness(tell(looks, factors, keys)),
+            "held_out": goodness(told),
             "pictures": RealPictures(
                 pictures=len(data.images),
                 labels=counts,
@@ -117,6 +123,7 @@ def calibrate_on_pictures(
     with whole_files(out_yaml.parent) as unfinished:
         header = "# Written by skysweep calibrate, from real pictures.\n"
         (unfinished / out_yaml.name).write_text(header + text, encoding="utf-8")
+        draw_fit(looks, background, told, fitted, unfinished / out_yaml.with_suffix(".png").name)
     return fitted
 
 
@@ -165,16 +172,31 @@ def _background(
 
 
 def look_at(
-    model: str,
+    detector: DetectorModel,
     data: LabelledDataset,
     rendered: StatisticalModel,
+    renames: Mapping[str, str] | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[ScoredLooks, Background]:
     """Every whole label of one of our classes as a look, and the reports away from all labels.
 
-    Pixels are those of the calibrated pictures. Raises UserError if a picture or the model cannot be used.
+    Pixels are those of the calibrated pictures. Raises UserError if the pictures, their labels or the model
+    cannot be used.
     """
-    detector = YoloDetector(model, None, confidence_min=CONFIDENCE_FLOOR, threads=2)
+    renames = renames or {}
+    looking = YoloDetector(
+        detector.model,
+        None,
+        confidence_min=CONFIDENCE_FLOOR,
+        tiles=detector.tiles,
+        threads=2,
+        boxes=detector.boxes,
+        pixels=detector.pixels,
+        channels=detector.channels,
+    )
+    refuse_unused(renames, [*data.class_names, *looking.class_names])
+    data = with_our_classes(data, renames)
+    _refuse_unlabelled(data)
     looks: list[tuple[int, float, F64, F64, F64]] = []  # picture, pixels, place, confidences, offsets
     subjects: list[int] = []
     grounds: list[tuple[int, float, float]] = []  # picture, altitude, hectares
@@ -184,9 +206,9 @@ def look_at(
         height, width = picture.shape[:2]
         size = np.array([width, height] * 2, dtype=float)
         camera = CameraModel(width_px=width, height_px=height, hfov_rad=1.0)
-        scale = rendered.view_of(camera, DetectorModel(model=model)).scale
-        found = detector.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
-        names = [ours(name) for name in found.class_names]
+        scale = rendered.view_of(camera, detector).scale
+        found = looking.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
+        names = [ours(name, renames) for name in found.class_names]
         classes = np.array([CLASSES.index(n) if n in CLASSES else -1 for n in names], dtype=int)
         labels, boxes = image.boxes_xyxy * size, found.boxes_xyxy_px
         middles, places = (boxes[:, :2] + boxes[:, 2:]) / 2, (labels[:, :2] + labels[:, 2:]) / 2
@@ -215,6 +237,20 @@ def look_at(
                 strays.append((len(grounds) - 1, int(classes[k]), float(found.confidences[k]), extent))
         progress(number + 1, len(data.images))
     return _looks(subjects, looks), _strays(grounds, strays)
+
+
+def _refuse_unlabelled(data: LabelledDataset) -> None:
+    """Raises UserError if no picture has a label of one of our classes, and names those that there are."""
+    if not data.images:
+        raise UserError(f"{data.path}: the data set has no pictures; write the path of one that has")
+    found = dict.fromkeys(name for image in data.images for name in image.class_names)
+    if not found:
+        raise UserError(f"{data.path}: no picture has a label that counts; label what is in the pictures")
+    if not found.keys() & set(CLASSES):
+        raise UserError(
+            f"{data.path}: its labels ({', '.join(found)}) are of none of {', '.join(CLASSES)}; give our "
+            f"names with --class, such as --class '{next(iter(found))}={CLASSES[0]}'"
+        )
 
 
 def _excused(image: LabelledImage, boxes: F64, size: F64) -> NDArray[np.bool_]:

@@ -64,6 +64,8 @@ def transfer(
     Raises UserError without targets or Gazebo.
     """
     world = build_world(scenario, seed)
+    if scenario.camera.kind == "thermal":
+        raise UserError("camera.kind: Gazebo draws no thermal pictures; write visible")
     if not world.targets:
         raise UserError(f"{scenario.name}: has no targets to look for; write some under targets")
     camera, search = scenario.camera, scenario.search

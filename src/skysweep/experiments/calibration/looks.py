@@ -19,16 +19,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skysweep.arrays import I64
+from skysweep.detection.training.random_worlds import THERMAL, Sky
 from skysweep.detection.yolo import YoloDetector
+from skysweep.errors import UserError
 from skysweep.experiments.workers import run_jobs
 from skysweep.geometry.camera import CameraPose, Lens, project, rays_enu
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.scenarios.model import DEFAULT_SIZE_M, CameraModel, Light, TargetClass
-from skysweep.sensing.cameras.effects import CameraEffects
+from skysweep.scenarios.model import (
+    DEFAULT_SIZE_M,
+    OWN_DETECTORS,
+    CameraKind,
+    CameraModel,
+    Light,
+    TargetClass,
+)
+from skysweep.sensing.cameras.exposing import exposing
 from skysweep.sensing.statistical.factors import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import F64, U8, Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
+from skysweep.worlds.rendering.white_hot import seen
 from skysweep.worlds.world import HELD_OUT_VARIANTS, TerrainSurface, World, WorldObject, WorldTree
 
 CONFIDENCE_FLOOR = 0.1  # weaker detections are ignored
@@ -194,6 +204,11 @@ def observe(
     ``without`` are kinds and poses that need no look; where there are any, nor does the background.
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
+    if model_path in OWN_DETECTORS.values() and model_path != OWN_DETECTORS[camera.kind]:
+        raise UserError(
+            f"--model {model_path}: does not know the pictures of a {camera.kind} camera; write "
+            f"{OWN_DETECTORS[camera.kind]} or the path of an ONNX file"
+        )
     YoloDetector(model_path)  # raises an error once, before anything is rendered
     refuse_unrenderable(camera)
     results: dict[int, tuple[ScoredLooks, Background]] = {}
@@ -232,10 +247,10 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     """All pictures of one world."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([job.seed, job.index, 53])
-    world = _make_world(job.layout, rng)
+    world = _make_world(job.layout, rng, job.camera.kind)
     lens, c = job.camera.lens, job.camera
     renderer = make_renderer(world)
-    effects = CameraEffects(lens, c.exposure_s, c.noise_std, c.jpeg_quality, int(rng.integers(2**31)))
+    expose = exposing(c, renderer, int(rng.integers(2**31)))
     detector = YoloDetector(job.model_path, None, confidence_min=CONFIDENCE_FLOOR, iou_max=_IOU_MAX)
     scorer = Scorer(world, lens, c.exposure_s)
     number = 0
@@ -244,10 +259,10 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
         start_s = float(rng.uniform(0, 60))
         for k, pose in enumerate(poses[: job.n_pictures - number]):
             rates = rng.normal(0, 0.05, 3)
-            clean = renderer.render(lens, pose, start_s + k * _LOOK_PERIOD_S)
+            time_s = start_s + k * _LOOK_PERIOD_S
             if k == 0:
-                scorer.measure_colours(renderer, clean, pose)
-            image = effects.apply(clean, number, pose, velocity, rates, float(pose.position_enu_m[2]))
+                scorer.measure_colours(renderer, seen(c, renderer, lens, pose, time_s), pose)
+            image = expose(number, pose, time_s, velocity, rates, float(pose.position_enu_m[2]))
             found = detector.detect(Frame(0.0, image, pose, lens))
             motion = pose.R_camera_to_enu.T @ velocity, pose.R_camera_to_enu.T @ rates
             scorer.score(number, k > 0, found, *motion)
@@ -256,7 +271,7 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
     return scorer.packed(job)
 
 
-def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
+def _make_world(layout: WorldLayout, rng: np.random.Generator, camera: CameraKind) -> World:
     half = layout.columns * layout.spacing_m / 2
     bounds = (-_FAR_M, -_FAR_M, _FAR_M, _FAR_M)
     n = layout.columns**2
@@ -277,13 +292,27 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator) -> World:
     surface = str(rng.choice(layout.surfaces))
     has_trees = surface != "water" and rng.random() < _TREE_SHARE
     trees = _trees(objects, half, rng) if has_trees else ()
+    sky = _daylight(rng) if camera == "visible" else THERMAL.sky(rng)
+    terrain = TerrainSurface(np.zeros((2, 2)), bounds, surface)
+    return World(
+        terrain,
+        tuple(objects),
+        trees,
+        (),
+        sky.light,
+        int(rng.integers(2**31)),
+        wind_mps=sky.wind_mps,
+        latitude_deg=sky.latitude_deg,
+    )
+
+
+def _daylight(rng: np.random.Generator) -> Sky:
     light = Light(
         sun_elevation_deg=float(rng.uniform(25, 75)),
         sun_heading_deg=float(rng.uniform(0, 360)),
         visibility_m=3000.0,
     )
-    terrain = TerrainSurface(np.zeros((2, 2)), bounds, surface)
-    return World(terrain, tuple(objects), trees, (), light, int(rng.integers(2**31)))
+    return Sky(light, 2.0, 60.0)
 
 
 def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 
-from skysweep.detection.model_files import OWN_MODEL, model_file, sha256_of
+from skysweep.detection.model_files import model_file, sha256_of
 from skysweep.errors import UserError
 from skysweep.experiments.calibration.check import goodness, tell
 from skysweep.experiments.calibration.figure import draw_fit
@@ -23,7 +23,7 @@ from skysweep.experiments.calibration.fit import (
 )
 from skysweep.experiments.calibration.looks import CLASSES, CONFIDENCE_FLOOR, SUBJECTS, observe
 from skysweep.files.writing import whole_files
-from skysweep.scenarios.model import CameraModel, DetectorModel
+from skysweep.scenarios.model import OWN_DETECTORS, CameraModel, DetectorModel
 from skysweep.sensing.statistical.model import (
     VERSION,
     CalibratedCamera,
@@ -59,7 +59,7 @@ def calibrate(
     shares, fade_px = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
     kinds = [kind_model(key, curve, *shares[key]) for key, curve in curves.items()]
-    name, n = OWN_MODEL if model == OWN_MODEL else Path(model).name, len(looks.pixels)
+    name, n = model if model in OWN_DETECTORS.values() else Path(model).name, len(looks.pixels)
     fitted = StatisticalModel(
         version=VERSION,
         detector=Detecting(name=name, sha256=sha256_of(model_file(model))),

@@ -14,6 +14,7 @@ from skysweep.errors import UserError
 from skysweep.experiments.flying import OnDone, fly_job, fly_missing
 from skysweep.experiments.matrix import Matrix, MissionJob
 from skysweep.experiments.paper.tables import CAPTIONS, OTHERS, PAPER, Choice
+from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import fly_to_folder
 from skysweep.flights.rig import Rig
 from skysweep.results.run_folder import UNFINISHED
@@ -105,8 +106,11 @@ def compare_paper(
 ) -> list[Summary]:
     """Fly what ``out`` lacks, so that an interrupted comparison continues, and return all summaries.
 
-    ``changes`` (dotted field -> value) apply to all rows.
+    ``changes`` (dotted field -> value) apply to all rows. Raises UserError as ``refuse_unseeable``.
     """
     matrices = paper_matrices(seeds, sensor, changes)
+    for matrix in matrices:
+        for configuration in matrix.configurations:
+            refuse_unseeable(configuration.scenario, sensor)
     summaries = fly_missing(matrices, partial(fly_paper_job, out=out), out, workers, on_done)
     return [summaries[job.config_hash] for matrix in matrices for job in matrix.jobs()]

@@ -22,6 +22,7 @@ from skysweep.files.reading import read_text_limited
 from skysweep.scenarios.files import change_scenario, dump_scenario, list_scenarios, load_scenario
 from skysweep.scenarios.model import Model, Scenario
 from skysweep.strategies import strategy_spec
+from skysweep.strategies.fields import OWN, checked
 
 MAX_MISSIONS = 1_000_000
 MAX_SEED = 2**32 - 1
@@ -180,14 +181,14 @@ def swept_fields(spec: SweepSpec) -> list[str]:
 def scenarios_of(spec: SweepSpec) -> Iterator[tuple[str, Scenario]]:
     """Each label and scenario, once per strategy and combination of parameters.
 
-    Raises UserError where a combination makes no valid scenario.
+    Raises UserError where a combination makes no valid scenario, or a strategy has no such parameters.
     """
     for variant in spec.scenarios:
         base = _scenario(variant, Path())
         for strategy, parameters, points in _per_strategy(spec):
             chosen = {"search.strategy": strategy}
             for values in _combinations(parameters, points):
-                yield _label(variant, base), change_scenario(base, chosen | values)
+                yield _label(variant, base), checked(change_scenario(base, chosen | values))
 
 
 def matrix_of(spec: SweepSpec) -> Matrix:
@@ -262,6 +263,8 @@ def _written_out(spec: SweepSpec, folder: Path) -> list[Variant]:
 
 def _check_field(field: str) -> None:
     """Raises ValueError, with the nearest names, where a scenario has no such field to vary."""
+    if field.startswith(OWN):  # which depends on the strategy: scenarios_of asks it
+        return
     if field in _OWN_PLACE:
         raise ValueError(f"{field}: is not a parameter of a sweep; write it under {_OWN_PLACE[field]}")
     known = {

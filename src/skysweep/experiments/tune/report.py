@@ -17,7 +17,7 @@ import yaml
 from skysweep.experiments.tune.figures import draw_matters, draw_search
 from skysweep.experiments.tune.race import RECALL_SLACK, RaceRules
 from skysweep.experiments.tune.run import Problem
-from skysweep.experiments.tune.space import D_C, TUNED, value_at
+from skysweep.experiments.tune.space import D_C, TUNED
 from skysweep.experiments.tune.study import Trial
 from skysweep.experiments.tune.validate import Cell, Effect, Standing, distances_m, effects, limits
 from skysweep.files.writing import whole_files
@@ -34,6 +34,7 @@ from skysweep.results.reporting.symbols import field_name, number, value_text
 from skysweep.results.reporting.tables import markdown
 from skysweep.results.summary import plain
 from skysweep.scenarios.files import change_scenario, write_scenario
+from skysweep.strategies.fields import value_at
 
 _COUNTED = ("recall", "false_positives", "false_scans")
 

@@ -25,11 +25,13 @@ from skysweep.experiments.tune.race import (
     outcome_of,
     why_dropped,
 )
-from skysweep.experiments.tune.space import N_C, Parameter, value_at
+from skysweep.experiments.tune.space import N_C, Parameter
 from skysweep.experiments.tune.study import OpenTrial, Trial, TuningStudy
+from skysweep.flights.build import refuse_unseeable
 from skysweep.flights.fly import digests_of_files, fly_in_memory
 from skysweep.scenarios.files import change_scenario, dump_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.strategies.fields import value_at
 
 PAPER_N_C = (1.0, 5.0, math.inf)
 FAMILY_SCATTER_M = 5.0
@@ -95,8 +97,11 @@ def search(
     """Let the study grow to ``trials``, or for ``minutes``, and return all of its trials.
 
     ``on_trial`` is called with each trial, first with those already in the study. Other processes may work on
-    the same study at the same time. Raises UserError where the storage is unusable or holds another problem.
+    the same study at the same time. Raises UserError where the storage is unusable or holds another problem,
+    or as ``refuse_unseeable``.
     """
+    for scenario in problem.scenarios:
+        refuse_unseeable(scenario, "statistical")
     study = _open(problem, storage, study_name)
     study.start(problem.first_values)
     known = study.trials()

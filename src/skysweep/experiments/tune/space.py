@@ -11,7 +11,6 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 
 import numpy as np
 
@@ -20,6 +19,8 @@ from skysweep.files.models import leaf_fields, union_arms
 from skysweep.planning.advice import UNSEEN_BELOW_PX, WISHED_AT_CHECK_PX, warnings_for
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Scenario
+from skysweep.sensing.statistical.model import model_for
+from skysweep.strategies.fields import checked, own_fields, value_at
 
 N_C, D_C = "search.n_c", "search.d_c_m"
 H_S, H_C = "search.scan_altitude_agl_m", "search.check_altitude_agl_m"
@@ -62,12 +63,12 @@ def changed_space(
     ranged = set()
     for text in ranges:
         field, _, wanted = text.partition("=")
-        field = known_field(field.strip(), f"--range {text}")
+        field = known_field(field.strip(), scenarios, f"--range {text}")
         left[field] = Parameter(field, _parsed_range(text, field, wanted.strip()))
         ranged.add(field)
     for text in fixed:
         field, equals, setting = text.partition("=")
-        field = known_field(field.strip(), f"--fix {text}")
+        field = known_field(field.strip(), scenarios, f"--fix {text}")
         if field in ranged:
             raise UserError(f"--fix {text}: --range gives {field} a range; leave out one of the two")
         left.pop(field, None)
@@ -77,17 +78,24 @@ def changed_space(
         raise UserError("--fix: nothing is left to tune; fix fewer fields")
     _check_altitudes(left, scenarios, settings)
     for scenario in scenarios:
+        for field in left:
+            if value_at(scenario, field) is None:
+                raise UserError(f"--range {field}: {scenario.name} has no value of it; give one with --set")
+    for scenario in scenarios:
         fixed_scenario = change_scenario(scenario, settings)
         for parameter in left.values():
             if parameter.field not in (H_S, H_C):
                 for value in (parameter.values[0], parameter.values[-1]):
-                    change_scenario(fixed_scenario, {parameter.field: value})
+                    checked(change_scenario(fixed_scenario, {parameter.field: value}))
     return list(left.values()), settings
 
 
-def known_field(field: str, source: str) -> str:
-    """``field``. Raises UserError, with the nearest name, unless it is a number of a scenario."""
-    fields = [name for name, info in leaf_fields(Scenario) if {int, float} & {*union_arms(info.annotation)}]
+def known_field(field: str, scenarios: Sequence[Scenario], source: str) -> str:
+    """``field``. Raises UserError, with the nearest name, unless it is a number of all scenarios."""
+    own = [dict(own_fields(scenario.search.strategy)) for scenario in scenarios]
+    common = [(name, info) for name, info in own[0].items() if all(name in others for others in own)]
+    every = [*leaf_fields(Scenario), *common]
+    fields = [name for name, info in every if {int, float} & {*union_arms(info.annotation)}]
     if field in fields:
         return field
     by_last = {name.rsplit(".", 1)[-1]: name for name in fields}
@@ -100,11 +108,6 @@ def known_field(field: str, source: str) -> str:
         f"{source}: there is no parameter '{field}'; {start}"
         f"write a number of the scenario, such as {', '.join(TUNED[:3])}"
     )
-
-
-def value_at(scenario: Scenario, field: str) -> float:
-    """The scenario's own value of a dotted field."""
-    return float(attrgetter(field)(scenario))
 
 
 def nearby_distances_m(scenario: Scenario) -> tuple[float, ...]:
@@ -127,25 +130,29 @@ def _values_for(scenario: Scenario) -> dict[str, tuple[float, ...]]:
         CHECK_SPEED: _grid(0.1 * cruise, cruise),
         SIDELAP: _grid(0.0, _MAX_SIDELAP),
     }
-    values[H_S] = _without_warning(scenario, H_S, values[H_S])
+    values[H_S] = _sound(scenario, H_S, values[H_S])
     lowest_scan_m = min([*values[H_S], search.scan_altitude_agl_m])
     highest_check_m = min(px_at_1_m / WISHED_AT_CHECK_PX, 0.8 * lowest_scan_m)
-    values[H_C] = _without_warning(scenario, H_C, _grid(1.0, highest_check_m))
+    values[H_C] = _sound(scenario, H_C, _grid(1.0, highest_check_m))
     return {field: tuple(sorted({*values[field], value_at(scenario, field)})) for field in TUNED}
 
 
-def _without_warning(scenario: Scenario, field: str, values: Sequence[float]) -> list[float]:
-    """The altitudes of a scan or a check that are possible and without a warning."""
+def _sound(scenario: Scenario, field: str, values: Sequence[float]) -> list[float]:
+    """The altitudes of a scan or a check that are possible and sound."""
     if field == H_S:
         possible = [v for v in values if v > scenario.search.check_altitude_agl_m]
     else:
         floor = scenario.safety.descent_floor_agl_m
         possible = [v for v in values if floor <= v < scenario.search.scan_altitude_agl_m]
-    return [
-        value
-        for value in possible
-        if not any(w.startswith(field) for w in warnings_for(change_scenario(scenario, {field: value})))
-    ]
+    return [value for value in possible if _is_sound(field, change_scenario(scenario, {field: value}))]
+
+
+def _is_sound(field: str, scenario: Scenario) -> bool:
+    """Whether there is no warning of the field, and the sensor was calibrated for the search."""
+    return not (
+        any(warning.startswith(field) for warning in warnings_for(scenario))
+        or model_for(scenario).beyond_calibration(scenario)
+    )
 
 
 def _common(spaces: Sequence[tuple[float, ...]]) -> tuple[float, ...]:

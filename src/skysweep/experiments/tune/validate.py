@@ -115,7 +115,8 @@ def candidates_of(problem: Problem, trials: Sequence[Trial]) -> list[Contender]:
     order = best_first([t.flown(many) for t in finished], problem.rules)[:FINALISTS]
     candidates = [Contender(f"trial {finished[k].number}", finished[k].values) for k in order]
     candidates.append(Contender("own values", {}))
-    candidates += [Contender(f"own, n_c = {number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
+    if any(parameter.field == N_C for parameter in problem.space):
+        candidates += [Contender(f"own, n_c = {number(n_c)}", {N_C: n_c}) for n_c in PAPER_N_C]
     named: dict[str, Contender] = {}
     for candidate in candidates:
         key = "".join(dump_scenario(change_scenario(s, candidate.changes)) for s in problem.scenarios)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from skysweep.mission.notes import LOOKED, SORTIE
@@ -89,13 +89,16 @@ def is_said(record: Mapping[str, Any]) -> bool:
     """Whether ``safety_words`` has a sentence for a line; a search that ends as planned has none."""
     if record["kind"] == EventKind.FINISHED:
         return bool(record.get("reason"))
-    return record["kind"] in ("safety", "unsearched", EventKind.MISFIT)
+    return record["kind"] in ("safety", "unsearched", EventKind.MISFIT, EventKind.LOOKS_AGAIN)
 
 
 def safety_words(record: Mapping[str, Any]) -> str:
     """One sentence for a line that ``is_said``."""
     if record["kind"] == EventKind.FINISHED:
         return f"The search ends early: {printable(record['reason'])}."
+    if record["kind"] == EventKind.LOOKS_AGAIN:
+        place = _at(record["p"]) if record.get("p") is not None else ""
+        return f"Back to ground that was searched weakly{place}: {printable(record['reason'])}."
     if record["kind"] == EventKind.MISFIT:
         return f"The sensor model does not fit what is seen here: {printable(record['reason'])}."
     if record["kind"] == "unsearched":
@@ -110,11 +113,15 @@ def order_words(record: Mapping[str, Any]) -> str:
     if record.get("candidate") is not None:
         of = f" candidate {record['candidate']}"
     if record.get("p") is not None:
-        east_m, north_m, _ = record["p"]
-        of += f" at {east_m:.0f} m east, {north_m:.0f} m north"
+        of += _at(record["p"])
     if record["kind"] == LOOKED:
         return f"Looked{of} for the operator."
     return f"The operator orders: {printable(record['word'])}{of}."
+
+
+def _at(place_enu_m: Sequence[float]) -> str:
+    east_m, north_m, _ = place_enu_m
+    return f" at {east_m:.0f} m east, {north_m:.0f} m north"
 
 
 def sortie_words(record: Mapping[str, Any]) -> str:

@@ -13,7 +13,8 @@ from skysweep.results.video import pen
 from skysweep.results.video.pen import Label, rgb
 from skysweep.results.video.story import Moment, Story
 from skysweep.text import printable
-from skysweep.worlds.rendering.renderer import Painter
+from skysweep.worlds.rendering.renderer import Renderer
+from skysweep.worlds.rendering.white_hot import seen
 
 _STALE_S = 3.0  # a look that old no longer belongs to the moment
 _WHITE = rgb("white")
@@ -25,7 +26,7 @@ _NO_PICTURES = "Camera's view, rendered: the sensor took no pictures"
 class Eye:
     """Draws the view; ``painter`` belongs to it alone, so that its shadows are kept from frame to frame."""
 
-    def __init__(self, story: Story, painter: Painter, width_px: int, height_px: int) -> None:
+    def __init__(self, story: Story, painter: Renderer, width_px: int, height_px: int) -> None:
         self._story, self._painter = story, painter
         self._looks = FilmedLooks(story.run)
         lens = story.run.scenario.camera.lens
@@ -46,7 +47,8 @@ class Eye:
         title = _FILMED if picture is not None else _RENDERED if self._looks.shots else _NO_PICTURES
         if picture is None:
             pose = self._story.camera(moment.time_s if shot is None else shot.exposed_s)
-            picture = self._painter.render(self._lens, pose, moment.time_s).copy()
+            camera = self._story.run.scenario.camera
+            picture = seen(camera, self._painter, self._lens, pose, moment.time_s).copy()
         boxes, words = (
             self._sighted(moment) if shot is None else (shot.boxes_xyxy_px * self._scale, shot.labels)
         )

@@ -50,6 +50,8 @@ function inWords(line: Line): [string, EventTone] | null {
       return [`${who} left unchecked${why}`, "warning"];
     case "scan_resumed":
       return ["SCAN resumed", "plain"];
+    case "looks_again":
+      return [`Back to weakly searched ground${why}`, "plain"];
     case "waypoint_reached":
       return ["Waypoint reached", "muted"];
     case "unsearched":

@@ -6,6 +6,7 @@ import type { Projection } from "./projection";
 import { Rows } from "./series";
 import type { CandidateAt, StateAt, Store } from "./store";
 import { thinned } from "./thin";
+import { placeAt } from "./truth";
 import type { Grid, XY } from "./types";
 import { metres } from "./words";
 
@@ -54,7 +55,7 @@ export class Overlay {
     if (layers.path) this.drawPath(context, t, shown.colour);
     const state = this.store.stateAt(t);
     if (state && layers.camera) this.drawFootprint(context, state);
-    if (layers.truth) this.drawTruth(context);
+    if (layers.truth) this.drawTruth(context, t);
     this.drawHome(context);
     if (layers.candidates) for (const candidate of this.store.candidatesAt(t)) this.drawCandidate(context, candidate, shown);
     if (state) this.drawVehicle(context, state);
@@ -162,9 +163,9 @@ export class Overlay {
     stroke(context, "#ffffff", 1.5);
   }
 
-  private drawTruth(context: CanvasRenderingContext2D): void {
+  private drawTruth(context: CanvasRenderingContext2D, t: number): void {
     for (const target of this.store.scene.targets ?? []) {
-      const [u, v] = this.projection.px(target.position_enu_m[0]!, target.position_enu_m[1]!);
+      const [u, v] = this.projection.px(...placeAt(target, t));
       context.beginPath();
       context.arc(u, v, 11, 0, 2 * Math.PI);
       stroke(context, HALO, 4);

@@ -53,8 +53,16 @@ export interface Scene {
   classes: string[];
   ground: { picture: string | null; heights: string; tiles: string | null };
   objects: SceneObject[];
-  targets?: { class_name: string; position_enu_m: number[] }[];
+  targets?: Target[];
   coverage: Grid | null;
+}
+
+/** The truth, of a simulated mission that has ended. */
+export interface Target {
+  class_name: string;
+  position_enu_m: XYZ; // at time 0
+  /** Time, east and north of one that moves; straight in between. */
+  way?: XYZ[];
 }
 
 export interface Grid {
