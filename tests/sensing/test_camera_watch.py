@@ -162,6 +162,13 @@ def test_crowns_that_are_passed_within_a_look_are_not_compared(step_m, doubted):
     assert any(doubts(poses, pictures(elsewhere), CameraWatch(wood(4.5)))) == doubted
 
 
+@pytest.mark.parametrize(("obstacles", "doubted"), [(wood(4.5), False), (FLAT, True)])
+def test_low_over_trees_one_comparison_is_no_reason(obstacles, doubted):
+    poses = [pose_at(20.0 + 0.5 * k, 40.0, 8.0) for k in range(60)]
+    images = pictures(poses[:30]) + pictures([pose_at(p.position_enu_m[0], -60.0, 8.0) for p in poses[30:]])
+    assert any(doubts(poses, images, CameraWatch(obstacles))) == doubted
+
+
 @pytest.mark.parametrize("ground", [0.0, 0.02])
 def test_without_texture_nothing_is_told(ground):
     """As on open water in fog."""

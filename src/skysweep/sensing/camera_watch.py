@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 import cv2
@@ -39,6 +40,7 @@ _COMMON, _TEXTURED = 0.4, 0.3  # least shares for a comparison
 _ALIKE = 0.5  # least share of the texture in two pictures that fit
 _STRANGE, _STRANGE_ROUGH = 0.15, 0.005  # with less they do not show the same place; rough ground needs less
 _ROUGH = 0.2  # relief
+_STRANGE_STEPS_ROUGH = 2  # and no fit between: low over trees, one may be a sound camera's
 _WAVES_MPS = 1.5
 _OFF_M, _OFF_SHARE = 0.5, 0.03  # explained by GNSS, and by attitude as a share of the height
 _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # explained drift: with time, and with the way
@@ -152,10 +154,10 @@ class CameraWatch:
         step = self._step(self._before, view)
         self._before = view
         self._steps.append(step)
-        if step is not None and step.is_strange:
+        told = [s for s in [*self._steps][-_STEPS:] if s is not None]
+        if step is not None and _is_elsewhere(told):
             self._doubt("shows something else than what lies there", view.time_s)
             return
-        told = [s for s in [*self._steps][-_STEPS:] if s is not None]
         steps = [s for s in told if s.moved.alike >= _ALIKE]
         fault = _disagreement(steps)
         if fault is not None:
@@ -228,6 +230,14 @@ def _unlit(grey: U8) -> str:
     if (some >= _BRIGHT).mean() > _BLIND_SHARE:
         return WHITE
     return ""
+
+
+def _is_elsewhere(steps: Sequence[_Step]) -> bool:
+    """Whether the pictures do not show what lies there; on rough ground one comparison is not enough."""
+    if not steps[-1].is_strange or not steps[-1].is_rough:
+        return steps[-1].is_strange
+    since_a_fit = takewhile(lambda s: s.moved.alike < _ALIKE, reversed(steps))
+    return sum(s.is_strange for s in since_a_fit) >= _STRANGE_STEPS_ROUGH
 
 
 def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
