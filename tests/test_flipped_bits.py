@@ -291,13 +291,13 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Kept]:
 
 
 TRIES = {
-    "a mission": 150,
-    "a mission broken off": 150,
-    "a sweep": 150,
-    "a sweep that still runs": 150,
-    "a comparison": 60,
-    "a tuning": 40,
-    "a search that was killed": 40,
+    "a mission": 60,
+    "a mission broken off": 60,
+    "a sweep": 60,
+    "a sweep that still runs": 60,
+    "a comparison": 30,
+    "a tuning": 15,
+    "a search that was killed": 15,
 }
 
 

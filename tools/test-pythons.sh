@@ -4,8 +4,9 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
-QUICK=(tests/test_text.py tests/files tests/geometry tests/planning tests/scenarios tests/strategies tests/tracking
-    tests/mission/test_loop.py)
+QUICK=(tests/test_text.py tests/files tests/geometry tests/planning/test_coverage.py tests/scenarios tests/strategies/test_*.py
+    tests/tracking tests/mission/test_loop.py)
+NEEDED_BY_TESTS=(hypothesis pytest pytest-xdist)
 
 say() { printf 'test-pythons: %s\n' "$*"; }
 
@@ -32,9 +33,9 @@ quick_tests() {
         return
     fi
     [ -e "$environment/bin/python" ] || "$python" -m venv "$environment"
-    say "installing skysweep with dev for $("$environment/bin/python" --version)"
-    "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --editable '.[dev]' || return
-    OMP_NUM_THREADS=1 "$environment/bin/python" -m pytest -n 2 -m 'not slow' "$@"
+    say "installing skysweep for $("$environment/bin/python" --version)"
+    "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --editable '.[geo]' "${NEEDED_BY_TESTS[@]}" || return
+    OMP_NUM_THREADS=1 "$environment/bin/python" -m pytest -n 2 -m 'not slow and not exhaustive' "$@"
 }
 
 [ $# -gt 0 ] || set -- "${QUICK[@]}"

@@ -23,7 +23,7 @@ from mutations import (
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="forks, limits and /proc of Linux")
 
-SAMPLE = 150
+SAMPLE = 60
 NOWHERE = ("--connection", "nowhere://x", "--timeout", "1")
 
 

@@ -19,7 +19,7 @@ from test_yolo_outputs import constant_model, yolo_nas
 SMALL = Scenario.model_validate(
     {
         "name": "small",
-        "area": {"polygon_enu_m": [[0, 0], [60, 0], [60, 20], [0, 20]]},
+        "area": {"polygon_enu_m": [[0, 0], [30, 0], [30, 12], [0, 12]]},
         "home": {"position_enu_m": [-5, -5]},
         "targets": [{"class": "stop sign", "position_enu_m": [20, 10]}],
     }

@@ -113,7 +113,7 @@ def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
     for workers in (1, 2):
         out = tmp_path / str(workers) / "sensor.yaml"
         model = calibrate(
-            "skysweep", CAMERA, out, 90, 3, workers, lambda done, total: seen.append((done, total))
+            "skysweep", CAMERA, out, 48, 3, workers, lambda done, total: seen.append((done, total))
         )
         assert StatisticalModel.load(out) == model
         assert out.with_suffix(".png").stat().st_size > 20_000
@@ -121,7 +121,7 @@ def test_the_file_does_not_depend_on_the_number_of_workers(tmp_path):
         assert model.differences(CAMERA, DetectorModel()) == []
     one, two = (tmp_path / str(w) / "sensor.yaml" for w in (1, 2))
     assert one.read_bytes() == two.read_bytes()
-    assert seen[-1] == (90, 90)
+    assert seen[-1] == (48, 48)
 
 
 def test_a_missing_detector_is_told_before_anything_is_rendered(tmp_path):

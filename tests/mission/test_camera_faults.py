@@ -214,7 +214,7 @@ def test_a_camera_that_goes_wrong(fault, phase, renderers):
     fly_with(fault, phase, 0, renderers)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", [1, 2, 4, 5])  # in 3 a sound camera finds one of two
 @pytest.mark.parametrize("phase", ["SCAN", "CHECK"])
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
