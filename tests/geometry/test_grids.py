@@ -16,6 +16,7 @@ from skysweep.geometry.grids import mgrs_of, utm_of
         (60.39, 5.32, "32VKN9723000510", "32V 297230 6700510"),  # the wide zone of western Norway
         (78.22, 15.65, "33XWG1481383004", "33X 514813 8683004"),  # Svalbard's zones
         (0.0, 0.0, "31NAA6602100000", "31N 166021 0"),
+        (-9e-10, 0.0, "31NAA6602100000", "31N 166021 0"),
     ],
 )
 def test_known_places(latitude, longitude, grid, utm):
