@@ -16,7 +16,7 @@ QUICK = {  # the first that fits; None: a flag
     "run valley": STATISTICAL | {"--set": "area.polygon_enu_m=[[300,300],[700,300],[700,600],[300,600]]"},
     "run": STATISTICAL,
     "video": {"--size": "320x180", "--fps": "2", "--speed": "40"},
-    "compare paper": {"--sensor": "statistical", "--seeds": "1", "--set": "camera.rate_hz=2"},
+    "compare paper": {"--sensor": "statistical", "--seeds": "1", "--set": "camera.rate_hz=1"},
     "tune": {"--trials": "1", "--seeds": "4", "--validation-seeds": "0", "--no-matters": None},
     "dataset": {"--images": "6"},
     "serve-vehicle": {"--port": PORT, "--local-port": "0"},
