@@ -4,6 +4,10 @@ import shlex
 
 import pytest
 from test_answers import COMMANDS
+from typer.testing import CliRunner
+
+import skysweep
+from skysweep.cli import app
 
 _ONE_NAME = {  # what is found, under which it is said, in every command
     "confidence": "--confidence",
@@ -61,3 +65,7 @@ def test_one_thing_has_one_name(name):
     for parameter in COMMANDS[name].params:
         if parameter.name in _ONE_NAME and parameter.param_type_name == "option":
             assert _ONE_NAME[parameter.name] == parameter.opts[0]
+
+
+def test_the_version_is_told():
+    assert CliRunner().invoke(app, ["--version"]).output == f"skysweep {skysweep.__version__}\n"

@@ -100,6 +100,12 @@ def test_the_smallest_target_spans_what_its_pose_shows_from_above(targets, exten
     assert scenario.pixels_on_target(20.0) == pytest.approx(float(lens.pixels_on_target(extent_m, 20.0)))
 
 
+def test_only_a_person_is_dressed():
+    targets = "[{class: boat, position_enu_m: [1, 1], clothing: red}]"
+    with pytest.raises(UserError, match=r"clothing: only a person has one; delete it from the boat"):
+        parse_scenario(f"{MINIMAL}targets: {targets}\n", "boat.yaml")
+
+
 def test_paper_scenarios_differ_in_what_is_out_there_only():
     layout = {"name", "description", "targets", "distractors", "generators"}
     first, *others = [load_scenario(name).model_dump(exclude=layout) for name in PAPER]

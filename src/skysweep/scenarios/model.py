@@ -350,6 +350,10 @@ HowItMoves = Annotated[
 _OPEN_UNLESS_TOLD = ("motion", "clothing", "ages", "near")
 
 
+def _only_of_a_person(name: str, kind: str) -> str:
+    return f"{name}: only a person has one; delete it from the {kind}"
+
+
 class Target(_Placed):
     """Something to find."""
 
@@ -362,6 +366,12 @@ class Target(_Placed):
     motion: HowItMoves = None
 
     model_config = ConfigDict(populate_by_name=True)
+
+    @model_validator(mode="after")
+    def _dressed(self) -> Target:
+        if self.clothing and self.kind != "person":
+            raise ValueError(_only_of_a_person("clothing", self.kind))
+        return self
 
 
 class Distractor(_Placed):
@@ -426,7 +436,7 @@ class Generator(_Placed):
             raise ValueError("ages: size_m gives the size already; delete one of them")
         for name in ("ages", "clothing"):
             if getattr(self, name) and self.kind != "person":
-                raise ValueError(f"{name}: only a person has one; delete it from the {self.kind}")
+                raise ValueError(_only_of_a_person(name, self.kind))
         return self
 
 
