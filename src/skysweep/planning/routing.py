@@ -32,11 +32,10 @@ def visit_order(
     first = lengths.ravel().copy()
     if start is not None:
         first += np.linalg.norm(entries.reshape(-1, 2) - start, axis=1)
+    ends = np.column_stack([entries.reshape(-1, 2), exits.reshape(-1, 2), lengths.ravel()])
     if m <= EXACT_MAX:
-        hop = np.linalg.norm(exits.reshape(-1, 1, 2) - entries.reshape(1, -1, 2), axis=2)
-        nodes = _exact(hop + lengths.reshape(1, -1), first, m, k)
+        nodes = _exact(ends, first, m, k).tolist()
     else:
-        ends = np.column_stack([entries.reshape(-1, 2), exits.reshape(-1, 2), lengths.ravel()])
         backwards = (np.arange(m)[:, None] * k + reverse).ravel()
         nodes = _two_opt(_nearest(ends, first, m, k), ends, first, backwards, MAX_TRIES).tolist()
     return [divmod(node, k) for node in nodes]
@@ -52,33 +51,40 @@ def shortest_tour(start: tuple[float, float], places: F64) -> list[int]:
     return [place for place, _ in order]
 
 
-def _exact(hop: F64, first: F64, m: int, k: int) -> list[int]:
-    """Dynamic programme over (set of places visited, last node)."""
-    place = np.arange(m * k) // k
-    best = np.full((1 << m, m * k), np.inf)
-    before = np.full((1 << m, m * k), -1)
-    best[1 << place, np.arange(m * k)] = first
-    for visited in range(1, 1 << m):
-        cost = best[visited][:, None] + hop
-        previous = np.argmin(cost, axis=0)
-        cost = cost[previous, np.arange(m * k)]
-        for node in np.flatnonzero((visited >> place) & 1 == 0):
-            new = visited | (1 << place[node])
-            if cost[node] < best[new, node]:
-                best[new, node], before[new, node] = cost[node], previous[node]
-    visited, last = (1 << m) - 1, int(np.argmin(best[-1]))
-    nodes: list[int] = []
-    while last >= 0:
-        nodes.append(last)
-        visited, last = visited & ~(1 << int(place[last])), int(before[visited, last])
-    return nodes[::-1]
-
-
 @njit(cache=True)
 def _hop(ends: F64, node: int, to: int) -> float:
     """From where a node is left to where another one is, by its entry. Rows: entry, exit, length inside."""
     dx, dy = ends[node, 2] - ends[to, 0], ends[node, 3] - ends[to, 1]
     return float(math.sqrt(dx * dx + dy * dy) + ends[to, 4])
+
+
+@njit(cache=True)
+def _exact(ends: F64, first: F64, m: int, k: int) -> NDArray[np.int64]:
+    """Dynamic programme over (set of places visited, last node)."""
+    n = m * k
+    hop = np.empty((n, n))
+    for node in range(n):
+        for to in range(n):
+            hop[node, to] = _hop(ends, node, to)
+    best = np.full((1 << m, n), np.inf)
+    before = np.full((1 << m, n), -1)
+    for node in range(n):
+        best[1 << node // k, node] = first[node]
+    for visited in range(1, 1 << m):
+        for node in range(n):
+            new = visited | (1 << node // k)
+            if new == visited:
+                continue
+            for last in range(n):
+                cost = best[visited, last] + hop[last, node]
+                if cost < best[new, node]:
+                    best[new, node], before[new, node] = cost, last
+    tour = np.empty(m, dtype=np.int64)
+    visited, last = (1 << m) - 1, int(np.argmin(best[-1]))
+    for position in range(m - 1, -1, -1):
+        tour[position] = last
+        visited, last = visited & ~(1 << last // k), before[visited, last]
+    return tour
 
 
 @njit(cache=True)

@@ -250,7 +250,8 @@ class BeliefSearch:
 
     def _detour(self, seen: Observation, here: XY, events: list[Event]) -> Waypoint | None:
         """To a candidate for which the scan does not wait, if there is one."""
-        self._scan_left_s = self._timing.scan_s([self._left or here, *self._to_scan])
+        if seen.looks:
+            self._scan_left_s = self._timing.scan_s([self._left or here, *self._to_scan])
         self._attend(seen, here, events)
         if seen.looks and self._goal is None:
             self._turn_to_the_urgent(seen, here, events)
