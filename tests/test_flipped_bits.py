@@ -50,8 +50,6 @@ from skysweep.results.summary import Summary
 from skysweep.scenarios.files import dump_scenario, write_scenario
 from skysweep.scenarios.model import Scenario
 
-pytestmark = pytest.mark.xdist_group("flipped_bits")  # one worker makes what they share
-
 SHORT = {
     "name": "short",
     "area": {"polygon_enu_m": [[0, 0], [8, 0], [8, 6], [0, 6]]},

@@ -12,7 +12,7 @@ tools/setup.sh dev train
 .venv/bin/lint-imports --no-logo --no-cache
 .venv/bin/vermin --quiet --no-tips --target=3.10- --violations src tests tools examples
 NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict
-export OMP_NUM_THREADS=1  # pytest has a worker for each core, and one for tests that wait for a vehicle or a page
+export OMP_NUM_THREADS=1  # one core for each of pytest's workers
 [ $# -eq 0 ] || exec .venv/bin/python -m pytest -n 2 "$@"
 
 # ROS 2 has an environment of its own: its wheels restart Python and change where libraries are looked for.
@@ -26,7 +26,7 @@ ros_tests() {
 }
 
 passed=true
-.venv/bin/python -m pytest -n 3 --dist loadgroup --durations=60 || passed=false
+.venv/bin/python -m pytest -n 2 --durations=60 || passed=false
 tools/try-wheel.sh || passed=false
 ros_tests || passed=false
 $passed

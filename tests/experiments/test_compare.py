@@ -18,8 +18,6 @@ from skysweep.experiments.paper.tables import PAPER, compare_rows
 from skysweep.experiments.store import MissionStore
 from skysweep.files.folder import Folder
 
-pytestmark = pytest.mark.xdist_group("compare")  # one worker makes what they share
-
 COMMAND = [
     sys.executable,
     "-m",

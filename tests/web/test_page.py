@@ -214,6 +214,7 @@ def test_the_coverage_grows_as_the_camera_sweeps(replay):
     go_to(replay, 0.02)
     assert figure(replay, "Area seen") in ("0 %", "–")
     go_to(replay, 0.9)
+    assert eventually(lambda: figure(replay, "Area seen") not in ("0 %", "–"))
     assert int(figure(replay, "Area seen").split()[0]) > 50
     assert int(figure(replay, "POS").split()[0]) > 30
 
