@@ -29,6 +29,7 @@ from skysweep.cli import (
     view,
     world,
 )
+from skysweep.cli.common import tell
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -40,7 +41,7 @@ app = typer.Typer(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"skysweep {__version__}")
+        tell(f"skysweep {__version__}")
         raise typer.Exit
 
 
