@@ -50,7 +50,7 @@ class WatchedSensor:
             frame = self._camera.capture(state._replace(camera=believed))
             for turn, watch, doubts in zip(self._turns, self._watches, self.doubts, strict=True):
                 turned = believed._replace(R_camera_to_enu=turn @ believed.R_camera_to_enu)
-                doubts.append(watch.judge(replace(frame, camera=turned)))
+                doubts.append(watch.judge(replace(frame, camera=turned), state.R_body_to_enu[:, 2]))
         return self._sensor.sense(state)
 
     def close(self) -> None:

@@ -56,14 +56,16 @@ def there_and_back(n=100, speed_mps=5.0):
     return [pose_at(3.0, y_m) for y_m in y.tolist()]
 
 
-def doubts(believed, images, watch=None):
+def doubts(believed, images, watch=None, tilts_rad=None):
     """What the watch says of each picture."""
     watch = watch or CameraWatch(FLAT)
     frames = [
         Frame(k * PERIOD_S, image, pose, LENS)
         for k, (pose, image) in enumerate(zip(believed, images, strict=True))
     ]
-    return [watch.judge(frame) for frame in frames]
+    tilts_rad = np.zeros(len(frames)) if tilts_rad is None else tilts_rad
+    ups = np.column_stack([np.sin(tilts_rad), np.zeros(len(frames)), np.cos(tilts_rad)])
+    return [watch.judge(frame, up) for frame, up in zip(frames, ups, strict=True)]
 
 
 def pictures(poses, seed=1):
@@ -167,6 +169,15 @@ def test_low_over_trees_one_comparison_is_no_reason(obstacles, doubted):
     poses = [pose_at(20.0 + 0.5 * k, 40.0, 8.0) for k in range(60)]
     images = pictures(poses[:30]) + pictures([pose_at(p.position_enu_m[0], -60.0, 8.0) for p in poses[30:]])
     assert any(doubts(poses, images, CameraWatch(obstacles))) == doubted
+
+
+@pytest.mark.parametrize(("tilting", "doubted"), [((), True), ((29,), True), ((30,), False), ((31,), False)])
+def test_in_a_hard_manoeuvre_one_comparison_is_no_reason(tilting, doubted):
+    """From picture 31 on another place is shown; the vehicle tilts at a picture and stays tilted."""
+    poses = [pose_at(20.0 + 0.5 * k, 40.0, 8.0) for k in range(60)]
+    images = pictures(poses[:31]) + pictures([pose_at(p.position_enu_m[0], -60.0, 8.0) for p in poses[31:]])
+    tilts_rad = np.array([0.4 * any(t <= k for t in tilting) for k in range(60)])
+    assert any(doubts(poses, images, tilts_rad=tilts_rad)) == doubted
 
 
 @pytest.mark.parametrize("ground", [0.0, 0.02])

@@ -40,7 +40,10 @@ _COMMON, _TEXTURED = 0.4, 0.3  # least shares for a comparison
 _ALIKE = 0.5  # least share of the texture in two pictures that fit
 _STRANGE, _STRANGE_ROUGH = 0.15, 0.005  # with less they do not show the same place; rough ground needs less
 _ROUGH = 0.2  # relief
-_STRANGE_STEPS_ROUGH = 2  # and no fit between: low over trees, one may be a sound camera's
+_HARD_RAD = 0.1  # by which a vehicle tilts from look to look in a hard manoeuvre: its gimbal may lag
+_STRANGE_STEPS_UNSURE = (
+    2  # and no fit between: low over trees or in such a manoeuvre, one may be a sound camera's
+)
 _WAVES_MPS = 1.5
 _OFF_M, _OFF_SHARE = 0.5, 0.03  # explained by GNSS, and by attitude as a share of the height
 _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # explained drift: with time, and with the way
@@ -52,6 +55,7 @@ _DIRT_STEPS, _MOVING = 5, 0.5  # looks, and how much of the picture moved in eac
 _NEARLY_ALWAYS = 0.8
 _DIRT_SHARE, _CLEAN_SHARE = 0.03, 0.01  # of the picture
 _TALLEST = 0.6  # of the height: above taller obstacles nothing is compared
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 class _Step(NamedTuple):
@@ -61,10 +65,15 @@ class _Step(NamedTuple):
     relief: float  # the share by which what stands on the ground may seem faster
     shows_tops_again: bool  # both pictures show what stands highest, wherever it is
     drift_mps: float  # of the surface itself
+    is_hard: bool = False  # a manoeuvre
 
     @property
     def is_rough(self) -> bool:
         return self.relief > _ROUGH
+
+    @property
+    def is_unsure(self) -> bool:
+        return self.is_rough or self.is_hard
 
     @property
     def is_strange(self) -> bool:
@@ -101,6 +110,8 @@ class CameraWatch:
         self._image: U8 | None = None
         self._fresh_s = self._repeated_s = -math.inf
         self._before: View | None = None
+        self._up_enu = _UP  # the vehicle's, at that
+        self._tilted_rad = 0.0  # since the view before that
         self._trusted: View | None = None  # the newest
         self._steps: deque[_Step | None] = deque(maxlen=_LONG)  # None: told nothing
         self._sharpness: deque[float] = deque(maxlen=_STEPS)  # of trusted pictures
@@ -111,8 +122,8 @@ class CameraWatch:
         self._least: _Fault | None = None  # of the faults meanwhile
         self._dirt: Doubt | None = None
 
-    def judge(self, frame: Frame) -> Doubt | None:
-        """Why not to trust a picture; None: no reason."""
+    def judge(self, frame: Frame, up_enu: F64 = _UP) -> Doubt | None:
+        """Why not to trust a picture; None: no reason. ``up_enu`` (3,) is where the vehicle's top points."""
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         unlit = _unlit(grey)
         if unlit:
@@ -131,7 +142,7 @@ class CameraWatch:
         if self._compares and looks_down(view.lens, view.camera):
             if stood_s >= _STALL_S:
                 self._doubt("stood still and may be late now", frame.time_s)
-            self._compare(view)
+            self._compare(view, up_enu)
         doubt = self._strange or self._dirt
         if doubt is None:
             self._trusted = view
@@ -149,10 +160,14 @@ class CameraWatch:
         self._is_blurred = sharpness < share * min(filter(math.isfinite, self._sharpness), default=0.0)
         return self._is_blurred
 
-    def _compare(self, view: View) -> None:
+    def _compare(self, view: View, up_enu: F64) -> None:
         """Judge by the motion since the view before."""
+        tilted_rad = math.acos(min(1.0, float(up_enu @ self._up_enu)))
+        is_hard = max(tilted_rad, self._tilted_rad) >= _HARD_RAD  # of either view the pose may be off
         step = self._step(self._before, view)
-        self._before = view
+        if step is not None:
+            step = step._replace(is_hard=is_hard)
+        self._before, self._up_enu, self._tilted_rad = view, up_enu, tilted_rad
         self._steps.append(step)
         told = [s for s in [*self._steps][-_STEPS:] if s is not None]
         if step is not None and _is_elsewhere(told):
@@ -233,11 +248,11 @@ def _unlit(grey: U8) -> str:
 
 
 def _is_elsewhere(steps: Sequence[_Step]) -> bool:
-    """Whether the pictures do not show what lies there; on rough ground one comparison is not enough."""
-    if not steps[-1].is_strange or not steps[-1].is_rough:
+    """Whether the pictures do not show what lies there; of what is unsure one comparison is not enough."""
+    if not steps[-1].is_strange or not steps[-1].is_unsure:
         return steps[-1].is_strange
     since_a_fit = takewhile(lambda s: s.moved.alike < _ALIKE, reversed(steps))
-    return sum(s.is_strange for s in since_a_fit) >= _STRANGE_STEPS_ROUGH
+    return sum(s.is_strange for s in since_a_fit) >= _STRANGE_STEPS_UNSURE
 
 
 def _disagreement(steps: Sequence[_Step]) -> _Fault | None:

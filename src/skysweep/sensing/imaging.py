@@ -131,16 +131,16 @@ class ImagingSensor:
         frame = self.camera.capture(exposed)
         answer: Future[Detections] = Future()
         self._asked.put((frame, answer))  # first: the detector works while the watch judges
-        return _Look(frame, self._judge(frame), answer)
+        return _Look(frame, self._judge(frame, exposed), answer)
 
-    def _judge(self, frame: Frame) -> Doubt | None:
-        return self._watch.judge(frame) if self._watch is not None else None
+    def _judge(self, frame: Frame, exposed: VehicleState) -> Doubt | None:
+        return self._watch.judge(frame, exposed.R_body_to_enu[:, 2]) if self._watch is not None else None
 
     def _remember(self, exposed: VehicleState) -> _Look:
         assert isinstance(self.camera, SkippingCamera)
         if len(self._recalled) <= self._retaken:
             frame = self.camera.capture(exposed)
-            self._judge(frame)
+            self._judge(frame, exposed)
         else:
             frame = self.camera.skip(exposed)
         known = self._recalled.popleft()
