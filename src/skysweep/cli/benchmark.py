@@ -62,8 +62,8 @@ def benchmark(
 
         skysweep benchmark --break-even
     """
+    from skysweep.experiments.benchmark import BENCHMARK_PAGE, BREAK_EVEN_PAGE, break_even_report, report
     from skysweep.experiments.benchmark import break_even as pays
-    from skysweep.experiments.benchmark import break_even_report, report
     from skysweep.experiments.benchmark import suite as suites
 
     suite = suites.load_suite()
@@ -81,14 +81,14 @@ def benchmark(
         found_even = pays.break_evens(suite, flown, strategy or ())
         record = break_even_report.write_break_even(folder, suite, found_even, seeds)
         grids = [break_even_report.prices_grid(found_even), break_even_report.cheapest_grid(found_even)]
-        page = folder / break_even_report.PAGE_FILE
+        page = folder / BREAK_EVEN_PAGE
     else:
         seeds = suite.seeds.chosen(quick)
         flown = _fly(suite, suites.suite_matrices(suite, chosen, seeds), folder, workers)
         found = report.standings_of(suite, flown, chosen, reference)
         record = report.write_benchmark(folder, suite, found, seeds, reference)
         grids = report.overview(found, with_intervals=False)
-        page = folder / report.PAGE_FILE
+        page = folder / BENCHMARK_PAGE
     answer(as_json, record, *grids, f"report: {page}")
 
 

@@ -63,11 +63,6 @@ def report(
 
         skysweep report s3://bucket/my-sweep --out my-report
     """
-    from skysweep.experiments.benchmark.break_even_report import PAGE_FILE as BREAK_EVEN_PAGE
-    from skysweep.experiments.benchmark.report import PAGE_FILE as BENCHMARK_PAGE
-    from skysweep.experiments.sweep.missions import load_missions
-    from skysweep.experiments.sweep.report import REPORT_FILE, write_sweep_report
-    from skysweep.experiments.sweep.spec import matrix_of, parse_spec
     from skysweep.results.run_folder import JOURNAL_FILE
 
     target, here = out, local_folder(folder)
@@ -76,6 +71,12 @@ def report(
         return
     if from_sound_lines:
         raise UserError(f"--from-sound-lines: {folder} is not the folder of one mission; leave it out")
+
+    from skysweep.experiments.benchmark import BENCHMARK_PAGE, BREAK_EVEN_PAGE
+    from skysweep.experiments.sweep.missions import load_missions
+    from skysweep.experiments.sweep.report import REPORT_FILE, write_sweep_report
+    from skysweep.experiments.sweep.spec import matrix_of, parse_spec
+
     for page in (BENCHMARK_PAGE, BREAK_EVEN_PAGE):
         if here is not None and (here / page).is_file():
             raise UserError(f"{folder}: is of a benchmark, which writes its own report; open {here / page}")

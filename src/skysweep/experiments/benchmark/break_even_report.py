@@ -13,6 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from skysweep.experiments.benchmark import BREAK_EVEN_PAGE
 from skysweep.experiments.benchmark.break_even import BELIEF, BreakEvens, Cell
 from skysweep.experiments.benchmark.suite import SCAN_ONLY, Suite
 from skysweep.files.writing import whole_files
@@ -23,7 +24,7 @@ from skysweep.results.reporting.tables import markdown
 from skysweep.results.reporting.wording import counted
 from skysweep.results.summary import plain
 
-STEM, PAGE_FILE = "break-even", "break-even.html"
+STEM = "break-even"
 _PALE = 0.55  # of a cell's colour
 _CAPTION = (
     "Colour: the strategy with the least mean cost. Number: seconds that it saves against the next one; ~ "
@@ -51,7 +52,7 @@ def write_break_even(folder: Path, suite: Suite, found: BreakEvens, seeds: range
         (unfinished / f"{STEM}.md").write_text("\n".join([lead + "\n", *tables]), encoding="utf-8")
         drawn = picture(draw(found, unfinished / STEM), _CAPTION, wide=True)
         sections = [Section("The cheapest strategy", pictures=[drawn]), Section("Tables", grids=grids)]
-        write_page(unfinished / PAGE_FILE, "When does looking twice pay?", lead, sections)
+        write_page(unfinished / BREAK_EVEN_PAGE, "When does looking twice pay?", lead, sections)
     return record
 
 

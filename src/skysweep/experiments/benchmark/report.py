@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep import __version__
+from skysweep.experiments.benchmark import BENCHMARK_PAGE
 from skysweep.experiments.benchmark.measures import (
     MEASURES,
     OVERVIEW,
@@ -26,7 +27,7 @@ from skysweep.results.reporting.tables import markdown
 from skysweep.results.reporting.wording import counted, glossary
 from skysweep.results.summary import plain
 
-JSON_FILE, TABLES_FILE, PAGE_FILE = "benchmark.json", "benchmark.md", "benchmark.html"
+JSON_FILE, TABLES_FILE = "benchmark.json", "benchmark.md"
 NONE = "–"  # in a cell that has no value
 OF_ORACLE = "Of the oracle's time above scan-only"
 
@@ -65,7 +66,7 @@ def write_benchmark(
             ],
             Section("What the words mean", grids=[_words(next(iter(found.values())))], folded=True),
         ]
-        write_page(unfinished / PAGE_FILE, f"Benchmark {suite.version}", lead, sections)
+        write_page(unfinished / BENCHMARK_PAGE, f"Benchmark {suite.version}", lead, sections)
     return record
 
 
