@@ -1,6 +1,7 @@
 """What the detector reports in flights with pictures, and what is drawn without pictures from the same poses.
 
-python tools/compare_looks.py 70001 70010 70011      # seeds of belief in person-wilderness, minutes each
+python tools/compare_looks.py              # three flights of belief in person-wilderness: 10 minutes
+python tools/compare_looks.py 70001        # the seeds to fly
 
 Prints the table in docs/statistical-sensor.md: the share of looks at each kind that is reported, by height.
 """
@@ -27,7 +28,8 @@ from skysweep.worlds.occlusion import middle_enu_m
 from skysweep.worlds.world import World
 
 SWEEP, LABEL = Path(__file__).parent.parent / "examples" / "belief.yaml", "person-wilderness-belief"
-HEIGHTS_M = (0.0, 10.0, 20.0, 30.0)
+SEEDS = (70001, 70010, 70011)
+HEIGHTS_M = (0.0, 20.0, 30.0)
 BEYOND = 0.6  # of an object's pixels, at least 8 px: then a report is not of the object
 GROUND = "nothing"
 
@@ -40,9 +42,7 @@ class Watched:
         self._detector: Detector = make_detector(scenario, threads=1)
         self.class_names = self._detector.class_names
         self.world = ss.build_world(scenario, seed)
-        self.looks: dict[
-            float, tuple[CameraPose, Detections]
-        ] = {}  # at the time of exposure: true pose, drawn
+        self.looks: dict[float, tuple[CameraPose, Detections]] = {}  # true pose, drawn; by time of exposure
         self.reported: dict[float, Detections] = {}
 
     def camera(self, world: World, eye: Truth) -> Watched:
@@ -66,7 +66,7 @@ class Watched:
 def main() -> None:
     scenario = dict(scenarios_of(load_spec(SWEEP)))[LABEL]
     counts: defaultdict[tuple[str, int], np.ndarray] = defaultdict(lambda: np.zeros(3))  # looks, both reports
-    for seed in map(int, sys.argv[1:]):
+    for seed in map(int, sys.argv[1:] or SEEDS):
         watched = Watched(scenario, seed)
         rig = Rig("imaging", make_camera=watched.camera, detector=watched)
         fly(build_mission(scenario, seed, rig), MemoryJournal())

@@ -1,6 +1,6 @@
 """How often things are reported that stand 5.5 to 30 m apart: the table in docs/statistical-sensor.md.
 
-python tools/stand_apart.py          # 12 worlds a distance: 5 minutes
+python tools/stand_apart.py          # 12 worlds a distance: 10 minutes
 python tools/stand_apart.py 4        # 4 worlds
 
 Straight down from 26 m, through the camera and in the light of person-wilderness, on its ground, no trees.

@@ -2,6 +2,7 @@
 
     python tests/mission/camera_flights.py                                   # all, seeds 0 and 1: 15 minutes
     python tests/mission/camera_flights.py clusters --seeds 0 --off-deg 6    # with a compass that is off
+    python tests/mission/camera_flights.py person-wilderness --set search.strategy=belief  # fields
 
 Prints how many pictures were doubted, and how often the camera was trusted again.
 """
@@ -14,12 +15,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
+from skysweep.cli.common import changes_of
 from skysweep.flights.build import build_mission
 from skysweep.flights.rig import Rig
 from skysweep.geometry.frames import rotation_from_euler
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
-from skysweep.scenarios.files import list_scenarios, load_scenario
+from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario
 from skysweep.scenarios.model import Scenario
 from skysweep.sensing.camera_watch import CameraWatch
 from skysweep.sensing.cameras.rendered import RenderedCamera
@@ -76,10 +78,13 @@ def main() -> None:
     parser.add_argument("scenarios", nargs="*", default=list_scenarios())
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1])
     parser.add_argument("--off-deg", type=float, default=0.0)
+    parser.add_argument("--set", nargs="+", default=[], dest="fields", metavar="FIELD=VALUE")
     options = parser.parse_args()
+    changes = changes_of(options.fields)
     for name in options.scenarios:
         for seed in options.seeds:
-            (doubts,) = doubts_on_the_way(load_scenario(name), seed, [options.off_deg])
+            scenario = change_scenario(load_scenario(name), changes)
+            (doubts,) = doubts_on_the_way(scenario, seed, [options.off_deg])
             whys = sorted({doubt.why.split(":")[0] for doubt in doubts if doubt is not None})
             n_doubted = sum(doubt is not None for doubt in doubts)
             print(

@@ -14,6 +14,7 @@ from skysweep.worlds.obstacles import known_obstacles
 
 LENS = Lens(320, 180, 1.2)
 PERIOD_S = 0.4
+UP = np.array([0.0, 0.0, 1.0])
 FLAT = known_obstacles(
     Scenario.model_validate({"name": "flat", "area": {"polygon_enu_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}})
 )
@@ -405,6 +406,6 @@ def test_what_was_long_ago_makes_no_difference(whole, goes_wrong):
     begun = first(found) - MEMORY_LOOKS
     again = [CameraWatch(FLAT)]
     later = [
-        again[0].judge(Frame(k * PERIOD_S, images[k], poses[k], LENS)) for k in range(begun, len(images))
+        again[0].judge(Frame(k * PERIOD_S, images[k], poses[k], LENS), UP) for k in range(begun, len(images))
     ]
     assert later == found[begun:]

@@ -41,9 +41,7 @@ _ALIKE = 0.5  # least share of the texture in two pictures that fit
 _STRANGE, _STRANGE_ROUGH = 0.15, 0.005  # with less they do not show the same place; rough ground needs less
 _ROUGH = 0.2  # relief
 _HARD_RAD = 0.1  # by which a vehicle tilts from look to look in a hard manoeuvre: its gimbal may lag
-_STRANGE_STEPS_UNSURE = (
-    2  # and no fit between: low over trees or in such a manoeuvre, one may be a sound camera's
-)
+_STRANGE_STEPS_UNSURE = 2  # and no fit between: low over trees or in such a manoeuvre, one tells little
 _WAVES_MPS = 1.5
 _OFF_M, _OFF_SHARE = 0.5, 0.03  # explained by GNSS, and by attitude as a share of the height
 _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # explained drift: with time, and with the way
@@ -122,7 +120,7 @@ class CameraWatch:
         self._least: _Fault | None = None  # of the faults meanwhile
         self._dirt: Doubt | None = None
 
-    def judge(self, frame: Frame, up_enu: F64 = _UP) -> Doubt | None:
+    def judge(self, frame: Frame, up_enu: F64) -> Doubt | None:
         """Why not to trust a picture; None: no reason. ``up_enu`` (3,) is where the vehicle's top points."""
         grey = np.asarray(cv2.cvtColor(frame.image, cv2.COLOR_RGB2GRAY), np.uint8)
         unlit = _unlit(grey)
