@@ -15,9 +15,15 @@ from skysweep.worlds.obstacles import known_obstacles
 LENS = Lens(320, 180, 1.2)
 PERIOD_S = 0.4
 UP = np.array([0.0, 0.0, 1.0])
-FLAT = known_obstacles(
-    Scenario.model_validate({"name": "flat", "area": {"polygon_enu_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}})
-)
+
+
+def flat(surface):
+    area = {"polygon_enu_m": [[0, 0], [90, 0], [90, 90], [0, 90]]}
+    fields = {"name": "flat", "area": area, "terrain": {"surface": surface}}
+    return known_obstacles(Scenario.model_validate(fields))
+
+
+FLAT = flat("grass")
 M_PER_PX, HALF_M = 0.125, 128.0
 
 
@@ -179,6 +185,17 @@ def test_in_a_hard_manoeuvre_one_comparison_is_no_reason(tilting, doubted):
     images = pictures(poses[:31]) + pictures([pose_at(p.position_enu_m[0], -60.0, 8.0) for p in poses[31:]])
     tilts_rad = np.array([0.4 * any(t <= k for t in tilting) for k in range(60)])
     assert any(doubts(poses, images, tilts_rad=tilts_rad)) == doubted
+
+
+@pytest.mark.parametrize(
+    ("surface", "tilt_rad", "doubted"), [("water", 0.4, False), ("water", 0.0, True), ("grass", 0.4, True)]
+)
+def test_one_jump_is_no_reason_over_waves_in_a_hard_manoeuvre(surface, tilt_rad, doubted):
+    """In which they pass for one; the pictures from 30 on show what lies 7 m beside."""
+    poses = [pose_at(20.0, -30.0 + k, 30.0) for k in range(60)]
+    shown = [pose_at(20.0 + 7.0 * (k >= 30), -30.0 + k, 30.0) for k in range(60)]
+    tilts_rad = np.array([tilt_rad * (k >= 30) for k in range(60)])
+    assert any(doubts(poses, pictures(shown), CameraWatch(flat(surface)), tilts_rad)) == doubted
 
 
 @pytest.mark.parametrize("ground", [0.0, 0.02])

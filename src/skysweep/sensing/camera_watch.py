@@ -74,6 +74,11 @@ class _Step(NamedTuple):
         return self.is_rough or self.is_hard
 
     @property
+    def tells_alone(self) -> bool:
+        """Whether a jump in this step alone is a fault; waves in a manoeuvre pass for one."""
+        return not (self.is_hard and self.drift_mps)
+
+    @property
     def is_strange(self) -> bool:
         """Whether the two pictures do not show the same place."""
         if self.drift_mps or (self.is_rough and not self.shows_tops_again):
@@ -284,7 +289,8 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     relief_across_m = (np.tril(way_across_m) * relief).sum(axis=1)
     false = across_m > explained_m + _ACROSS * flown_m + relief_across_m
     false |= along_m > explained_m + _ALONG * flown_m + relief_m
-    false |= off_each_m > _JUMP * allowed_m + relief_each_m
+    tells_alone = np.array([s.tells_alone for s in back])
+    false |= (off_each_m > _JUMP * allowed_m + relief_each_m) & tells_alone
     if not false.any():
         return None
     k = int(np.argmax(false))
