@@ -38,7 +38,7 @@ SIGN, ROCK = SUBJECTS.index(("stop sign", "face-up")), SUBJECTS.index(("rock", "
 OWN = CLASSES.index("stop sign")
 GRID = np.log(GRID_PX)
 MEAN = np.interp(GRID, np.log([4, 12, 40]), [-1.5, 0.5, 1.8])
-FACTORS = np.array([-0.5, 0.4, 0.5, -1.0, 0.9, 0.3, -0.4, -0.8, 0.3])
+FACTORS = np.array([-0.5, 0.4, 0.5, -1.0, 0.9, 0.3, -0.4, -0.8, 0.3, -0.25])
 SPREAD = 0.4
 
 
@@ -68,8 +68,9 @@ def draw_looks(
     at_edge_y = edge_y * np.maximum(1 - 8 / np.exp(x), 0)
     colour = rng.normal(30, 15, n_objects)[instance].clip(5, 80)
     contrast = (colour - 30) / 20
+    others = np.floor(np.exp(rng.uniform(0.0, np.log(40.0), n))) - 1.0
     sides = view, front, front * np.clip((x - np.log(8)) / np.log(8), 0, 1)
-    factors = np.column_stack([*sides, hidden, cut**2, at_edge_y, beside, blur, contrast])
+    factors = np.column_stack([*sides, hidden, cut**2, at_edge_y, beside, blur, contrast, np.log1p(others)])
     scores = np.interp(x, GRID, MEAN) + factors @ FACTORS + SPREAD * z
     reported = (scores >= score_of(CONFIDENCE_FLOOR)) & (rng.random(n) >= lapse)
     confidences = np.zeros((n, len(CLASSES)))
@@ -92,6 +93,7 @@ def draw_looks(
         edge_y=edge_y,
         beside=beside,
         blur_px=blur * np.exp(x),
+        others=others,
         colour=colour,
         confidences=confidences,
         offsets_px=offsets,
@@ -228,7 +230,10 @@ def test_background_rates_and_scores_follow_altitude(shape):
     hectares = altitudes**2 * 1e-4
     surface = rng.integers(0, 2, 4000)
     counts = rng.poisson(hectares * np.where(altitudes > 20, 0.5, 5.0) * np.where(surface == 0, 0.2, 1.0))
-    of_report = np.repeat(np.arange(4000), counts)
+    trees = rng.poisson(20.0 * hectares)
+    on_trees = rng.poisson(trees * np.where(altitudes > 20, 0.01, 0.1))
+    of_tree = np.repeat([False, True], [counts.sum(), on_trees.sum()])
+    of_report = np.repeat(np.tile(np.arange(4000), 2), [*counts, *on_trees])
     n = len(of_report)
     scores = score_of(CONFIDENCE_FLOOR) + 0.6 * rng.weibull(shape, n) / gamma(1 + 1 / shape)
     seen = Background(
@@ -236,12 +241,13 @@ def test_background_rates_and_scores_follow_altitude(shape):
         hectares=hectares,
         world=np.arange(4000) // 40,
         surface=surface,
-        wooded=np.zeros(4000, dtype=bool),
+        trees=trees.astype(float),
         picture_of_report=of_report,
         class_index=np.full(n, 1),
         confidences=confidence_of(scores),
         pixels=np.full(n, 9.0),
         again=np.where(rng.random(n) < 0.6, confidence_of(scores), 0.0),
+        of_tree=of_tree,
     )
     fitted = fit_background(seen, 1)
     assert fitted.reported_as == CLASSES[1]
@@ -249,7 +255,8 @@ def test_background_rates_and_scores_follow_altitude(shape):
     assert of_other[-1] == pytest.approx(0.5, rel=0.25)
     assert of_other[1] > 2.0
     assert fitted.surfaces[SURFACES[0]] / fitted.surfaces[SURFACES[1]] == pytest.approx(0.2, rel=0.3)
-    assert fitted.wooded == pytest.approx(1.0)
+    assert fitted.per_tree[-1] == pytest.approx(0.01, rel=0.4)
+    assert fitted.per_tree[1] > 0.03
     assert fitted.score_scale == pytest.approx([0.6] * len(ALTITUDES_M), abs=0.15)
     assert fitted.score_shape == pytest.approx(shape, abs=0.15)
     assert fitted.again == pytest.approx(0.6, abs=0.05)

@@ -20,7 +20,8 @@ SETTLED_M = 40.0  # behind the turn at a transect's start
 @pytest.mark.parametrize("strategy", ["scan-only", "belief"])
 @pytest.mark.parametrize("hills_m", [0.0, 30.0])
 def test_wind_and_turns_take_the_vehicle_off_no_transect(strategy, hills_m):
-    """Straight to its end it is up to 11 m beside it."""
+    """Straight to its end it is up to 11 m beside it. Belief is to look at nothing again."""
+    parameters = {"parameters": {"missed_cost_s": 1.0}} if strategy == "belief" else {}
     rows = hills_m * np.sin(np.linspace(0.0, 4.0 * math.pi, 60))[:, None].repeat(20, axis=1)
     scenario = Scenario.model_validate(
         {
@@ -34,6 +35,7 @@ def test_wind_and_turns_take_the_vehicle_off_no_transect(strategy, hills_m):
                 "scan_altitude_agl_m": 60.0,
                 "scan_speed_mps": 8.0,
                 "transect_heading_deg": 0.0,
+                **parameters,
             },
         }
     )

@@ -57,6 +57,7 @@ def table(kind="stop sign", reported_as="stop sign", pose="face-up", scores=(-3.
         beside=0.0,
         blur=0.0,
         contrast=0.0,
+        company=0.0,
         grounds={},
         object_share=0.0,
         pass_share=0.0,
@@ -214,6 +215,16 @@ def test_a_flat_view_the_edge_blur_and_contrast_shift_the_score():
     edge_y = 180.0 / LENS.focal_px * true.position_enu_m[2]
     found = looks([sign(0.0, edge_y)], model(table(scores=level, cut=-2.0, edge_y=1.0)), true)
     assert_rate(sum(map(len, found)), LOOKS, chance(-0.5 + 1.0 - 8.0 / 30.0))
+
+
+def test_company_shifts_the_score():
+    """Of things in the same tile that are large enough to be seen."""
+    true = nadir(height_for(30.0))
+    tables = model(table(scores=(1.0,) * 4, company=-0.7), table("rock", scores=(-9.0,) * 4))
+    for others, mean in ((0, 1.0), (1, 1.0 - 0.7 * np.log(2)), (4, 1.0 - 0.7 * np.log(5))):
+        rocks = [sign(2.0 * k - 4.0, 2.0, kind="rock") for k in range(others)]
+        rocks += [sign(-2.0, -2.0, "rock", 0.05), sign(40.0, 0.0, "rock")]
+        assert_rate(sum(map(len, looks([sign(), *rocks], tables, true))), LOOKS, chance(mean))
 
 
 def test_the_ground_shifts_the_score():
@@ -374,7 +385,7 @@ def background(**other):
         altitude_agl_m=[8.0, 32.0],
         per_hectare=[0.001, 40.0],
         surfaces={"grass": 1.0, "water": 0.1},
-        wooded=2.0,
+        per_tree=[0.0, 0.0],
         score_scale=[0.5, 0.5],
         score_shape=1.0,
         again=0.5,
@@ -409,6 +420,19 @@ def test_background_depends_on_the_ground():
 
     grass, wet = reports(FLAT), reports(replace(FLAT, surface="water"))
     assert wet / grass == pytest.approx(0.1, rel=0.4)
+
+
+def test_background_reports_come_at_their_rate_a_tree():
+    """In one picture that shows all three, at any height of theirs."""
+    trees = [WorldTree(np.array([4.0 * k, 0.0, 0.0]), 6.0, 1.5, "conifer", 0) for k in range(3)]
+    tables = model(table(), background=[background(per_hectare=[0.0, 0.0], per_tree=[0.0, 0.6])])
+    found = [
+        sum(map(len, looks([], tables, nadir(31.9), 50, minimum=0.101, seed=seed, trees=trees))) / 50
+        for seed in range(200)
+    ]
+    assert np.mean(found) == pytest.approx(3 * 0.6, rel=0.2)
+    assert not any(map(len, looks([], tables, nadir(31.9), 200, minimum=0.101)))
+    assert not any(map(len, looks([], tables, nadir(8.0), 200, minimum=0.101, trees=trees)))
 
 
 @pytest.mark.parametrize("shape", [1.0, 1.5])
@@ -578,15 +602,17 @@ def test_the_docs_say_of_every_factor_what_the_code_says():
 TILED = CameraModel(width_px=1280, height_px=720, hfov_rad=1.2, latency_s=0.0)  # two tiles of 712 x 400
 
 
-def tiled_looks(x_px, tables, n=LOOKS, **options):
+def tiled_looks(x_px, tables, n=LOOKS, rock_px=None, **options):
     """Passings of one look at a sign of 20 detector's pixels, at a column of the picture, by 2 x 2 tiles."""
     view = tables.view_of(TILED, DetectorModel(tiles=2))
     z = view.focal_px * 0.9 / 20.0
-    x_m = (x_px - 640.0) / TILED.lens.focal_px * z
+    things = [sign((x_px - 640.0) / TILED.lens.focal_px * z)]
+    if rock_px is not None:
+        things.append(sign((rock_px - 640.0) / TILED.lens.focal_px * z, kind="rock"))
     options = {"camera": TILED, "tiles": 2} | options
     there, away = (CameraPose(np.array([0.0, y, z]), LOOKS_NORTH) for y in (0.2 * z, 200.0))
     turns = itertools.cycle([there, away])
-    return looks([sign(x_m)], tables, lambda: next(turns), 2 * n, **options)[::2]
+    return looks(things, tables, lambda: next(turns), 2 * n, **options)[::2]
 
 
 LOOKS_NORTH = rotation_camera_to_enu(np.pi / 2, -np.pi / 2)
@@ -606,6 +632,12 @@ def test_a_thing_whole_in_two_tiles_is_looked_at_twice_and_reported_once():
 def test_what_two_tiles_share_of_its_luck_is_not_drawn_twice():
     alike = tiled_looks(640.0, model(table(scores=(0.0,) * 4, pass_share=1.0)))
     assert_rate(sum(map(len, alike)), LOOKS, chance(0.0))
+
+
+def test_only_what_is_in_the_same_tile_is_company():
+    tables = model(table(scores=(1.0,) * 4, company=-1.0), table("rock", scores=(-9.0,) * 4))
+    for rock_px, mean in ((300.0, 1.0 - np.log(2)), (1100.0, 1.0)):
+        assert_rate(sum(map(len, tiled_looks(200.0, tables, rock_px=rock_px))), LOOKS, chance(mean))
 
 
 def test_a_thing_that_a_tile_cuts_may_be_reported_as_two():

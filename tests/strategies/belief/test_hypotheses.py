@@ -28,7 +28,7 @@ def after(looks, hypotheses=SIGNS):
     """The belief after looks of (height, score or None, moved pixels)."""
     belief = hypotheses.fresh()
     for height_m, score, moved_px in looks:
-        hypotheses.look(belief, above(height_m), PLACE, moved_px, score, widened=1.0)
+        hypotheses.look(belief, above(height_m), PLACE, moved_px, score, widened=1.0, others=0)
     return belief
 
 

@@ -33,6 +33,7 @@ EDGES: dict[str, tuple[float, ...]] = {
     "beside a crown (0, 1)": (0, 1, 2),
     "blur over pixels": (0, 0.05, 0.15, 0.4, 1.0),
     "contrast (CIE76)": (0, 15, 25, 35, 50, 150),
+    "others in the picture": (0, 1, 3, 10, 30, 300),
 }
 
 
@@ -94,6 +95,7 @@ def tell(looks: ScoredLooks, factors: F64, keys: list[Key]) -> Told:
         "beside a crown (0, 1)": looks.beside[rows],
         "blur over pixels": factors[rows, NAMES.index("blur")],
         "contrast (CIE76)": np.maximum(contrast, 0.0),
+        "others in the picture": looks.others[rows],
     }
     subject, confidences = looks.subject[rows], looks.confidences[rows, class_index]
     chances = (np.clip(part, LEAST, 1 - LEAST) for part in (chance, rate))

@@ -208,7 +208,7 @@ def _draw_background(axes: Axes, seen: Background, model: StatisticalModel) -> N
         axes.errorbar(middles[some], rates, bars, fmt="o", color=_COLOURS[name], markersize=3, linewidth=0.9)
         fitted = next((b for b in model.background if b.reported_as == name), None)
         if fitted is not None:
-            reports = seen.hectares * background_rates(fitted, model, seen)
+            reports = background_reports(fitted, model, seen)
             expected, _ = np.histogram(seen.altitude_agl_m, edges, weights=reports)
             looked = ground > 0
             axes.plot(middles[looked], expected[looked] / ground[looked], color=_COLOURS[name])
@@ -225,15 +225,15 @@ def _draw_distractors(axes: Axes, model: StatisticalModel) -> None:
     _finish_altitudes(axes, "look-alikes taken for a target", "in a look")
 
 
-def background_rates(fitted: BackgroundModel, model: StatisticalModel, seen: Background) -> F64:
-    """(M,): predicted reports per hectare of each picture at the missions' threshold."""
+def background_reports(fitted: BackgroundModel, model: StatisticalModel, seen: Background) -> F64:
+    """(M,): predicted reports in each picture at the missions' threshold."""
     at, grid = np.log(seen.altitude_agl_m), np.log(fitted.altitude_agl_m)
     excess = score_of(MISSION_CONFIDENCE_MIN) - score_of(model.experiment.confidence_floor)
     scale = fitted.unit_scale * np.interp(at, grid, fitted.score_scale)
     strong = np.exp(-((excess / scale) ** fitted.score_shape))
     on = np.array([fitted.surfaces[name] for name in SURFACES])[seen.surface]
-    rates = np.interp(at, grid, fitted.per_hectare) * strong * on
-    return np.asarray(rates * np.where(seen.wooded, fitted.wooded, 1))
+    of_ground = seen.hectares * np.interp(at, grid, fitted.per_hectare) * on
+    return np.asarray(strong * (of_ground + seen.trees * np.interp(at, grid, fitted.per_tree)))
 
 
 def taken_for_targets(model: StatisticalModel, kind: str) -> tuple[F64, F64]:

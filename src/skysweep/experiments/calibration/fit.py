@@ -130,7 +130,7 @@ def factors_of(looks: ScoredLooks) -> F64:
         colour[rows & np.isnan(colour)] = known.mean() if len(known) else CONTRAST_USUAL
     contrast = np.clip((colour - CONTRAST_USUAL) / CONTRAST_UNIT, *CONTRAST_LIMITS)
     seen = (looks.view, looks.front, looks.pixels, looks.hidden, looks.cut, looks.edge_y > 0.0, looks.beside)
-    rows = zip(*seen, looks.blur_px, contrast, strict=True)
+    rows = zip(*seen, looks.blur_px, contrast, looks.others, strict=True)
     factors = np.array([factors_of_look(*look) for look in rows]).reshape(-1, len(FACTORS))
     return np.hstack([factors, np.eye(len(SURFACES))[looks.surface]])
 
@@ -421,11 +421,11 @@ def fit_box(looks: ScoredLooks) -> BoxModel:
 def fit_background(seen: Background, class_index: int) -> BackgroundModel | None:
     """Reports of one class on no object, from the lowest altitude up; None where there are too few.
 
-    The rate per hectare is Poisson, smoothed and log-linear over log altitude. A factor for the surface and
-    one for trees multiply it; both are drawn towards 1 where little was seen. Scores over the floor follow a
-    Weibull distribution, whose mean is log-linear over log altitude too. Repeated reports in one world count
-    as one finding: both likelihoods are divided by the mean number of reports of the worlds that have any
-    (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
+    The rates per hectare and per tree are Poisson, smoothed and log-linear over log altitude. A factor for
+    the surface multiplies the first; it is drawn towards 1 where little was seen. Scores over the floor
+    follow a Weibull distribution, whose mean is log-linear over log altitude too. Repeated reports in one
+    world count as one finding: all likelihoods are divided by the mean number of reports of the worlds that
+    have any (quasi-likelihood: Wedderburn, Biometrika 61, 1974).
     """
     high = seen.altitude_agl_m >= ALTITUDES_M[0]
     mine = (seen.class_index == class_index) & high[seen.picture_of_report]
@@ -434,23 +434,13 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         return None
     pictures = seen.picture_of_report[mine]
     alike = len(found) / len(np.unique(seen.world[pictures]))
-    altitude = _hats(seen.altitude_agl_m, ALTITUDES_M)
-    ground = np.column_stack([altitude, np.eye(len(SURFACES))[seen.surface], seen.wooded.astype(float)])
-    hectares = np.where(high, seen.hectares, 0.0)
-    at, n = ground[pictures].sum(axis=0), len(ALTITUDES_M)
-    bends = _smoothness(n, _RATE_CURVE_STD, _RATE_SLOPE_STD)
-
-    def cost(logs: F64) -> tuple[float, F64]:
-        bend, factors = bends @ logs[:n], logs[n:] / _GROUND_STD
-        expected = hectares * np.exp(ground @ logs)
-        value = float((expected.sum() - at @ logs) / alike + 0.5 * (bend @ bend + factors @ factors))
-        slope = (ground.T @ expected - at) / alike
-        return value, slope + np.concatenate([bends.T @ bend, factors / _GROUND_STD])
-
-    start = np.zeros(ground.shape[1])
-    start[:n] = np.log(len(found) / hectares.sum())
-    logs = minimize(cost, start, method="L-BFGS-B", jac=True).x
-    rates, factors = np.exp(logs[:n]), np.exp(logs[n:])
+    altitude, of_tree = _hats(seen.altitude_agl_m, ALTITUDES_M), seen.of_tree[mine]
+    surfaces, none = np.eye(len(SURFACES))[seen.surface], np.zeros((len(high), 0))
+    hectares, trees = np.where(high, seen.hectares, 0.0), np.where(high, seen.trees, 0.0)
+    rates, factors = _rates(hectares, altitude, surfaces, pictures[~of_tree], seen.world)
+    per_tree = np.zeros(len(ALTITUDES_M))
+    if trees.any():
+        per_tree, _ = _rates(trees, altitude, none, pictures[of_tree], seen.world)
     followed = mine & np.isfinite(seen.again)
     again = seen.again[followed]
     repeats = again > 0
@@ -464,14 +454,37 @@ def fit_background(seen: Background, class_index: int) -> BackgroundModel | None
         reported_as=CLASSES[class_index],
         altitude_agl_m=list(ALTITUDES_M),
         per_hectare=[float(f"{r:.3g}") for r in rates],
-        surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=False)},
-        wooded=float(f"{factors[-1]:.3g}"),
+        surfaces={name: float(f"{f:.3g}") for name, f in zip(SURFACES, factors, strict=True)},
+        per_tree=[float(f"{r:.3g}") for r in per_tree],
         score_scale=scales.round(3).tolist(),
         score_shape=round(_shape(over / (hats @ scales), alike), 3),
         again=round(float((repeats.sum() + 1.0) / (len(again) + 2.0)), 3),
         same_share=round(float(np.clip((same + 0.5 * 5) / (len(excess) + 5), 0.0, 1.0)), 3),
         pixels=round(float(np.median(seen.pixels[mine])), 1),
     )
+
+
+def _rates(exposure: F64, hats: F64, groups: F64, reported: I64, world: I64) -> tuple[F64, F64]:
+    """Rates at the altitudes, and the factor of each group, of reports in the pictures (K,) ``reported``.
+
+    ``exposure`` (M,) is what may be reported in each picture; ``hats`` (M, A), ``groups`` (M, G) and
+    ``world`` (M,) say at what altitude, of which group and where it is.
+    """
+    design, n = np.hstack([hats, groups]), hats.shape[1]
+    alike = len(reported) / max(len(np.unique(world[reported])), 1) or 1.0
+    at, bends = design[reported].sum(axis=0), _smoothness(n, _RATE_CURVE_STD, _RATE_SLOPE_STD)
+
+    def cost(logs: F64) -> tuple[float, F64]:
+        bend, factors = bends @ logs[:n], logs[n:] / _GROUND_STD
+        expected = exposure * np.exp(design @ logs)
+        value = float((expected.sum() - at @ logs) / alike + 0.5 * (bend @ bend + factors @ factors))
+        slope = (design.T @ expected - at) / alike
+        return value, slope + np.concatenate([bends.T @ bend, factors / _GROUND_STD])
+
+    start = np.zeros(design.shape[1])
+    start[:n] = np.log(max(len(reported), 0.5) / exposure.sum())
+    logs = minimize(cost, start, method="L-BFGS-B", jac=True).x
+    return np.exp(logs[:n]), np.exp(logs[n:])
 
 
 def _scales(hats: F64, over: F64, alike: float) -> F64:

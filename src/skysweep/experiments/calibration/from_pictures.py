@@ -161,10 +161,10 @@ def _background(
         scaled = [float(f"{times * rate:.3g}") for rate in known.per_hectare]
         return known.model_copy(update={"per_hectare": scaled}), True
     here = next(iter(fitted.surfaces.values()))  # all pictures count as of the first ground
-    update = {
+    update: dict[str, object] = {
         "per_hectare": [float(f"{rate * here:.3g}") for rate in fitted.per_hectare],
         "surfaces": dict.fromkeys(fitted.surfaces, 1.0),
-        "wooded": 1.0,
+        "per_tree": known.per_tree if known is not None else fitted.per_tree,
     }
     if known is not None:
         update |= {"again": known.again, "same_share": known.same_share}
@@ -286,10 +286,11 @@ def _strays(
         hectares,
         picture.astype(int),
         np.zeros(n, dtype=int),
-        np.zeros(n, dtype=bool),
+        np.zeros(n),
         row.astype(int),
         class_index.astype(int),
         confidences,
         pixels,
         np.full(len(row), np.nan),
+        np.zeros(len(row), dtype=bool),
     )

@@ -34,7 +34,7 @@ from skysweep.scenarios.model import (
     TargetClass,
 )
 from skysweep.sensing.cameras.exposing import exposing
-from skysweep.sensing.statistical.factors import BLUR_MAX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
+from skysweep.sensing.statistical.factors import BLUR_MAX, COMPANY_PX, CUT_MIN, HIDDEN_MAX, VIEW_MAX
 from skysweep.types import F64, U8, Detections, Frame
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, pixels_on_target, shape_of
 from skysweep.worlds.rendering.renderer import Renderer, make_renderer, refuse_unrenderable
@@ -63,6 +63,10 @@ SURFACES = ("grass", "forest floor", "rock", "sand", "snow", "asphalt", "water")
 _IOU_MAX = 0.5
 _TREE_SHARE = 0.5  # of the worlds on land have bushes and trees
 _BESIDE_SHARE = 0.6  # of the objects in these stand beside one
+_TREE_M, _BUSH_M = (3.0, 16.0), (0.6, 1.5)  # heights
+_TREES_AROUND = 1900  # 30 a hectare
+_COLUMNS_MIN = 4  # of a grid
+_TREE_PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of its height: a report near one of them is of the tree
 _FAR_M = 400.0
 _LOOK_PERIOD_S = 0.4
 _CONTRAST_MIN_PX = 8.0  # the colour of smaller objects is not measured
@@ -72,15 +76,19 @@ _CLEAR_SIZES, _CLEAR_MIN_M = 1.5, 2.0  # background begins this far from every o
 
 @dataclass(frozen=True, slots=True)
 class WorldLayout:
-    """The contents of a world, on a grid so wide that neighbours stay apart in every picture."""
+    """The contents of a world, on a grid so wide that neighbours stay apart in every picture.
+
+    Some worlds have a wide grid, because the detector reports what stands alone in a picture more often.
+    """
 
     subjects: tuple[tuple[str, str], ...]  # kind and pose; a subject listed twice is seen twice as often
     surfaces: tuple[str, ...]
-    spacing_m: float
-    columns: int
+    spacing_m: tuple[float, float]  # of the grid, log-uniform
+    grid_m: float  # about how wide it is, but for the fewest columns
     share: float  # of the worlds
 
 
+_APART_M, _GRID_M = (5.5, 40.0), 88.0
 LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
     WorldLayout(
         (
@@ -93,8 +101,8 @@ LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
             ("clothing", "face-up"),
         ),
         ("grass", "forest floor", "rock", "sand", "snow", "asphalt"),
-        5.5,
-        16,
+        _APART_M,
+        _GRID_M,
         0.56,
     ),
     WorldLayout(
@@ -105,11 +113,11 @@ LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
             *2 * (("red bucket", "face-up"), ("rock", "face-up")),
         ),
         ("water",),
-        6.0,
-        13,
+        _APART_M,
+        _GRID_M,
         0.14,
     ),
-    WorldLayout((("boat", "face-up"),), ("water",), 26.0, 6, 0.1),
+    WorldLayout((("boat", "face-up"),), ("water",), (26.0, 80.0), 156.0, 0.1),
     WorldLayout(
         (
             ("person", "sitting"),
@@ -121,8 +129,8 @@ LAYOUTS = (  # look-alikes are listed twice because they are rarely reported
             ("dog", "face-up"),
         ),
         ("grass", "forest floor", "rock", "sand", "snow", "asphalt"),
-        5.5,
-        16,
+        _APART_M,
+        _GRID_M,
         0.2,
     ),
 )
@@ -147,6 +155,7 @@ class ScoredLooks:
     edge_y: F64  # (N,) 1 where the upper or lower edge cuts it, else 0
     beside: F64  # (N,)
     blur_px: F64  # (N,)
+    others: F64  # (N,) other objects in the picture that span COMPANY_PX
     colour: F64  # (N,) difference to the ground (CIE76), the object's mean; NaN where not measured
     confidences: F64  # (N, C) of the best detection of a class on the object; 0 for none
     offsets_px: F64  # (N, C, 2) of that detection's centre from the object's; NaN for none
@@ -169,12 +178,13 @@ class Background:
     hectares: F64  # (M,) of ground in the picture, away from objects
     world: I64  # (M,)
     surface: I64  # (M,) index into SURFACES
-    wooded: NDArray[np.bool_]  # (M,) trees or bushes stand there
+    trees: F64  # (M,) how many trees and bushes are in the picture
     picture_of_report: I64  # (K,) row of the M
     class_index: I64  # (K,)
     confidences: F64  # (K,)
     pixels: F64  # (K,) longer side of the box
     again: F64  # (K,) confidence of a report at the same place in the next look; 0 none, NaN no such look
+    of_tree: NDArray[np.bool_]  # (K,) it lies on a tree or bush
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,13 +282,15 @@ def look_around(job: WorldJob) -> tuple[ScoredLooks, Background]:
 
 
 def _make_world(layout: WorldLayout, rng: np.random.Generator, camera: CameraKind) -> World:
-    half = layout.columns * layout.spacing_m / 2
+    spacing_m = float(np.exp(rng.uniform(*np.log(layout.spacing_m))))
+    columns = max(round(layout.grid_m / spacing_m), _COLUMNS_MIN)
+    half = columns * spacing_m / 2
     bounds = (-_FAR_M, -_FAR_M, _FAR_M, _FAR_M)
-    n = layout.columns**2
+    n = columns**2
     kinds = rng.permutation(np.arange(n) % len(layout.subjects))
-    cells = np.stack(np.meshgrid(np.arange(layout.columns), np.arange(layout.columns)), -1).reshape(-1, 2)
-    middles = (cells + 0.5) * layout.spacing_m - half
-    jitter = rng.uniform(-0.15, 0.15, (n, 2)) * layout.spacing_m
+    cells = np.stack(np.meshgrid(np.arange(columns), np.arange(columns)), -1).reshape(-1, 2)
+    middles = (cells + 0.5) * spacing_m - half
+    jitter = rng.uniform(-0.15, 0.15, (n, 2)) * spacing_m
     objects = []
     for k in range(n):
         kind, pose = layout.subjects[kinds[k]]
@@ -291,7 +303,7 @@ def _make_world(layout: WorldLayout, rng: np.random.Generator, camera: CameraKin
         objects.append(WorldObject(kind, place, yaw_rad, size_m, pose, kind in CLASSES, variant))
     surface = str(rng.choice(layout.surfaces))
     has_trees = surface != "water" and rng.random() < _TREE_SHARE
-    trees = _trees(objects, half, rng) if has_trees else ()
+    trees = _trees(objects, half, 1.2 * spacing_m, rng) if has_trees else ()
     sky = _daylight(rng) if camera == "visible" else THERMAL.sky(rng)
     terrain = TerrainSurface(np.zeros((2, 2)), bounds, surface)
     return World(
@@ -315,15 +327,19 @@ def _daylight(rng: np.random.Generator) -> Sky:
     return Sky(light, 2.0, 60.0)
 
 
-def _trees(objects: list[WorldObject], half_m: float, rng: np.random.Generator) -> tuple[WorldTree, ...]:
-    around = rng.uniform(-_FAR_M, _FAR_M, (700, 2))
+def _trees(
+    objects: list[WorldObject], half_m: float, highest_m: float, rng: np.random.Generator
+) -> tuple[WorldTree, ...]:
+    """Trees around the objects, and beside many of them some that leave their neighbours in sight."""
+    around = rng.uniform(-_FAR_M, _FAR_M, (_TREES_AROUND, 2))
     places: list[tuple[F64, WorldObject | None]]
     places = [(xy, None) for xy in around if np.abs(xy).max() > half_m + 5.0]
     places += [(o.position_enu_m[:2], o) for o in objects if rng.random() < _BESIDE_SHARE]
     trees = []
     for place, beside in places:
         kind = str(rng.choice(["broadleaf", "conifer", "bush"]))
-        height = float(rng.uniform(0.6, 1.5) if kind == "bush" else rng.uniform(3, 9))
+        least, most = _BUSH_M if kind == "bush" else _TREE_M
+        height = float(rng.uniform(least, most if beside is None else np.clip(highest_m, 1.5 * least, most)))
         radius = height * float(rng.uniform(0.2, 0.35))
         xy = np.array(place)
         if beside is not None:
@@ -338,7 +354,7 @@ def _pass(world: World, job: WorldJob, rng: np.random.Generator) -> tuple[list[C
     """The camera poses of a pass and the velocity that blurs its pictures."""
     lens, exposure_s = job.camera.lens, job.camera.exposure_s
     empty = rng.random() < job.empty_share
-    first, distance = _empty_view(job.layout, rng) if empty else _view(world, lens, rng)
+    first, distance = _empty_view(world, rng) if empty else _view(world, lens, rng)
     step_px = float(np.exp(rng.uniform(*np.log(STEP_PX))))
     direction = rng.normal(size=3) * [1.0, 1.0, 0.5]
     step = direction / np.linalg.norm(direction) * step_px * distance / lens.focal_px
@@ -378,13 +394,15 @@ def _view(world: World, lens: Lens, rng: np.random.Generator) -> tuple[CameraPos
             return CameraPose(position, R), float(depth)
 
 
-def _empty_view(layout: WorldLayout, rng: np.random.Generator) -> tuple[CameraPose, float]:
+def _empty_view(world: World, rng: np.random.Generator) -> tuple[CameraPose, float]:
     """A view of ground beside the objects, and its height in metres."""
     height = float(np.exp(rng.uniform(*np.log([3.0, 120.0]))))
-    away = 0.75 * layout.columns * layout.spacing_m + 2.5 * height
-    angle = rng.uniform(0, 2 * np.pi)
-    position = np.array([away * np.cos(angle), away * np.sin(angle), height])
-    return CameraPose(position, _orientation(rng)), height
+    away = 1.5 * max(float(np.abs(o.position_enu_m[:2]).max()) for o in world.objects) + 2.5 * height
+    while True:
+        angle = rng.uniform(0, 2 * np.pi)
+        position = np.array([away * np.cos(angle), away * np.sin(angle), height])
+        if not _inside_tree(world, position):
+            return CameraPose(position, _orientation(rng)), height
 
 
 def _orientation(rng: np.random.Generator) -> F64:
@@ -412,15 +430,17 @@ class Scorer:
         self._beside = [self._occluders.is_beside_a_crown(o) for o in world.objects]
         self._places = np.array([middle_enu_m(o) for o in world.objects])
         self._feet = np.array([o.position_enu_m for o in world.objects])
-        self._clear_m = np.array([max(_CLEAR_SIZES * o.size_m, _CLEAR_MIN_M) for o in world.objects])
+        self._sizes_m = np.array([o.size_m for o in world.objects])
+        self._clear_m = np.maximum(_CLEAR_SIZES * self._sizes_m, _CLEAR_MIN_M)
         self._size_px = np.array([lens.width_px, lens.height_px], dtype=float)
         self._surface = SURFACES.index(world.terrain.surface)
         self._looks: list[tuple[object, ...]] = []
         self._colours: dict[int, list[float]] = {}  # object -> differences to the ground
-        self._pictures: list[tuple[float, float]] = []  # altitude in metres, hectares
+        self._crowns = _Crowns(world, lens)
+        self._pictures: list[tuple[float, float, float]] = []  # altitude in metres, hectares, trees
         self._strays: list[
             list[float]
-        ] = []  # class, picture, confidence, pixels, confidence in the next look
+        ] = []  # class, picture, confidence, pixels, confidence in the next look, 1 on a tree
         self._last: list[list[float]] = []  # strays of the last picture: index, ground x, y
 
     def measure_colours(self, renderer: Renderer, clean: U8, pose: CameraPose) -> None:
@@ -465,6 +485,9 @@ class Scorer:
         classes = np.array([CLASSES.index(n) if n in CLASSES else -1 for n in found.class_names], dtype=int)
         gaps = np.linalg.norm(middles[:, None] - seen_middles[None], axis=2)
         near = before & (inside > 0).all(axis=1)
+        is_company = before & ((centres >= 0) & (centres <= self._size_px)).all(axis=1)
+        is_company &= lens.focal_px * self._sizes_m >= COMPANY_PX * depths
+        others = float(is_company.sum())
         clear = np.maximum(self._clear_m * lens.focal_px / np.maximum(depths, 0.1), reach)
         feet, _ = project(lens, pose, self._feet)
         gaps_to_feet = np.linalg.norm(middles[:, None] - feet[None], axis=2)
@@ -493,7 +516,7 @@ class Scorer:
             self._looks.append(  # the world and the colour are known at the end
                 (
                     *(subject, i, -1, self._surface, number, pixels[i], centres[i], view, front, hidden, cut),
-                    *(edge_y, self._beside[i], blur_px, np.nan, confidences, offsets),
+                    *(edge_y, self._beside[i], blur_px, others - is_company[i], np.nan, confidences, offsets),
                 )
             )
 
@@ -511,7 +534,8 @@ class Scorer:
         corners = _on_ground(self._lens, pose, np.array([[0, 0], [size[0], 0], [*size], [0, size[1]]]))
         x, y = corners.T
         area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
-        self._pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4))
+        in_sight, on_tree = self._crowns.found(pose, middles)
+        self._pictures.append((height, max(area - covered_m2, 0.05 * area) / 1e4, in_sight))
         if follows:
             for index, gx, gy in self._last:
                 stray_row = self._strays[int(index)]
@@ -519,33 +543,63 @@ class Scorer:
                 if depth[0] > 0.1 and ((place[0] >= 0) & (place[0] <= size)).all():
                     gap = np.linalg.norm(middles - place[0], axis=1)
                     same = (gap <= _AGAIN_PX) & (classes == stray_row[0])
-                    stray_row[-1] = float(found.confidences[same].max()) if same.any() else 0.0
+                    stray_row[4] = float(found.confidences[same].max()) if same.any() else 0.0
         self._last = []
         row = len(self._pictures) - 1
         for k in np.flatnonzero(stray):
             extent = float((found.boxes_xyxy_px[k, 2:] - found.boxes_xyxy_px[k, :2]).max())
             ground = _on_ground(self._lens, pose, middles[k : k + 1])[0]
             self._last.append([len(self._strays), *ground])
-            self._strays.append([float(classes[k]), row, float(found.confidences[k]), extent, np.nan])
+            reported = float(classes[k]), row, float(found.confidences[k])
+            self._strays.append([*reported, extent, np.nan, float(on_tree[k])])
 
     def packed(self, job: WorldJob) -> tuple[ScoredLooks, Background]:
         looks = np.array(self._looks, dtype=_LOOK)
         looks["colour"] = [np.mean(self._colours.get(i, [np.nan])) for i in looks["instance"].tolist()]
         looks["instance"] += 1000 * job.index
         looks["world"] = job.index
-        altitude_agl_m, hectares = np.array(self._pictures, dtype=float).reshape(-1, 2).T
-        class_index, picture, *reports = np.array(self._strays, dtype=float).reshape(-1, 5).T
+        altitude_agl_m, hectares, trees = np.array(self._pictures, dtype=float).reshape(-1, 3).T
+        class_index, picture, *reports = np.array(self._strays, dtype=float).reshape(-1, 6).T
+        confidences, pixels, again, on_tree = reports
         m = len(hectares)
         return ScoredLooks(*(looks[f.name].copy() for f in fields(ScoredLooks))), Background(
             altitude_agl_m,
             hectares,
             np.full(m, job.index),
             np.full(m, self._surface),
-            np.full(m, bool(self._world.trees)),
+            trees,
             picture.astype(int),
             class_index.astype(int),
-            *reports,
+            confidences,
+            pixels,
+            again,
+            on_tree > 0.0,
         )
+
+
+class _Crowns:
+    """The trees and bushes of a world, and where a picture shows them."""
+
+    def __init__(self, world: World, lens: Lens) -> None:
+        self._lens, self._size_px = lens, np.array([lens.width_px, lens.height_px], dtype=float)
+        trees = world.trees
+        feet = np.array([t.position_enu_m for t in trees], dtype=float).reshape(-1, 3)
+        self._radii_m = np.array([t.crown_radius_m for t in trees], dtype=float)
+        heights_m = np.array([t.height_m for t in trees], dtype=float)
+        self._parts = [feet + [0.0, 0.0, 1.0] * (share * heights_m)[:, None] for share in _TREE_PARTS]
+
+    def found(self, pose: CameraPose, places_px: F64) -> tuple[float, NDArray[np.bool_]]:
+        """How many have their middle in the picture, and whether places (N, 2) in it lie on one."""
+        in_sight, is_on = 0.0, np.zeros(len(places_px), dtype=np.bool_)
+        for k, part in enumerate(self._parts):
+            pixels, depths = project(self._lens, pose, part)
+            ahead = depths > 0.1
+            if k == len(self._parts) // 2:
+                in_sight = float((ahead & ((pixels >= 0) & (pixels <= self._size_px)).all(axis=1)).sum())
+            reach = self._lens.focal_px * self._radii_m[ahead] / depths[ahead]
+            gaps = np.linalg.norm(places_px[:, None] - pixels[ahead][None], axis=2)
+            is_on |= (gaps <= reach).any(axis=1)
+        return in_sight, is_on
 
 
 def _on_ground(lens: Lens, pose: CameraPose, pixels: F64) -> F64:

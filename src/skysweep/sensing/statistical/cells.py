@@ -1,8 +1,9 @@
 """How probably a target in each cell of a grid would have been reported by now: its probability of detection.
 
 Every look at a cell is taken as one that missed: the chance that all of them miss a target there is what is
-left to 1. The sensor model says how well a look sees; what looks of one target have in common is kept by the
-belief of its luck (``luck.py``), so that ten looks in passing count less than ten independent ones.
+left to 1. The sensor model says how well a look sees a target that stands alone; what looks of one target
+have in common is kept by the belief of its luck (``luck.py``), so that ten looks in passing count less than
+ten independent ones.
 
 A target is one of several *variants*, equally probable within its class: a pose, its smallest and largest
 size and, standing with a front that matters, the four sides it may face. All classes count alike.
@@ -300,6 +301,7 @@ def _look(
                     1.0 if beside_m <= variant.size else 0.0,
                     blur * focal * exposure_s,
                     variant.contrast,
+                    0.0,
                 )
                 moved_px = abs(u - last[i, k, 0]) + abs(v - last[i, k, 1])
                 mean = row[node] + w * (row[node + 1] - row[node])

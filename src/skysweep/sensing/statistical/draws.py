@@ -5,8 +5,8 @@ table with one or more rows for each THING, one for each class that it can be re
 scores, G spreads and G normal quantiles of the lapse over the grid of log pixels, then the numbers of the
 FACTORS, the object's own offset and the weights of the pass and of the rest, in standard deviations.
 
-A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that what is drawn
-of one object never depends on what else is in view, and what is out of view costs nothing.
+A draw is a hash of seed, look and row (SplitMix64: Steele, Lea and Flood, OOPSLA 2014), so that the luck of
+one object never depends on what else is in view, and what is out of view costs nothing.
 
 A picture that the detector looks at in tiles is one look for each tile: what lies in two of them is drawn
 twice, of the same luck, and boxes of one object that overlap become one, as the detector merges them.
@@ -22,7 +22,14 @@ from numba import njit
 
 from skysweep.arrays import F64, I64
 from skysweep.geometry.point_tree import in_view
-from skysweep.sensing.statistical.factors import CUT_MIN, FACTORS, HIDDEN_MAX, TOO_SMALL, factors_of_look
+from skysweep.sensing.statistical.factors import (
+    COMPANY_PX,
+    CUT_MIN,
+    FACTORS,
+    HIDDEN_MAX,
+    TOO_SMALL,
+    factors_of_look,
+)
 from skysweep.worlds.grid import around
 from skysweep.worlds.occlusion import is_behind_a_hill, pixels_on_target, visible_share
 
@@ -159,11 +166,12 @@ def draw_look(
     all_things = things.view(THING)
     across, up = s.width_px / (2.0 * s.focal_px), s.height_px / (2.0 * s.focal_px)
     n_in_view = in_view(room, tree_boxes, tree_nodes, tree_order, position, R, across, up, s.largest)
-    n = 0
+    n, company = 0, _company(s, tiles, position, R, all_things, room[:n_in_view])
     for i in room[:n_in_view]:
         n = _draw_thing(
             s,
             tiles,
+            company,
             position,
             R,
             velocity,
@@ -207,9 +215,30 @@ def draw_look(
 
 
 @njit(cache=True)
+def _company(s: Record, tiles: F64, position: F64, R: F64, things: Record, in_sight: I64) -> F64:
+    """(T,) how many things are in each tile."""
+    found = np.zeros(len(tiles))
+    for i in in_sight:
+        place = things[i].place
+        dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
+        u, v, depth = _project(s, R, dx, dy, dz)
+        for t in range(len(tiles)):
+            found[t] += _is_company(s, tiles[t], things[i].size, u, v, depth)
+    return found
+
+
+@njit(cache=True)
+def _is_company(s: Record, tile: F64, size_m: float, u: float, v: float, depth: float) -> bool:
+    """Whether something at these pixels counts as company for the other things in a tile."""
+    inside = tile[0] <= u <= tile[2] and tile[1] <= v <= tile[3]
+    return bool(inside and s.focal_px * size_m >= COMPANY_PX * depth)
+
+
+@njit(cache=True)
 def _draw_thing(
     s: Record,
     tiles: F64,
+    company: F64,
     position: F64,
     R: F64,
     velocity: F64,
@@ -300,6 +329,7 @@ def _draw_thing(
             thing.beside,
             blur,
             thing.contrast,
+            company[t] - _is_company(s, tile, thing.size, u, v, depth),
         )
         for r in range(thing.rows[0], thing.rows[1]):
             mean, spread, lapse = _interpolate(log_pixels, table[r], at)

@@ -14,6 +14,7 @@ TOO_SMALL = 0.8  # of the smallest measured size in pixels: below it nothing is 
 CUT_MIN = 0.01  # least share beyond an edge that cuts an object
 EDGE_PX = 8.0  # objects this small look the same there
 NEAR_PX = (8.0, 64.0)  # between which more and more of an object's side shows
+COMPANY_PX = 4.0  # what spans fewer is no company: the detector hardly sees it
 CONTRAST_USUAL, CONTRAST_UNIT, CONTRAST_LIMITS = 30.0, 20.0, (-1.5, 3.0)
 
 _NEAR_AT = math.log(NEAR_PX[0])
@@ -41,6 +42,7 @@ FACTORS = (  # in the order of ``factors_of_look``
     ),
     Factor("blur", "length of the motion blur over the object's pixels", (-0.3, 0.6)),
     Factor("contrast", "difference in colour to the ground (CIE76), less 30, over 20", (0.0, 0.2), 1.5),
+    Factor("company", "log(1 + the number of other objects in the picture)", (0.0, 0.3), 1.5),
 )
 NAMES = tuple(factor.name for factor in FACTORS)
 
@@ -56,11 +58,12 @@ def factors_of_look(
     beside: float,
     blur_px: float,
     contrast: float,
-) -> tuple[float, float, float, float, float, float, float, float, float]:
+    others: float,
+) -> tuple[float, float, float, float, float, float, float, float, float, float]:
     """The FACTORS of one look.
 
     ``view`` is a squared sine, ``front`` a cosine, ``hidden`` and ``cut`` are shares, ``contrast`` is in
-    CONTRAST_UNIT from CONTRAST_USUAL.
+    CONTRAST_UNIT from CONTRAST_USUAL, ``others`` are the other objects in the picture that span COMPANY_PX.
     """
     nearness = min(max((math.log(pixels) - _NEAR_AT) / _NEAR_OVER, 0.0), 1.0)
     return (
@@ -73,4 +76,5 @@ def factors_of_look(
         beside,
         min(blur_px / pixels, BLUR_MAX),
         contrast,
+        math.log1p(others),
     )

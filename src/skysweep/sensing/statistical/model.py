@@ -29,7 +29,7 @@ from skysweep.scenarios.model import CameraKind, CameraModel, DetectorModel, Sce
 from skysweep.sensing.statistical.factors import BLUR_MAX, CONTRAST_USUAL, NAMES, TOO_SMALL, VIEW_MAX
 from skysweep.sensing.statistical.view import View
 
-VERSION = 8  # 7 measured standing objects by the angle to their foot
+VERSION = 9  # 8 knew nothing of company, and of false reports only whether the world had trees
 MAX_ENLARGED = 2.0  # times that a camera's pixels may be enlarged for the detector
 _ROUNDING = 1.001
 _VIEW_MAX_DEG = math.degrees(math.asin(math.sqrt(VIEW_MAX)))
@@ -71,6 +71,7 @@ class KindModel(_Part):
     beside: float
     blur: float
     contrast: float
+    company: float
     grounds: dict[str, float] = Field(description="Added to the mean, by surface; the usual one adds 0")
     object_share: float = Field(ge=0, le=1, description="Of the variance: the object's own, in every look")
     pass_share: float = Field(ge=0, le=1, description="Of the variance: common to looks from nearby places")
@@ -101,8 +102,8 @@ class BackgroundModel(_Part):
     reported_as: str
     altitude_agl_m: list[float] = Field(min_length=1)
     per_hectare: list[float] = Field(description="In one look, with confidences above the floor")
-    surfaces: dict[str, float] = Field(description="Factor on that rate by what the ground is")
-    wooded: float = Field(gt=0, description="Factor on that rate where trees or bushes stand")
+    surfaces: dict[str, float] = Field(description="Factor on per_hectare by what the ground is")
+    per_tree: list[float] = Field(description="Of trees and bushes, in one look at one, at these altitudes")
     score_scale: list[float] = Field(description="Mean of their score over the floor, at these altitudes")
     score_shape: float = Field(gt=0, description="Of the Weibull distribution of that; 1 is exponential")
     again: float = Field(gt=0, le=1, description="Chance that the next look reports it again")

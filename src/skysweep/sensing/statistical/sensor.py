@@ -31,7 +31,7 @@ from skysweep.sensing.statistical.model import (
 )
 from skysweep.types import Detections, Truth, VehicleState
 from skysweep.worlds.occlusion import Occluders, middle_enu_m, relief, shape_of
-from skysweep.worlds.world import TerrainSurface, World, WorldObject
+from skysweep.worlds.world import TerrainSurface, World, WorldObject, WorldTree
 
 _EPS_S = 1e-6
 _MAX_GHOSTS = 64  # in one picture
@@ -193,41 +193,40 @@ class StatisticalSensor:
         """The ghosts of each octave, ``ghost_classes`` and ``over_altitude`` of ``draw_look``.
 
         Altitudes are those from which the calibrated camera's pixels show as much ground. Every octave of
-        them has its own ghosts. Each has a level, in reports a hectare: it is there while the rate at the
-        altitude exceeds it.
+        them has its own ghosts. Each has a level, in reports a hectare or a tree: it is there while the rate
+        at the altitude exceeds it.
         """
         m = self._model
-        background = [b for b in m.background if b.reported_as in classes and max(b.per_hectare) > 0]
-        self._ghost_names = [b.reported_as for b in background]
-        log_altitudes = [np.log(b.altitude_agl_m) for b in background]
+        background = [b for b in m.background if b.reported_as in classes]
+        sources: list[tuple[BackgroundModel, list[float], _Grounds | _Trees]] = []
+        for b in background:
+            sources += [(b, b.per_hectare, _Grounds.of(b, world)), (b, b.per_tree, _Trees(world.trees))]
+        sources = [source for source in sources if max(source[1]) > 0.0]
+        self._ghost_names = [b.reported_as for b, _, _ in sources]
+        log_altitudes = [np.log(b.altitude_agl_m) for b, _, _ in sources]
         of_classes = [
             (ndtri(b.again), math.sqrt(1.0 - b.same_share), b.pixels, b.unit_scale, 1.0 / b.score_shape)
-            for b in background
+            for b, _, _ in sources
         ]
         nodes = max(map(len, log_altitudes), default=0)
         over_altitude = np.array(
             [
-                [np.pad(row, (0, nodes - len(row)), "edge") for row in (grid, b.per_hectare, b.score_scale)]
-                for grid, b in zip(log_altitudes, background, strict=True)
+                [np.pad(row, (0, nodes - len(row)), "edge") for row in (grid, rates, b.score_scale)]
+                for grid, (b, rates, _) in zip(log_altitudes, sources, strict=True)
             ]
-        ).reshape(len(background), 3, nodes)
-        west, south, east, north = world.terrain.bounds_enu_m
-        hectares = (east - west) * (north - south) / 1e4
-        grounds = [_Grounds.of(b, world) for b in background]
+        ).reshape(len(sources), 3, nodes)
         octaves, first = list[_Octave](), 0
         for k in range(OCTAVES):
             parts = [np.zeros((0, 6))]
-            for c, (b, ground) in enumerate(zip(background, grounds, strict=True)):
+            for c, (b, rates, where) in enumerate(sources):
                 ends = np.log(2.0) * np.array([k, k + 1])
                 grid = log_altitudes[c]
                 inside = grid[(grid > ends[0]) & (grid < ends[1])]
-                top = float(np.interp([*ends, *inside], grid, b.per_hectare).max())
-                n = int(once.poisson(hectares * top * ground.largest / b.again))
-                xy = once.uniform((west, south), (east, north), (n, 2))
-                z = world.terrain.height_m(xy) if n else np.zeros(0)
+                top = float(np.interp([*ends, *inside], grid, rates).max())
+                places = where.places(top / b.again, once)
+                n = len(places)
                 own = once.normal(size=n) * math.sqrt(b.same_share)
-                ghosts = np.column_stack([xy, z, np.full(n, c), once.uniform(0.0, top, n), own])
-                parts.append(ghosts[ground.keep(xy, once)])
+                parts.append(np.column_stack([places, np.full(n, c), once.uniform(0.0, top, n), own]))
             ghosts = np.concatenate(parts)
             ghosts = ghosts[ghosts[:, 4].argsort(kind="stable")]
             octaves.append(_Octave(ghosts.ravel(), first, PointTree.of(ghosts[:, :3])))
@@ -253,20 +252,35 @@ class _Grounds(NamedTuple):
     def of(cls, background: BackgroundModel, world: World) -> _Grounds:
         terrain = world.terrain
         names = [terrain.surface] if terrain.cover is None else terrain.cover.names
-        wooded = background.wooded if world.trees else 1.0
-        return cls(terrain, np.array([background.surfaces.get(name, 1.0) * wooded for name in names]))
+        return cls(terrain, np.array([background.surfaces.get(name, 1.0) for name in names]))
 
-    @property
-    def largest(self) -> float:
-        return float(self.factors.max())
+    def places(self, per_hectare: float, once: np.random.Generator) -> F64:
+        """(N, 3) of so many a hectare, times the factor of the ground there."""
+        west, south, east, north = self.terrain.bounds_enu_m
+        hectares, most = (east - west) * (north - south) / 1e4, float(self.factors.max())
+        n = int(once.poisson(hectares * per_hectare * most))
+        xy = once.uniform((west, south), (east, north), (n, 2))
+        if (cover := self.terrain.cover) is not None:
+            xy = xy[once.random(n) * most < self.factors[cover.codes_at(xy)]]
+        z = self.terrain.height_m(xy) if len(xy) else np.zeros(0)
+        return np.column_stack([xy, z])
 
-    def keep(self, xy_enu_m: F64, once: np.random.Generator) -> NDArray[np.bool_]:
-        """Which of places (N, 2), drawn at the largest rate, stay at their own."""
-        cover = self.terrain.cover
-        if cover is None:
-            return np.ones(len(xy_enu_m), dtype=np.bool_)
-        mine = self.factors[cover.codes_at(xy_enu_m)]
-        return np.asarray(once.random(len(xy_enu_m)) * self.largest < mine)
+
+class _Trees(NamedTuple):
+    """The trees and bushes of a world, on which the detector reports what is not there."""
+
+    trees: Sequence[WorldTree]
+
+    def places(self, per_tree: float, once: np.random.Generator) -> F64:
+        """(N, 3) of so many a tree, anywhere between its foot and its top."""
+        n = int(once.poisson(len(self.trees) * per_tree))
+        heights = once.uniform(0.0, 1.0, n)
+        chosen = once.integers(len(self.trees), size=n).tolist() if n else []
+        places = [
+            self.trees[k].position_enu_m + np.array([0.0, 0.0, share * self.trees[k].height_m])
+            for k, share in zip(chosen, heights.tolist(), strict=True)
+        ]
+        return np.array(places, dtype=float).reshape(-1, 3)
 
 
 def _facing(thing: WorldObject) -> tuple[float, float]:

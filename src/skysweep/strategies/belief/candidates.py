@@ -138,20 +138,26 @@ class Suspects:
         open_ = [s for k, s in self.all.items() if k not in settled]
         if not open_:
             return new
-        places = np.array([candidates[s.id].position_enu_m for s in open_])
+        places = np.array([candidates[k].position_enu_m for k in self.all])
         uv, depth = project(look.lens, look.camera, places)
-        for suspect, place, (u, v), z in zip(open_, places, uv.tolist(), depth.tolist(), strict=True):
-            hit = hits.get(suspect.id)
-            suspect.in_view = z > 0.0 and 0 <= u <= look.lens.width_px and 0 <= v <= look.lens.height_px
+        size_px = [look.lens.width_px, look.lens.height_px]
+        in_view = (depth > 0.0) & ((uv >= 0.0) & (uv <= size_px)).all(axis=1)
+        n_in_view = int(in_view.sum())
+        rows = zip(self.all.values(), places, uv.tolist(), depth.tolist(), in_view.tolist(), strict=True)
+        for suspect, place, (u, v), z, is_in_view in rows:
+            if suspect.id in settled:
+                continue
+            suspect.in_view = is_in_view
+            hit, others = hits.get(suspect.id), n_in_view - is_in_view
             if hit is not None:
                 suspect.lowest_m = min(suspect.lowest_m, hit.camera_altitude_agl_m)
                 if not hit.is_cut:
-                    self._update(suspect, look, place, (u, v), hit.confidence)
+                    self._update(suspect, look, place, (u, v), hit.confidence, others)
             elif suspect.in_view:
                 if self._is_whole(look, u, v, z, suspect.class_name) and not self._is_told(
                     suspect, list(hits), candidates
                 ):
-                    self._update(suspect, look, place, (u, v), None)
+                    self._update(suspect, look, place, (u, v), None, others)
             else:
                 suspect.uv = None
         self._learn()
@@ -204,10 +210,16 @@ class Suspects:
                 break
             missed.append((look, (u, v)))
         for look, at in reversed(missed):
-            self._update(suspect, look, candidate.position_enu_m, at, None)
+            self._update(suspect, look, candidate.position_enu_m, at, None, len(look.hits))
 
     def _update(
-        self, suspect: Suspect, look: Look, place: F64, uv: tuple[float, float], confidence: float | None
+        self,
+        suspect: Suspect,
+        look: Look,
+        place: F64,
+        uv: tuple[float, float],
+        confidence: float | None,
+        others: int,
     ) -> None:
         if confidence is None and self._context.obstacles.hide(place, look.camera.position_enu_m):
             return
@@ -217,7 +229,7 @@ class Suspects:
         suspect.uv = uv
         score = None if confidence is None else float(score_of(confidence))
         surprise = self.hypotheses(suspect.class_name).look(
-            suspect.belief, look.camera, place, moved_px, score, self.fit.widened
+            suspect.belief, look.camera, place, moved_px, score, self.fit.widened, others
         )
         if score is not None:
             self.fit.learn_spread(self.probability(suspect.id), surprise)

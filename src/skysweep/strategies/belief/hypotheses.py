@@ -60,9 +60,8 @@ class Hypotheses:
             shape = SHAPES.get(kind.pose, FLAT)
             height = 0.5 * size if shape == STANDING else 0.0
             unsure = math.hypot(kind.contrast * own, parameters.model_std if is_target else 0.0)
-            numbers.append(
-                [size, shape, height, kind.view, kind.front, kind.object_share, kind.pass_share, unsure]
-            )
+            shares = kind.object_share, kind.pass_share
+            numbers.append([size, shape, height, kind.view, kind.front, *shares, unsure, kind.company])
         self._tables = np.array(tables)
         self._numbers = np.array(numbers)
         spreads = self._tables[:, len(model.pixels) : 2 * len(model.pixels)].mean(axis=1)
@@ -87,7 +86,7 @@ class Hypotheses:
         missed, moved_px = unseen((len(weights),)), math.inf
         for offset_m in np.arange((step_m - along_m) / 2.0, along_m / 2.0, step_m).tolist():
             camera = CameraPose(np.array([*(offset_m * R[:2, 1]), height_m]), R)
-            self._weigh(missed, camera, np.zeros(3), moved_px, None, widened=1.0)
+            self._weigh(missed, camera, np.zeros(3), moved_px, None, widened=1.0, others=0)
             moved_px = step_m / lens.gsd_m(height_m)
         reported = np.maximum(1.0 - np.exp(missed[:, WEIGHT]), _REPORTED_LEAST)
         is_thing = ~self._is_target
@@ -118,15 +117,16 @@ class Hypotheses:
         moved_px: float,
         score: float | None,
         widened: float,
+        others: int,
     ) -> float:
         """Update a belief by one look at the place, in place; how surprising it was if this is a target.
 
         ``moved_px`` is how far the place has moved in the picture since its last look, inf where there was
-        none in this passing; ``score`` is that of a hit, None of a miss. Targets' scores are spread
-        ``widened`` times as far as the model says. Surprise is the squared distance of the score from what
-        was expected, in variances, 1 on average; 0 for a miss.
+        none in this passing; ``score`` is that of a hit, None of a miss; ``others`` are the other candidates
+        in view. Targets' scores are spread ``widened`` times as far as the model says. Surprise is the
+        squared distance of the score from what was expected, in variances, 1 on average; 0 for a miss.
         """
-        surprise = self._weigh(belief, camera, place_enu_m, moved_px, score, widened)
+        surprise = self._weigh(belief, camera, place_enu_m, moved_px, score, widened, others)
         belief[:, WEIGHT] -= belief[:, WEIGHT].max()
         return surprise
 
@@ -138,6 +138,7 @@ class Hypotheses:
         moved_px: float,
         score: float | None,
         widened: float,
+        others: int,
     ) -> float:
         height_m = float(camera.position_enu_m[2] - place_enu_m[2])
         return _look(
@@ -157,6 +158,7 @@ class Hypotheses:
             self._ghost.at(max(height_m * self._view.as_high, 1.0)),
             self._is_target,
             widened,
+            math.log1p(others),
         )
 
     def confusion(self, belief: F64, camera: CameraPose, place_enu_m: F64, nothing: float) -> float:
@@ -344,6 +346,7 @@ def _look(
     ghost: F64,
     is_target: NDArray[np.bool_],
     widened: float,
+    company: float,
 ) -> float:
     n = len(tables)
     expected = np.empty(4)
@@ -352,7 +355,7 @@ def _look(
         b = belief[i]
         if i < n:
             _expect(expected, tables[i], numbers[i], log_pixels, eye, R, place, focal)
-            pixels, mean, spread = expected[0], expected[1], expected[2]
+            pixels, mean, spread = expected[0], expected[1] + numbers[i, 8] * company, expected[2]
             lapse = max(expected[3], lapse_floor)
             object_share, pass_share, unsure = numbers[i, 5], numbers[i, 6], numbers[i, 7]
             if is_target[i]:
