@@ -568,6 +568,12 @@ def test_a_missing_model_file_is_named(tmp_path):
         StatisticalModel.load(tmp_path / "gone.yaml")
 
 
+@pytest.mark.parametrize("table_of", ["per_hectare", "per_tree", "score_scale"])
+def test_background_tables_must_fit_the_altitudes(table_of):
+    with pytest.raises(ValueError, match=f"{table_of} must have 2 entries, as altitude_agl_m has"):
+        background(**{table_of: [0.1]})
+
+
 def test_tables_must_fit_the_grid():
     short = table().model_copy(update={"spread": [0.5]})
     with pytest.raises(ValueError, match="must have 4 entries"):

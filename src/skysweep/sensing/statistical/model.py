@@ -110,6 +110,15 @@ class BackgroundModel(_Part):
     same_share: float = Field(ge=0, le=1, description="Of the score's variance: the same in every look")
     pixels: float = Field(gt=0)
 
+    @model_validator(mode="after")
+    def _tables_fit_altitudes(self) -> BackgroundModel:
+        for name in ("per_hectare", "per_tree", "score_scale"):
+            if len(getattr(self, name)) != len(self.altitude_agl_m):
+                raise ValueError(
+                    f"{name} must have {len(self.altitude_agl_m)} entries, as altitude_agl_m has"
+                )
+        return self
+
     @property
     def unit_scale(self) -> float:
         """Scale of a Weibull distribution of this shape whose mean is 1."""
