@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from scipy.stats import binomtest
 
+from skysweep.arrays import I64
 from skysweep.experiments.calibration.check import EDGES, THRESHOLDS, Told
 from skysweep.experiments.calibration.fit import GRID_PX, MISSION_CONFIDENCE_MIN, shifts_of
 from skysweep.experiments.calibration.looks import CLASSES, SUBJECTS, SURFACES, Background, ScoredLooks
@@ -108,21 +109,33 @@ def _draw_kinds(
 
 
 def _usual_factors(told: Told, subject: int) -> F64:
-    """(M, F) of evenly chosen looks."""
+    """(G, M, F) of evenly chosen looks from about each size: what stands near has less company in view."""
     factors = told.factors[told.subject == subject]
-    return factors[:: -(-len(factors) // _USUAL_LOOKS)] if len(factors) else _NO_SHIFT
+    if not len(factors):
+        return _NO_SHIFT
+    bins = _bins(told.values["pixels"][told.subject == subject])
+    found = [factors[bins == g] if (bins == g).any() else factors for g in range(len(GRID_PX))]
+    return np.stack([f[np.linspace(0, len(f) - 1, _USUAL_LOOKS).astype(int)] for f in found])
+
+
+def _bins(pixels: F64) -> I64:
+    """The nearest node of the grid, on a log scale."""
+    edges = np.sqrt(np.array(GRID_PX[1:]) * np.array(GRID_PX[:-1]))
+    return np.asarray(np.searchsorted(edges, pixels))
 
 
 def drawn_rates(kind: KindModel, factors: F64, confidence: float = MISSION_CONFIDENCE_MIN) -> F64:
-    """(G,) share of looks in which the sensor reports this kind, over looks with these factors (M, F)."""
-    means = np.array(kind.score) + (factors @ shifts_of(kind))[:, None]
-    above = ndtr((means - score_of(confidence)) / np.array(kind.spread)).mean(axis=0)
+    """(G,) share of looks in which the sensor reports this kind, over looks with these factors.
+
+    These are the same at every size, (M, F), or others at each, (G, M, F).
+    """
+    means = np.array(kind.score)[:, None] + factors @ shifts_of(kind)
+    above = ndtr((means - score_of(confidence)) / np.array(kind.spread)[:, None]).mean(axis=1)
     return np.asarray((1.0 - np.array(kind.lapse)) * above)
 
 
 def _measured(above: Axes, below: Axes, pixels: F64, confidences: F64, name: str) -> None:
-    edges = np.sqrt(np.array(GRID_PX[1:]) * np.array(GRID_PX[:-1]))
-    bins = np.searchsorted(edges, pixels)
+    bins = _bins(pixels)
     for g in range(len(GRID_PX)):
         inside = confidences[bins == g]
         if len(inside) < _MIN_LOOKS:
