@@ -4,11 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from skysweep.detection.training import random_worlds
 from skysweep.detection.training.camera_looks import sharpened, toned
 from skysweep.detection.training.clutter import CLEAR_M, with_clutter
 from skysweep.detection.training.dataset import render_dataset
-from skysweep.detection.training.random_worlds import random_view, random_world
+from skysweep.detection.training.random_worlds import CLUTTERED, random_view, random_world
 from skysweep.detection.training.reading import read_dataset
 from skysweep.geometry.camera import CameraPose, Lens, project
 from skysweep.geometry.frames import rotation_camera_to_enu
@@ -40,16 +39,19 @@ def test_meshes_are_as_long_as_said(kind):
         assert np.array_equal(mesh.vertices, clutter_mesh(kind, 5.0, variant).vertices)
 
 
-def test_land_is_cluttered_without_labels():
+def test_land_is_cluttered_and_only_cars_are_labelled():
     pairs = worlds(water=False)
-    assert all(full.objects == plain.objects for plain, full in pairs)
+    assert all(full.objects[: len(plain.objects)] == plain.objects for plain, full in pairs)
+    more = [o for plain, full in pairs for o in full.objects[len(plain.objects) :]]
+    assert len(more) > 10
+    assert {(o.kind, o.is_target) for o in more} == {("car", True)}
     kinds = {c.kind for _, full in pairs for c in full.clutter}
-    assert kinds >= {"car", "fence", "fallen tree", "rubbish"}
+    assert kinds >= {"fence", "fallen tree", "rubbish"}
     assert any(len(full.buildings) > len(plain.buildings) for plain, full in pairs)
     assert any(len(np.unique(full.terrain.cover.codes)) > 1 for _, full in pairs)
     for plain, full in pairs:
         places = np.array([o.position_enu_m[:2] for o in plain.objects])
-        for thing in full.clutter:
+        for thing in (*full.clutter, *full.objects[len(plain.objects) :]):
             assert np.hypot(*(places - thing.position_enu_m[:2]).T).min() >= CLEAR_M
 
 
@@ -69,28 +71,28 @@ def test_looks_of_the_splits_do_not_meet():
 
 def test_clutter_hides_and_is_no_object():
     plain, full = worlds(False, 1)[0]
-    car = replace(full.clutter[0], kind="car", length_m=4.5)
-    alone = replace(full, objects=(), trees=(), buildings=(), clutter=(car,))
-    above = CameraPose(car.position_enu_m + np.array([0, 0, 12]), rotation_camera_to_enu(0.0, -np.pi / 2))
+    canopy = replace(full.clutter[0], kind="canopy", length_m=4.5)
+    alone = replace(full, objects=(), trees=(), buildings=(), clutter=(canopy,))
+    above = CameraPose(canopy.position_enu_m + np.array([0, 0, 12]), rotation_camera_to_enu(0.0, -np.pi / 2))
     lens = Lens(64, 64, 0.6)
-    with_car, without = make_renderer(alone), make_renderer(replace(alone, clutter=()))
-    assert not with_car.render_ids(lens, above).any()
-    assert not np.array_equal(with_car.render(lens, above), without.render(lens, above))
-    below = replace(alone, objects=(replace(plain.objects[0], position_enu_m=car.position_enu_m),))
+    with_canopy, without = make_renderer(alone), make_renderer(replace(alone, clutter=()))
+    assert not with_canopy.render_ids(lens, above).any()
+    assert not np.array_equal(with_canopy.render(lens, above), without.render(lens, above))
+    below = replace(alone, objects=(replace(plain.objects[0], position_enu_m=canopy.position_enu_m),))
     hidden = make_renderer(below)
     assert hidden.render_ids(lens, above, occluders=False).any()
     seen, whole = ((hidden.render_ids(lens, above, occluders=o) > 0).sum() for o in (True, False))
     assert seen < whole
 
 
-def test_most_pictures_without_targets_show_clutter(monkeypatch):
-    monkeypatch.setattr(random_worlds, "EMPTY_SHARE", 1.0)
+def test_most_pictures_without_targets_show_clutter():
+    empty = CLUTTERED._replace(empty_share=1.0)
     full = worlds(False, 1)[0][1]
     places = np.array([c.position_enu_m for c in full.clutter])
     shares = []
     for world in (full, replace(full, clutter=())):
         rng = np.random.default_rng(0)
-        views = [view for view in (random_view(world, rng) for _ in range(400)) if view is not None]
+        views = [view for view in (random_view(world, rng, empty) for _ in range(400)) if view is not None]
         shares.append(np.mean([_shows(*view, places) for view in views]))
     assert shares[0] > max(0.65, shares[1] + 0.2)
 

@@ -1,6 +1,6 @@
 """Worlds as people leave them: fields, roads and cars, houses, fences, rubbish, jetties with rows of boats.
 
-It is all background, without labels, except the boats: they are boats.
+Cars and boats are labelled; all else is background.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from skysweep.worlds.world import (
 )
 
 CELL_M = 0.5
+CAR_LENGTHS_M = (3.6, 5.8)
 CLEAR_M = 1.5  # around what is searched for, of anything but what it lies on
 LENGTHS_M = {
-    "car": (3.6, 5.8),
     "jetty": (10.0, 28.0),
     "fence": (5.0, 22.0),
     "fallen tree": (4.0, 12.0),
@@ -49,6 +49,7 @@ class _Yard:
     def __init__(self, world: World, first_variant: int, rng: np.random.Generator) -> None:
         self.world, self.rng, self._first = world, rng, first_variant
         self.things: list[WorldClutter] = []
+        self.vehicles: list[WorldObject] = []
         self.half_m = world.terrain.bounds_enu_m[2]
         self._taken = np.array([o.position_enu_m[:2] for o in world.objects]).reshape(-1, 2)
 
@@ -62,13 +63,23 @@ class _Yard:
         """Whether the thing stands there: not on what is searched for."""
         if length_m is None:
             length_m = float(self.rng.uniform(*LENGTHS_M[kind]))
+        if free := self._is_free(place, yaw_rad, length_m):
+            self.things.append(WorldClutter(kind, place, length_m, yaw_rad, self.variant()))
+        return free
+
+    def park(self, place: F64, yaw_rad: float) -> None:
+        """A car, unless it would stand on what is searched for."""
+        length_m = float(self.rng.uniform(*CAR_LENGTHS_M))
+        if self._is_free(place, yaw_rad, length_m):
+            self.vehicles.append(
+                WorldObject("car", place, yaw_rad, length_m, "face-up", True, self.variant())
+            )
+
+    def _is_free(self, place: F64, yaw_rad: float, length_m: float) -> bool:
         along = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
         offsets = self._taken - place[:2]
         ahead, beside = offsets @ along, offsets @ np.array([-along[1], along[0]])
-        if np.any((np.abs(ahead) < length_m / 2 + CLEAR_M) & (np.abs(beside) < 1.0 + CLEAR_M)):
-            return False
-        self.things.append(WorldClutter(kind, place, length_m, yaw_rad, self.variant()))
-        return True
+        return not np.any((np.abs(ahead) < length_m / 2 + CLEAR_M) & (np.abs(beside) < 1.0 + CLEAR_M))
 
 
 def _on_land(yard: _Yard) -> World:
@@ -86,6 +97,7 @@ def _on_land(yard: _Yard) -> World:
     return replace(
         world,
         terrain=replace(world.terrain, cover=cover),
+        objects=world.objects + tuple(yard.vehicles),
         buildings=world.buildings + houses,
         clutter=tuple(yard.things),
     )
@@ -121,9 +133,8 @@ def _traffic(yard: _Yard, start: F64, end: F64, width_m: float) -> None:
     side = np.array([-way[1], way[0]]) / np.hypot(*way)
     for share in np.sort(rng.uniform(0.1, 0.9, int(rng.integers(0, 14)))):
         lane = float(rng.choice([-1, 1])) * min(0.25 * width_m, 2.0)
-        yard.put(
-            "car", np.array([*(start + share * way + lane * side), 0.0]), yaw + (np.pi if lane > 0 else 0)
-        )
+        place = np.array([*(start + share * way + lane * side), 0.0])
+        yard.park(place, yaw + (np.pi if lane > 0 else 0))
 
 
 def _car_park(yard: _Yard) -> None:
@@ -133,7 +144,7 @@ def _car_park(yard: _Yard) -> None:
         for place in range(int(rng.integers(4, 14))):
             if rng.random() < 0.75:
                 turn = float(rng.normal(0, 0.03)) + float(rng.choice([0.0, np.pi]))
-                yard.put("car", corner + 2.6 * place * along + 6.5 * row * ahead, yaw + np.pi / 2 + turn)
+                yard.park(corner + 2.6 * place * along + 6.5 * row * ahead, yaw + np.pi / 2 + turn)
 
 
 def _house(yard: _Yard) -> WorldBuilding:

@@ -11,7 +11,7 @@ from typing import Any
 
 from skysweep.detection.training.labelled import LabelledImage, write_labels
 from skysweep.detection.training.photo_pictures import photos_in, pictures_of, shares_of
-from skysweep.detection.training.random_worlds import RECIPES, SIDE_PX, Split
+from skysweep.detection.training.random_worlds import SIDE_PX, Split, recipe_for
 from skysweep.detection.training.rendered_pictures import PICTURES_PER_WORLD, render_world
 from skysweep.errors import UserError
 from skysweep.files.writing import whole_files
@@ -82,7 +82,7 @@ def render_dataset(
             info["clutter"] = True
         if backgrounds:
             info["photos"] = len(backgrounds)
-        write_labels(unfinished, RECIPES[camera].classes, images, (SIDE_PX, SIDE_PX), info)
+        write_labels(unfinished, recipe_for(camera, clutter).classes, images, (SIDE_PX, SIDE_PX), info)
     return out
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, Light, TargetClass
+from skysweep.scenarios.model import DEFAULT_POSE, DEFAULT_SIZE_M, CameraKind, Light, TargetClass
 from skysweep.worlds.scene import GROUND_LOOKS
 from skysweep.worlds.world import (
     HELD_OUT_VARIANTS,
@@ -29,9 +29,9 @@ Split = Literal["train", "held-out"]
 SIDE_PX = 320
 HALF_WORLD_M = 70.0
 N_OBJECTS = 90
-EMPTY_SHARE = 0.12
 CLUTTER_SHARE = 0.7  # of the pictures without targets are taken of clutter, where there is some
 DECOY_SHARE = 0.35  # of pictures are taken of a look-alike
+CAR_SHARE = 0.1  # of the others are taken of a car, where there is one
 NADIR_SHARE = 0.6
 MAX_TILT_DEG = 55.0
 SEPARATION_M = 3.0
@@ -39,6 +39,7 @@ N_TRAINING_LOOKS = GROUND_LOOKS * 3 // 4  # of the ground; the others are held o
 
 LAND = ("grass", "forest floor", "rock", "sand", "snow", "asphalt")
 ANIMALS = ("sheep", "deer", "dog")
+CLASSES = {kind: "animal" for kind in ANIMALS}  # of the kinds that are not called as their class is
 
 
 class Sky(NamedTuple):
@@ -60,6 +61,7 @@ class Recipe(NamedTuple):
     distance_m: tuple[float, float]
     empty_distance_m: tuple[float, float]  # of views of nothing in particular
     pixels_on_object: tuple[float, float]
+    empty_share: float  # of the views are of nothing in particular
     patches: bool  # of another surface, on half of the land
     sky: Callable[[np.random.Generator], Sky]
 
@@ -103,6 +105,7 @@ VISIBLE = Recipe(
     distance_m=(1.5, 120.0),
     empty_distance_m=(4.0, 60.0),
     pixels_on_object=(8.0, 160.0),
+    empty_share=0.12,
     patches=False,
     sky=_daylight,
 )  # fmt: skip
@@ -120,10 +123,30 @@ THERMAL = Recipe(
     distance_m=(5.0, 90.0),
     empty_distance_m=(5.0, 80.0),
     pixels_on_object=(8.0, 160.0),
+    empty_share=0.12,
     patches=True,
     sky=_any_weather,
 )  # fmt: skip
-RECIPES: dict[str, Recipe] = {"visible": VISIBLE, "thermal": THERMAL}
+CLUTTERED = VISIBLE._replace(
+    classes=(*VISIBLE.classes, "car", "animal"),
+    on_land={
+        "stop sign": 0.2, "person": 0.32, "boat": 0.03, "sheep": 0.04, "deer": 0.04, "dog": 0.04,
+        "red bucket": 0.05, "red round sign": 0.12, "rock": 0.05, "stump": 0.04, "clothing": 0.07,
+    },
+    on_water={"person": 0.38, "boat": 0.3, "buoy": 0.17, "clothing": 0.09, "red bucket": 0.06},
+    land_poses=THERMAL.land_poses,
+    empty_share=0.22,
+)  # fmt: skip
+
+
+def recipe_for(camera: CameraKind, clutter: bool) -> Recipe:
+    """What the pictures of a data set show."""
+    return THERMAL if camera == "thermal" else CLUTTERED if clutter else VISIBLE
+
+
+def class_of(kind: str) -> str:
+    """What a thing is labelled."""
+    return CLASSES.get(kind, kind)
 
 
 def random_world(rng: np.random.Generator, split: Split, recipe: Recipe = VISIBLE) -> World:
@@ -192,7 +215,7 @@ def random_object(
         pose = "standing"
     elif kind in ANIMALS and rng.random() < 0.3:
         pose = "lying"
-    yaw, is_target = float(rng.uniform(0, 2 * np.pi)), kind in recipe.classes
+    yaw, is_target = float(rng.uniform(0, 2 * np.pi)), class_of(kind) in recipe.classes
     return WorldObject(kind, position, yaw, size_m, pose, is_target, variant)
 
 
@@ -211,21 +234,24 @@ def random_view(
     pixel = rng.uniform(0.06, 0.94, 2) * SIDE_PX
     ray = R @ np.array([*(pixel - SIDE_PX / 2) / focal, 1.0])
     draw = rng.random()
-    if draw < EMPTY_SHARE:
+    if draw < recipe.empty_share:
         looked_at = np.array([*rng.uniform(-HALF_WORLD_M, HALF_WORLD_M, 2), 0.0])
         if world.clutter and rng.random() < CLUTTER_SHARE:
             looked_at = world.clutter[int(rng.integers(len(world.clutter)))].position_enu_m
         distance = float(np.exp(rng.uniform(*np.log(recipe.empty_distance_m))))
     else:
-        decoy = draw < EMPTY_SHARE + DECOY_SHARE
-        chosen = [o for o in world.objects if o.is_target != decoy]
+        decoy = draw < recipe.empty_share + DECOY_SHARE
+        chosen = [o for o in world.objects if o.is_target != decoy and o.kind != "car"]
+        cars = [o for o in world.objects if o.kind == "car"]
+        if cars and not decoy and rng.random() < CAR_SHARE:
+            chosen = cars
         thing = chosen[int(rng.integers(len(chosen)))]
         looked_at = thing.position_enu_m
         pixels = float(np.exp(rng.uniform(*np.log(recipe.pixels_on_object))))
         distance = float(np.clip(focal * thing.size_m / pixels, *recipe.distance_m))
     position = looked_at - ray / np.linalg.norm(ray) * distance
     if position[2] < 1.0 or (
-        draw < EMPTY_SHARE and _targets_near(world, looked_at, 0.8 * SIDE_PX / focal * distance)
+        draw < recipe.empty_share and _targets_near(world, looked_at, 0.8 * SIDE_PX / focal * distance)
     ):
         return None
     return None if _inside_something(world, position) else (lens, CameraPose(position, R))

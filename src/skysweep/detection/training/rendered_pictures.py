@@ -17,7 +17,14 @@ from skysweep.arrays import F32, F64, I32, U8
 from skysweep.detection.training.camera_looks import sharpened, toned
 from skysweep.detection.training.clutter import with_clutter
 from skysweep.detection.training.labelled import LabelledImage
-from skysweep.detection.training.random_worlds import RECIPES, SIDE_PX, Split, random_view, random_world
+from skysweep.detection.training.random_worlds import (
+    SIDE_PX,
+    Split,
+    class_of,
+    random_view,
+    random_world,
+    recipe_for,
+)
 from skysweep.geometry.camera import Lens
 from skysweep.scenarios.model import CameraKind
 from skysweep.worlds.rendering.renderer import make_renderer
@@ -27,6 +34,7 @@ from skysweep.worlds.world import HELD_OUT_VARIANTS, World
 PICTURES_PER_WORLD = 40
 VISIBLE_MIN = 0.35
 MIN_BOX_PX = 5.0
+PLAIN_SHARE = 0.3  # of worlds of a data set with clutter are as missions show them
 ID_MARGIN_PX = 96  # seen beyond the picture's edges, to know how much of an object they cut off
 QUALITIES, QUALITIES_OF_CAMERAS = (60, 98), (30, 98)  # of JPEG
 LEAST_CONTRAST, LEAST_SHARE = 8.0, 0.1  # grey levels, and of a box, by which a warm body stands out
@@ -39,9 +47,10 @@ def render_world(
     """Write the pictures of one random world into ``out/images``, and return them with their labels."""
     cv2.setNumThreads(1)
     rng = np.random.default_rng([seed, index, 29 if split == "train" else 31])
-    recipe = RECIPES[camera]
+    recipe = recipe_for(camera, clutter)
     world = random_world(rng, split, recipe)
-    if clutter:
+    lived_in = clutter and rng.random() >= PLAIN_SHARE
+    if lived_in:
         world = with_clutter(world, 0 if split == "train" else HELD_OUT_VARIANTS, rng)
     renderer = make_renderer(world)
     images: list[LabelledImage] = []
@@ -56,7 +65,7 @@ def render_world(
             picture = develop_heat(renderer.render_heat_c(lens, pose, time_s), rng)
         else:
             picture = renderer.render(lens, pose, time_s)
-            picture = sharpened(develop(toned(picture, rng), rng), rng) if clutter else develop(picture, rng)
+            picture = sharpened(develop(toned(picture, rng), rng), rng) if lived_in else develop(picture, rng)
         side_px = SIDE_PX + 2 * ID_MARGIN_PX
         wide = Lens(side_px, side_px, 2 * np.arctan(side_px / 2 / lens.focal_px))
         seen, whole = renderer.render_ids(wide, pose), renderer.render_ids(wide, pose, occluders=False)
@@ -64,7 +73,7 @@ def render_world(
         labelled = labels_of(path, world, seen, whole)
         if camera == "thermal" and not _stand_out(picture, labelled):
             continue
-        write_jpeg(path, picture, rng, QUALITIES_OF_CAMERAS if clutter else QUALITIES)
+        write_jpeg(path, picture, rng, QUALITIES_OF_CAMERAS if lived_in else QUALITIES)
         height_m = float(pose.position_enu_m[2])
         ground_m2 = round(lens.seen_ground_m2(pose, height_m), 2)
         images.append(replace(labelled, altitude_agl_m=round(height_m, 2), ground_m2=ground_m2))
@@ -108,7 +117,8 @@ def labels_of(path: Path, world: World, seen: I32, whole: I32) -> LabelledImage:
         box = np.array([xs.min(), ys.min(), xs.max() + 1, ys.max() + 1], dtype=float)
         if n_seen[index + 1] < VISIBLE_MIN * n_whole[index + 1] or (box[2:] - box[:2]).max() < MIN_BOX_PX:
             continue
-        (targets if thing.is_target else decoys).append((box / SIDE_PX, thing.kind))
+        name = class_of(thing.kind) if thing.is_target else thing.kind
+        (targets if thing.is_target else decoys).append((box / SIDE_PX, name))
     return LabelledImage(
         path,
         np.array([b for b, _ in targets]).reshape(-1, 4),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skysweep.worlds.assets import animals, boats, people, signs, things
+from skysweep.worlds.assets import animals, boats, people, signs, things, vehicles
 from skysweep.worlds.assets.looks import Appearance
 from skysweep.worlds.meshes import Mesh
 
@@ -25,6 +25,7 @@ _MAKERS: dict[str, Callable[[Appearance, float, str], Mesh]] = {
     "sheep": animals.sheep,
     "deer": animals.deer,
     "dog": animals.dog,
+    "car": vehicles.car,
 }
 
 KINDS = tuple(_MAKERS)
