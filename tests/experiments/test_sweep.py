@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import product
 
 import fsspec
 import numpy as np
@@ -16,6 +17,7 @@ import pytest
 
 from skysweep.errors import UserError
 from skysweep.experiments.engines import LocalEngine, make_engine
+from skysweep.experiments.matrix import Matrix
 from skysweep.experiments.store import SUMMARY_COLUMNS, TIMINGS
 from skysweep.experiments.sweep.run import Outlook, Sweep
 from skysweep.experiments.sweep.spec import matrix_of, parse_spec
@@ -25,6 +27,7 @@ from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
+from skysweep.scenarios.files import change_scenario, load_scenario
 from skysweep.vehicles.embedded import dynamics
 from skysweep.worlds.world import build_world
 
@@ -198,6 +201,33 @@ def test_another_detector_file_is_another_sweep(tmp_path):
     assert matrix_of(wanted).job(0).config_hash == first
     detector.write_bytes(b"another")
     assert matrix_of(wanted).job(0).config_hash != first
+
+
+@pytest.mark.parametrize("shipped", ["own_model_path", "own_sensor_path"])
+def test_shipped_files_are_in_the_keys_of_missions_that_read_them(shipped, tmp_path, monkeypatch):
+    readers = {
+        "own_model_path": {("scan-only", "imaging"), ("belief", "imaging")},
+        "own_sensor_path": {("scan-only", "statistical"), ("belief", "statistical"), ("belief", "imaging")},
+    }
+    clusters = load_scenario("clusters")
+
+    def keys():
+        missions = product(("scan-only", "belief"), ("imaging", "statistical"))
+        return {
+            (strategy, sensor): Matrix.of(
+                [("c", change_scenario(clusters, {"search.strategy": strategy}))], [0], sensor, []
+            )
+            .job(0)
+            .config_hash
+            for strategy, sensor in missions
+        }
+
+    before = keys()
+    other = tmp_path / "other"
+    other.write_bytes(b"of another release")
+    monkeypatch.setattr(f"skysweep.experiments.matrix.{shipped}", lambda _: other)
+    after = keys()
+    assert {mission for mission in before if before[mission] != after[mission]} == readers[shipped]
 
 
 def test_a_failed_mission_is_a_row_and_can_be_flown_again(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ import polars as pl
 from skysweep.detection.model_files import own_model_path, sha256_of
 from skysweep.scenarios.model import OWN_DETECTORS, Scenario
 from skysweep.sensing.statistical.model import own_sensor_path
-from skysweep.strategies import code_of
+from skysweep.strategies import code_of, strategy_spec
 from skysweep.strategies.fields import value_at
 from skysweep.worlds.ground_files import ground_digest
 
@@ -117,10 +117,20 @@ def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
     fields = scenario.model_dump(by_alias=True)
     own, version = code_of(scenario.search.strategy)
     named = [scenario.search.plan, *scenario.detector.model_dump().values(), own and str(own)]
-    kind = scenario.camera.kind
-    files = [own_model_path(OWN_DETECTORS[kind]) if sensor == "imaging" else own_sensor_path(kind)]
+    files = _shipped_files(scenario, sensor)
     files += [Path(n) for n in named if isinstance(n, str) and os.path.isfile(n)]
     ground = ground_digest(scenario)
     code = [*map(sha256_of, files), *([version] if version else []), *([ground] if ground else [])]
     text = json.dumps([fields, sensor, code, results_version], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _shipped_files(scenario: Scenario, sensor: str) -> list[Path]:
+    """The shipped detector and sensor model that missions look or reckon with."""
+    detector, files = scenario.detector, []
+    if sensor == "imaging" and detector.model in OWN_DETECTORS:
+        files.append(own_model_path(detector.model))
+    reckons = sensor == "statistical" or strategy_spec(scenario.search.strategy).needs_sensor_model
+    if reckons and detector.statistical_model is None:
+        files.append(own_sensor_path(scenario.camera.kind))
+    return files

@@ -43,12 +43,25 @@ def visit_order(
 
 def shortest_tour(start: tuple[float, float], places: F64) -> list[int]:
     """Indices of ``places`` (N, 2) in the order of a short open tour from ``start``."""
+    return [int(place) for place in tour_from(start, places)]
+
+
+@njit(cache=True)
+def tour_from(start: tuple[float, float], places: F64) -> NDArray[np.int64]:
+    """:func:`shortest_tour`, for compiled code."""
     n = len(places)
+    nodes = np.arange(n)
     if n < 2:
-        return list(range(n))
-    ways = places[:, None, :]
-    order = visit_order(ways, ways, np.zeros((n, 1)), np.zeros((n, 1), dtype=int), np.array(start))
-    return [place for place, _ in order]
+        return nodes
+    ends, first = np.zeros((n, 5)), np.empty(n)
+    for i in range(n):
+        ends[i, 0] = ends[i, 2] = places[i, 0]
+        ends[i, 1] = ends[i, 3] = places[i, 1]
+        dx, dy = places[i, 0] - start[0], places[i, 1] - start[1]
+        first[i] = math.sqrt(dx * dx + dy * dy)
+    if n <= EXACT_MAX:
+        return _exact(ends, first, n, 1)
+    return _two_opt(_nearest(ends, first, n, 1), ends, first, nodes, MAX_TRIES)
 
 
 @njit(cache=True)

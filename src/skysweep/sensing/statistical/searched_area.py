@@ -65,5 +65,6 @@ def motion_between(
     """The mean motion from one pose to another, in the axes of a camera that looks as R says."""
     moved_m = after.position_enu_m - before.position_enu_m
     turned = before.R_camera_to_enu.T @ after.R_camera_to_enu
-    rates = np.array([turned[2, 1], turned[0, 2], turned[1, 0]]) - turned[[1, 2, 0], [2, 0, 1]]
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = turned.tolist()
+    rates = np.array([zy - yz, xz - zx, yx - xy])
     return CameraMotion(R_camera_to_enu.T @ moved_m / lasted_s, 0.5 * rates / lasted_s)

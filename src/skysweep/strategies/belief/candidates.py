@@ -9,6 +9,7 @@ from dataclasses import asdict, astuple, dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from skysweep.arrays import F64
 from skysweep.geometry.camera import project
@@ -100,29 +101,23 @@ class Suspects:
 
     def _learn(self) -> None:
         """How many candidates of this place are what, and how targets look: expectation maximisation."""
-        suspects, p = list(self.all.values()), self._parameters
+        suspects = list(self.all.values())
         likely = np.array([s.likely for s in suspects])
-        for _ in range(_EM_STEPS):
-            joint = np.exp(likely + np.log(self._shares) - likely.max(axis=1, keepdims=True))
-            share = joint / joint.sum(axis=1, keepdims=True)
-            found = share.sum(axis=0) + p.share_weight * self._prior
-            self._assume(found / found.sum())
-        for suspect, evidence in zip(suspects, self._evidence(likely).tolist(), strict=True):
-            suspect.evidence = evidence
-        if self.fit.learn_shift(share[:, 0], np.array([s.shift for s in suspects])):
+        prior = self._parameters.share_weight * self._prior
+        shares, targets, evidence = _maximise(likely, self._shares, prior, _EM_STEPS)
+        self._assume(shares)
+        for suspect, of_it in zip(suspects, evidence.tolist(), strict=True):
+            suspect.evidence = of_it
+        if self.fit.learn_shift(targets, np.array([s.shift for s in suspects])):
             for suspect in suspects:
                 self._weigh(suspect)
-
-    def _evidence(self, likely: F64) -> F64:
-        """Log likelihood ratios (N,): a target against anything else."""
-        others = likely[:, 1:] + np.log(self._shares[1:] / self._shares[1:].sum())
-        return np.asarray(likely[:, 0] - np.logaddexp(others[:, 0], others[:, 1]))
 
     def _weigh(self, suspect: Suspect) -> None:
         hypotheses = self.hypotheses(suspect.class_name)
         *likely, total, weight = hypotheses.evidence(suspect.belief, self.fit.shift)
         suspect.likely, suspect.shift = (likely[0], likely[1], likely[2]), (total, weight)
-        suspect.evidence = float(self._evidence(np.array([likely]))[0])
+        _, thing, nothing = self._shares.tolist()
+        suspect.evidence = _against(*likely, thing / (thing + nothing), nothing / (thing + nothing))
 
     def take(self, look: Look, candidates: Mapping[int, Candidate], settled: Container[int]) -> list[int]:
         """Update what is believed of every candidate that is not settled; those that are new."""
@@ -274,3 +269,33 @@ class Suspects:
             )
             for s in snapshot["suspects"]
         }
+
+
+@njit(cache=True)
+def _maximise(likely: F64, shares: F64, prior: F64, steps: int) -> tuple[F64, F64, F64]:
+    """The ``shares`` (3,) of targets, things and nothing after some steps of expectation maximisation.
+
+    ``likely`` (N, 3) are log likelihoods, ``prior`` (3,) counts as so many more candidates. Also of each
+    candidate how probably it is a target, by the shares before the last step, and its log likelihood ratio.
+    """
+    n = len(likely)
+    targets, evidence, joint = np.empty(n), np.empty(n), np.empty(3)
+    for _ in range(steps):
+        found = prior.copy()
+        for i in range(n):
+            joint[:] = np.exp(likely[i] - likely[i].max()) * shares
+            joint /= joint.sum()
+            targets[i] = joint[0]
+            found += joint
+        shares = found / found.sum()
+    thing, nothing = shares[1] / (shares[1] + shares[2]), shares[2] / (shares[1] + shares[2])
+    for i in range(n):
+        evidence[i] = _against(likely[i, 0], likely[i, 1], likely[i, 2], thing, nothing)
+    return shares, targets, evidence
+
+
+@njit(cache=True)
+def _against(target: float, thing: float, nothing: float, thing_share: float, nothing_share: float) -> float:
+    """Log likelihood ratio: a target against anything else."""
+    a, b = thing + math.log(thing_share), nothing + math.log(nothing_share)
+    return target - max(a, b) - math.log1p(math.exp(-abs(a - b)))

@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.planning.routing import shortest_tour
+from skysweep.planning.routing import tour_from
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -49,28 +51,11 @@ class Checks:
         exact for few places, else nearest neighbour with 2-opt: tens of places take well below a millisecond,
         which a general routing solver does not reach, and its tour is planned anew after every look.
         """
-        route = _ordered(here, places, [k for k, loss_s in enumerate(losses_s) if loss_s > _LEAST_S])
-        planned = len(route)
-        while route:
-            gains_s = np.array([losses_s[k] for k in route]) - self.visits_s(here, places[route])
-            worst = int(np.argmin(gains_s))
-            if gains_s[worst] >= 0.0:
-                break
-            route.pop(worst)
-        if len(route) < planned:
-            route = _ordered(here, places, route)
-        return route[: self._worth(here, places, route, losses_s)]
+        return [int(k) for k in _route(here, places, np.array(losses_s, dtype=float), self._speed_mps)]
 
     def visits_s(self, here: XY, places: F64) -> F64:
         """By how much each of the places (N, 2) lengthens the way from here through all of them, in s."""
-        return _AT_A_PLACE_S + _spared_m(np.vstack([[here], places])) / self._speed_mps
-
-    def _worth(self, here: XY, places: F64, route: list[int], losses_s: Sequence[float]) -> int:
-        """How many places of a route, from its start, buy most: a far group may not pay as a whole."""
-        steps_m = np.linalg.norm(np.diff(np.vstack([[here], places[route]]), axis=0), axis=1)
-        gains_s = [losses_s[k] - _AT_A_PLACE_S for k in route] - steps_m / self._speed_mps
-        totals_s = np.concatenate([[0.0], np.cumsum(gains_s)])
-        return int(np.argmax(totals_s))
+        return np.asarray(_AT_A_PLACE_S + _spared_m(here, places) / self._speed_mps)
 
     def look_costs_s(
         self,
@@ -128,13 +113,50 @@ class Checks:
         return bool(top_m + self._keep_m <= eye_enu_m[2])
 
 
-def _ordered(here: XY, places: F64, chosen: list[int]) -> list[int]:
-    return [chosen[k] for k in shortest_tour(here, places[chosen])]
+@njit(cache=True)
+def _route(here: XY, places: F64, losses_s: F64, speed_mps: float) -> NDArray[np.int64]:
+    chosen = np.nonzero(losses_s > _LEAST_S)[0]
+    route = chosen[tour_from(here, places[chosen])]
+    planned = len(route)
+    while len(route):
+        gains_s = losses_s[route] - (_AT_A_PLACE_S + _spared_m(here, places[route]) / speed_mps)
+        worst = int(np.argmin(gains_s))
+        if gains_s[worst] >= 0.0:
+            break
+        route = np.concatenate((route[:worst], route[worst + 1 :]))
+    if len(route) < planned:
+        route = route[tour_from(here, places[route])]
+    return route[: _worth(here, places[route], losses_s[route], speed_mps)]
 
 
-def _spared_m(path: F64) -> F64:
-    """By how much leaving out each place (N,) but the first shortens a path (N + 1, 2)."""
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    spared = steps.copy()
-    spared[:-1] += steps[1:] - np.linalg.norm(path[2:] - path[:-2], axis=1)
-    return np.asarray(spared)
+@njit(cache=True)
+def _worth(here: XY, places: F64, losses_s: F64, speed_mps: float) -> int:
+    """How many places of a route (N, 2), from its start, buy most: a far group may not pay as a whole."""
+    x, y = here
+    n, total_s, most_s = 0, 0.0, 0.0
+    for i in range(len(places)):
+        total_s += losses_s[i] - _AT_A_PLACE_S - _apart_m(x, y, places[i]) / speed_mps
+        if total_s > most_s:
+            n, most_s = i + 1, total_s
+        x, y = places[i, 0], places[i, 1]
+    return n
+
+
+@njit(cache=True)
+def _spared_m(here: XY, places: F64) -> F64:
+    """By how much leaving out each of the places (N, 2) shortens the way from here through all of them."""
+    x, y = here
+    n = len(places)
+    spared = np.empty(n)
+    for i in range(n):
+        spared[i] = _apart_m(x, y, places[i])
+        if i + 1 < n:
+            spared[i] += _apart_m(places[i, 0], places[i, 1], places[i + 1]) - _apart_m(x, y, places[i + 1])
+        x, y = places[i, 0], places[i, 1]
+    return spared
+
+
+@njit(cache=True)
+def _apart_m(x: float, y: float, place: F64) -> float:
+    dx, dy = place[0] - x, place[1] - y
+    return math.sqrt(dx * dx + dy * dy)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from skysweep.arrays import F64
 from skysweep.strategies.belief.parameters import BeliefParameters
@@ -40,7 +42,7 @@ class Timing:
 
     def scan_s(self, scan: Sequence[XY]) -> float:
         """How long it takes to fly the way of the scan."""
-        return float(self._ends_s(np.array(scan).reshape(-1, 2))[-1])
+        return sum(map(math.dist, scan, scan[1:])) / self._scan_mps
 
     def visits(
         self, here: XY, above_m: float, scan: Sequence[XY], places: F64, waiting: F64, dear: float = 1.0
@@ -51,48 +53,70 @@ class Timing:
         a place waits, ``dear`` that of a second of detour, while all others wait. The way back and the climb
         count only as far as they are not flown anyway.
         """
-        path = np.array(scan)
-        ends_s = self._ends_s(path)
         climb_s = (self._high_m - self._low_m) / self._up_mps
         down_s = max(above_m - self._low_m, 0.0) / self._down_mps
-        there_s = np.maximum(np.linalg.norm(places - here, axis=1) / self._speed_mps, down_s)
-        back_s = np.maximum(np.linalg.norm(places - path[0], axis=1) / self._speed_mps, climb_s)
-        anyway_m = float(np.linalg.norm(path[0] - here))
+        anyway_m = math.dist(scan[0], here)
         anyway_s = max(anyway_m / self._speed_mps, (self._high_m - above_m) / self._up_mps)
         leaving_s = _LEAVING_S if anyway_m == 0.0 else 0.0  # else it was left before
-        now_s = there_s + back_s - anyway_s + leaving_s
-        away_m, until_s = _nearest(places, *self._later(path, ends_s))
-        away_s = away_m / self._speed_mps
         whole_s = (self._high_m - self._low_m) / self._down_mps
-        lane_s = dear * (np.maximum(away_s, whole_s) + np.maximum(away_s, climb_s) + _LEAVING_S)
-        lane_s += waiting[:, None] * until_s
-        tour_s = _apart_m(np.vstack([places, path[-1]]))[:-1] / self._speed_mps + waiting * ends_s[-1]
-        return Visits(dear * now_s, lane_s.min(axis=1), tour_s)
-
-    def _later(self, path: F64, ends_s: F64) -> tuple[F64, F64]:
-        """The way without its next seconds, which are now."""
-        first = np.array([min(_NOW_S, ends_s[1])])
-        start = np.array([np.interp(first, ends_s[:2], path[:2, k]) for k in (0, 1)]).T
-        return np.vstack([start, path[1:]]), np.concatenate([first, ends_s[1:]])
-
-    def _ends_s(self, path: F64) -> F64:
-        """When each point of a path (N, 2) is reached by the scan."""
-        steps_m = np.linalg.norm(np.diff(path, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps_m)]) / self._scan_mps
+        path, x, y = np.array(scan), *here
+        return Visits(
+            *_visits(
+                (x, y), path, places, waiting, dear, self._speed_mps, self._scan_mps,
+                down_s, whole_s, climb_s, leaving_s - anyway_s,
+            )
+        )  # fmt: skip
 
 
-def _nearest(places: F64, path: F64, ends_s: F64) -> tuple[F64, F64]:
-    """How near each leg of a path comes to each place, and when: (N, legs) each."""
-    legs = np.diff(path, axis=0)
-    squared = np.maximum((legs**2).sum(axis=1), 1e-9)
-    offset = places[:, None] - path[:-1]
-    share = np.clip((offset * legs).sum(axis=2) / squared, 0.0, 1.0)
-    away_m = np.linalg.norm(offset - share[:, :, None] * legs, axis=2)
-    return away_m, ends_s[:-1] + share * np.diff(ends_s)
+@njit(cache=True)
+def _visits(
+    here: XY,
+    path: F64,
+    places: F64,
+    waiting: F64,
+    dear: float,
+    speed_mps: float,
+    scan_mps: float,
+    down_s: float,  # to the height of a check, from here
+    whole_s: float,  # the same, from the height of the scan
+    climb_s: float,  # back to it
+    more_s: float,  # that a visit takes now
+) -> tuple[F64, F64, F64]:
+    n, legs = len(places), len(path) - 1
+    now_s, nearest_s, after_s = np.empty(n), np.full(n, np.inf), np.empty(n)
+    ends_s = np.zeros(legs + 1)
+    for k in range(legs):
+        ends_s[k + 1] = ends_s[k] + _apart_m(path[k], path[k + 1]) / scan_mps
+    later, later_s = path.copy(), ends_s.copy()  # without its next seconds, which are now
+    later_s[0] = min(_NOW_S, ends_s[1])
+    share = later_s[0] / ends_s[1] if ends_s[1] > 0.0 else 1.0
+    later[0] = path[0] + share * (path[1] - path[0])
+    for i in range(n):
+        there_s = max(math.hypot(places[i, 0] - here[0], places[i, 1] - here[1]) / speed_mps, down_s)
+        back_s = max(_apart_m(places[i], path[0]) / speed_mps, climb_s)
+        now_s[i] = dear * (there_s + back_s + more_s)
+        for k in range(legs):
+            away_m, along = _nearest(places[i], later[k], later[k + 1])
+            away_s, until_s = away_m / speed_mps, later_s[k] + along * (later_s[k + 1] - later_s[k])
+            lane_s = dear * (max(away_s, whole_s) + max(away_s, climb_s) + _LEAVING_S) + waiting[i] * until_s
+            nearest_s[i] = min(nearest_s[i], lane_s)
+        other_m = _apart_m(places[i], path[legs])
+        for j in range(n):
+            if j != i:
+                other_m = min(other_m, _apart_m(places[i], places[j]))
+        after_s[i] = other_m / speed_mps + waiting[i] * ends_s[legs]
+    return now_s, nearest_s, after_s
 
 
-def _apart_m(places: F64) -> F64:
-    """Distance of each place (N, 2) to the nearest other."""
-    apart = np.linalg.norm(places[:, None] - places, axis=2)
-    np.fill_diagonal(apart, np.inf)
-    return np.asarray(apart.min(axis=1))
+@njit(cache=True)
+def _nearest(place: F64, start: F64, end: F64) -> tuple[float, float]:
+    """How near a leg comes to a place, and at which share of it."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    x, y = place[0] - start[0], place[1] - start[1]
+    share = min(max((x * dx + y * dy) / max(dx * dx + dy * dy, 1e-9), 0.0), 1.0)
+    return math.hypot(x - share * dx, y - share * dy), share
+
+
+@njit(cache=True)
+def _apart_m(a: F64, b: F64) -> float:
+    return math.hypot(a[0] - b[0], a[1] - b[1])
