@@ -111,8 +111,7 @@ def project(lens: Lens, pose: CameraPose, points_enu_m: ArrayLike) -> tuple[F64,
     p = (np.atleast_2d(np.asarray(points_enu_m, dtype=float)) - pose.position_enu_m) @ pose.R_camera_to_enu
     depth = p[:, 2]
     z = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
-    f = lens.focal_px
-    return np.column_stack([f * p[:, 0] / z + lens.width_px / 2, f * p[:, 1] / z + lens.height_px / 2]), depth
+    return lens.focal_px * p[:, :2] / z[:, None] + [lens.width_px / 2, lens.height_px / 2], depth
 
 
 def rays_enu(lens: Lens, pose: CameraPose, pixels: ArrayLike) -> F64:

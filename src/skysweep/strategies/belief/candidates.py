@@ -133,10 +133,11 @@ class Suspects:
         open_ = [s for k, s in self.all.items() if k not in settled]
         if not open_:
             return new
-        places = np.array([candidates[k].position_enu_m for k in self.all])
+        places = np.concatenate([candidates[k].position_enu_m for k in self.all]).reshape(-1, 3)
         uv, depth = project(look.lens, look.camera, places)
         size_px = [look.lens.width_px, look.lens.height_px]
-        in_view = (depth > 0.0) & ((uv >= 0.0) & (uv <= size_px)).all(axis=1)
+        inside = (uv >= 0.0) & (uv <= size_px)
+        in_view = (depth > 0.0) & inside[:, 0] & inside[:, 1]
         n_in_view = int(in_view.sum())
         rows = zip(self.all.values(), places, uv.tolist(), depth.tolist(), in_view.tolist(), strict=True)
         for suspect, place, (u, v), z, is_in_view in rows:
@@ -178,7 +179,9 @@ class Suspects:
         if self.all[a].class_name != self.all[b].class_name or b in self.all[a].distinct:
             return False
         one, other = candidates[a], candidates[b]
-        x, y = (one.position_enu_m[:2] - other.position_enu_m[:2]).tolist()
+        x, y, _ = (one.position_enu_m - other.position_enu_m).tolist()
+        if abs(x) + abs(y) > _SAME_FAR_M:
+            return False
         (xx, xy), (_, yy) = (one.covariance_m2 + other.covariance_m2).tolist()
         xx, yy = xx + _SAME_STD_M**2, yy + _SAME_STD_M**2
         squared = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
@@ -186,7 +189,7 @@ class Suspects:
 
     def _is_told(self, suspect: Suspect, found: Sequence[int], candidates: Mapping[int, Candidate]) -> bool:
         """Whether another candidate that may be the same thing was found instead."""
-        return bool(self.twins([suspect.id], found, candidates))
+        return any(self.may_be_same(suspect.id, k, candidates) for k in found)
 
     def _is_whole(self, look: Look, u: float, v: float, depth_m: float, class_name: str) -> bool:
         """Whether all of a target there lies in the picture."""
