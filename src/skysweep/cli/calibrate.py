@@ -114,7 +114,7 @@ def calibrate(
     from skysweep.detection.training.class_map import parse_renames
     from skysweep.experiments.calibration.run import calibrate as fit
     from skysweep.scenarios.files import load_scenario
-    from skysweep.scenarios.model import USUAL_DETECTORS, DetectorModel
+    from skysweep.scenarios.model import OWN_DETECTORS, DetectorModel
     from skysweep.sensing.statistical.model import StatisticalModel
 
     _refuse_unwritable(out)
@@ -125,7 +125,7 @@ def calibrate(
                 option = name.replace("_", "-")
                 raise UserError(f"--{option}: counts with rendered pictures only; leave it out")
         looked_at_with = DetectorModel(
-            model=detector or USUAL_DETECTORS["visible"],
+            model=detector or OWN_DETECTORS["visible"],
             tiles=tiles or 1,
             boxes=boxes,
             pixels=pixels,
@@ -161,9 +161,7 @@ def calibrate(
                 doing = "fitting" if done == total else "looking"
                 progress.update(task, completed=done, total=total, description=doing)
 
-            model = fit(
-                detector or USUAL_DETECTORS[seeing.kind], seeing, out, n, seed, workers, on_look, known
-            )
+            model = fit(detector or OWN_DETECTORS[seeing.kind], seeing, out, n, seed, workers, on_look, known)
     except KeyboardInterrupt:
         say("stopped; nothing was written, and the same command starts again")
         raise typer.Exit(130) from None
@@ -195,10 +193,11 @@ def _calibrate_on_pictures(
     from skysweep.detection.photos.pose_table import read_poses
     from skysweep.detection.training.reading import read_dataset, with_poses
     from skysweep.experiments.calibration.from_pictures import calibrate_on_pictures
-    from skysweep.scenarios.model import OWN_DETECTORS
+    from skysweep.scenarios.model import OWN_DETECTORS, CameraKind
     from skysweep.sensing.statistical.model import StatisticalModel
 
-    base = StatisticalModel.load(rendered, OWN_DETECTORS.get(detector.model, "visible"))
+    kinds: dict[str, CameraKind] = {own: kind for kind, own in OWN_DETECTORS.items()}
+    base = StatisticalModel.load(rendered, kinds.get(detector.model, "visible"))
     table = None if poses is None else read_poses(poses)
     data = read_dataset(folder)
     with counting("reading") as reading:

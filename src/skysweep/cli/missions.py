@@ -139,7 +139,7 @@ def run(
     from skysweep.scenarios.model import OWN_DETECTORS
     from skysweep.strategies import strategy_spec
 
-    is_model = detector in OWN_DETECTORS or detector.lower().endswith(".onnx")
+    is_model = detector in OWN_DETECTORS.values() or detector.lower().endswith(".onnx")
     named = {
         "search.strategy": strategy,
         "search.n_c": n_c,
@@ -160,7 +160,7 @@ def run(
     engine = engines.get(camera, renderer)
     on_topics = (
         _topic("camera", camera, "rendered", *engines),
-        "" if is_model else _topic("detector", detector, "scenario", *OWN_DETECTORS, "FILE.onnx"),
+        "" if is_model else _topic("detector", detector, "scenario", *OWN_DETECTORS.values(), "FILE.onnx"),
         _topic("pose", pose, "vehicle"),
     )
     refuse_other_mission(folder)

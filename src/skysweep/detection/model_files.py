@@ -9,9 +9,9 @@ from pathlib import Path
 
 from skysweep.errors import UserError
 from skysweep.files.reading import read_limited
-from skysweep.scenarios.model import OWN_DETECTORS, USUAL_DETECTORS
+from skysweep.scenarios.model import OWN_DETECTORS
 
-OWN_MODEL = USUAL_DETECTORS["visible"]
+OWN_MODEL = OWN_DETECTORS["visible"]
 MAX_MODEL_BYTES = 1_000_000_000
 
 
@@ -22,12 +22,12 @@ def own_model_path(name: str = OWN_MODEL) -> Path:
 
 def shipped_models() -> list[Path]:
     """The files of all shipped models."""
-    return [own_model_path(name) for name in OWN_DETECTORS]
+    return [own_model_path(name) for name in OWN_DETECTORS.values()]
 
 
 def model_file(model: Path | str) -> Path:
     """The file that a scenario's ``detector.model`` names: one of ours, or a path."""
-    return own_model_path(str(model)) if str(model) in OWN_DETECTORS else Path(model)
+    return own_model_path(str(model)) if str(model) in OWN_DETECTORS.values() else Path(model)
 
 
 def existing_model_file(model: Path | str) -> Path:
@@ -36,7 +36,7 @@ def existing_model_file(model: Path | str) -> Path:
     if not path.is_file():
         raise UserError(
             f"{path}: there is no such model file; write the path of an ONNX file, or one of ours: "
-            f"{', '.join(OWN_DETECTORS)}"
+            f"{', '.join(OWN_DETECTORS.values())}"
         )
     return path
 

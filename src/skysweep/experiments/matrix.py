@@ -128,7 +128,7 @@ def _digest(scenario: Scenario, sensor: str, results_version: int) -> str:
 def _shipped_files(scenario: Scenario, sensor: str) -> list[Path]:
     """The shipped detector and sensor model that missions look or reckon with."""
     detector, files = scenario.detector, []
-    if sensor == "imaging" and detector.model in OWN_DETECTORS:
+    if sensor == "imaging" and detector.model in OWN_DETECTORS.values():
         files.append(own_model_path(detector.model))
     reckons = sensor == "statistical" or strategy_spec(scenario.search.strategy).needs_sensor_model
     if reckons and detector.statistical_model is None:

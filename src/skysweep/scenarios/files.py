@@ -19,7 +19,7 @@ from skysweep.files.models import validated
 from skysweep.files.plain_yaml import MAX_YAML_BYTES, dump_yaml, parse_fields
 from skysweep.files.reading import read_text_limited
 from skysweep.files.writing import replace_file
-from skysweep.scenarios.model import USUAL_DETECTORS, Scenario
+from skysweep.scenarios.model import OWN_DETECTORS, Scenario
 
 _OURS = "shipped:"
 _OF_TERRAIN = ("dem", "land_cover", "orthophoto")
@@ -117,7 +117,7 @@ def _leave_open(data: dict[str, Any], scenario: Scenario) -> None:
     kind = scenario.camera.kind
     usual = type(scenario.camera)(kind=kind).model_dump(by_alias=True)
     data["camera"] = {k: v for k, v in data["camera"].items() if k not in usual or v != usual[k]}
-    if data["detector"]["model"] == USUAL_DETECTORS[kind]:
+    if data["detector"]["model"] == OWN_DETECTORS[kind]:
         del data["detector"]["model"]
 
 

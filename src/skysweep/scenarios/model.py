@@ -571,12 +571,10 @@ class CameraModel(Model):
         return Lens(self.width_px, self.height_px, self.hfov_rad)
 
 
-OWN_DETECTORS: dict[str, CameraKind] = {
-    "skysweep": "visible",
-    "skysweep-2": "visible",
-    "skysweep-thermal": "thermal",
-}  # the shipped ones, and the cameras whose pictures they know
-USUAL_DETECTORS: dict[CameraKind, str] = {"visible": "skysweep", "thermal": "skysweep-thermal"}
+OWN_DETECTORS: dict[CameraKind, str] = {
+    "visible": "skysweep",
+    "thermal": "skysweep-thermal",
+}  # by the kind of the camera
 _THERMAL_CAMERA = {"width_px": 640, "height_px": 512, "hfov_rad": 0.554, "exposure_s": 0.01}
 
 
@@ -857,16 +855,16 @@ class Scenario(Model):
         camera, detector = data.get("camera"), data.get("detector", {})
         kind = camera.get("kind") if isinstance(camera, dict) else getattr(camera, "kind", None)
         if kind == "thermal" and isinstance(detector, dict):
-            return {**data, "detector": {"model": USUAL_DETECTORS["thermal"], **detector}}
+            return {**data, "detector": {"model": OWN_DETECTORS["thermal"], **detector}}
         return data
 
     @model_validator(mode="after")
     def _detector_sees_the_camera(self) -> Scenario:
         kind, model = self.camera.kind, self.detector.model
-        if OWN_DETECTORS.get(model, kind) != kind:
+        if model in OWN_DETECTORS.values() and model != OWN_DETECTORS[kind]:
             raise ValueError(
                 f"detector.model: {model} does not know the pictures of a {kind} camera; write "
-                f"{USUAL_DETECTORS[kind]} or the path of an ONNX file"
+                f"{OWN_DETECTORS[kind]} or the path of an ONNX file"
             )
         return self
 

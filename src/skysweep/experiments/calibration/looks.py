@@ -28,7 +28,6 @@ from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.scenarios.model import (
     DEFAULT_SIZE_M,
     OWN_DETECTORS,
-    USUAL_DETECTORS,
     CameraKind,
     CameraModel,
     Light,
@@ -215,10 +214,10 @@ def observe(
     ``without`` are kinds and poses that need no look; where there are any, nor does the background.
     ``progress`` is called with pictures done and total. Raises UserError when the model cannot be used.
     """
-    if OWN_DETECTORS.get(model_path, camera.kind) != camera.kind:
+    if model_path in OWN_DETECTORS.values() and model_path != OWN_DETECTORS[camera.kind]:
         raise UserError(
             f"--model {model_path}: does not know the pictures of a {camera.kind} camera; write "
-            f"{USUAL_DETECTORS[camera.kind]} or the path of an ONNX file"
+            f"{OWN_DETECTORS[camera.kind]} or the path of an ONNX file"
         )
     YoloDetector(model_path)  # raises an error once, before anything is rendered
     refuse_unrenderable(camera)

@@ -59,7 +59,7 @@ def calibrate(
     shares, fade_px = fit_shares(looks, factors, curves)
     told = tell(looks, factors, list(curves))
     kinds = [kind_model(key, curve, *shares[key]) for key, curve in curves.items()]
-    name, n = model if model in OWN_DETECTORS else Path(model).name, len(looks.pixels)
+    name, n = model if model in OWN_DETECTORS.values() else Path(model).name, len(looks.pixels)
     fitted = StatisticalModel(
         version=VERSION,
         detector=Detecting(name=name, sha256=sha256_of(model_file(model))),
