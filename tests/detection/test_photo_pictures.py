@@ -21,7 +21,7 @@ from skysweep.detection.training.compositing import (
 )
 from skysweep.detection.training.dataset import render_dataset
 from skysweep.detection.training.photo_pictures import _upright, photos_in, pictures_of, shares_of
-from skysweep.detection.training.random_worlds import SIDE_PX
+from skysweep.detection.training.random_worlds import CLUTTERED, SIDE_PX
 from skysweep.detection.training.reading import read_dataset
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens, project
@@ -94,6 +94,11 @@ def test_renaming_and_photos_together(labelled, unlabelled):
     photos = photos_in([labelled, unlabelled], {"pedestrian": "boat", "car": "person"})
     assert [photo.class_names for photo in photos] == [("boat", "person"), (), (), ()]
     assert [photo.decoy_names for photo in photos] == [()] * 4
+
+
+def test_with_clutter_cars_keep_their_labels(labelled):
+    (photo,) = photos_in([labelled], {}, CLUTTERED.classes)
+    assert (photo.class_names, photo.decoy_names) == (("person", "car"), ())
 
 
 def test_unlabelled_photos_are_empty_or_hold_what_is_rendered(unlabelled, tmp_path):

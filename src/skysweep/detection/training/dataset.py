@@ -47,7 +47,8 @@ def render_dataset(
         seed: seeds worlds, views and what is made of the photos.
         split: "train" or "held-out" assets.
         camera: "visible", or "thermal" for white-hot pictures of persons, among animals and warm rocks.
-        clutter: fields, roads, cars, houses, jetties and more, in pictures as different as those of cameras.
+        clutter: fields, roads, houses, jetties and more, in pictures as different as those of cameras. Cars
+            and animals are labelled, too.
         photos: folders of photos, of which half of the pictures are made; see ``photo_pictures``.
         renames: our names of the classes in the photos' labels, as for ``class_map.ours``.
         workers: processes; default: one per CPU.
@@ -66,7 +67,8 @@ def render_dataset(
         raise UserError(f"{what}: are for visible cameras only; leave them out, or the thermal camera")
     if photos and n_images < 2:
         raise UserError(f"--pictures {n_images}: half of them are made of photos; write at least 2")
-    backgrounds = photos_in(photos, renames or {})
+    classes = recipe_for(camera, clutter).classes
+    backgrounds = photos_in(photos, renames or {}, classes)
     n_of_photos = round(PHOTO_SHARE * n_images) if backgrounds else 0
     with whole_files(out) as unfinished:
         (unfinished / "images").mkdir()
@@ -82,7 +84,7 @@ def render_dataset(
             info["clutter"] = True
         if backgrounds:
             info["photos"] = len(backgrounds)
-        write_labels(unfinished, recipe_for(camera, clutter).classes, images, (SIDE_PX, SIDE_PX), info)
+        write_labels(unfinished, classes, images, (SIDE_PX, SIDE_PX), info)
     return out
 
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import get_args
 
 import cv2
 import numpy as np
@@ -31,7 +30,6 @@ from skysweep.detection.training.random_worlds import SIDE_PX, VISIBLE, Split
 from skysweep.detection.training.reading import read_photos, with_our_classes
 from skysweep.detection.training.rendered_pictures import MIN_BOX_PX, VISIBLE_MIN, write_jpeg
 from skysweep.errors import UserError
-from skysweep.scenarios.model import TargetClass
 
 COMPOSITE_SHARE = 0.65  # of the cut-outs of photos without targets
 
@@ -46,15 +44,17 @@ class Share:
     count: int
 
 
-def photos_in(folders: Sequence[Path], renames: Mapping[str, str]) -> list[LabelledImage]:
-    """The photos of all folders with labels of our classes; those of others are look-alikes.
+def photos_in(
+    folders: Sequence[Path], renames: Mapping[str, str], classes: Sequence[str] = VISIBLE.classes
+) -> list[LabelledImage]:
+    """The photos of all folders with labels of these classes; those of others are look-alikes.
 
     Raises UserError if a folder holds no photo, a label is malformed, a photo is broken, too small or too
     large, or no label has a renamed class.
     """
     sets = [read_photos(folder) for folder in folders]
     refuse_unused(renames, [name for data in sets for name in data.class_names])
-    photos = [_of_our_classes(image) for data in sets for image in with_our_classes(data, renames).images]
+    photos = [_of(classes, image) for data in sets for image in with_our_classes(data, renames).images]
     for photo in photos:
         with _open(photo.path):
             pass
@@ -98,8 +98,8 @@ def pictures_of(out: Path, share: Share, first: int, seed: int, split: Split) ->
     return images
 
 
-def _of_our_classes(image: LabelledImage) -> LabelledImage:
-    ours = np.array([name in get_args(TargetClass) for name in image.class_names], dtype=bool)
+def _of(classes: Sequence[str], image: LabelledImage) -> LabelledImage:
+    ours = np.array([name in classes for name in image.class_names], dtype=bool)
     others = tuple(name for name, our in zip(image.class_names, ours, strict=True) if not our)
     return replace(
         image,
