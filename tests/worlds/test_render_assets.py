@@ -15,6 +15,7 @@ from skysweep.worlds.meshes import Mesh, ellipsoid, lathe, tube
 from skysweep.worlds.textures import Decal, decal_layer, ground_textures, layer_image
 from skysweep.worlds.world import HELD_OUT_VARIANTS
 
+SIZE_M = DEFAULT_SIZE_M | {"car": 4.5}  # which scenarios do not know
 POSES = ["face-up", "standing", "lying", "floating", "sitting"]
 variants = st.one_of(st.integers(0, HELD_OUT_VARIANTS - 1), st.integers(HELD_OUT_VARIANTS, 1999))
 
@@ -31,7 +32,7 @@ def sound(mesh: Mesh) -> None:
 @settings(deadline=None, max_examples=60)
 @given(kind=st.sampled_from(KINDS), pose=st.sampled_from(POSES), variant=variants, scale=st.floats(0.4, 2.5))
 def test_objects_are_sound_and_of_their_size(kind: str, pose: str, variant: int, scale: float) -> None:
-    size_m = DEFAULT_SIZE_M[kind] * scale
+    size_m = SIZE_M[kind] * scale
     mesh = object_mesh(kind, size_m, pose, variant)
     sound(mesh)
     extent = np.ptp(mesh.vertices.astype(float), axis=0)
@@ -47,7 +48,7 @@ def test_objects_are_sound_and_of_their_size(kind: str, pose: str, variant: int,
 @settings(deadline=None, max_examples=25)
 @given(kind=st.sampled_from(KINDS), pose=st.sampled_from(POSES), variant=variants)
 def test_the_same_variant_looks_the_same(kind: str, pose: str, variant: int) -> None:
-    a, b = (object_mesh(kind, DEFAULT_SIZE_M[kind], pose, variant) for _ in range(2))
+    a, b = (object_mesh(kind, SIZE_M[kind], pose, variant) for _ in range(2))
     assert a.vertices.tobytes() == b.vertices.tobytes()
     assert a.colours.tobytes() == b.colours.tobytes()
 
@@ -55,8 +56,7 @@ def test_the_same_variant_looks_the_same(kind: str, pose: str, variant: int) -> 
 @pytest.mark.parametrize("kind", KINDS)
 def test_variants_differ(kind: str) -> None:
     looks = {
-        object_mesh(kind, DEFAULT_SIZE_M[kind], "face-up", v).vertices.tobytes()
-        for v in (0, 1, 2, 3, 1000, 1001)
+        object_mesh(kind, SIZE_M[kind], "face-up", v).vertices.tobytes() for v in (0, 1, 2, 3, 1000, 1001)
     }
     assert len(looks) == 6
 

@@ -114,10 +114,10 @@ class Suspects:
 
     def _weigh(self, suspect: Suspect) -> None:
         hypotheses = self.hypotheses(suspect.class_name)
-        *likely, total, weight = hypotheses.evidence(suspect.belief, self.fit.shift)
-        suspect.likely, suspect.shift = (likely[0], likely[1], likely[2]), (total, weight)
-        _, thing, nothing = self._shares.tolist()
-        suspect.evidence = _against(*likely, thing / (thing + nothing), nothing / (thing + nothing))
+        target, thing, nothing, total, weight = hypotheses.evidence(suspect.belief, self.fit.shift)
+        suspect.likely, suspect.shift = (target, thing, nothing), (total, weight)
+        shares = self._shares[1:] / self._shares[1:].sum()
+        suspect.evidence = _against(target, thing, nothing, shares[0], shares[1])
 
     def take(self, look: Look, candidates: Mapping[int, Candidate], settled: Container[int]) -> list[int]:
         """Update what is believed of every candidate that is not settled; those that are new."""
