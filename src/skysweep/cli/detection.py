@@ -44,7 +44,8 @@ def dataset(
     clutter: Annotated[
         bool,
         typer.Option(
-            "--clutter", help="Add roads, cars, houses, jetties, rubbish; vary tones as cameras do."
+            "--clutter",
+            help="Add roads, houses, rubbish, and cars and animals as classes; vary tones as cameras do.",
         ),
     ] = False,
     photos: Annotated[
