@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -24,20 +25,19 @@ from skysweep.experiments.calibration.looks import (
 from skysweep.experiments.calibration.run import calibrate
 from skysweep.geometry.camera import CameraMotion, CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
-from skysweep.scenarios.model import CameraModel, DetectorModel, Light
+from skysweep.scenarios.model import CameraModel, DetectorModel, DistractorClass, Light, TargetClass
 from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.factors import BLUR_MAX, HIDDEN_MAX, VIEW_MAX
 from skysweep.sensing.statistical.model import StatisticalModel
 from skysweep.sensing.statistical.sensor import StatisticalSensor
 from skysweep.types import Detections, VehicleState
-from skysweep.worlds.assets import KINDS
 from skysweep.worlds.world import TerrainSurface, World, WorldObject
 
 CAMERA = CameraModel(hfov_rad=1.2)
 
 
-def test_every_kind_is_looked_at():
-    assert {kind for kind, _ in SUBJECTS} == set(KINDS)
+def test_every_kind_of_a_scenario_is_looked_at():
+    assert {kind for kind, _ in SUBJECTS} == {*get_args(TargetClass), *get_args(DistractorClass)}
 
 
 def test_worlds_are_shared_out_as_planned():
