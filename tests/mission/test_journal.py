@@ -25,6 +25,23 @@ def test_lines_come_back_as_plain_rounded_data(tmp_path):
     ]
 
 
+@pytest.mark.parametrize(
+    ("replays", "synced"),
+    [(False, ["setup", "start", "confirmed", "operator", "end"]), (True, ["setup", "operator", "end"])],
+)
+def test_the_disk_has_what_a_resumed_mission_does_not_make_again(tmp_path, monkeypatch, replays, synced):
+    calls = []
+    monkeypatch.setattr("skysweep.files.line_file.os.fsync", calls.append)
+    with closing(FileJournal(tmp_path / "journal.jsonl")) as journal:
+        journal.replays = replays
+        on_disk = []
+        for kind in ("setup", "start", "state", "look", "confirmed", "operator", "end"):
+            calls.clear()
+            journal.write(0.0, kind)
+            on_disk += [kind] * len(calls)
+    assert on_disk == synced
+
+
 def test_memory_and_file_say_the_same(tmp_path):
     path = tmp_path / "journal.jsonl"
     memory, file = MemoryJournal(), FileJournal(path)

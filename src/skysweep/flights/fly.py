@@ -83,6 +83,7 @@ def begin(folder: Path, mission: Mission, journal: FileJournal, rig: Rig) -> Non
     Raises UserError if they cannot be written.
     """
     write_scenario(mission.scenario, folder / CONFIG_FILE)
+    journal.replays = mission.replays
     journal.write(0.0, SETUP, **_begun_with(mission, rig), **{CONFIG: digest_of_config(folder)})
     if journal.failed is not None:
         raise UserError(

@@ -72,6 +72,7 @@ def resume_folder(folder: Path, rig: Rig = DEFAULT_RIG, from_sound_lines: bool =
             journal.mend()
             return finish(folder, None, rig)
         scenario = _scenario_to_go_on_with(folder, journal.records)
+        journal.replays = begun["replays"]
         if begun["replays"] == (rig.vehicle is not None):
             raise UserError(f"{folder}: {_OTHER_COMMAND[rig.vehicle is not None].format(folder)}")
         if from_sound_lines and rig.vehicle is not None:

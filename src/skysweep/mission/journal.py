@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from skysweep.errors import UserError
 from skysweep.files.line_file import LineFile, read_lines
 
-_UNHURRIED = {"state", "look"}  # not fsynced: a resumed mission makes them again
+_MADE_AGAIN = {"state", "look"}  # by every resumed mission
+_NOT_MADE_AGAIN = {"setup", "operator", "end"}  # by a resumed simulation; results are written after the end
 _EXACT = {"look", "snapshot"}  # not rounded: a mission resumes from them
 _PLAIN_TYPES = {str, int, bool, type(None)}
 
 
 class Journal(Protocol):
-    """Records what happens; what changes a mission's state is on disk before the mission continues.
+    """Records what happens; what is not made again on resuming is on disk before the mission continues.
 
     ``failed`` says in a sentence why no more can be recorded: it is time to fly home.
     """
@@ -33,8 +34,9 @@ class Journal(Protocol):
 
 
 class FileJournal:
-    """Appends to a run folder's journal; every line but states and looks is fsynced.
+    """Appends to a run folder's journal; a line that a resumed mission does not make again is fsynced.
 
+    ``replays`` says that the mission is simulated, as its ``Mission`` does: nearly all lines are made again.
     When the disk is full, ``failed`` says so and nothing more is written. ``set_aside`` is for a damaged
     journal, see ``LineFile``. Each of ``listeners`` gets every new line.
 
@@ -42,6 +44,7 @@ class FileJournal:
     """
 
     failed: str | None = None
+    replays: bool = False
 
     def __init__(self, path: Path, set_aside: Path | None = None) -> None:
         self.path = path
@@ -58,11 +61,14 @@ class FileJournal:
         line = line_of(time_s, kind, fields)
         if self.failed is None:
             try:
-                self._file.append(line, sync=kind not in _UNHURRIED)
+                self._file.append(line, sync=self._is_hurried(kind))
             except UserError as error:
                 self.failed = str(error)
         for listener in self.listeners:
             listener(line)
+
+    def _is_hurried(self, kind: str) -> bool:
+        return kind in _NOT_MADE_AGAIN if self.replays else kind not in _MADE_AGAIN
 
     def cut(self, n_lines: int) -> None:
         """Keep only the first of ``records``."""
