@@ -14,6 +14,8 @@ from skysweep.geometry.camera import CameraPose, Lens, rays_enu
 GroundHeight = Callable[[F64], F64]
 
 _MAX_RANGE_M = 2000.0
+_STEPS_M = np.linspace(0.0, _MAX_RANGE_M, 2001)
+_STEPS_AT_ONCE = 200  # most rays meet the ground within them
 _REFINEMENTS = 25
 _LEVEL_M = 1e-9  # ground that differs by less is level
 
@@ -49,13 +51,16 @@ def _meet_level(points: F64, directions: F64, origin: F64, ground: float) -> boo
 
 
 def _march(origin: F64, direction: F64, ground_height_m: GroundHeight) -> F64:
-    s = np.linspace(0.0, _MAX_RANGE_M, 2001)
-    points = origin + s[:, None] * direction
-    below = points[:, 2] <= ground_height_m(points[:, :2])
-    if not below.any() or below[0]:
+    for start in range(0, len(_STEPS_M), _STEPS_AT_ONCE):
+        s = _STEPS_M[start : start + _STEPS_AT_ONCE]
+        points = origin + s[:, None] * direction
+        below = points[:, 2] <= ground_height_m(points[:, :2])
+        if below.any():
+            break
+    first = start + int(np.argmax(below))
+    if not below.any() or first == 0:
         return np.full(3, np.nan)
-    first = int(np.argmax(below))
-    low, high = s[first - 1], s[first]
+    low, high = _STEPS_M[first - 1], _STEPS_M[first]
     for _ in range(_REFINEMENTS):
         middle = (low + high) / 2
         point = origin + middle * direction
