@@ -227,4 +227,6 @@ def _check_altitudes(
                 f"({scans[0]:g} m); write ranges that do not meet, or --fix one of them"
             )
         for scan_m, check_m in ((scans[0], checks[0]), (scans[-1], checks[0]), (scans[0], checks[-1])):
-            change_scenario(scenario, {H_S: scan_m, H_C: check_m})
+            changed = change_scenario(scenario, {H_S: scan_m, H_C: check_m})
+            if beyond := model_for(changed).beyond_calibration(changed):
+                raise UserError(f"--range: with h_S {scan_m:g} m and h_C {check_m:g} m: {beyond.rstrip('.')}")
