@@ -178,7 +178,7 @@ def test_ranges_and_fixed_values():
         (["search.n_c=1:3"], ["search.n_c"], ["--fix search.n_c", "leave out one"]),
         ([], ["search.n_c=-2"], ["search.n_c", "greater than 0"]),
         ([], list(TUNED), ["nothing is left to tune"]),
-        (["search.scan_altitude_agl_m=60:115"], [], ["with h_S 115 m", "The sensor model was calibrated"]),
+        (["search.scan_altitude_agl_m=60:115"], [], ["altitude_agl_m 115", "The sensor model was"]),
     ],
 )
 def test_bad_ranges_are_one_clear_sentence(ranges, fixed, words):

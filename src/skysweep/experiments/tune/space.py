@@ -229,4 +229,4 @@ def _check_altitudes(
         for scan_m, check_m in ((scans[0], checks[0]), (scans[-1], checks[0]), (scans[0], checks[-1])):
             changed = change_scenario(scenario, {H_S: scan_m, H_C: check_m})
             if beyond := model_for(changed).beyond_calibration(changed):
-                raise UserError(f"--range: with h_S {scan_m:g} m and h_C {check_m:g} m: {beyond.rstrip('.')}")
+                raise UserError(f"{H_S} {scan_m:g} with {H_C} {check_m:g}: {beyond.rstrip('.')}")
