@@ -165,7 +165,7 @@ def test_plans_scenarios_and_models_are_told_as_numbers(tmp_path):
 
 
 def test_a_comparison_is_told_with_open_bounds_as_null(tmp_path):
-    fewer_looks = ("--set", "camera.rate_hz=2")
+    fewer_looks = ("--set", "camera.rate_hz=1")
     where = ("--out", tmp_path / "paper")
     compared = told("compare", "paper", "--seeds", "1", *FAST, *fewer_looks, *where, "--json")
     assert len(compared["rows"]) == 8

@@ -28,6 +28,8 @@ COMMAND = [
     "statistical",
     "--seeds",
     "1",
+    "--set",
+    "camera.rate_hz=1",
 ]
 
 

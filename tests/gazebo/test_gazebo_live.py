@@ -56,9 +56,9 @@ def test_the_newest_picture_of_a_topic(server: GazeboServer, monkeypatch: pytest
         assert frame.image.std() > 5  # sky above, grass below
         time.sleep(3.0)  # thirty pictures that nobody wants
         begun_s = time.monotonic()
-        for _ in range(6):
+        for _ in range(20):
             camera.capture(_state())
-        assert time.monotonic() - begun_s > 0.3  # none of them waited in line: ten come a second
+        assert time.monotonic() - begun_s > 0.7  # none waited in line: ten come a second, some late and at once
     monkeypatch.setattr("skysweep.gazebo.live.OPEN_S", 2.0)
     with pytest.raises(UserError, match=f"no such image topic; there are: {rig.IMAGE_TOPIC}"):
         LiveCamera("gazebo:/gazebo/default/eye", LENS)

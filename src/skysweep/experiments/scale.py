@@ -34,18 +34,20 @@ PARTS = ("plan", "statistical", "rendered")
 _POST_M, _HILLS_M, _WAVELENGTHS_M = 10.0, 60.0, (700.0, 310.0)
 _MARGIN_M = 200.0  # of elevations around the area
 _UTM = "EPSG:32634"  # the zone of the default home
-_LOOKS = 10  # with pictures, that are timed
 _WARM_UP_LOOKS = 3
+_WARM_UP_HECTARES = 0.2
 
 
 def scale(
-    hectares: tuple[int, ...] = HECTARES, report: Callable[[str], None] = lambda doing: None
+    hectares: tuple[float, ...] = HECTARES,
+    report: Callable[[str], None] = lambda doing: None,
+    looks: int = 10,
 ) -> dict[str, Any]:
     """Measure each part at each size, in seconds and megabytes.
 
     ``rows`` has one mapping for each size: ``planned_km`` and ``plan_s``; ``flown_km`` and ``statistical_s``
     of a whole mission; ``rendered_look_s``, the mean of a look with a picture and all around it, in
-    ``_LOOKS`` of the scan; ``..._mb``, the peak memory of each. ``slopes`` are those of the logarithm of the
+    ``looks`` of the scan; ``..._mb``, the peak memory of each. ``slopes`` are those of the logarithm of the
     time over that of the path; with pictures the time is that of a look times the planned path. Raises
     MissingExtraError without the extra ``geo``.
     """
@@ -55,7 +57,7 @@ def scale(
         for part in PARTS:
             report(f"{part}, {size} ha")
             with multiprocessing.get_context("spawn").Pool(1) as own:
-                row |= own.apply(_measure, (part, size))
+                row |= own.apply(_measure, (part, size, looks))
         rows.append(row)
     planned_km = [row["planned_km"] for row in rows]
     slopes = {
@@ -120,28 +122,28 @@ def _write_elevations(scenario: Scenario, path: Path) -> Path:
     return path
 
 
-def _measure(part: str, hectares: int) -> dict[str, float]:
+def _measure(part: str, hectares: float, looks: int) -> dict[str, float]:
     with TemporaryDirectory(prefix="skysweep-") as name:
         if part != "rendered":  # its looks warm up themselves
-            _of_part(part, place(min(HECTARES), Path(name)))  # loads and compiles
+            _of_part(part, place(_WARM_UP_HECTARES, Path(name)), looks)  # loads and compiles
         scenario = place(hectares, Path(name))
         started = time.perf_counter()
-        found = _of_part(part, scenario)
+        found = _of_part(part, scenario, looks)
         found.setdefault(f"{part}_s", time.perf_counter() - started)
     status = Path("/proc/self/status").read_text("utf-8")
     found[f"{part}_mb"] = int(status.split("VmHWM:")[1].split()[0]) / 1024.0
     return {key: float(f"{value:.4g}") for key, value in found.items()}
 
 
-def _of_part(part: str, scenario: Scenario) -> dict[str, float]:
+def _of_part(part: str, scenario: Scenario, looks: int) -> dict[str, float]:
     if part == "plan":
         return {"planned_km": plan_scenario(scenario)[0].length_m / 1000.0}
     if part == "statistical":
         return {"flown_km": fly_in_memory(scenario, 0)["path_length_m"] / 1000.0}
-    return {"rendered_look_s": _look_s(scenario)}
+    return {"rendered_look_s": _look_s(scenario, looks)}
 
 
-def _look_s(scenario: Scenario) -> float:
+def _look_s(scenario: Scenario, count: int) -> float:
     """Wall seconds of a look in the scan: picture, detector, and all that the mission does until the next."""
     mission = build_mission(scenario, 0, Rig("imaging", threads=2))
     with closing(mission.sensor), Flight(mission, MemoryJournal()) as flight:
@@ -149,9 +151,9 @@ def _look_s(scenario: Scenario) -> float:
         for _ in islice(looks, _WARM_UP_LOOKS):
             pass
         started = time.perf_counter()
-        for _ in islice(looks, _LOOKS):
+        for _ in islice(looks, count):
             pass
-        return (time.perf_counter() - started) / _LOOKS
+        return (time.perf_counter() - started) / count
 
 
 def _slope(path_km: list[float], seconds: list[float]) -> float:
