@@ -58,7 +58,7 @@ def test_the_newest_picture_of_a_topic(server: GazeboServer, monkeypatch: pytest
         begun_s = time.monotonic()
         for _ in range(20):
             camera.capture(_state())
-        assert time.monotonic() - begun_s > 0.7  # none waited in line: ten come a second, some late and at once
+        assert time.monotonic() - begun_s > 0.7  # ten come a second: none waited
     monkeypatch.setattr("skysweep.gazebo.live.OPEN_S", 2.0)
     with pytest.raises(UserError, match=f"no such image topic; there are: {rig.IMAGE_TOPIC}"):
         LiveCamera("gazebo:/gazebo/default/eye", LENS)
