@@ -659,6 +659,8 @@ def import_all() -> None:
     import skysweep.experiments.paper.run
     import skysweep.experiments.sweep.report
     import skysweep.experiments.sweep.run
+    import skysweep.experiments.tune.report
+    import skysweep.experiments.tune.run
     import skysweep.flights.resume
     import skysweep.planning.picture
     import skysweep.results.writing  # noqa: F401

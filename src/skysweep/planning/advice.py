@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import get_args
 
 import numpy as np
@@ -251,13 +252,19 @@ def _about_obstacles(scenario: Scenario) -> Iterator[str]:
 
 def _share_near(area: shapely.Polygon, outlines: NDArray[np.object_], distance_m: float) -> float:
     """How much of an area lies within a distance of outlines, by a raster: to unite 50,000 takes long."""
+    places = _raster(area)
+    near, _ = shapely.STRtree(outlines).query(places, predicate="dwithin", distance=distance_m)
+    return len(np.unique(near)) / max(len(places), 1)
+
+
+@lru_cache(maxsize=1)  # tuning asks about one area at many altitudes
+def _raster(area: shapely.Polygon) -> NDArray[np.object_]:
     west, south, east, north = area.bounds
     middles = (np.arange(_RASTER) + 0.5) / _RASTER
     x, y = np.meshgrid(west + middles * (east - west), south + middles * (north - south))
     inside = shapely.contains_xy(area, x, y)
-    places = shapely.points(x[inside], y[inside])
-    near, _ = shapely.STRtree(outlines).query(places, predicate="dwithin", distance=distance_m)
-    return len(np.unique(near)) / max(len(places), 1)
+    places: NDArray[np.object_] = shapely.points(x[inside], y[inside])
+    return places
 
 
 def _about_speeds(scenario: Scenario) -> Iterator[str]:
