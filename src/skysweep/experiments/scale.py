@@ -35,7 +35,6 @@ _POST_M, _HILLS_M, _WAVELENGTHS_M = 10.0, 60.0, (700.0, 310.0)
 _MARGIN_M = 200.0  # of elevations around the area
 _UTM = "EPSG:32634"  # the zone of the default home
 _WARM_UP_LOOKS = 3
-_WARM_UP_HECTARES = 0.2
 
 
 def scale(
@@ -125,7 +124,7 @@ def _write_elevations(scenario: Scenario, path: Path) -> Path:
 def _measure(part: str, hectares: float, looks: int) -> dict[str, float]:
     with TemporaryDirectory(prefix="skysweep-") as name:
         if part != "rendered":  # its looks warm up themselves
-            _of_part(part, place(_WARM_UP_HECTARES, Path(name)), looks)  # loads and compiles
+            _of_part(part, place(min(HECTARES), Path(name)), looks)  # loads and compiles
         scenario = place(hectares, Path(name))
         started = time.perf_counter()
         found = _of_part(part, scenario, looks)
