@@ -119,7 +119,7 @@ def panels(runs: Sequence[Run], path: str | Path) -> list[Path]:
                     axis.axis("off")
                     continue
                 _top_view(axis, run, norm, _extent(runs), detail=False)
-                axis.set_title(f"{scenario}, {way}: {_mission_time(run)}", loc="left", fontsize=7)
+                axis.set_title(f"{scenario}\n{way}: {_mission_time(run)}", loc="left", fontsize=7)
                 axis.label_outer(remove_inner_ticks=False)
         scale = ScalarMappable(norm, ALTITUDE_COLOURS)
         figure.colorbar(scale, ax=axes, label="Altitude above ground (m)", aspect=70, pad=0.015)
