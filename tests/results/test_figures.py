@@ -58,3 +58,14 @@ def test_pos_curves(tmp_path, missions):
     steps = np.array([[0, 0.0], [10, 0.5], [20, 1.0]])
     path = pos_curves({"one": [steps + np.array([k, 0]) for k in range(missions)]}, tmp_path / "pos.svg")
     assert path.read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_a_strategy_looks_alike_in_figures_with_and_without_another(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(figures, "save_figure", lambda figure, path: drawn.append(figure) or path)
+    steps = [np.array([[0.0, 0.0], [10.0, 1.0]])]
+    for missions in (steps, []):
+        pos_curves({"1": steps, "5": missions, "belief": steps}, tmp_path / "pos.svg")
+    looks = [{line.get_label(): line.get_color() for line in figure.axes[0].lines} for figure in drawn]
+    assert looks[0].keys() == {"1", "5", "belief"} and looks[1].keys() == {"1", "belief"}
+    assert looks[1].items() <= looks[0].items()

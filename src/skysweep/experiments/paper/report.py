@@ -122,15 +122,14 @@ def _pos_pictures(folder: Path, rows: Sequence[CompareRow], summaries: Sequence[
     shown = []
     for scenario in dict.fromkeys(row.scenario for row in rows):
         curves = {
-            str(row.n_c) if row.n_c in OTHERS else n_c_label(float(row.n_c)): [
+            str(n_c) if n_c in OTHERS else n_c_label(float(n_c)): [
                 np.array(s["pos_curve"])
                 for s in summaries
-                if (s["scenario"], choice_of(s)) == (scenario, row.n_c) and s.get("pos_curve")
+                if (s["scenario"], choice_of(s)) == (scenario, n_c) and s.get("pos_curve")
             ]
-            for row in rows
-            if row.scenario == scenario
+            for n_c in dict.fromkeys(row.n_c for row in rows)
         }
-        if all(curves.values()):
+        if any(curves.values()):
             path = pos_curves(curves, folder / f"pos-{scenario}.svg")
             caption = f"{scenario}: mean share of targets confirmed, with its 95 % interval"
             shown.append(picture(path, caption))

@@ -68,8 +68,13 @@ def figure_bytes(figure: Figure, form: str) -> bytes:
 
 
 def draw_pos_axis(axis: Axes, time_s: F64, bands: Iterable[tuple[str, F64, F64, F64]]) -> None:
-    """POS over times (M,): a line with its band for each label, mean, lower and upper bound."""
+    """POS over times (M,): a line with its band for each label, mean, lower and upper bound.
+
+    One without values is not drawn, and the others look as if it were.
+    """
     for k, (label, mean, low, high) in enumerate(bands):
+        if not len(mean):
+            continue
         colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
         dash = SERIES_DASHES[k % len(SERIES_DASHES)]
         axis.plot(time_s, mean, dash, color=colour, label=label, lw=1.4, clip_on=False)
