@@ -67,5 +67,6 @@ def test_a_strategy_looks_alike_in_figures_with_and_without_another(tmp_path, mo
     for missions in (steps, []):
         pos_curves({"1": steps, "5": missions, "belief": steps}, tmp_path / "pos.svg")
     looks = [{line.get_label(): line.get_color() for line in figure.axes[0].lines} for figure in drawn]
-    assert looks[0].keys() == {"1", "5", "belief"} and looks[1].keys() == {"1", "belief"}
+    assert looks[0].keys() == {"1", "5", "belief"}
+    assert looks[1].keys() == {"1", "belief"}
     assert looks[1].items() <= looks[0].items()

@@ -131,7 +131,8 @@ def pos_curves(curves: dict[str, list[F64]], path: str | Path) -> Path:
     """Probability of success over time: a line per label, the mean over its missions, with the 95 % band.
 
     ``curves`` has, for each label and mission, the steps (K, 2) of time in s and share of targets confirmed.
-    A label without missions is not drawn; it keeps its colour for figures beside this one. The suffix of ``path`` chooses PNG, SVG or PDF.
+    A label without missions is not drawn; it keeps its colour for figures beside this one. The suffix of
+    ``path`` chooses PNG, SVG or PDF.
     """
     end = max((steps[-1][0] for missions in curves.values() for steps in missions), default=1.0)
     time_s = np.linspace(0.0, end, 400)
