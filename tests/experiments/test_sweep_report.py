@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import fsspec
@@ -444,6 +445,19 @@ def test_verdict_recall_first():
         assert "n_c = 9 is faster but finds less: recall 0.800 (with every seed), false positives" in text
     assert "no configuration reaches a mean recall of 0.95" in verdict_of(quick)
     assert "highest recall is that of n_c = 9: recall 0.800 (with every seed)" in verdict_of(quick)
+
+
+def test_verdict_says_who_is_left_out_for_missions_without_an_end():
+    sure, quick = flown(900 + NOISE, recall=1.0, n_c=1), flown(300 + NOISE, recall=0.96, n_c=9)
+    worse = flown(800 + NOISE, recall=0.97, n_c=2)
+    assert "left out" not in verdict_of(sure, quick)
+    battery = replace(sure, n_unfinished=14)
+    text = verdict_of(battery, quick)
+    assert "n_c = 9 is the best" in text
+    assert "no other configuration that finishes its missions has recall and false positives that" in text
+    assert "n_c = 1 is left out, as 14 of its 30 missions failed or were not finished: recall 1.000" in text
+    assert "So is" not in text
+    assert verdict_of(battery, quick, replace(worse, n_failed=9)).endswith("30 seeds. So is 1 other.")
 
 
 COUNTS = (np.arange(30) % 3).astype(float)  # 0, 1, 2, on average 1

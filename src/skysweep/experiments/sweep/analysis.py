@@ -291,8 +291,10 @@ def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
         )
     if len(analysis.members) == 1:
         return f"{name} one configuration was flown ({best.label}): {_figures(best)}."
+    left_out = _left_out(analysis)
     if len(analysis.tiers[0]) == 1:
-        runner_up = "no other configuration has recall and false positives that are as good"
+        which = "configuration that finishes its missions" if left_out else "configuration"
+        runner_up = f"no other {which} has recall and false positives that are as good"
     else:
         runner_up = _against_runner_up(analysis)
     sentences = [f"{name} {best.label} is the best: {_figures(best)}; {runner_up}."]
@@ -302,7 +304,22 @@ def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
         for rival in [analysis.members[k] for k in tier[:1]]
         if rival.mean(MISSION_TIME) < best.mean(MISSION_TIME)
     ]
-    return " ".join([*sentences, *_not_weighed(analysis)])
+    return " ".join([*sentences, *left_out, *_not_weighed(analysis)])
+
+
+def _left_out(analysis: Analysis) -> list[str]:
+    """Who cannot be called the best because too few of its missions were finished."""
+    members = [m for m in analysis.members if m.flown.n and _lost_share(m.flown) > MOST_LOST]
+    if not members:
+        return []
+    member = max(members, key=lambda m: m.mean(RECALL))
+    flown = member.flown
+    others = f" So {'is 1 other' if len(members) == 2 else f'are {len(members) - 1} others'}."
+    return [
+        f"{member.label} is left out, as {flown.n_failed + flown.n_unfinished} of its "
+        f"{flown.n_failed + flown.n} missions failed or were not finished: {_figures(member)}."
+        f"{others if len(members) > 1 else ''}"
+    ]
 
 
 def _figures(member: Member) -> str:

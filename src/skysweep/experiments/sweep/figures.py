@@ -131,7 +131,7 @@ def draw_pos(analysis: Analysis, stem: Path) -> Path | None:
         figure = Figure(figsize=(PAGE_IN, 2.8), layout="constrained")
         axis = figure.subplots()
         draw_pos_axis(axis, time_s, bands[: len(drawn)])
-        axis.legend(frameon=False, loc="upper left" if len(drawn) <= 3 else "best")
+        axis.legend(frameon=False, loc="lower right" if len(drawn) <= 3 else "best")
         _, path = save_figures(figure, stem, ".pdf", ".svg")
     _write_frame(pl.concat(frames), stem.with_suffix(".csv"))
     return path
