@@ -36,6 +36,8 @@ def run(tmp_path):
         believed(16, "check_started", 2, 0.2, "a verdict now costs 80 s on average"),
         believed(17, "confirmed", 1, 0.9993, "found from 2 m and higher", alternatives=COSTS),
         believed(18, "rejected", 2, 0.002, "a mistake costs 4 s on average", alternatives=COSTS),
+        *(sighting(20, k, [k, 8, 0], 0.3, new=True) for k in (3, 4, 5)),
+        *(believed(60, "rejected", k, 0.01, "a mistake costs 9 s on average") for k in (3, 4, 5)),
         event(60, "finished"),
         {"t": 80, "kind": "end", "reason": "completed"},
     ]
@@ -43,7 +45,7 @@ def run(tmp_path):
 
 
 def test_every_candidate_has_a_chart_with_its_story(run):
-    one, other = beliefs(run)
+    one, other, *_ = beliefs(run)
     assert one.caption == "Confirmed stop sign 1: probability over 0.99, seen from 2 m and higher, checked."
     assert other.caption.startswith("Rejected stop sign (candidate 2): probability under 0.01")
     costs = "(look from 4 m: 19\u00a0s, confirm: 107\u00a0s, reject: 1467\u00a0s)"
@@ -66,12 +68,14 @@ def test_the_page_tells_each_check_and_each_probability(run, tmp_path):
         "A closer look at stop sign 1: a verdict now costs 40 s on average. Not decided there.",
         "A closer look at candidate 2: a verdict now costs 80 s on average. Rejected 1 candidate.",
         "<span>Confirmed stop sign 1.</span>",
+        "<span>Rejected 3 candidates.</span>",
         "all candidates decided",
         "How sure it was of each candidate, and why",
         "<td>over 0.99</td><td>0.80</td><td>2</td>",
     ):
         assert told in text
     assert "Down to" not in text
+    assert text.index("Rejected 3 candidates.") < text.index("all candidates decided")
 
 
 def test_a_strategy_without_probabilities_has_confidences_alone(tiny_run, tmp_path):

@@ -154,6 +154,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         height_m = run.altitudes_agl_m[scanning]
         steps.append((run.states.time_s[scanning], f"The search begins at {height_m:.0f} m above ground."))
     check: list[Any] | None = None  # the check's start and its verdicts
+    decided: dict[float, list[Any]] = {}  # not during a check of theirs
     left: dict[float, list[Any]] = {}
     outside: list[Any] = []
     for record in run.records:
@@ -176,7 +177,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             left.setdefault(time_s, []).append(record)
         elif kind in SETTLING:
             if check is None or _aim(check[0]) not in (None, record["candidate"]):
-                steps.append((time_s, _verdicts([record], names)))
+                decided.setdefault(time_s, []).append(record)
             else:
                 check.append(record)
         elif kind in (EventKind.SCAN_RESUMED, EventKind.FINISHED, "end") and check is not None:
@@ -197,6 +198,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
         steps.append(_check_step(run, check, names))
     if outside:
         left.setdefault(run.since_start(outside[0]), []).extend(outside)
+    steps[:0] = [(time_s, _verdicts(records, names)) for time_s, records in decided.items()]
     steps += [(time_s, _left_words(run, records, names)) for time_s, records in left.items()]
     if not run.ended:
         steps.append((run.last_s, "The journal ends here: the mission was broken off, or still flies."))

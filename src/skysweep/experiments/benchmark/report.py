@@ -156,12 +156,12 @@ def difference_grid(members: Sequence[Standing], reference: str) -> Grid:
 
 
 def _cell(e: Estimate | None, decimals: int, with_interval: bool = True, signed: bool = False) -> str:
-    """A mean with its interval, such as ``142.1 (141.9 to 142.4)``."""
+    """A mean with its interval below it."""
     if e is None or math.isnan(e.mean):
         return NONE
     sign = "+" if signed else ""
     mean, low, high = (f"{x + 0.0:{sign}.{decimals}f}" for x in (e.mean, e.low, e.high))
-    return f"{mean} ({low} to {high})" if with_interval and not math.isnan(e.low) else mean
+    return f"{mean}\n({low} to {high})" if with_interval and not math.isnan(e.low) else mean
 
 
 def _words(members: Sequence[Standing]) -> Grid:
