@@ -146,7 +146,8 @@ def draw(found: BreakEvens, stem: Path) -> Path:
         )
         for k, cell in enumerate(found.cells):
             column, row = divmod(k, shape[1])
-            axis.text(column + 0.5, row + 0.82, _saved(cell), ha="center", va="center")
+            number = axis.text(column + 0.5, row + 0.82, _saved(cell), ha="center", va="center", zorder=3)
+            number.set_bbox({"color": "white", "alpha": 0.6, "lw": 0, "pad": 0.8})  # over a line, too
         places = np.arange(shape[1]) + 0.5
         for name, estimates in found.from_s.items():
             prices_s = np.array([e.mean for e in estimates])
