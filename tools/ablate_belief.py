@@ -19,6 +19,7 @@ import numpy as np
 
 from skysweep.experiments.sweep.spec import load_spec, scenarios_of
 from skysweep.flights.fly import fly_in_memory
+from skysweep.planning.routing import tour_from
 from skysweep.strategies.belief import checks
 from skysweep.strategies.belief.candidates import Suspects
 from skysweep.strategies.belief.checks import Checks
@@ -38,7 +39,8 @@ def independent(self: Hypotheses, *arguments: Any) -> None:
 
 
 def visit_all(_: Checks, here: Any, places: Any, losses_s: Any) -> list[int]:
-    return checks._ordered(here, places, [k for k, loss_s in enumerate(losses_s) if loss_s > 0.0])
+    chosen = np.nonzero(np.array(losses_s) > 0.0)[0]
+    return [int(k) for k in chosen[tour_from(here, places[chosen])]]
 
 
 def all_reported(_: Hypotheses, context: Any, weights: Any) -> Any:
@@ -52,7 +54,7 @@ def keep_the_shares(self: Suspects) -> None:
         self._weigh(suspect)
 
 
-def only_above(self: Checks, place_enu_m: Any, height_m: float) -> list[tuple[float, float]]:
+def only_above(_: Checks, place_enu_m: Any) -> list[tuple[float, float]]:
     return [(0.0, 0.0)]
 
 

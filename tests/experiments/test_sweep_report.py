@@ -458,6 +458,29 @@ def test_verdict_says_who_is_left_out_for_missions_without_an_end():
     assert "n_c = 1 is left out, as 14 of its 30 missions failed or were not finished: recall 1.000" in text
     assert "So is" not in text
     assert verdict_of(battery, quick, replace(worse, n_failed=9)).endswith("30 seeds. So is 1 other.")
+    failed = Flown(
+        sure.configuration, sure.label, sure.seeds[:0], {k: v[:0] for k, v in sure.values.items()}, (), 30, 0
+    )
+    text = verdict_of(failed, quick)
+    assert text.endswith("n_c = 1 is left out, as 30 of its 30 missions failed or were not finished.")
+
+
+def test_who_finishes_too_few_missions_is_not_on_the_front():
+    whole = flown(300 + NOISE, n_c=1)
+    cut = replace(flown(150 + NOISE, n_c=5), n_unfinished=30)
+    (analysis,) = analyse({"here": (whole, cut)}, 0.95)
+    assert [m.on_front for m in analysis.members] == [True, False]
+    assert analysis.members[0].front_share == 1.0
+
+
+def test_verdict_never_says_that_who_found_more_finds_less():
+    """Recall is told from the highest mean, which may be another's than that of the best."""
+    highest = flown(400 + NOISE, recall=1.0 - 0.02 * (NOISE > 1), n_c=1)
+    noisy = flown(300 + NOISE, recall=np.where(np.arange(30) % 10 == 0, 0.5, 1.0), n_c=5)
+    steady = flown(200 + NOISE, recall=0.98, n_c=8)
+    text = verdict_of(highest, noisy, steady)
+    assert "here: n_c = 5 is the best: recall 0.950" in text
+    assert "finds less" not in text
 
 
 COUNTS = (np.arange(30) % 3).astype(float)  # 0, 1, 2, on average 1

@@ -380,6 +380,22 @@ def test_a_clear_interval_is_never_called_as_good_as_the_fastest():
     assert all(c.as_good for c in equal)
 
 
+def test_who_gives_up_is_not_the_fastest():
+    scenario = tiny(**{"search.n_c": 5.0})
+    cells = [c for c in matters_candidates(scenario) if c.changes[D_C] == math.inf]
+    found = [flown(100.0 + 8.0 * k + 0.1 * np.arange(20)) for k in range(len(cells))]
+    found[2] = flown(20.0 + 0.1 * np.arange(20), completed=False)
+    table = matters_table(cells, found, scenario)
+    assert [c.is_whole for c in table] == [k != 2 for k in range(len(cells))]
+    assert all(e.best is not table[2] for e in effects(table) if len(e.others) > 1)
+    grid = matters_grid("tiny", table)
+    assert grid.rows[2][-1].startswith("-80 ")
+    assert grid.rows[2][-1].endswith(" *")
+    assert grid.caption.endswith(
+        "; * not every search was finished, or recall is lower than that of the best"
+    )
+
+
 def test_the_command_end_to_end(tmp_path, scenario_file):
     out = tmp_path / "out"
     arguments = [scenario_file, *FEW, "--trials", 6, "--seeds", 4, "--validation-seeds", 3, "--out", out]

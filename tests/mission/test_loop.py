@@ -13,6 +13,7 @@ from skysweep.flights.build import build_mission
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import MemoryJournal
 from skysweep.mission.loop import fly
+from skysweep.mission.notes import UNDECIDED
 from skysweep.scenarios.model import Scenario
 
 SMALL = {
@@ -87,6 +88,19 @@ def test_baselines_fly_at_one_altitude(strategy):
     assert of_kind(lines, "check_started") == []
     if strategy == "low-only":
         assert len(of_kind(lines, "confirmed")) >= 2
+
+
+def test_what_a_strategy_does_not_decide_on_is_left_to_people(mission):
+    reason, lines = flown(search={"strategy": "scan-only", "c_t": 0.95})
+    assert reason == "completed"
+    scanned = {line["candidate"] for line in of_kind(lines, "scanned")}
+    decided = {line["candidate"] for line in of_kind(lines, "confirmed")}
+    left = of_kind(lines, "unchecked")
+    assert {line["candidate"] for line in left} == scanned - decided
+    assert {line["reason"] for line in left} == {UNDECIDED}
+    assert lines.index(of_kind(lines, "finished")[0]) < lines.index(left[0])
+    _, lines = mission
+    assert of_kind(lines, "unchecked") == []
 
 
 def test_hills_are_followed():

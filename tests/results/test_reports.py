@@ -10,8 +10,11 @@ from PIL import Image
 from results_data import event, sighting, tiny_records, write_run
 
 from skysweep.experiments.paper.report import write_compare_report
+from skysweep.mission.notes import UNDECIDED
+from skysweep.results import figures
 from skysweep.results.metrics import compute_summary
 from skysweep.results.picture_files import picture_name
+from skysweep.results.reporting.wording import share
 from skysweep.results.run_folder import load_run
 from skysweep.results.writing import write_results
 
@@ -77,7 +80,7 @@ def test_run_folder_gets_everything(tiny_folder):
     page = read_page(tiny_folder / "report.html")
     assert len(page.sources) == 2 + 1, "map, probability of detection, pictures"
     for told in (
-        "The search of 800 m² ended 1 min 0 s after take-off: 2 of 3 targets confirmed, 3 of 5 checks found "
+        "The search of 800 m² ended 1 min 0 s after take-off: 2 of 3 targets confirmed, 3 of 5 verdicts on "
         "no target.",
         "Strategy scan-check: candidates are checked after 1 of them (n_c) or at the end of the scan.",
         "0:11 Down to 2 m to check. Confirmed stop sign 1. ",
@@ -106,6 +109,62 @@ def test_report_of_a_mission_broken_off_says_so(tmp_path):
     assert (summary["ended"], summary["completed"], summary["n_unchecked"]) == (False, False, 1)
 
 
+def report_of(folder, records):
+    write_results(load_run(write_run(folder, sorted(records, key=lambda r: r["t"]))), folder)
+    return read_page(folder / "report.html").text
+
+
+def test_a_target_that_was_rejected_is_told_in_the_lead_and_on_a_tile(tmp_path):
+    rejected = [event(54, "scanned", 7, [35, 11, 0]), event(56, "rejected", 7, [35, 11, 0])]
+    text = report_of(tmp_path / "run", [*tiny_records(), *rejected])
+    assert "2 of 3 targets confirmed, 3 of 6 verdicts on no target, 1 target seen and rejected." in text
+    assert "1 seen and rejected" in text
+    run = load_run(tmp_path / "run")
+    assert figures._marks_of_candidates(run)[7] == "wrong rejection"
+
+
+def test_why_a_target_was_missed(tmp_path):
+    """Another class does not count, and a confirmed neighbour is no rejection."""
+    close = [{"class": "stop sign", "position_enu_m": [x, 10]} for x in (5, 20, 21.5)]
+    folder = write_run(tmp_path / "close", tiny_records(), targets=close)
+    write_results(load_run(folder), folder)
+    assert "not told apart from a confirmed one" not in read_page(folder / "report.html").text
+    records = [r for r in tiny_records() if r.get("candidate") != 4]
+    folder = write_run(tmp_path / "one", records, targets=close)
+    write_results(load_run(folder), folder)
+    assert "not told apart from a confirmed one" in read_page(folder / "report.html").text
+    seen = [*tiny_records(), sighting(57, 8, [35, 11, 0], 0.3, new=True)]
+    assert "seen, not decided on" in report_of(tmp_path / "seen", seen)
+
+
+def test_a_search_that_the_strategy_ended_early_is_not_told_as_whole(tmp_path):
+    records = [r for r in tiny_records() if r["kind"] != "finished"]
+    early = event(60, "finished") | {"reason": "it has lasted 60 s"}
+    text = report_of(tmp_path / "run", [*records, early])
+    assert "The strategy ended the search early: it has lasted 60 s." in text
+    assert "1:00 The way home begins." in text
+    assert "All transects flown" not in text
+
+
+def test_what_the_strategy_did_not_decide_on_is_left_to_people(tmp_path):
+    left = event(60, "unchecked", 6, [38, 18, 0]) | {"reason": UNDECIDED}
+    text = report_of(tmp_path / "run", [*tiny_records(), left])
+    assert "1:00 All transects flown: the way home begins." in text
+    assert (
+        "1:00 1 candidate left unchecked (unchecked stop sign 1): The strategy did not decide on it." in text
+    )
+    found = json.loads((tmp_path / "run/targets.geojson").read_text())["features"]
+    assert len(found) == 4 + 1
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.0, "0%"), (0.003, "under 1%"), (0.01, "1%"), (0.994, "99%"), (0.9969, "over 99%"), (1.0, "100%")],
+)
+def test_a_share_is_nothing_or_all_only_where_it_is(value, words):
+    assert share(value) == words
+
+
 def test_candidates_left_unchecked_are_one_step_with_their_names_and_the_reason(tmp_path):
     safety = {"t": 57, "kind": "safety", "cause": "battery", "action": "RETURN", "sentence": "20 % are left."}
     records = [r for r in tiny_records() if r["kind"] not in ("finished", "end")]
@@ -128,7 +187,9 @@ def test_a_report_without_truth_judges_nothing(tmp_path):
     folder = write_run(tmp_path / "run", tiny_records(), targets=[])
     write_results(load_run(folder), folder)
     page = read_page(folder / "report.html")
-    assert "ended 1 min 0 s after take-off: 4 targets confirmed, 1 of 5 checks found no target." in page.text
+    assert (
+        "ended 1 min 0 s after take-off: 4 targets confirmed, 1 of 5 verdicts against a target." in page.text
+    )
     report, _, _ = page.text.partition("What the words mean")
     for word in ("True target?", "Error (m)", "false positives", "0 of 0", "median position error"):
         assert word not in report

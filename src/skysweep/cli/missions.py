@@ -306,6 +306,8 @@ def _record(folder: Path, summary: Mapping[str, Any] | RunSummary) -> dict[str, 
 
 def _summary_table(summary: RunSummary) -> Table:
     """The figures of a mission, without unknown ones."""
+    from skysweep.results.reporting.wording import share
+
     judged = summary["n_targets"] is not None
     confirmed = f"{summary['n_confirmed']} of {summary['n_targets']} targets"
     search = "completed" if summary["completed"] else f"not completed ({summary['end_reason']})"
@@ -319,7 +321,7 @@ def _summary_table(summary: RunSummary) -> Table:
         ("False scans", _figure(summary["false_scans"], "")),
         ("Left unchecked", str(summary["n_unchecked"] or "")),
         ("Decided by the operator", str(summary["n_by_operator"] or "")),
-        ("Area seen", _figure(100 * summary["area_covered"], "%")),
+        ("Area seen", share(summary["area_covered"])),
         ("Sorties", str(summary["sorties"]) if summary["sorties"] > 1 else ""),
         ("Path length", _figure(summary["path_length_m"], "m")),
         ("Energy", _figure(summary["energy_wh"], "Wh", 1)),

@@ -220,6 +220,8 @@ class Flight:
             self._notes.left_behind(state.time_s, end.cause, candidates, self._looks.blind_legs())
             self._desk.give_up(state.time_s)
         self._notes.left_outside(state.time_s, [c for c in candidates.values() if not self._is_searched(c)])
+        if end is _ALL_WELL:
+            self._notes.left_undecided(state.time_s, candidates)
 
     # ---- the phases of a sortie; each returns what ended it early ----------------------------------------
 

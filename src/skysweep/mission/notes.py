@@ -30,6 +30,7 @@ from skysweep.types import (
 LOOKED = "looked"  # kind of the line that ends a look for the operator
 SORTIE, NEXT_SORTIE = "sortie", "next_sortie"  # kinds of the lines that end a sortie, and begin another
 OPERATOR = "operator"  # who decided, in the field ``by`` of a verdict; without it the strategy did
+UNDECIDED = "the strategy did not decide on it"  # why a candidate is unchecked after a whole search
 STATE_PERIOD_S = 0.5  # between lines of the state
 _PASSING = (Action.CONTINUE, Action.REFUSE_CHECK, Action.HOLD, Action.KEEP_OUT)  # do not end the mission
 OF_A_CANDIDATE = (
@@ -190,6 +191,11 @@ class Notes:
         for k, candidate in candidates.items():
             if k in self._listed or len(candidate.confidences) > 1:
                 self._unchecked(time_s, candidate, f"the search ended early ({why})")
+
+    def left_undecided(self, time_s: float, candidates: Mapping[int, Candidate]) -> None:
+        """Candidates that the strategy listed and did not decide on before it finished."""
+        for k in sorted(self._listed & candidates.keys()):
+            self._unchecked(time_s, candidates[k], UNDECIDED)
 
     def left_outside(self, time_s: float, candidates: Sequence[Candidate]) -> None:
         """Candidates outside the area, which are not checked."""

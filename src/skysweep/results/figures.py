@@ -71,6 +71,7 @@ _MARKS: dict[str, tuple[str, float, str, str, float, str]] = {
     "confirmed": ("o", 5.0, GREEN, "white", 0.6, "confirmed, right"),
     "false scan": ("x", 6.5, VERMILLION, VERMILLION, 1.6, "false scan (nothing new there)"),
     "false positive": ("D", 5.5, PURPLE, "black", 0.8, "false positive (confirmed wrongly)"),
+    "wrong rejection": ("X", 7.0, VERMILLION, "black", 0.8, "target rejected"),
     "found": ("o", 5.0, GREEN, "white", 0.6, "confirmed"),
     "rejected": ("x", 6.5, GREY, GREY, 1.6, "rejected"),
     "unchecked": ("s", 6.5, "none", VERMILLION, 1.4, "not checked"),
@@ -279,7 +280,7 @@ def _marks_of_candidates(run: Run) -> dict[int, str]:
         | dict.fromkeys(matches.confirmed, "confirmed")
         | dict.fromkeys(matches.false_positives, "false positive")
         | dict.fromkeys(matches.rejected, "false scan")
-        | dict.fromkeys(matches.wrong_rejections, "scanned")
+        | dict.fromkeys(matches.wrong_rejections, "wrong rejection")
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from skysweep.errors import UserError
-from skysweep.mission.notes import LOOKED, NEXT_SORTIE, OPERATOR, SORTIE
+from skysweep.mission.notes import LOOKED, NEXT_SORTIE, OPERATOR, SORTIE, UNDECIDED
 from skysweep.mission.orders import LOOK, ORDER
 from skysweep.mission.safety import OUTSIDE
 from skysweep.results.beliefs import KEY, beliefs
@@ -28,6 +28,7 @@ from skysweep.results.reporting.wording import (
     parameters,
     probability_of,
     safety_words,
+    share,
     sortie_words,
 )
 from skysweep.results.run_folder import Run
@@ -81,10 +82,11 @@ def _coverage(run: Run) -> list[Picture]:
     except UserError:
         return []
     pod = coverage.pod()[coverage.inside]
+    poor = share((pod < _POOR_POD).mean())
     caption = (
         "How probably a target would have been reported at least once at each place, by the sensor model. "
-        f"The mean over the area is {pod.mean():.0%}; {(pod < _POOR_POD).mean():.0%} of it is below "
-        f"{_POOR_POD:.0%}. The line is the path."
+        f"The mean over the area is {share(pod.mean())}; {poor} of it is below {_POOR_POD:.0%}. The line is "
+        "the path."
     )
     return [Picture(data_uri(coverage_map_png(run, coverage), "image/png"), caption)]
 
@@ -102,8 +104,13 @@ def _run_lead(run: Run, s: Summary) -> str:
         confirmed = f"{s['n_confirmed']} of {s['n_targets']} targets"
     text += f" {confirmed} confirmed"
     if s["n_checked"]:
-        without = s["false_scans"] if run.has_truth else s["n_checked"] - s["n_confirmed"]
-        text += f", {without} of {s['n_checked']} checks found no target"
+        decided = counted(s["n_checked"], "verdict")
+        if run.has_truth:
+            text += f", {s['false_scans']} of {decided} on no target"
+        else:
+            text += f", {s['n_checked'] - s['n_confirmed']} of {decided} against a target"
+    if s["wrong_rejections"]:
+        text += f", {counted(s['wrong_rejections'], 'target')} seen and rejected"
     n_by_operator = sum(c.by_operator for c in run.candidates)
     if n_by_operator:
         text += f", {counted(n_by_operator, 'verdict')} by the operator"
@@ -113,6 +120,9 @@ def _run_lead(run: Run, s: Summary) -> str:
         text += f". It was flown in {run.n_sorties} sorties"
     if s["collisions"]:
         text += f". The vehicle ran into {counted(s['collisions'], 'obstacle')}"
+    early = [r["reason"] for r in run.events(EventKind.FINISHED) if r.get("reason")]
+    if early:
+        text += f". The strategy ended the search early: {printable(early[-1])}"
     if run.ended and not s["completed"]:
         text += f". The search was not completed ({run.end_reason})"
     if run.left_out:
@@ -132,8 +142,10 @@ def _tiles(s: Summary) -> list[tuple[str, str]]:
             (str(s["false_scans"]), "false scans"),
             (str(s["false_positives"]), "false positives"),
         ]
+    if s["wrong_rejections"]:
+        tiles.append((str(s["wrong_rejections"]), "seen and rejected"))
     tiles += [
-        (f"{s['area_covered']:.0%}", "of the area seen"),
+        (share(s["area_covered"]), "of the area seen"),
         (f"{s['path_length_m']:.0f} m", "flown"),
         (f"{s['vertical_m']:.0f} m", "up and down"),
     ]
@@ -186,10 +198,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((started_s, f"{text}{back}"))
             check = None
         if kind == EventKind.FINISHED:
-            reachable = "reachable " if run.events(EventKind.UNCHECKED) else ""
-            done = "decided" if run.tells_probabilities else "checked"
-            text = f"All transects flown, all {reachable}candidates {done}: the way home begins."
-            steps.append((time_s, text))
+            steps.append((time_s, f"{_done(run, record)}he way home begins."))
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
@@ -203,6 +212,18 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
     if not run.ended:
         steps.append((run.last_s, "The journal ends here: the mission was broken off, or still flies."))
     return [(clock(time_s), text) for time_s, text in sorted(steps, key=lambda step: step[0])]
+
+
+def _done(run: Run, finished: Any) -> str:
+    """What a strategy has done when it finishes, up to the T of "The way home begins"."""
+    if finished.get("reason"):
+        return "T"  # it ended early, which is said
+    unchecked = run.events(EventKind.UNCHECKED)
+    if any(record.get("reason") == UNDECIDED for record in unchecked):
+        return "All transects flown: t"
+    reachable = "reachable " if unchecked else ""
+    done = "decided" if run.tells_probabilities else "checked"
+    return f"All transects flown, all {reachable}candidates {done}: t"
 
 
 def _aim(start: Any) -> int | None:
@@ -351,10 +372,17 @@ def _seen(run: Run, target: FoundTarget | None = None) -> list[str]:
 
 
 def _how_missed(run: Run, target: Any) -> str:
-    near = [c for c in run.candidates if horizontal_distance_m(run.world, c, target) <= MATCH_DISTANCE_M]
-    if not near:
-        return "never seen"
-    return "seen and rejected" if any(c.verdict for c in near) else "seen, never checked"
+    verdicts = {
+        c.verdict
+        for c in run.candidates
+        if c.class_name in (target.kind, None)
+        and horizontal_distance_m(run.world, c, target) <= MATCH_DISTANCE_M
+    }
+    if EventKind.REJECTED in verdicts:
+        return "seen and rejected"
+    if None in verdicts:
+        return "seen, not decided on"
+    return "not told apart from a confirmed one" if verdicts else "never seen"
 
 
 def _strategy(run: Run) -> str:

@@ -9,6 +9,7 @@ import pytest
 
 from skysweep.experiments.benchmark.break_even import price_from
 from skysweep.experiments.benchmark.measures import half_found_s, standings, values_of
+from skysweep.experiments.benchmark.report import CUT, OF_ORACLE, family_grid, overview
 from skysweep.experiments.benchmark.suite import OURS
 
 PRICES_S = (10.0, 30.0, 100.0, 300.0)
@@ -59,6 +60,21 @@ def test_the_oracle_has_times_only_and_is_what_others_are_divided_by():
     assert found["oracle"].of_oracle is None
     assert found["scan-only"].of_oracle is None
     assert found["low-only"].differences["mission_time_s"].mean == pytest.approx(650.0)
+
+
+def test_times_that_a_battery_cut_short_are_marked():
+    flown = {c.name: [mission(mission_time_s=200.0 + k) for k in (0, 3)] for c in OURS}
+    flown["low-only"][1] = mission(mission_time_s=120.0, completed=False)
+    found = {"family": standings(flown, OURS, "belief")}
+    grid = family_grid("family", found["family"])
+    cells = {row[0]: dict(zip(grid.header, row, strict=True)) for row in grid.rows}
+    cut = [title for title, cell in cells["low-only"].items() if CUT in cell]
+    assert cut == ["Mission time (s)", "Above scan-only (s)", "Half found (s)", OF_ORACLE][: len(cut)]
+    assert len(cut) >= 3
+    assert not any(CUT in cell for cell in cells["algorithm-1"].values())
+    times, *_ = overview(found, with_intervals=False)
+    assert [row[0] for row in times.rows] == ["family"]
+    assert [CUT in cell for cell in times.rows[0][1:]] == [c.name == "low-only" for c in OURS]
 
 
 def test_break_even_is_where_the_gain_turns_positive():

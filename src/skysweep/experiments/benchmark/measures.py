@@ -22,16 +22,17 @@ class Measure:
     title: str
     decimals: int
     of_bound: bool = False  # whether the oracle has it, which confirms nothing
+    is_time: bool = False  # too short where a mission ended before its search
 
 
 MEASURES = (
-    Measure("mission_time_s", "Mission time (s)", 0, of_bound=True),
-    Measure("above_scan_only_s", "Above scan-only (s)", 1, of_bound=True),
+    Measure("mission_time_s", "Mission time (s)", 0, of_bound=True, is_time=True),
+    Measure("above_scan_only_s", "Above scan-only (s)", 1, of_bound=True, is_time=True),
     Measure("recall", "Recall", 3),
     Measure("false_positives", "False positives", 2),
     Measure("false_positives_per_ha", "a hectare", 2),
     Measure("duplicates", "Duplicates among them", 2),
-    Measure("half_found_s", "Half found (s)", 0),
+    Measure("half_found_s", "Half found (s)", 0, is_time=True),
     Measure("checks", "Checks", 1, of_bound=True),
     Measure("completed", "Completed", 2, of_bound=True),
 )
@@ -47,6 +48,11 @@ class Standing:
     means: Mapping[str, Estimate]
     differences: Mapping[str, Estimate]
     of_oracle: Estimate | None  # its time above scan-only over the oracle's; None where neither has any
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether missions of it ended before their search, so that its times are too short."""
+        return self.means["completed"].mean < 1.0
 
     def mean(self, key: str) -> Estimate | None:
         """Of a measure; None where it means nothing for the oracle."""

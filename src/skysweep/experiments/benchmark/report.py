@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from operator import methodcaller
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from skysweep.experiments.benchmark import BENCHMARK_PAGE
 from skysweep.experiments.benchmark.measures import (
     MEASURES,
     OVERVIEW,
+    Measure,
     Standing,
     standings,
 )
@@ -29,6 +30,7 @@ from skysweep.results.summary import plain
 
 JSON_FILE, TABLES_FILE = "benchmark.json", "benchmark.md"
 NONE = "–"  # in a cell that has no value
+CUT = "†"  # at a time that is too short
 OF_ORACLE = "Of the oracle's time above scan-only"
 
 Standings = Mapping[str, Sequence[Standing]]  # by family
@@ -53,6 +55,8 @@ def write_benchmark(
         f"Suite {suite.version}, {counted(len(seeds), 'seed')} from {seeds.start} a family, "
         f"{suite.sensor} sensor. Means with their 95 % intervals over the seeds."
     )
+    if any(s.is_cut for members in found.values() for s in members):
+        lead += f" {CUT} Some of these missions ended before their search, so that the time is too short."
     with whole_files(folder) as unfinished:
         text = json.dumps(record, indent=1) + "\n"
         (unfinished / JSON_FILE).write_text(text, encoding="utf-8")
@@ -110,24 +114,15 @@ def _estimate_json(e: Estimate) -> dict[str, float]:
 def overview(found: Standings, with_intervals: bool) -> list[Grid]:
     """A table of families by contenders for each of the measures that tell most."""
     grids = [
-        _families_grid(found, m.title, methodcaller("mean", m.key), m.decimals, with_intervals)
+        _families_grid(found, m.title, partial(_mean, measure=m, with_interval=with_intervals))
         for m in OVERVIEW
     ]
-    return [*grids, _families_grid(found, OF_ORACLE, lambda s: s.of_oracle, 2, with_intervals)]
+    return [*grids, _families_grid(found, OF_ORACLE, partial(_of_oracle, with_interval=with_intervals))]
 
 
-def _families_grid(
-    found: Standings,
-    title: str,
-    value: Callable[[Standing], Estimate | None],
-    decimals: int,
-    with_intervals: bool,
-) -> Grid:
+def _families_grid(found: Standings, title: str, cell: Callable[[Standing], str]) -> Grid:
     columns = [
-        [
-            s.contender.name,
-            *(_cell(value(members[k]), decimals, with_intervals) for members in found.values()),
-        ]
+        [s.contender.name, *(cell(members[k]) for members in found.values())]
         for k, s in enumerate(next(iter(found.values())))
     ]
     known = [column for column in columns if set(column[1:]) != {NONE}]
@@ -137,17 +132,21 @@ def _families_grid(
 
 def family_grid(label: str, members: Sequence[Standing]) -> Grid:
     """Every measure of every contender in one family."""
-    rows = [
-        [s.contender.name] + [_cell(s.mean(m.key), m.decimals) for m in MEASURES] + [_cell(s.of_oracle, 2)]
-        for s in members
-    ]
+    rows = [[s.contender.name, *(_mean(s, m) for m in MEASURES), _of_oracle(s)] for s in members]
     return Grid(["Strategy", *(m.title for m in MEASURES), OF_ORACLE], rows, label)
 
 
 def difference_grid(members: Sequence[Standing], reference: str) -> Grid:
     """The differences from the reference, seed by seed."""
+    cut = any(s.is_cut for s in members if s.contender.name == reference)
     rows = [
-        [s.contender.name, *(_cell(s.differences.get(m.key), m.decimals, signed=True) for m in MEASURES)]
+        [
+            s.contender.name,
+            *(
+                _cell(s.differences.get(m.key), m.decimals, signed=True, cut=m.is_time and (cut or s.is_cut))
+                for m in MEASURES
+            ),
+        ]
         for s in members
         if s.contender.name != reference
     ]
@@ -155,12 +154,24 @@ def difference_grid(members: Sequence[Standing], reference: str) -> Grid:
     return Grid(header, rows, f"Less {reference}, with the same seeds")
 
 
-def _cell(e: Estimate | None, decimals: int, with_interval: bool = True, signed: bool = False) -> str:
-    """A mean with its interval below it."""
+def _mean(s: Standing, measure: Measure, with_interval: bool = True) -> str:
+    cut = measure.is_time and s.is_cut
+    return _cell(s.mean(measure.key), measure.decimals, with_interval, cut=cut)
+
+
+def _of_oracle(s: Standing, with_interval: bool = True) -> str:
+    return _cell(s.of_oracle, 2, with_interval, cut=s.is_cut)
+
+
+def _cell(
+    e: Estimate | None, decimals: int, with_interval: bool = True, signed: bool = False, cut: bool = False
+) -> str:
+    """A mean with its interval below it, marked where it is ``cut`` short."""
     if e is None or math.isnan(e.mean):
         return NONE
     sign = "+" if signed else ""
     mean, low, high = (f"{x + 0.0:{sign}.{decimals}f}" for x in (e.mean, e.low, e.high))
+    mean += f" {CUT}" * cut
     return f"{mean}\n({low} to {high})" if with_interval and not math.isnan(e.low) else mean
 
 

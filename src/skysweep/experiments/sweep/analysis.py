@@ -166,9 +166,10 @@ def _members(flown: Sequence[Flown]) -> tuple[Member, ...]:
     has_targets = any(e[RECALL.key].n for e in estimates)
     objectives = [m for m in _OBJECTIVES if m is not RECALL or has_targets]
     means = np.array([[_cost(m, e[m.key].mean) for m in objectives] for e in estimates])
-    front = pareto_front(means)
+    ends = [_lost_share(f) <= MOST_LOST for f in flown]
+    front = pareto_front(np.where(np.array(ends)[:, None], means, math.nan))
     shares = np.full(len(flown), math.nan)
-    known = [k for k, f in enumerate(flown) if f.n]
+    known = [k for k, f in enumerate(flown) if f.n and ends[k]]
     common = sorted(set.intersection(*(set(flown[k].seeds.tolist()) for k in known))) if known else []
     if known and common:
         costs = np.array([[_cost(m, _at(flown[k], m, common)) for m in objectives] for k in known])
@@ -300,24 +301,35 @@ def verdict(analysis: Analysis, min_recall: float = MIN_RECALL) -> str:
     sentences = [f"{name} {best.label} is the best: {_figures(best)}; {runner_up}."]
     sentences += [
         f"{rival.label} is faster but {worse}: {_figures(rival)}."
-        for tier, worse in zip(analysis.tiers[1:], ("has more false positives", "finds less"), strict=True)
-        for rival in [analysis.members[k] for k in tier[:1]]
+        for tier, metric, worse in zip(
+            analysis.tiers[1:],
+            (FALSE_POSITIVES, RECALL),
+            ("has more false positives", "finds less"),
+            strict=True,
+        )
+        for rival in _worse_than(best, [analysis.members[k] for k in tier], metric)[:1]
         if rival.mean(MISSION_TIME) < best.mean(MISSION_TIME)
     ]
     return " ".join([*sentences, *left_out, *_not_weighed(analysis)])
 
 
+def _worse_than(best: Member, rivals: Sequence[Member], metric: Metric) -> list[Member]:
+    """Those whose mean is worse, too: a tier is told from the best mean, which may be another's."""
+    return [m for m in rivals if _cost(metric, m.mean(metric)) > _cost(metric, best.mean(metric))]
+
+
 def _left_out(analysis: Analysis) -> list[str]:
     """Who cannot be called the best because too few of its missions were finished."""
-    members = [m for m in analysis.members if m.flown.n and _lost_share(m.flown) > MOST_LOST]
+    members = [m for m in analysis.members if _lost_share(m.flown) > MOST_LOST]
     if not members:
         return []
-    member = max(members, key=lambda m: m.mean(RECALL))
+    member = max(members, key=lambda m: m.mean(RECALL) if m.flown.n else -1.0)
     flown = member.flown
+    figures = f": {_figures(member)}" if flown.n else ""
     others = f" So {'is 1 other' if len(members) == 2 else f'are {len(members) - 1} others'}."
     return [
         f"{member.label} is left out, as {flown.n_failed + flown.n_unfinished} of its "
-        f"{flown.n_failed + flown.n} missions failed or were not finished: {_figures(member)}."
+        f"{flown.n_failed + flown.n} missions failed or were not finished{figures}."
         f"{others if len(members) > 1 else ''}"
     ]
 

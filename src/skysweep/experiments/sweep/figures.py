@@ -52,7 +52,7 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
     front = sorted((m for m in flown if m.on_front), key=lambda m: m.mean(MISSION_TIME))
     others = [m for m in flown if not m.on_front]
     on_front: dict[str, Any] = {"marker": "o", "ls": "", "ms": 5, "color": BLUE}
-    dominated: dict[str, Any] = {"marker": "x", "ls": "", "ms": 4, "color": "0.6"}
+    off_it: dict[str, Any] = {"marker": "x", "ls": "", "ms": 4, "color": "0.6"}
     with style():
         named = front[:_MOST_NAMED]
         height = 2.6 + 0.15 * math.ceil((len(named) + 2) / 3)
@@ -60,7 +60,7 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
         axes = figure.subplots(1, len(below), squeeze=False)[0]
         for axis, metric in zip(axes, below, strict=True):
             for member in [*others, *front]:
-                look = on_front | {"zorder": 3} if member.on_front else dominated | {"zorder": 2}
+                look = on_front | {"zorder": 3} if member.on_front else off_it | {"zorder": 2}
                 x, y = member.estimates[MISSION_TIME.key], member.estimates[metric.key]
                 axis.errorbar(x.mean, y.mean, xerr=_bars(x), yerr=_bars(y), elinewidth=0.7, **look)
             bold: Any = {"fontsize": 7.5, "fontweight": "bold", "zorder": 4}
@@ -72,7 +72,7 @@ def draw_pareto(analysis: Analysis, stem: Path) -> Path:
             _end_recall_at_1(axis, metric)
         axes[0].plot([], [], label="on the Pareto front", **on_front)
         if others:
-            axes[0].plot([], [], label="dominated", **dominated)
+            axes[0].plot([], [], label="not on it", **off_it)
         for number, member in enumerate(named, 1):
             axes[0].plot([], [], " ", label=f"{number}: {math_text(member.label)}")
         figure.legend(loc="outside lower center", ncols=3, frameon=False, handlelength=1.2)

@@ -296,8 +296,8 @@ def _pictures(analysis: Analysis, name: str, folder: Path) -> list[Picture]:
     if len(analysis.members) > 1 and {RECALL, FALSE_POSITIVES}.intersection(analysis.metrics):
         caption = (
             f"{analysis.scenario}: mission time against recall and false positives. A configuration is on "
-            "the front when no other is at least as good in all three and better in one. Bars: 95 % "
-            "intervals."
+            "the front when no other is at least as good in all three and better in one, and nearly all of "
+            "its missions were finished. Bars: 95 % intervals."
         )
         drawn.append(picture(draw_pareto(analysis, folder / f"pareto-{name}"), caption, wide=True))
     curves = draw_pos(analysis, folder / f"pos-{name}")
@@ -368,7 +368,9 @@ def _methods() -> Grid:
             "distinguished. In brackets: about how many common seeds would show a difference like this one.",
             "Pareto front": "No other configuration is better in one of the means of mission time, recall "
             "and false positives and at least as good in the others. In brackets: the share of resamplings "
-            "of the seeds that leave it there.",
+            "of the seeds that leave it there. Configurations with more than "
+            f"{MOST_LOST:.0%} of their missions failed or unfinished are left out: their times are too "
+            "short.",
         }
     )
 

@@ -159,6 +159,12 @@ def incumbents(finished: Sequence[Outcomes], rules: RaceRules) -> list[Outcomes]
     return [flown for flown, best in zip(feasible, pareto_front(scores), strict=True) if best]
 
 
+def recall_floor(candidates: Sequence[Outcomes]) -> float:
+    """The least recall that is as good as the best of those that finished every search."""
+    finished = [flown for flown in candidates if flown.unfinished == 0.0] or candidates
+    return max(float(flown.recalls.min()) for flown in finished) - RECALL_SLACK
+
+
 def best_first(candidates: Sequence[Outcomes], rules: RaceRules) -> list[int]:
     """Indices of candidates from the best to the worst.
 
@@ -167,10 +173,9 @@ def best_first(candidates: Sequence[Outcomes], rules: RaceRules) -> list[int]:
     """
     if not candidates:
         return []
-    finished = [flown for flown in candidates if flown.unfinished == 0.0] or list(candidates)
-    floor = max(float(flown.recalls.min()) for flown in finished) - RECALL_SLACK
+    floor = recall_floor(candidates)
     if rules.min_recall is not None:
-        floor = min(floor, rules.min_recall) if not any(map(rules.feasible, finished)) else rules.min_recall
+        floor = rules.min_recall if any(map(rules.feasible, candidates)) else min(floor, rules.min_recall)
 
     def rank(index: int) -> tuple[float, ...]:
         flown = candidates[index]

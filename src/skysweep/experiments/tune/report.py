@@ -187,6 +187,8 @@ def matters_grid(name: str, cells: Sequence[Cell]) -> Grid:
             f"; ? too few seeds to tell after correcting for {family} comparisons, at least "
             f"{max(pairs_to_tell(test, family) for test in undecided)} are needed"
         )
+    if not all(cell.is_whole for cell in cells):
+        caption += "; * not every search was finished, or recall is lower than that of the best"
     return Grid(("n_c", *(f"d_c = {value_text(D_C, d)}" for d in distances)), rows, caption)
 
 
@@ -279,7 +281,7 @@ def _effect_sentence(effect: Effect) -> str:
 def _over_best(cell: Cell) -> str:
     if cell.time_over_best_s is None:
         return "fastest"
-    mark = " =" if cell.as_good else " ?" if cell.undecided else ""
+    mark = (" =" if cell.as_good else " ?" if cell.undecided else "") + " *" * (not cell.is_whole)
     return interval(cell.time_over_best_s.test, 0, sign=True) + mark
 
 
@@ -373,6 +375,7 @@ def _cells_table(cells: Sequence[Cell]) -> pl.DataFrame:
                 "over_fastest_low_s": test.low if test else None,
                 "over_fastest_high_s": test.high if test else None,
                 "as_good": cell.as_good,
+                "unfinished": cell.flown.unfinished,
                 **{key: cell.flown.mean(key) for key in _COUNTED},
             }
         )

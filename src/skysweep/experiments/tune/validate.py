@@ -12,7 +12,7 @@ import numpy as np
 
 from skysweep.experiments.flying import fly_job, fly_missing
 from skysweep.experiments.matrix import Matrix
-from skysweep.experiments.tune.race import Outcomes, RaceRules, best_first, outcome_of
+from skysweep.experiments.tune.race import Outcomes, RaceRules, best_first, outcome_of, recall_floor
 from skysweep.experiments.tune.run import PAPER_N_C, Problem
 from skysweep.experiments.tune.space import D_C, N_C, nearby_distances_m
 from skysweep.experiments.tune.study import Trial
@@ -32,6 +32,7 @@ from skysweep.types import F64
 
 FIRST_VALIDATION_SEED = 1_000_000  # the search never uses seeds this high
 FINALISTS = 4
+_TIME_ALONE = RaceRules(min_recall=None, false_positive_cost_s=0.0)
 MATTERS_N_C = (1.0, 2.0, 3.0, 5.0, 8.0, math.inf)
 
 
@@ -80,6 +81,7 @@ class Cell:
     mission_time_s: Estimate
     time_over_best_s: Paired | None  # None: the fastest
     p_corrected: float  # of that difference, Holm's over all cells; 1 for the fastest
+    is_whole: bool  # every search was finished, and recall is as good as the best: it may be the fastest
 
     @property
     def as_good(self) -> bool:
@@ -190,7 +192,8 @@ def matters_table(
     The fastest is chosen among those whose recall is within ``RECALL_SLACK`` of the best. The test is
     Wilcoxon's with Holm's correction for comparing all cells with one.
     """
-    fastest = best_first(flown, RaceRules(min_recall=None, false_positive_cost_s=0.0))[0]
+    fastest = best_first(flown, _TIME_ALONE)[0]
+    floor = recall_floor(flown)
     best_s = flown[fastest].per_seed("mission_time_s")
     pairs = [paired(mine.per_seed("mission_time_s") - best_s) for mine in flown]
     others = [k for k in range(len(flown)) if k != fastest]
@@ -203,6 +206,7 @@ def matters_table(
             mission_time_s=estimate(mine.per_seed("mission_time_s")),
             time_over_best_s=pairs[k] if k != fastest else None,
             p_corrected=float(p.get(k, 1.0)),
+            is_whole=mine.unfinished == 0.0 and float(mine.recalls.min()) >= floor,
         )
         for k, (candidate, mine) in enumerate(zip(candidates, flown, strict=True))
     ]
@@ -224,7 +228,7 @@ def effects(cells: Sequence[Cell]) -> list[Effect]:
     lines += [("n_c", n, [c for c in cells if c.n_c == n]) for n in limits(cells)]
     splits = []
     for held, value, line in lines:
-        best, *others = sorted(line, key=lambda cell: cell.mission_time_s.mean)
+        best, *others = (line[k] for k in best_first([cell.flown for cell in line], _TIME_ALONE))
         if others:
             splits.append((held, value, best, others))
     differences = [

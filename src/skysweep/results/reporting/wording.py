@@ -146,6 +146,13 @@ def probability_of(value: float) -> str:
     return "over 0.99" if value > 0.99 else "under 0.01" if value < 0.01 else f"{value:.2f}"
 
 
+def share(value: float) -> str:
+    """A share in whole percent; 0 % and 100 % only where they are exact."""
+    if 0.0 < value < 0.005:
+        return "under 1%"
+    return "over 99%" if 0.995 <= value < 1.0 else f"{value:.0%}"
+
+
 def counted(n: int, word: str) -> str:
     """A number with its noun."""
     return f"{n} {word}{'' if n == 1 else 's'}"
