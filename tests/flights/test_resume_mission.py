@@ -1,6 +1,8 @@
 """A mission of a vehicle that cannot be flown again goes on from its last snapshot."""
 
+import math
 from contextlib import closing
+from dataclasses import replace
 from datetime import datetime, timezone
 
 import numpy as np
@@ -11,6 +13,7 @@ from skysweep.flights.fly import begin, fly_in, fly_to_folder
 from skysweep.flights.resume import resume_folder
 from skysweep.flights.rig import Rig
 from skysweep.mission.journal import FileJournal, read_journal
+from skysweep.mission.orders import Order
 from skysweep.results.run_folder import load_run
 from skysweep.scenarios.model import Scenario
 from skysweep.vehicles.embedded.at_home import embedded_vehicle
@@ -34,12 +37,12 @@ class Broken(Exception):
     """Our side ends."""
 
 
-def broken_off(folder, until):
+def broken_off(folder, until, changed=lambda mission: mission):
     """Fly until ``until(record)``; the vehicle, which is left as it is."""
     folder.mkdir()
     vehicle = embedded_vehicle(SCENARIO, 0)
     rig = Rig("statistical", threads=1, vehicle=vehicle)
-    mission = build_mission(SCENARIO, 0, rig)
+    mission = changed(build_mission(SCENARIO, 0, rig))
     assert not mission.replays
 
     class Breaking(FileJournal):
@@ -118,6 +121,69 @@ def test_nothing_stays_unseen_where_it_was_broken_off(tmp_path):
     run = load_run(folder)
     after = run.states.position_enu_m[run.states.time_s > run.events("resumed")[0]["t"], :2]
     assert np.linalg.norm(after - states[-1], axis=1).min() < 5.0
+
+
+def test_what_was_flown_blind_before_is_scanned_again(tmp_path):
+    """The camera died, the search went on for a while, and somebody ended the program to mend it."""
+    folder, dead_s = tmp_path / "run", 14.0
+
+    class Dies:
+        def __init__(self, sensor):
+            self.sensor, self.close = sensor, sensor.close
+
+        def sense(self, state):
+            found = self.sensor.sense(state)
+            if found is not None and found.time_s >= dead_s:
+                raise RuntimeError("the camera is gone")
+            return found
+
+    vehicle = broken_off(
+        folder,
+        lambda r: r["kind"] == "state" and r["t"] > 38.0,
+        lambda mission: replace(mission, sensor=Dies(mission.sensor)),
+    )
+    blind = [
+        line["p"][:2]
+        for line in read_journal(folder / "journal.jsonl")
+        if line["kind"] == "state" and line["mode"] == "SCAN" and line["t"] > dead_s
+    ]
+    assert math.dist(blind[0], blind[-1]) > 40.0
+    summary = resume_folder(folder, Rig(vehicle=vehicle))
+    assert summary["recall"] == 1.0
+    run = load_run(folder)
+    (said,) = run.events("unsearched")
+    assert said["again"]
+    assert said["length_m"] > 50.0
+    after = run.states.position_enu_m[run.states.time_s > run.events("resumed")[0]["t"], :2]
+    assert max(np.linalg.norm(after - place, axis=1).min() for place in blind) < 4.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_looks_on_the_way_back_reject_nothing(tmp_path, seed):
+    """Broken off while it hovered over a candidate, held there by a person until then."""
+    folder, held_s = tmp_path / "run", []
+
+    def operator():
+        if not held_s and mission.strategy.snapshot()["arrived_s"] is not None:
+            held_s.append(vehicle.state().time_s)
+            return Order("hold")
+        return None
+
+    def watch(state, _mode, _new):
+        if held_s and state.time_s > held_s[0] + 5.0:
+            raise Broken
+
+    folder.mkdir()
+    vehicle = embedded_vehicle(SCENARIO, seed)
+    rig = Rig("statistical", threads=1, vehicle=vehicle, operator=operator, watch=watch)
+    mission = build_mission(SCENARIO, seed, rig)
+    with closing(FileJournal(folder / "journal.jsonl")) as journal:
+        begin(folder, mission, journal, rig)
+        with pytest.raises(Broken):
+            fly_in(folder, mission, journal, rig)
+    summary = resume_folder(folder, Rig(vehicle=vehicle))
+    assert summary["recall"] == 1.0
+    assert summary["wrong_rejections"] == 0
 
 
 def test_landed_before_the_last_line_it_only_writes_the_end(tmp_path):

@@ -650,6 +650,35 @@ class Taken(Around):
         self.inner.advance(duration_s)
 
 
+class TakenAndLanded(Taken):
+    """A vehicle that somebody flies over the second target and lands there."""
+
+    landing = False
+
+    def advance(self, duration_s):
+        state = self.inner.state()
+        if self.theirs and state.time_s < self.since_s + 25.0:
+            self.inner.command(Setpoint(np.array([45.0, 50.0, state.position_enu_m[2]]), 5.0, 0.0))
+        elif self.theirs and not self.landing:
+            self.landing = True
+            self.inner.land()
+        self.inner.advance(duration_s)
+
+
+def test_what_is_seen_while_somebody_else_flies_is_in_the_journal():
+    flown = Flown(vehicle=lambda inner: TakenAndLanded(inner, 18.0, 1e9))
+    assert flown.reason == "taken over"
+    assert np.linalg.norm(flown.places("sighting") - [45.0, 55.0], axis=1).min() < 1.5
+    assert np.linalg.norm(flown.places("unchecked") - [45.0, 55.0], axis=1).min() < 1.5
+
+
+def test_what_is_seen_in_a_wind_hold_is_in_the_journal(untroubled):
+    first_s = untroubled.of_kind("sighting")[0]["t"]
+    flown = Flown(vehicle=lambda inner: Blown(inner, first_s - 1.0, math.inf, 12.0))
+    assert flown.reason == "wind"
+    assert flown.of_kind("sighting")
+
+
 def test_who_takes_it_keeps_it_and_only_what_is_so_is_told():
     """The operator's hold lasts through the takeover, and is not told to be over before it is."""
     words = {24.0: "hold", 60.0: "continue"}

@@ -199,3 +199,103 @@ def test_without_a_keyboard_nobody_can_say_that_the_battery_was_changed(monkeypa
         with pytest.raises(UserError, match=r"landed for another battery.*skysweep fly "):
             _Operator(tmp_path).look(State(""), Mode.SWAP)
         _Operator(tmp_path, live=True).look(State(""), Mode.SWAP)  # somebody may on the page
+
+
+def found_in_hold():
+    """A vehicle that another program left in Hold, 12 m up."""
+    there = in_offboard()
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
+    there.wait(2.0)
+    there.sticks(moving=False)
+    there.connect()
+    there.vehicle.begins_in_air = True
+    there.wait(0.5)
+    return there
+
+
+@pytest.mark.parametrize("in_the_gap", [True, False])
+def test_a_flight_goes_on_only_after_the_link_is_heard(in_the_gap):
+    """A pilot takes it in a gap in which our program begins, or nobody does."""
+    there = found_in_hold()
+    there.cut(3.0)
+    there.wait(0.7)
+    there.orders()
+    took_s, taken = there.now_s() + 1.0, []
+
+    def pilot():
+        if in_the_gap and there.now_s() >= took_s and not taken:
+            taken.append(there.now_s())
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+
+    there.vehicle.link.others.append(pilot)
+    if in_the_gap:
+        with pytest.raises(UserError, match="somebody flies the vehicle in Position"):
+            there.vehicle.takeoff(12.0)
+        there.wait(5.0)
+        assert there.flown() == (POSITION, True)
+    else:
+        there.vehicle.takeoff(12.0)
+        assert there.flown() == (OFFBOARD, True)
+        assert not there.vehicle.state().taken_over
+
+
+def test_a_vehicle_that_stays_silent_is_ordered_nothing():
+    there = found_in_hold()
+    there.cut(100.0)
+    there.wait(0.7)
+    there.orders()
+    with pytest.raises(UserError, match="is silent"):
+        there.vehicle.takeoff(12.0)
+    assert there.orders() == []
+
+
+def test_what_somebody_took_before_the_first_order_is_theirs():
+    there = found_in_hold()
+    there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+    there.wait(1.0)
+    there.orders()
+    there.vehicle.command(FAR)
+    assert there.vehicle.authority.lost()
+    there.vehicle.land()
+    there.wait(2.0)
+    assert there.orders() == []
+    assert there.flown()[0] == POSITION
+
+
+def test_a_flight_that_goes_on_in_the_air_takes_off_again_after_a_landing():
+    there = found_in_hold()
+    there.vehicle.takeoff(12.0)
+    there.vehicle.land()
+    while there.flown()[1]:
+        there.wait(1.0)
+    there.wait(5.0)
+    there.vehicle.takeoff(12.0)
+    assert there.vehicle.state().airborne
+
+
+def test_no_order_is_repeated_to_a_vehicle_that_is_not_heard():
+    """A pilot may have taken it meanwhile."""
+    there = in_offboard()
+    link, ordered_s = there.vehicle.link, []
+    send, hear = link.send, link.hear
+
+    def sends(name, **fields):
+        if name == "COMMAND_LONG" and fields["command"] == m.MAV_CMD_DO_SET_MODE:
+            ordered_s.append(there.now_s())
+        send(name, **fields)
+
+    link.send = sends
+    link.hear = lambda data: None if ordered_s and there.now_s() < ordered_s[0] + 8.0 else hear(data)
+    there.sticks(moving=False)
+
+    def pilot():
+        if ordered_s and there.now_s() >= ordered_s[0] + 2.0:
+            link.others.remove(pilot)
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *POSITION)
+
+    link.others.append(pilot)
+    there.vehicle.land()
+    there.wait(12.0)
+    assert len(ordered_s) == 1
+    assert there.flown() == (POSITION, True)
+    assert there.vehicle.state().taken_over

@@ -10,6 +10,7 @@ changed them, and resumes from the last one and from where the vehicle is then.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -19,11 +20,13 @@ import numpy as np
 
 from skysweep.errors import DetectorError, UserError
 from skysweep.mission.journal import FileJournal, Journal, line_of
+from skysweep.mission.looks import Looks, legs_along
 from skysweep.mission.mission import Mission
 from skysweep.mission.notes import LOOKED, NEXT_SORTIE, SORTIE
 from skysweep.mission.orders import ORDER, Operator, Order
+from skysweep.mission.safety import OVER, SILENT
 from skysweep.results.run_folder import CLOCK, Record
-from skysweep.types import SEARCHING, Answer, Detections, Doubt, Sensor, Vehicle, VehicleState
+from skysweep.types import SEARCHING, XY, Answer, Detections, Doubt, Sensor, Vehicle, VehicleState
 
 LOOK = "look"  # kind of the lines with the detector's answers
 SNAPSHOT = "snapshot"
@@ -141,7 +144,7 @@ class LaterVehicle:
 def restored(mission: Mission, journal: FileJournal) -> Mission:
     """A newly built mission in the state of the interrupted one; an incomplete step is cut off the journal.
 
-    The scan continues where it was left.
+    The scan continues where it was left; what had been flown blind until then is scanned again.
     """
     journal.cut(_n_whole(journal.records))
     records = journal.records
@@ -160,7 +163,8 @@ def restored(mission: Mission, journal: FileJournal) -> Mission:
                 "fly the mission into a new folder"
             ) from None
     earlier_s = max((r["t"] for r in records), default=0.0)
-    return replace(mission, vehicle=LaterVehicle(mission.vehicle, earlier_s))
+    legs = _blind_legs(mission, records)
+    return replace(mission, vehicle=LaterVehicle(mission.vehicle, earlier_s), blind_legs=legs)
 
 
 def _n_whole(records: Sequence[Record]) -> int:
@@ -173,14 +177,41 @@ def _n_whole(records: Sequence[Record]) -> int:
 
 def _left_at(mission: Mission, records: Sequence[Record]) -> list[float] | None:
     """The place up to which ground was surely looked at; None where none was being covered."""
-
-    def covers(record: Record) -> bool:
-        x, y, z = record["p"]
-        return mission.covers_from(z - mission.ground_at_m(x, y))
-
     states = [r for r in records if r["kind"] == "state" and r["mode"] in SEARCHING]
-    if not states or not covers(states[-1]):
+    if not states or not _covers(mission, states[-1]):
         return None
-    sure = [r for r in states if r["t"] <= states[-1]["t"] - _UNSEEN_S and covers(r)]
+    sure = [r for r in states if r["t"] <= states[-1]["t"] - _UNSEEN_S and _covers(mission, r)]
     x, y, _ = (sure or states)[-1]["p"]
     return [x, y]
+
+
+def _covers(mission: Mission, state: Record) -> bool:
+    x, y, z = state["p"]
+    return mission.covers_from(z - mission.ground_at_m(x, y))
+
+
+def _blind_legs(mission: Mission, records: Sequence[Record]) -> tuple[tuple[XY, XY], ...]:
+    """What covered ground at the end, while no look was answered for so long that it counts as blind."""
+    looks = Looks(mission.scenario, mission.look_period, mission.cover_altitude_agl_m)
+    states = [r for r in records if r["kind"] == "state" and r["mode"] in SEARCHING]
+    seen_s = _seen_until_s(records, looks)
+    if not states or states[-1]["t"] - seen_s <= looks.silent_age_s:
+        return ()
+    blind = [r for r in states if r["t"] >= seen_s and _covers(mission, r)]
+    return tuple(legs_along([(r["p"][0], r["p"][1]) for r in blind]))
+
+
+def _seen_until_s(records: Sequence[Record], looks: Looks) -> float:
+    """When the newest trusted look was taken, by the detector's answers or, without any, by its silence."""
+    answers, seen_s, silent_s = False, -math.inf, math.inf
+    for record in records:
+        if record["kind"] == LOOK:
+            answers = True
+            if "doubt" in record:
+                seen_s = min(seen_s, Doubt(*record["doubt"]).since_s)
+            elif "failure" not in record:
+                seen_s = max(seen_s, record["t"] - looks.usual_age_s)
+        elif record["kind"] == "safety" and record["cause"] == SILENT:
+            is_over = record["sentence"] == OVER[SILENT]
+            silent_s = math.inf if is_over else min(silent_s, record["t"] - looks.silent_age_s)
+    return seen_s if answers else silent_s

@@ -169,6 +169,10 @@ class Looks:
         """Age of the newest answered look, not counting time without position or link."""
         return now_s - max(self.newest_s, self._excused_s)
 
+    def take_blind(self, legs: tuple[tuple[XY, XY], ...]) -> None:
+        """Take over legs that were flown blind before."""
+        self._blind += legs
+
     def blind_legs(self) -> tuple[tuple[XY, XY], ...]:
         """Legs found since the last call to be flown blind."""
         legs, self._blind = tuple(self._blind), []
@@ -184,7 +188,7 @@ class Looks:
             if covers and since_s - 1.0 <= t <= until_s + 1.0:
                 path.append((position.item(0), position.item(1)))
             elif path:
-                self._blind += _legs(path)
+                self._blind += legs_along(path)
                 path = []
 
     def _forget_track(self) -> None:
@@ -194,7 +198,7 @@ class Looks:
             self._track.popleft()
 
 
-def _legs(path: list[XY]) -> list[tuple[XY, XY]]:
+def legs_along(path: list[XY]) -> list[tuple[XY, XY]]:
     """A path as few straight legs."""
     if len(path) < 2:
         return []

@@ -104,6 +104,7 @@ class Flight:
         self._notes = Notes(journal)
         self._tick_s = 1.0 / scenario.camera.rate_hz
         self._looks = Looks(scenario, mission.look_period, mission.cover_altitude_agl_m)
+        self._looks.take_blind(mission.blind_legs)
         state = self._heard.state()
         high = too_high(scenario, mission.obstacles)
         stands = has_place(state) and not state.airborne
@@ -134,7 +135,7 @@ class Flight:
         self._begun_wh = 0.0  # used before this sortie
         self._gets_on = False  # whether the search was gone on with in this sortie
         self._transits = False  # to where the sortie before has left the search
-        self._was_home = False  # since the strategy's last step
+        self._was_away = bool(before)  # since the strategy's last step: home, or where somebody else flew it
         self.end_reason: str | None = None
         self._refuse_before_take_off()
         self._ticks = self._fly()
@@ -270,8 +271,7 @@ class Flight:
             if alarm.action is Action.HOLD:
                 self._interrupted = True
                 self._hold()
-                if alarm.cause == "operator":
-                    self._tell(state)
+                self._tell(state)
                 state = yield from self._pass_time(state, Mode.HOLD, detections)
                 continue
             self._holding = False
@@ -280,6 +280,7 @@ class Flight:
                 continue
             if self._goes_back(state):
                 mode = Mode.TRANSIT if self._transits else Mode.HOLD
+                self._tell(state)
                 state = yield from self._pass_time(state, mode, detections)
                 continue
             observation = self._observation(state)
@@ -446,7 +447,7 @@ class Flight:
         self._desk.start_over()
         self._router = Router(self._fence)
         self._mode, self._holding, self._sent = Mode.TRANSIT, False, None
-        self._transits = self._was_home = True
+        self._transits = self._was_away = True
         self._asked = self._flown_to = self._refusal = None
         self._interrupted = self._going_back = True
         self._next_check_s = -math.inf
@@ -514,7 +515,7 @@ class Flight:
 
     def _observation(self, state: VehicleState) -> Observation:
         looks, self._waiting = self._waiting, ()
-        was_home, self._was_home = self._was_home, False
+        was_away, self._was_away = self._was_away, False
         return Observation(
             state,
             self._altitude_agl_m(state),
@@ -524,7 +525,7 @@ class Flight:
             self._refusal.cause if self._refusal is not None else "",
             self._flown_to if self._flown_to is not self._asked else None,
             self._desk.verdicts,
-            self._desk.hand_over() or was_home,
+            self._desk.hand_over() or was_away,
         )
 
     def _of_the_area(self, seen: Observation) -> Observation:
@@ -671,11 +672,13 @@ class Flight:
 
     def _keep_out(self, state: VehicleState, phase: Phase) -> _Part[VehicleState]:
         """Command nothing while somebody else flies. Returns the state on hand-back or on the ground."""
-        self._sent = None
+        self._sent, self._was_away = None, True
         self._desk.start_over()
         while state.taken_over and state.airborne:
             self._look_after(state, phase)
-            state = yield from self._pass_time(state, Mode.HOLD, self._look(state))
+            detections = self._look(state)
+            self._tell(state)
+            state = yield from self._pass_time(state, Mode.HOLD, detections)
         self._look_after(state, phase)
         self._router = Router(self._fence)  # its way began elsewhere
         return state

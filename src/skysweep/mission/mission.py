@@ -10,6 +10,7 @@ from skysweep.mission.witness import Witness
 from skysweep.planning.following import Following
 from skysweep.scenarios.model import Scenario
 from skysweep.types import (
+    XY,
     Detections,
     LookPeriod,
     Mode,
@@ -50,6 +51,7 @@ class Mission:
     replays: bool = True  # deterministic; otherwise snapshots are journaled
     change_battery: Callable[[], None] | None = None  # of a simulated vehicle; None: a person changes it
     following: Following | None = None  # along the plan's transects
+    blind_legs: tuple[tuple[XY, XY], ...] = ()  # flown blind before an interruption
 
     @property
     def return_altitude_agl_m(self) -> float:

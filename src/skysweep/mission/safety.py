@@ -44,6 +44,7 @@ _NO_JUMP = (0.0, 0.0, 0.0)
 
 OUTSIDE = "outside the area"  # cause
 _PLACELESS = {"position lost", "position jump"}  # causes
+SILENT = "detector silent"  # cause
 LOST = "vehicle lost"  # cause: silent for longer than a battery lasts
 LOW_BATTERY, RETURN_ENERGY = "low battery", "return energy"  # causes
 BATTERY_CHANGE = "battery change"  # cause
@@ -52,7 +53,7 @@ OVER = {
     "position lost": "The position is known again.",
     "position jump": "The position has jumped back.",
     "camera": "The camera is trusted again.",
-    "detector silent": "The detector answers again.",
+    SILENT: "The detector answers again.",
     "detector slow": "The detector keeps its rate again.",
     "scan slowed": "The scan is as fast as planned again.",
     "wind": "The wind has dropped.",
@@ -198,7 +199,7 @@ class Guard:
             causes.add("gimbal")
         unsure = state.silent_s > self._limits.link_hold_s or self._since.keys() & _PLACELESS
         if phase is not Phase.SEARCH or unsure:
-            causes |= {"camera", "detector silent", "height"}
+            causes |= {"camera", SILENT, "height"}
         if state.ground_below_m is None:
             causes.add("height")
         return causes
@@ -424,7 +425,7 @@ class Guard:
             sentence = f"The detector's newest answer is {age_s:.0f} s old"
             if self._looks.failure:
                 sentence += f" ({self._looks.failure})"
-            yield Alarm(Action.RETURN if dead else Action.CONTINUE, "detector silent", f"{sentence}.")
+            yield Alarm(Action.RETURN if dead else Action.CONTINUE, SILENT, f"{sentence}.")
 
     def _rate(self) -> Iterator[Alarm]:
         looks = self._looks

@@ -224,20 +224,25 @@ class PX4Link:
         done: Callable[[], bool],
         timeout_s: float = ORDER_S,
         given_up: Callable[[], bool] = lambda: False,
+        may_repeat: Callable[[float], bool] = lambda _: True,
     ) -> bool:
         """Repeats a command until ``done``, which checks the vehicle's state; False once ``given_up``.
 
-        ``given_up`` is checked before each repetition, so that nobody else's order is overruled. Raises
-        UserError with the vehicle's reasons if neither is true in ``timeout_s``.
+        ``given_up`` is checked before each repetition, so that nobody else's order is overruled, and
+        ``may_repeat`` is told when the command was sent last, by ``now_s``: False waits. Raises UserError
+        with the vehicle's reasons if it is neither done nor given up in ``timeout_s``.
         """
         params = tuple(params)
+        self._results.pop(number, None)
         begun_s = self.now_s()
-        end_s = begun_s + timeout_s
+        end_s, sent_s = begun_s + timeout_s, -math.inf
         while self.now_s() < end_s:
-            self._results.pop(number, None)
             if given_up():
                 return False
-            self.command(number, *params)
+            if may_repeat(sent_s):
+                self._results.pop(number, None)
+                sent_s = self.now_s()
+                self.command(number, *params)
             if self.wait(lambda: done() or given_up(), _REPEAT_S):
                 return done()
         reasons = list(self.warnings(begun_s))

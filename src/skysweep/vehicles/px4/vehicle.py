@@ -158,12 +158,16 @@ class Px4Vehicle:
         own Hold could not be distinguished from one that somebody chose.
         """
         told = self.telemetry
+        if not self.link.wait(self.authority.knows, CONNECT_S):
+            raise UserError("the vehicle is silent: nothing is ordered; look after it, and start again")
         self._refuse_taken()
         if told.airborne:
             self._start_clock()
             self.command(self._above_here(altitude_agl_m))
+            if self.authority.wanted is not PX4Mode.OFFBOARD and not self.authority.lost():
+                raise UserError("the vehicle fell silent before Offboard; look after it, and start again")
             self._state = self._look()
-            self._has_flown = True
+            self._has_flown, self.begins_in_air = True, False
             return
         if self._has_flown:
             self.telemetry.begin_battery()
@@ -210,7 +214,7 @@ class Px4Vehicle:
             self.authority.regain(None)
             self._offboard.aim(self._stop_here(), self.site)
             try:
-                self._go_into_offboard()
+                self._go_into_offboard(asked=True)
             except UserError as error:
                 self.authority.keep_out(str(error))
 
@@ -366,7 +370,13 @@ class Px4Vehicle:
         if self.telemetry.armed:
             return
         try:
-            self.link.order("arm", m.MAV_CMD_COMPONENT_ARM_DISARM, [1.0], lambda: self.telemetry.armed)
+            self.link.order(
+                "arm",
+                m.MAV_CMD_COMPONENT_ARM_DISARM,
+                [1.0],
+                lambda: self.telemetry.armed,
+                may_repeat=self._knows_since,
+            )
         except UserError as error:
             reasons = self.arming_checks()
             raise UserError(f"{error}; {'; '.join(reasons)}" if reasons else str(error)) from None
@@ -405,14 +415,27 @@ class Px4Vehicle:
             undone = told.mode_heard_s > self.link.accepted_s(number) + _SHOWS_S and not or_else()
             return undone or told.flown != before or self.authority.lost()
 
-        if self.link.order(what, number, params, done, timeout_s, elsewhere):
+        if self.link.order(what, number, params, done, timeout_s, elsewhere, self._knows_since):
             self.authority.regain(mode)
             self._taking_off = mode is PX4Mode.TAKEOFF
         else:
             self.authority.keep_out()
 
-    def _go_into_offboard(self) -> None:
+    def _knows_since(self, sent_s: float) -> bool:
+        """Whether the vehicle has told its mode since then, and is heard: else somebody may have taken it."""
+        return self.telemetry.mode_heard_s > sent_s and self.authority.knows()
+
+    def _is_nobodys(self) -> bool:
+        """Whether it flies without an order of this program, and nobody else flies it either."""
+        told = self.telemetry
+        return self.authority.wanted is None and (not told.airborne or is_free(told))
+
+    def _go_into_offboard(self, asked: bool = False) -> None:
+        """From anybody's mode only if a person ``asked``."""
         if self.authority.knows():
+            if self.authority.wanted is None and not (asked or self._is_nobodys()):
+                self.authority.keep_out()
+                return
             self._offboard_from_m = None
             if self._offboard.start():
                 self.link.wait(lambda: False, _STREAM_FIRST_S)
@@ -427,7 +450,7 @@ class Px4Vehicle:
             return
         if not authority.knows():
             return
-        ours = authority.wanted is None or told.flown in (PX4Mode.OFFBOARD.value, PX4Mode.TAKEOFF.value)
+        ours = self._is_nobodys() or told.flown in (PX4Mode.OFFBOARD.value, PX4Mode.TAKEOFF.value)
         if self._must_land and ours:
             with suppress(UserError):  # the order is repeated: a mission must not end in the air for that
                 self._change_mode(PX4Mode.LAND, "land", lambda: not told.airborne)
