@@ -13,7 +13,7 @@ from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.area_files import MAX_AREA_FILE_BYTES, read_area, scenario_from_area
 from skysweep.planning.flight_plan import plan_scenario
-from skysweep.planning.qgc import plan_for_qgc, write_plan
+from skysweep.planning.qgc import FenceCircle, GeoFence, plan_for_qgc, write_plan
 from skysweep.scenarios.files import change_scenario, load_scenario, write_scenario
 from skysweep.scenarios.model import Area, Scenario
 
@@ -253,3 +253,20 @@ def test_an_area_file_that_does_not_do_is_one_sentence(tmp_path, area, home, wor
     (tmp_path / "mine.yaml").write_text(f"name: mine\narea: {area}\n{home}")
     with pytest.raises(UserError, match=words):
         load_scenario(tmp_path / "mine.yaml")
+
+
+def test_a_plans_fence_is_kept_and_a_circle_is_nowhere_less_strict(tmp_path):
+    s = Scenario(name="fenced", area=Area(polygon_enu_m=[(0, 0), (200, 0), (200, 100), (0, 100)]))
+    home = s.home
+    lat_lon = s.frame.geodetic_from_enu([[150.0, 50.0, 0.0]])[0][:2]
+    circle = FenceCircle(inclusion=False, circle={"center": tuple(map(float, lat_lon)), "radius": 20.0})
+    plan = plan_for_qgc(s, plan_scenario(s)[0])
+    plan = plan.model_copy(update={"geoFence": GeoFence(circles=[circle], polygons=plan.geoFence.polygons)})
+    drawn = scenario_from_area(write_plan(tmp_path / "a.plan", plan))
+    (ring,) = drawn.safety.no_fly_enu_m
+    kept_out, middle = shapely.Polygon(ring), shapely.Point(150.0, 50.0)
+    assert kept_out.contains(middle.buffer(19.95))
+    assert middle.buffer(20.5).contains(kept_out)
+    assert drawn.home.latitude_deg == pytest.approx(home.latitude_deg, abs=1e-6)
+    again = plan_for_qgc(drawn, plan_scenario(drawn)[0]).geoFence
+    assert [p.inclusion for p in again.polygons] == [False]

@@ -172,11 +172,36 @@ def test_over_hills_the_path_stays_above_the_ground_by_the_scan_altitude(tmp_pat
     assert survey.CameraCalc.above == "terrain"
     amsl = [item.params[6] for item in survey.Items]
     assert {item.frame for item in survey.Items} == {0}
-    ends = zip(pairwise(coverage.waypoints_xy_enu_m), pairwise(amsl), strict=True)
-    for (a, b), (za, zb) in ends:
+    at = s.frame.enu_from_geodetic([(*item.params[4:6], 200.0) for item in survey.Items])[:, :2]
+    home = np.array([s.home.position_enu_m])
+    way = [(home[0], amsl[0]), *zip(at, amsl, strict=True), (home[0], amsl[-1])]  # as PX4 flies out and home
+    above = []
+    for (a, za), (b, zb) in pairwise(way):
         share = np.linspace(0, 1, 37)[:, None]
-        ground = terrain.height_m(a + share * (b - a)) + 200
-        assert (za + share[:, 0] * (zb - za) - ground).min() > 29.5
+        above += (za + share[:, 0] * (zb - za) - terrain.height_m(a + share * (b - a)) - 200).tolist()
+    assert min(above) > 29.0
+    assert max(above[37:-37]) < 30.0 + 15.0, "it follows the ground, but for what is flown out and home"
+    again = coverage_from_qgc(read_plan(file), s.frame, s.camera.lens, 30.0)
+    assert again.waypoints_xy_enu_m == pytest.approx(coverage.waypoints_xy_enu_m, abs=0.05)
+
+
+def test_a_ridge_on_the_way_out_and_home_is_flown_over():
+    """It lies between home and the area, and is higher than the scan."""
+    heights = np.zeros((30, 60))  # over area and home, west to east
+    heights[:, 10:16] = 100.0
+    s = scenario(
+        terrain=Terrain(heightmap_m=heights.tolist()),
+        home=Home(position_enu_m=(-200, 40), altitude_amsl_m=500),
+        geofence_enu_m=None,
+    )
+    assert build_terrain(s).height_m(np.array([[-200.0, 40.0], [100.0, 40.0]])) == pytest.approx([0.0, 0.0])
+    plan = plan_for_qgc(s, planned(s))
+    take_off = plan.mission.items[0].params[6]
+    items = plan.surveys[0].TransectStyleComplexItem.Items
+    assert take_off >= 130 - 1
+    assert min(items[0].params[6], items[-1].params[6]) >= 500 + 130 - 1
+    assert items[1].params[4:6] == items[0].params[4:6]
+    assert items[1].params[6] < 545
 
 
 def test_plain_waypoints_become_the_path_in_order(tmp_path):

@@ -142,3 +142,23 @@ def test_a_strategy_that_covers_from_lower_needs_more_batteries():
     (warning,) = warnings_for(scenario, scenario.search.check_altitude_agl_m)
     assert warning.startswith("vehicle.batteries: 1 battery lasts for ")
     assert "scan_altitude" not in warning
+
+
+STRIP = "[[40, -30], [60, -30], [60, 130], [40, 130]]"
+
+
+def test_a_path_through_a_no_fly_area_is_said():
+    (said,) = [w for w in warnings_of(safety=f"{{no_fly_enu_m: [{STRIP}]}}") if "no_fly" in w]
+    assert "m through it; a mission flies round, and the ground there is not seen" in said
+    beside = "[[140, 0], [160, 0], [160, 50], [140, 50]]"
+    assert not [w for w in warnings_of(safety=f"{{no_fly_enu_m: [{beside}]}}") if "no_fly" in w]
+
+
+def test_a_way_round_beyond_the_ground_that_is_known_is_said():
+    far = STRIP.replace("130", "500")
+    hills = "{hills_height_m: 30}"
+    said = [w for w in warnings_of(safety=f"{{no_fly_enu_m: [{far}]}}", terrain=hills) if "beyond" in w]
+    assert len(said) == 1
+    assert "safety.no_fly_enu_m: leads up to 340 m beyond the ground that is known" in said[0]
+    assert not [w for w in warnings_of(safety=f"{{no_fly_enu_m: [{far}]}}") if "beyond" in w]
+    assert not [w for w in warnings_of(safety=f"{{no_fly_enu_m: [{STRIP}]}}", terrain=hills) if "beyond" in w]

@@ -56,6 +56,12 @@ def test_any_projection_and_position(tmp_path, crs, pixel, turned_deg, upside_do
     assert elevation.notes == ()
 
 
+def test_heights_above_the_ellipsoid_are_refused(tmp_path):
+    dem = write(tmp_path / "dem.tif", slope(SIZE), "EPSG:4979", placed(1 / 7200, SIZE, "EPSG:4326"))
+    with pytest.raises(UserError, match=r"heights above the ellipsoid, up to 100 m off .* gdalwarp"):
+        elevation_of(over(dem=dem))
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     latitude_deg=st.floats(-70, 70),

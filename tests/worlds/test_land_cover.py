@@ -147,6 +147,41 @@ def test_footprints_become_boxes_of_their_height(tmp_path):
     assert (hall.top_m, hall.is_flat) == (6.0, True)
 
 
+@pytest.mark.parametrize(
+    ("tags", "top_m"),
+    [
+        ({"height": "196'10\""}, 60.0),
+        ({"height": "60 metres"}, 60.0),
+        ({"height": "60,5"}, 60.5),
+        ({"height": "~60"}, 60.0),
+        ({"height": "197 feet"}, 60.05),
+        ({"building:levels": "18-20"}, 60.0),
+    ],
+)
+def test_heights_are_read_as_people_write_them(tmp_path, tags, top_m):
+    yard = shapely.box(100, 100, 130, 120)
+    file = collection(tmp_path / "b.geojson", (yard, {"building": "yes", "roof:shape": "flat"} | tags))
+    scenario = over(others={"buildings_file": str(file)})
+    (house,) = mapped_buildings(scenario)
+    assert house.top_m == pytest.approx(top_m, abs=0.05)
+    assert not [w for w in warnings_for_plan(scenario) if "storey" in w]
+
+
+def test_a_mast_is_no_part_to_leave_out(tmp_path):
+    mast = shapely.box(100, 100, 101.5, 101.5)
+    file = collection(tmp_path / "b.geojson", (mast, {"building": "tower", "height": "60"}))
+    (box,) = mapped_buildings(over(others={"buildings_file": str(file)}))
+    assert box.top_m == pytest.approx(60.0)
+
+
+def test_buildings_without_a_height_are_said(tmp_path):
+    flat = shapely.box(300, 100, 340, 130)
+    file = collection(tmp_path / "b.geojson", (YARD, HOUSE), (flat, {"building": "yes", "height": "tall"}))
+    said = [w for w in warnings_for_plan(over(others={"buildings_file": str(file)})) if "storey" in w]
+    assert len(said) == 1
+    assert "2 of 2 buildings in the area tell no height" in said[0]
+
+
 YARD, FAR_YARD = shapely.box(100, 100, 120, 110), shapely.box(20_000, 0, 20_010, 9)
 STREET = shapely.LineString([(0, 0), (600, 400)])
 FAR_STREET = shapely.affinity.translate(STREET, 9000)
@@ -192,6 +227,8 @@ def test_what_is_left_out_of_a_file_is_said(tmp_path):
     assert [w for w in warnings_for_plan(scenario) if "_file" in w] == [
         "roads_file: 1 of 2 roads in the area left out: not a line",
         "buildings_file: 1 of 2 buildings in the area left out: not a polygon",
+        "buildings_file: 1 of 1 buildings in the area tell no height and no storeys: taken for one storey "
+        "each",
     ]
 
 

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from skysweep.errors import UserError
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
-from skysweep.scenarios.model import DEFAULT_SIZE_M, MAX_TREES, Building, Scenario, TargetClass
+from skysweep.scenarios.model import DEFAULT_SIZE_M, MARGIN_M, MAX_TREES, Building, Scenario, TargetClass
 from skysweep.worlds.land_cover import wanted_trees
 from skysweep.worlds.obstacles import known_obstacles
 from skysweep.worlds.weather import sine_of_declination
 from skysweep.worlds.world import (
+    build_terrain,
     classes_of,
     elevation_of,
     ground_bounds,
@@ -35,6 +36,7 @@ _WORTH_SAYING = 0.005  # of the area
 _ALTITUDE_OFF_M = 15.0
 _FOOT_M, _LIKE_FEET = 0.3048, 0.03
 _DECLINATION_MAX_DEG = 24.0  # the sun's is 23.4, and scenarios are rounded
+_CROSSES_M = 1.0
 _RASTER = 316  # points across an area
 
 
@@ -51,6 +53,7 @@ def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = N
     return [
         *_about_ground(scenario),
         *warnings_for_batteries(scenario, cover_altitude_agl_m),
+        *_about_way(scenario),
         *_about_resolution(scenario),
         *_about_footprints(scenario),
         *_about_obstacles(scenario),
@@ -97,6 +100,39 @@ def _estimate(scenario: Scenario, altitude_agl_m: float) -> FlightEstimate | Non
         return plan_scenario(scenario, altitude_agl_m)[1]
     except UserError:
         return None
+
+
+def _about_way(scenario: Scenario) -> Iterator[str]:
+    """A path through no-fly areas, and ways beyond the ground that is known."""
+    rings = scenario.safety.no_fly_enu_m
+    if scenario.search.plan is None and not rings:
+        return
+    try:
+        path = plan_scenario(scenario)[0].waypoints_xy_enu_m
+    except UserError:
+        return  # refused elsewhere
+    kept_out = [shapely.Polygon(ring) for ring in rings]
+    through_m = shapely.LineString(path).intersection(shapely.union_all(kept_out)).length
+    if through_m > _CROSSES_M:
+        yield (
+            f"safety.no_fly_enu_m: the path leads {through_m:.0f} m through it; a mission flies round, and "
+            "the ground there is not seen: leave it out of the area (area.holes_enu_m)"
+        )
+    terrain = build_terrain(scenario)
+    if terrain.is_flat:
+        return
+    known, around = shapely.box(*terrain.bounds_enu_m), shapely.MultiPoint(path).convex_hull
+    ways = [("search.plan", around)] + [
+        ("safety.no_fly_enu_m", ring) for ring in kept_out if ring.intersects(around)
+    ]
+    for field, way in ways:
+        away_m = shapely.hausdorff_distance(way.union(known), known)
+        if away_m > _CROSSES_M:
+            yield (
+                f"{field}: leads up to {away_m:.0f} m beyond the ground that is known, which ends "
+                f"{MARGIN_M:g} m around area and home; there it is taken to be as high as its edge: keep the "
+                "way nearer, or enlarge the area"
+            )
 
 
 def localisation_std_m(scenario: Scenario, altitude_agl_m: float) -> float:

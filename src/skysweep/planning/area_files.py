@@ -6,6 +6,7 @@ expanded or unpacked beyond a fixed size.
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 import zipfile
@@ -25,7 +26,7 @@ from skysweep.files.geojson import read_geojson
 from skysweep.files.models import validated
 from skysweep.files.reading import read_limited
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.qgc import read_plan, survey_polygons
+from skysweep.planning.qgc import QgcPlan, read_plan, survey_polygons
 from skysweep.scenarios.model import MAX_AREA_KM2, MAX_CORNERS, Home, Scenario
 
 MAX_AREA_FILE_BYTES = 10_000_000
@@ -34,6 +35,7 @@ SUFFIXES = (".geojson", ".json", ".kml", ".kmz", ".plan")
 LatLon = tuple[float, float]
 Ring = list[tuple[float, float]]
 
+_CIRCLE_CORNERS = 32
 _ONE_POLYGON = "save a file with one polygon around the search area"
 
 
@@ -62,9 +64,15 @@ def read_corners(path: Path) -> tuple[list[LatLon], list[list[LatLon]]]:
 
 
 def scenario_from_area(path: str | Path) -> Scenario:
-    """A scenario to plan with: the file's area; home is its southernmost corner or where a plan has it."""
+    """A scenario to plan with: the file's area; home is its southernmost corner or where a plan has it.
+
+    A plan's fence is kept, too.
+    """
+    fence: dict[str, Any] = {}
     if Path(path).suffix.lower() == ".plan":
-        latitude, longitude, altitude = read_plan(path).mission.plannedHomePosition
+        plan = read_plan(path)
+        latitude, longitude, altitude = plan.mission.plannedHomePosition
+        fence = fence_of(path, plan, LocalFrame(latitude, longitude, altitude))
     else:
         area, frame = read_area(path)
         corners = shapely.get_coordinates(area.exterior)
@@ -76,16 +84,43 @@ def scenario_from_area(path: str | Path) -> Scenario:
     def ring(line: shapely.LinearRing) -> Ring:
         return [(float(x), float(y)) for x, y in shapely.get_coordinates(line)[:-1]]
 
-    return scenario_over(path, home, ring(area.exterior), [ring(hole) for hole in area.interiors])
+    return scenario_over(path, home, ring(area.exterior), [ring(hole) for hole in area.interiors], **fence)
 
 
-def scenario_over(path: str | Path, home: Home, corners: Ring, holes: Sequence[Ring] = ()) -> Scenario:
+def scenario_over(
+    path: str | Path, home: Home, corners: Ring, holes: Sequence[Ring] = (), **more: Any
+) -> Scenario:
     """A scenario of the area in a file (corners in ENU metres of home's frame), named after the file.
 
-    Raises UserError where the area cannot be searched from home.
+    ``more`` are other fields. Raises UserError where the area cannot be searched from home.
     """
     area = {"polygon_enu_m": corners, "holes_enu_m": list(holes)}
-    return validated(Scenario, {"name": plain_name(path), "area": area, "home": home}, str(path))
+    return validated(Scenario, {"name": plain_name(path), "area": area, "home": home} | more, str(path))
+
+
+def fence_of(path: str | Path, plan: QgcPlan, frame: LocalFrame) -> dict[str, Any]:
+    """A plan's fence as a scenario's fields. A circle becomes a polygon that is nowhere less strict.
+
+    Raises UserError where there are several to stay inside of.
+    """
+    fence = plan.geoFence
+    inside = [enu_of(p.polygon, frame) for p in fence.polygons if p.inclusion]
+    outside = [enu_of(p.polygon, frame) for p in fence.polygons if not p.inclusion]
+    for drawn in fence.circles:
+        ((x, y),) = enu_of([drawn.circle.center], frame)
+        angles = np.arange(_CIRCLE_CORNERS) * 2.0 * math.pi / _CIRCLE_CORNERS
+        radius_m = drawn.circle.radius / (1.0 if drawn.inclusion else math.cos(math.pi / _CIRCLE_CORNERS))
+        ring = [(x + radius_m * math.cos(a), y + radius_m * math.sin(a)) for a in angles.tolist()]
+        (inside if drawn.inclusion else outside).append(ring)
+    if len(inside) > 1:
+        raise UserError(f"{path}: geoFence has {len(inside)} inclusions; draw one around the mission")
+    return {"geofence_enu_m": inside[0] if inside else None, "safety": {"no_fly_enu_m": outside}}
+
+
+def enu_of(lat_lon_deg: list[LatLon], frame: LocalFrame) -> Ring:
+    """Places in latitude and longitude as ENU metres of a frame."""
+    points = np.array([(latitude, longitude, frame.altitude_m) for latitude, longitude in lat_lon_deg])
+    return [(float(x), float(y)) for x, y, _ in frame.enu_from_geodetic(points)] if len(points) else []
 
 
 def plain_name(path: str | Path) -> str:

@@ -9,9 +9,9 @@ import shapely
 
 from skysweep.errors import UserError
 from skysweep.geometry.frames import LocalFrame
-from skysweep.planning.area_files import Ring, scenario_from_area, scenario_over
+from skysweep.planning.area_files import Ring, enu_of, fence_of, scenario_from_area, scenario_over
 from skysweep.planning.coverage import CoveragePlan
-from skysweep.planning.qgc import FencePolygon, GeoFence, QgcPlan, plan_for_qgc, read_plan, survey_polygons
+from skysweep.planning.qgc import QgcPlan, plan_for_qgc, read_plan, survey_polygons
 from skysweep.scenarios.files import change_scenario
 from skysweep.scenarios.model import Home, Scenario
 
@@ -33,17 +33,14 @@ def scenario_from_plan(path: str | Path) -> Scenario:
     else:
         home = Home(latitude_deg=latitude, longitude_deg=longitude, altitude_amsl_m=altitude_amsl_m)
         drawn = scenario_over(path, home, _around(path, plan, frame))
-    polygons = plan.geoFence.polygons
-    fences = [_enu(p.polygon, frame) for p in polygons if p.inclusion]
-    if len(fences) > 1:
-        raise UserError(f"{path}: geoFence has {len(fences)} inclusion polygons; draw one around the mission")
+    fence = fence_of(path, plan, frame)
     return change_scenario(
         drawn,
         {
             "search.plan": str(path),
             "search.scan_altitude_agl_m": _height_m(path, plan),
-            "geofence_enu_m": fences[0] if fences else None,
-            "safety.no_fly_enu_m": [_enu(p.polygon, frame) for p in polygons if not p.inclusion],
+            "geofence_enu_m": fence["geofence_enu_m"],
+            "safety.no_fly_enu_m": fence["safety"]["no_fly_enu_m"],
         },
     )
 
@@ -55,15 +52,8 @@ def plan_of_mission(scenario: Scenario, coverage: CoveragePlan) -> QgcPlan:
     """
     plan = plan_for_qgc(scenario, coverage)
     drawn = read_plan(scenario.search.plan) if scenario.search.plan is not None else None
-    if drawn is not None and (drawn.geoFence.polygons or drawn.geoFence.circles):
-        fence = drawn.geoFence
-    else:
-        frame = scenario.frame
-        no_fly = [
-            FencePolygon(inclusion=False, polygon=_lat_lon(ring, frame))
-            for ring in scenario.safety.no_fly_enu_m
-        ]
-        fence = GeoFence(polygons=[*plan.geoFence.polygons, *no_fly])
+    has_fence = drawn is not None and (drawn.geoFence.polygons or drawn.geoFence.circles)
+    fence = drawn.geoFence if drawn is not None and has_fence else plan.geoFence
     rally = plan.rallyPoints if drawn is None else drawn.rallyPoints
     return plan.model_copy(update={"geoFence": fence, "rallyPoints": rally})
 
@@ -86,18 +76,8 @@ def _height_m(path: str | Path, plan: QgcPlan) -> float:
 
 
 def _around(path: str | Path, plan: QgcPlan, frame: LocalFrame) -> Ring:
-    corners = _enu([(p.latitude_deg, p.longitude_deg) for p in plan.waypoints], frame)
+    corners = enu_of([(p.latitude_deg, p.longitude_deg) for p in plan.waypoints], frame)
     if len(corners) < 2:
         raise UserError(f"{path}: mission.items: there is no path to fly; draw a Survey or 2 waypoints")
     around = shapely.MultiPoint(corners).convex_hull.buffer(_BESIDE_PATH_M, join_style="mitre")
     return [(float(x), float(y)) for x, y in shapely.get_coordinates(around)[:-1]]
-
-
-def _enu(lat_lon_deg: list[tuple[float, float]], frame: LocalFrame) -> Ring:
-    points = np.array([(latitude, longitude, frame.altitude_m) for latitude, longitude in lat_lon_deg])
-    return [(float(x), float(y)) for x, y, _ in frame.enu_from_geodetic(points)] if len(points) else []
-
-
-def _lat_lon(ring: Ring, frame: LocalFrame) -> Ring:
-    places = frame.geodetic_from_enu(np.column_stack([np.array(ring), np.zeros(len(ring))]))
-    return [(float(latitude), float(longitude)) for latitude, longitude, _ in places]

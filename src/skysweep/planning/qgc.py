@@ -10,8 +10,10 @@ MAV_FRAME or the survey's DistanceMode.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -39,7 +41,7 @@ from skysweep.geometry.camera import Lens
 from skysweep.geometry.frames import LocalFrame
 from skysweep.planning.coverage import CoveragePlan
 from skysweep.scenarios.model import Scenario
-from skysweep.worlds.world import TerrainSurface, build_terrain
+from skysweep.worlds.world import TerrainSurface, build_terrain, elevation_of
 
 MAX_PLAN_BYTES = 20_000_000
 MAX_WAYPOINTS = 10_000
@@ -64,6 +66,9 @@ _FRAME_ABOVE: dict[int, Above] = {
     11: "terrain",
 }
 _STRAIGHT_M = 0.02
+_STEP_M = 5.0  # along a leg, to look at the ground
+_PROFILE_M = 5.0  # above what is needed, about
+_CLIMBS_M = 0.5  # less is no reason to climb in place
 _GLOBAL, _MISSION, _RELATIVE = 0, 2, 3  # MAV_FRAME
 _MODE_ABOVE: dict[int, Above] = {1: "home", 2: "sea level", 3: "terrain", 4: "terrain"}
 _ABOVE_HOME, _CALCULATED_ABOVE_TERRAIN = 1, 3  # QGroundControl's altitude modes
@@ -268,28 +273,31 @@ def write_plan(path: str | Path, plan: QgcPlan) -> Path:
 def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float | None = None) -> QgcPlan:
     """A plan file's content: take-off, scan speed, gimbal, the survey, return; with the scenario's fence.
 
-    Over flat ground altitudes are above home. Over hills every waypoint is as high as its two legs need to
-    stay ``altitude_agl_m`` (default: the scan altitude) above the ground, given above sea level.
+    Over flat ground altitudes are above home. Over hills they are above sea level: the path follows the
+    ground, nowhere nearer to it than ``altitude_agl_m`` (default: the scan altitude), also on the way out
+    and home. For that it has more waypoints, and may climb at its first and last one.
     """
     height = scenario.search.scan_altitude_agl_m if altitude_agl_m is None else altitude_agl_m
     frame, terrain = scenario.frame, build_terrain(scenario)
     home_xy = np.array([scenario.home.position_enu_m], dtype=float)
     home = _geodetic(frame, home_xy)[0]
     home_ground = float(terrain.height_m(home_xy)[0])
-    take_off_amsl = scenario.home.altitude_amsl_m + home_ground
-    points = _geodetic(frame, plan.waypoints_xy_enu_m)
+    dem = elevation_of(scenario)
+    sea_level_m = scenario.home.altitude_amsl_m if dem is None else dem.home_amsl_m
+    path, rises_m = plan.waypoints_xy_enu_m, height
     if terrain.is_flat:
-        frame_id, mode, heights = _RELATIVE, _ABOVE_HOME, np.full(len(points), height)
+        frame_id, mode, heights = _RELATIVE, _ABOVE_HOME, np.full(len(path), height)
     else:
         frame_id, mode = _GLOBAL, _CALCULATED_ABOVE_TERRAIN
-        ground = _ground_along_legs(terrain, plan.waypoints_xy_enu_m)
-        heights = scenario.home.altitude_amsl_m + ground + height
+        path, above_enu_m = _over_ground(terrain, path, home_xy[0], height)
+        heights, rises_m = sea_level_m + above_enu_m, max(height, float(above_enu_m[0]) - home_ground)
+    points = _geodetic(frame, path)
 
     def command(number: int, *params: float | None, frame: int = _MISSION) -> dict[str, Any]:
         return {"command": number, "frame": frame, "params": [*params, *[0.0] * (7 - len(params))]}
 
     first = [
-        command(TAKEOFF, 0.0, 0.0, 0.0, None, *home, height, frame=_RELATIVE),
+        command(TAKEOFF, 0.0, 0.0, 0.0, None, *home, rises_m, frame=_RELATIVE),
         command(CHANGE_SPEED, 1.0, scenario.search.scan_speed_mps, -1.0),
         command(MOUNT_CONTROL, scenario.camera.gimbal.pitch_deg, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0),
     ]
@@ -308,14 +316,17 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
     )
     corners = shapely.get_coordinates(scenario.area_enu_m.exterior.normalize())[:-1]
     survey = Survey(angle=plan.heading_deg, polygon=_geodetic(frame, corners), TransectStyleComplexItem=style)
-    fences = []
+    fences = [
+        FencePolygon(inclusion=False, polygon=_geodetic(frame, np.array(ring)))
+        for ring in scenario.safety.no_fly_enu_m
+    ]
     if scenario.geofence_enu_m is not None:
-        fences = [FencePolygon(polygon=_geodetic(frame, np.array(scenario.geofence_enu_m)))]
+        fences.insert(0, FencePolygon(polygon=_geodetic(frame, np.array(scenario.geofence_enu_m))))
     return QgcPlan(
         mission=MissionItems(
             cruiseSpeed=scenario.vehicle.cruise_speed_mps,
             hoverSpeed=scenario.search.scan_speed_mps,
-            plannedHomePosition=(*home, take_off_amsl),
+            plannedHomePosition=(*home, sea_level_m + home_ground),
             items=[*[SimpleItem.model_validate(i) for i in first], survey, SimpleItem.model_validate(last)],
         ),
         geoFence=GeoFence(polygons=fences),
@@ -400,12 +411,37 @@ def _geodetic(frame: LocalFrame, xy_enu_m: F64) -> list[LatLon]:
     return [(float(lat), float(lon)) for lat, lon, _ in frame.geodetic_from_enu(xyz)]
 
 
-def _ground_along_legs(terrain: TerrainSurface, xy: F64) -> F64:
-    """The highest ground (N,) along the legs before and after each waypoint."""
-    share = np.linspace(0.0, 1.0, 100)[None, :, None]
-    along = xy[:-1, None] + share * (xy[1:] - xy[:-1])[:, None]
-    highest = terrain.height_m(along.reshape(-1, 2)).reshape(len(xy) - 1, -1).max(axis=1)
-    return np.asarray(np.maximum(np.append(highest, highest[-1]), np.insert(highest, 0, highest[0])))
+def _over_ground(terrain: TerrainSurface, xy: F64, home_xy: F64, height_m: float) -> tuple[F64, F64]:
+    """A path (M, 2) along that through waypoints (N, 2), and heights (M,) ``height_m`` or more above ground.
+
+    The first and last place are there twice where the way from and to home is higher than the path.
+    """
+    places, heights = [xy[:1]], [np.full(1, -math.inf)]
+    for start, end in pairwise(xy):
+        along, needed_m = _needed(terrain, start, end, height_m)
+        flown_m = np.linspace(0.0, float(np.linalg.norm(end - start)), len(along))
+        kept = _bends(np.column_stack([flown_m, needed_m]), _PROFILE_M)
+        lifted = needed_m[kept]
+        for k, (i, j) in enumerate(pairwise(kept.tolist())):
+            short_m = (needed_m[i : j + 1] - np.linspace(needed_m[i], needed_m[j], j - i + 1)).max()
+            lifted[k : k + 2] = np.maximum(lifted[k : k + 2], needed_m[[i, j]] + short_m)
+        heights[-1][-1] = max(heights[-1][-1], lifted[0])
+        places.append(along[kept[1:]])
+        heights.append(lifted[1:])
+    path, over = np.concatenate(places), np.concatenate(heights)
+    out_m, home_m = (_needed(terrain, home_xy, path[end], height_m)[1].max() for end in (0, -1))
+    if out_m > over[0] + _CLIMBS_M:
+        path, over = np.concatenate([path[:1], path]), np.append(out_m, over)
+    if home_m > over[-1] + _CLIMBS_M:
+        path, over = np.concatenate([path, path[-1:]]), np.append(over, home_m)
+    return path, over
+
+
+def _needed(terrain: TerrainSurface, start: F64, end: F64, height_m: float) -> tuple[F64, F64]:
+    """Places (N, 2) along a leg, and how high it has to be flown there (N,)."""
+    steps = max(1, math.ceil(float(np.linalg.norm(end - start)) / _STEP_M))
+    along = start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start)
+    return along, terrain.height_m(along) + height_m
 
 
 def _camera_calc(scenario: Scenario, plan: CoveragePlan, height_m: float, mode: int) -> CameraSettings:

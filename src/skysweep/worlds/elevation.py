@@ -10,11 +10,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyproj
 import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from skysweep.arrays import F64
+from skysweep.errors import UserError
 from skysweep.files.reading import stamp_of
 from skysweep.geometry.frames import LocalFrame
 from skysweep.types import XY
@@ -24,7 +26,7 @@ FIELD = "terrain.dem"
 _WRITE_UNIT = "write terrain.dem_unit (--dem-unit)"
 MAX_POSTS = 4_000_000
 _MAX_HOLE_M = 50.0  # from its middle to where the height is known
-_HEIGHTS_M = -500.0, 9000.0  # on earth; what lies beyond stands for a hole
+HEIGHTS_M = -500.0, 9000.0  # on earth; what lies beyond stands for a hole
 _SHORE_M = 10.0  # ground beside water at height 0 is lower somewhere
 _CLIFF_M = 300.0  # no shore is higher all along
 _SHORE_SHARE = 0.05  # of the ground around a water that is that low
@@ -74,6 +76,11 @@ def _elevation(
     dem = geotiff(path, FIELD, frame)
     if dem.dtype.startswith("complex") or dem.has_palette or (dem.bands >= 3 and dem.dtype == "uint8"):
         raise dem.error("is a picture, not heights; give a digital elevation model")
+    if any(axis.name.startswith("Ellipsoidal") for axis in dem.crs.axis_info):
+        raise dem.error(
+            "has heights above the ellipsoid, up to 100 m off those above sea level; convert them, as  "
+            "gdalwarp -t_srs EPSG:4326+3855  does"
+        )
     dem.overlap(bounds_enu_m)
     metres = _told_unit_m(dem) if unit is None else _NAMED_M[unit]
     west, south, east, north = bounds_enu_m
@@ -111,16 +118,27 @@ def _told_unit_m(dem: GeoTiff) -> float | None:
 
     Raises UserError where they may as well be feet, or are in a unit that is not known.
     """
-    if dem.unit:
-        if dem.unit.lower() not in _UNITS_M:
-            raise dem.error(f"has heights in '{dem.unit[:20]}'; save it in metres, or {_WRITE_UNIT}")
-        return _UNITS_M[dem.unit.lower()]
-    up = [axis for axis in dem.crs.axis_info if axis.direction == "up"]
+    try:
+        return metres_told(dem.unit, dem.crs)
+    except UserError as error:
+        raise dem.error(f"{error}, or {_WRITE_UNIT}") from None
+
+
+def metres_told(unit: str, crs: pyproj.CRS) -> float | None:
+    """Metres of one unit of a file's heights, by the unit of its band, else its CRS; None: neither says.
+
+    Raises UserError where they may as well be feet, or are in a unit that is not known.
+    """
+    if unit:
+        if unit.lower() not in _UNITS_M:
+            raise UserError(f"has heights in '{unit[:20]}'; save it in metres")
+        return _UNITS_M[unit.lower()]
+    up = [axis for axis in crs.axis_info if axis.direction == "up"]
     if up:
         return float(up[0].unit_conversion_factor)
-    across = dem.crs.axis_info[0].unit_name.lower()
+    across = crs.axis_info[0].unit_name.lower()
     if "foot" in across or "feet" in across:
-        raise dem.error(f"lies in feet and does not say whether its heights do; {_WRITE_UNIT}")
+        raise UserError("lies in feet and does not say whether its heights do; save it with their unit")
     return None
 
 
@@ -175,7 +193,7 @@ def _means(dem: GeoTiff, part: Part, every: int, metres: float) -> F64:
     heights *= scale * metres
     heights += offset * metres
     with np.errstate(invalid="ignore"):
-        known = pixels.is_valid & (heights > _HEIGHTS_M[0]) & (heights < _HEIGHTS_M[1])
+        known = pixels.is_valid & (heights > HEIGHTS_M[0]) & (heights < HEIGHTS_M[1])
     if every == 1:
         return np.where(known, heights, np.nan)
     rows, columns = (-(-n // every) for n in heights.shape)

@@ -27,13 +27,16 @@ from skysweep.worlds.rasters import Bounds
 
 MAX_BYTES = 100_000_000
 _STOREY_M = 3.0
+_FOOT_M = 0.3048
 _LOWEST_M = 2.0
 _BOXY = 0.85  # share of its rectangle that a footprint fills: one that fills less is cut
 _MOST_CUTS = 4  # one after another
-_SMALLEST_M2 = 4.0  # of a part
+_SMALLEST_M2 = 4.0  # of a part that a cut makes
+_NOTHING_M2 = 0.01
 _SIMPLER_M = 0.3
 _CORNERS = 60  # of a footprint that is worth cutting
-_LENGTH = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(m|ft|'|)\s*$", re.IGNORECASE)
+_NUMBER = r"(\d+(?:[.,]\d+)?)"
+_LENGTH = re.compile(rf"{_NUMBER}\s*(ft|feet|foot|')?(?:\s*{_NUMBER}\s*(?:\"|''|in))?", re.IGNORECASE)
 _ANOTHER_PLACE_KM = 5.0  # away; nearer, the area may be a part without any
 _ROADS_M = {
     "motorway": 20.0, "trunk": 12.0, "primary": 9.0, "secondary": 7.5, "tertiary": 6.5,
@@ -102,6 +105,10 @@ def _buildings(
 ) -> tuple[tuple[Box, ...], Notes]:
     boxes: list[Box] = []
     found, notes = _tagged(path, "buildings", "building", _POLYGON, frame, bounds_enu_m)
+    low = sum(not any(_metres(tags.get(tag)) for tag in ("height", "building:levels")) for _, tags in found)
+    if low:
+        which = f"{low} of {len(found)} buildings in the area"
+        notes += (f"buildings_file: {which} tell no height and no storeys: taken for one storey each",)
     for outline, tags in found:
         for part in shapely.get_parts(outline):
             if part.geom_type == "Polygon":
@@ -203,11 +210,14 @@ def _features(path: Path, field: str, frame: LocalFrame) -> Iterator[tuple[shape
 
 
 def _metres(told: Any) -> float | None:
-    """A length as OpenStreetMap has it: metres, or with a unit; None where it is none."""
-    found = _LENGTH.match(str(told))
-    if not found or float(found[1]) == 0.0:
-        return None
-    return float(found[1]) * (1.0 if found[2].lower() in ("", "m") else 0.3048)
+    """A length as OpenStreetMap has it: metres, or feet and inches; the greatest of several, or None."""
+    lengths_m = []
+    for number, feet, inches in _LENGTH.findall(str(told)):
+        length = float(number.replace(",", "."))
+        lengths_m.append(length * _FOOT_M if feet else length)
+        if inches:
+            lengths_m[-1] += float(inches.replace(",", ".")) * _FOOT_M / 12
+    return max(lengths_m, default=0.0) or None
 
 
 def _boxes(outline: shapely.Polygon, tags: dict[str, Any]) -> Iterator[Box]:
@@ -230,7 +240,7 @@ def _rectangles(
     sides = [b - a, c - b]
     along, across = sorted(sides, key=lambda side: -float(np.hypot(*side)))
     length, width = float(np.hypot(*along)), float(np.hypot(*across))
-    if length * width < _SMALLEST_M2:
+    if length * width < (_SMALLEST_M2 if cuts < _MOST_CUTS else _NOTHING_M2):
         return
     if cuts and outline.area < _BOXY * length * width:
         parts = _cut(outline.simplify(_SIMPLER_M), along / length, across / width)

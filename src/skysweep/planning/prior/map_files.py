@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import math
 import zipfile
+from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from skysweep.planning.prior.checks import MAX_CELLS, checked_poa
 from skysweep.planning.prior.maps import ProbabilityMap
 from skysweep.planning.prior.rasters import Raster
 from skysweep.text import percent
+from skysweep.worlds.elevation import HEIGHTS_M, metres_told
 
 MAX_MAP_BYTES = 200_000_000
 _COLUMNS = ("lon", "lat", "poa")
@@ -195,7 +197,7 @@ def read_heights(path: Path, cells: ProbabilityMap) -> F64:
     Raises UserError where the file is no such GeoTIFF or does not reach over the whole map.
     """
     try:
-        heights = _band_of(path, np.nan).interpolated(cells)
+        heights = _band_of(path, np.nan, _metres_of).interpolated(cells)
     except MissingExtraError:
         raise
     except UserError as error:
@@ -220,7 +222,16 @@ def _read_tiff(path: Path) -> Raster:
     return _band_of(path, 0.0)
 
 
-def _band_of(path: Path, nodata: float) -> Raster:
+def _metres_of(file: Any, crs: pyproj.CRS, band: F64) -> F64:
+    """The heights of a GeoTIFF's first band in metres; none where they are of no place on earth."""
+    metres = metres_told((file.units[0] or "").strip(), crs) or 1.0
+    heights = (band * file.scales[0] + file.offsets[0]) * metres
+    return np.where((heights > HEIGHTS_M[0]) & (heights < HEIGHTS_M[1]), heights, np.nan)
+
+
+def _band_of(
+    path: Path, nodata: float, changed: Callable[[Any, pyproj.CRS, F64], F64] = lambda _file, _crs, band: band
+) -> Raster:
     rasterio = _rasterio(path)
     data = read_limited(path, MAX_MAP_BYTES)
     try:
@@ -229,15 +240,13 @@ def _band_of(path: Path, nodata: float) -> Raster:
                 raise UserError(f"has {file.width * file.height:,} cells; write at most {MAX_CELLS:,}")
             if file.crs is None:
                 raise UserError("has no CRS; write one into it, such as EPSG:4326")
-            band, transform = file.read(1, masked=True), file.transform
-            crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
+            crs, transform = pyproj.CRS.from_wkt(file.crs.to_wkt()), file.transform
+            band = changed(file, crs, np.ma.filled(file.read(1, masked=True).astype(float), nodata))
     except (rasterio.errors.RasterioError, pyproj.exceptions.CRSError):
         raise UserError("is no GeoTIFF with a known CRS; save it again with one") from None
     if transform.b or transform.d:
         raise UserError("is turned; save it again with north up")
-    return Raster(
-        np.ma.filled(band.astype(float), nodata), transform.c, transform.f, transform.a, transform.e, crs
-    )
+    return Raster(band, transform.c, transform.f, transform.a, transform.e, crs)
 
 
 def _check_degrees(longitude: F64, latitude: F64, field: str) -> None:
