@@ -36,6 +36,18 @@ def test_confirmed_candidates_in_their_order(tiny_run):
     assert found[0].longitude_deg == pytest.approx(22.2966 + 5.5 / 55_045, abs=2e-7)
 
 
+def test_a_name_that_was_told_stays_with_its_candidate(tmp_path):
+    """Whatever the operator decides later; a ground team may be on its way."""
+    places = {1: [5.5, 10, 0], 3: [20, 11, 0]}
+    confirms = event(52, "confirmed", 1, places[1]) | {"by": "operator"}
+    rejects = event(53, "rejected", 1, places[1]) | {"by": "operator"}
+    told = {4: "stop sign 3", 5: "stop sign 4", 3: "stop sign 2"}
+    for orders, first in (([confirms], {1: "stop sign 1"}), ([rejects], {}), ([confirms, rejects], {})):
+        records = sorted([*tiny_records(), *orders], key=lambda r: r["t"])
+        run = load_run(write_run(tmp_path / f"{len(orders)}{bool(first)}", records))
+        assert {t.candidate: t.name for t in found_targets(run)} == told | first
+
+
 def test_every_format_has_the_same_places(files):
     features = json.loads(files[".geojson"])["features"]
     from_geojson = [tuple(f["geometry"]["coordinates"]) for f in features]

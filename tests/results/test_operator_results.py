@@ -76,11 +76,11 @@ def test_report_and_exports_say_by_the_operator(run):
     page = (run.folder / "report.html").read_text(encoding="utf-8")
     for text in (
         "2 verdicts by the operator",
-        "stop sign 4 (by the operator)",
+        "stop sign 5 (by the operator)",
         "The operator orders: look at 38 m east, 18 m north.",
         "Looked at 38 m east, 18 m north for the operator.",
         "Rejected 1 candidate by the operator.",
-        "Confirmed stop sign 4 by the operator.",
+        "Confirmed stop sign 5 by the operator.",
     ):
         assert text in page
     with (run.folder / "targets.csv").open(encoding="utf-8") as file:

@@ -13,8 +13,8 @@ import pytest
 from results_data import event, state, tiny_records, write_run
 
 from skysweep.errors import UserError
-from skysweep.results import sending
-from skysweep.results.run_folder import JOURNAL_FILE
+from skysweep.results import run_folder, sending
+from skysweep.results.run_folder import JOURNAL_FILE, load_run
 from skysweep.results.sending import follow, send_once, udp
 
 GROUP = "239.2.3.1"
@@ -103,7 +103,48 @@ def test_a_target_is_sent_again_after_a_while(tiny_run):
     board = sending._Board()
     for now_s in (0.0, 10.0, 31.0, 62.0):
         board.send_due(tiny_run, lambda event: sent.append(event.uid), now_s)
-    assert len(sent) == 3 * 4
+    assert len(sent) == 3 * (4 + 1), "and what was rejected is taken off the maps again"
+
+
+def test_a_follower_that_begins_again_takes_off_what_was_rejected_meanwhile(tmp_path):
+    folder = write_run(tmp_path / "run", tiny_records()[:12])
+    first, second = [], []
+    sending._Board().send_due(load_run(folder), first.append, 0.0)
+    assert "candidate-2" in first[-1].uid
+    append(folder, event(20, "rejected", 2, [5, 12, 0]))
+    sending._Board().send_due(load_run(folder), second.append, 0.0)
+    assert [e.uid for e in second if e.uid.endswith("candidate-2")] == []
+    assert [e.uid for e in second if "candidate-2" in e.uid] == [f"{first[-1].uid}.delete"]
+
+
+def test_a_picture_that_a_better_one_replaces_is_not_damaged(tmp_path):
+    assert not run_folder._is_spoilt(tmp_path / "candidate-1-15.0s.jpg")
+    (tmp_path / "candidate-1-16.0s.jpg").write_bytes(b"torn")
+    assert run_folder._is_spoilt(tmp_path / "candidate-1-16.0s.jpg")
+
+
+def test_a_folder_that_cannot_be_read_for_a_while_is_warned_of_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(sending, "_PERIOD_S", 0.01)
+    folder, warnings, sent = write_run(tmp_path / "run", tiny_records()[:7]), [], []
+    load, calls = sending.load_flown, []
+
+    def loads(path):
+        calls.append(path)
+        if 1 < len(calls) < 5:
+            raise OSError("busy")
+        return load(path)
+
+    monkeypatch.setattr(sending, "load_flown", loads)
+
+    def send(event):
+        sent.append(event)
+        if len(sent) == 1:
+            append(folder, *tiny_records()[7:])
+
+    follow(folder, send, warnings.append)
+    assert len(warnings) == 1
+    assert "still trying" in warnings[0]
+    assert len(sent) > 4
 
 
 def test_a_network_that_is_away_is_warned_of_once_and_tried_again(tmp_path, monkeypatch):
@@ -118,7 +159,7 @@ def test_a_network_that_is_away_is_warned_of_once_and_tried_again(tmp_path, monk
 
     follow(folder, send, warnings.append)
     assert warnings == ["no network; still trying"]
-    assert len(sent) == 4
+    assert len(sent) == 4 + 1
 
 
 @pytest.mark.parametrize(

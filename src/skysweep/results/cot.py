@@ -84,6 +84,22 @@ def events_xml(run: Run, now: datetime) -> bytes:
     return xml_document(root)
 
 
+def uids_of_nothing(run: Run) -> set[str]:
+    """Of candidates that may stand on the maps, from this program or an earlier one, and are nothing."""
+    mission = _mission_id(run)
+    standing = {target.candidate for target in ground_targets(run)}
+    may_stand = {
+        c.id
+        for c in run.candidates
+        if c.verdict == EventKind.REJECTED or (run.ended and (c.scanned_s is not None or c.n_sightings > 1))
+    }
+    return {_uid(mission, k) for k in may_stand - standing}
+
+
+def _uid(mission: uuid.UUID, candidate: int) -> str:
+    return f"{mission}.candidate-{candidate}"
+
+
 def _mission_id(run: Run) -> uuid.UUID:
     """The same for the same mission: by its configuration, and by when it flew if it flew in real time."""
     first, told = run.records[0], run.events(CLOCK)
@@ -95,7 +111,7 @@ def _target(run: Run, target: FoundTarget, mission: uuid.UUID, now: datetime) ->
     place = target.latitude_deg, target.longitude_deg
     sigma_m = None if target.radius_95_m is None else target.radius_95_m / math.sqrt(5.991)
     ce = UNKNOWN if sigma_m is None else f"{max(sigma_m, 0.01):.2f}"
-    event = _event(f"{mission}.candidate-{target.candidate}", _SPOT, place, ce, run.is_simulated)
+    event = _event(_uid(mission, target.candidate), _SPOT, place, ce, run.is_simulated)
     detail = ET.SubElement(event, "detail")
     is_found = target.status == EventKind.CONFIRMED
     name = target.name if is_found else f"candidate {target.candidate}: {target.class_name}?"

@@ -54,9 +54,13 @@ class FoundTarget:
 
 
 def found_targets(run: Run) -> list[FoundTarget]:
-    """Confirmed candidates in the order of their confirmation."""
-    confirmed = (c for c in run.candidates if c.verdict == EventKind.CONFIRMED)
-    return [_found(run, number, story) for number, story in enumerate(confirmed, start=1)]
+    """Confirmed candidates in the order of their first confirmation, by which they are numbered for good.
+
+    One that an operator rejects later keeps its number, too: a name that was told is never another's.
+    """
+    confirmed = {c.id: c for c in run.candidates if c.verdict == EventKind.CONFIRMED}
+    told = dict.fromkeys(int(r["candidate"]) for r in run.events(EventKind.CONFIRMED))
+    return [_found(run, number, confirmed[k]) for number, k in enumerate(told, start=1) if k in confirmed]
 
 
 def unchecked_targets(run: Run) -> list[FoundTarget]:

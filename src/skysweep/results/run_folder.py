@@ -368,6 +368,13 @@ def load_run(folder: str | Path, from_sound_lines: bool = False) -> Run:
         raise UserError(f"{folder}: cannot be read ({error.strerror}); check its rights") from None
 
 
+def _is_spoilt(picture: Path) -> bool:
+    try:
+        return not is_sound(picture)
+    except FileNotFoundError:  # a mission that flies has a better one by now
+        return False
+
+
 def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
     """The same from configuration, journal and pictures alone, without the results."""
     folder = Path(folder)
@@ -387,14 +394,14 @@ def load_flown(folder: str | Path, from_sound_lines: bool = False) -> Run:
     if lines.damaged is not None:
         left_out.append(f"line {lines.damaged} of {JOURNAL_FILE} and all lines after it")
     pictures = sorted(folder.glob(f"{PICTURES}/*.jpg"))
-    spoilt = [] if is_older(lines.records) else [picture for picture in pictures if not is_sound(picture)]
+    spoilt = [] if is_older(lines.records) else [picture for picture in pictures if _is_spoilt(picture)]
     left_out += [f"{PICTURES}/{picture.name}" for picture in spoilt]
     if not from_sound_lines:
         lines.refuse_damaged(path, journal_remedy(path))
         if spoilt:
             raise UserError(f"{spoilt[0]}: is damaged; delete it, the mission's results need no pictures")
     scenario, records = flown_scenario(folder, lines.records), tuple(lines.records)
-    sound = tuple(picture for picture in pictures if picture not in spoilt)
+    sound = tuple(picture for picture in pictures if picture not in spoilt and picture.exists())
     return Run(scenario, records, folder, seal=lines.seal, pictures=sound, left_out=tuple(left_out))
 
 

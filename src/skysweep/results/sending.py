@@ -13,7 +13,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from skysweep.errors import UserError
-from skysweep.results.cot import CotEvent, deletion, events_of, vehicle_event
+from skysweep.results.cot import CotEvent, deletion, events_of, uids_of_nothing, vehicle_event
 from skysweep.results.run_folder import JOURNAL_FILE, Run, load_flown
 
 _AGAIN_S = 30.0  # between two of the same event: datagrams get lost, and devices join late
@@ -58,9 +58,10 @@ def udp(address: str, ttl: int) -> Iterator[Send]:
 
 
 def send_once(run: Run, send: Send) -> int:
-    """Send the targets of a mission so far; how many."""
-    events = events_of(run, _now())
-    for event in events:
+    """Send the targets of a mission so far, and take off the maps what is nothing; how many targets."""
+    now = _now()
+    events = events_of(run, now)
+    for event in (*events, *(deletion(uid, now) for uid in sorted(uids_of_nothing(run)))):
         send(event)
     return len(events)
 
@@ -69,21 +70,21 @@ def follow(folder: Path, send: Send, warn: Callable[[str], None]) -> None:
     """Send the events of a mission as it flies, until its journal has its end.
 
     A target is sent when it is new or changed, and again every ``_AGAIN_S``; the vehicle while its journal
-    grows. What was sent and is nothing after all is taken off the maps. A network that is away for a while is
-    warned of once.
+    grows. What is nothing after all is taken off the maps, whoever sent it. A network that is away for a
+    while, or a folder that cannot be read, is warned of once.
     """
     journal, board, is_away = folder / JOURNAL_FILE, _Board(), False
     size, run = journal.stat().st_size, load_flown(folder)
     while True:
-        grown = journal.stat().st_size != size
-        if grown:
-            size, run = journal.stat().st_size, load_flown(folder)
         try:
+            grown = journal.stat().st_size != size
+            if grown:
+                size, run = journal.stat().st_size, load_flown(folder)
             board.send_due(run, send, time.monotonic())
             if grown and not run.ended and len(run.states):
                 send(vehicle_event(run, _now()))
             is_away = False
-        except UserError as error:
+        except (UserError, OSError) as error:
             if not is_away:
                 warn(f"{error}; still trying")
             is_away = True
@@ -105,7 +106,7 @@ class _Board:
         now = _now()
         events = events_of(run, now)
         standing = {event.uid for event in events}
-        self._gone = (self._gone | self._standing) - standing
+        self._gone = (self._gone | self._standing | uids_of_nothing(run)) - standing
         self._standing = standing
         for event in (*events, *(deletion(uid, now) for uid in sorted(self._gone))):
             said, sent_s = self._sent.get(event.uid, (b"", -math.inf))

@@ -124,7 +124,7 @@ class App:
         scenario, head = scenario_of(folder), head_of(folder)
         async with self._drawing:
             picture = await run_in_threadpool(ground_picture, scenario, int(head.get("seed", 0)))
-        return Response(picture, media_type="image/jpeg", headers={"cache-control": "private, max-age=3600"})
+        return Response(picture, media_type="image/jpeg", headers={"cache-control": "private, no-cache"})
 
     async def _film(self, request: Request) -> Response:
         name = request.path_params["name"]
@@ -273,8 +273,8 @@ async def _body(request: Request) -> bytes:
 
 
 def _kept(path: Path) -> Response:
-    """A picture that never changes."""
-    return FileResponse(path, headers={"cache-control": "private, max-age=31536000, immutable"})
+    """A picture, asked for again by each page: another mission's may have had the same address."""
+    return FileResponse(path, headers={"cache-control": "private, no-cache"})
 
 
 async def _until_closed(socket: WebSocket) -> None:
