@@ -14,7 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
+from skysweep.mission.journal import FileJournal, read_journal
 from skysweep.web.app import STATIC
+from skysweep.web.live import LivePage
+from skysweep.web.security import Access
 
 FRONT = STATIC.parent / "front"
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -343,6 +346,58 @@ def test_a_lost_connection_is_said_and_mended(root, open_page):
         assert page.locator(".events li").count() > 3
     finally:
         second.stop()
+
+
+def written(folder, records, run):
+    """A run folder with these lines."""
+    folder.mkdir(parents=True)
+    shutil.copy(run / "config.yaml", folder)
+    journal = FileJournal(folder / "journal.jsonl")
+    for record in records:
+        fields = dict(record)
+        journal.write(fields.pop("t"), fields.pop("kind"), **fields)
+    return journal
+
+
+def test_a_page_left_open_does_not_go_on_with_another_mission(run, tmp_path, open_page):
+    records = read_journal(run / "journal.jsonl")
+    written(tmp_path / "one" / "short", records, run).close()
+    other = [records[0] | {"config": 64 * "0"}, *records[1:]]
+    written(tmp_path / "other" / "short", other, run).close()
+    first = Server("view", tmp_path / "one", "--port", free_port())
+    page = open_page(f"{first.base}/run/short")
+    page.get_by_text("Replay", exact=True).wait_for()
+    page.evaluate("window.isOld = true")
+    first.stop()
+    second = Server("view", tmp_path / "other", "--port", urlsplit(first.base).port)
+    try:
+        page.wait_for_function("() => window.isOld === undefined", timeout=20_000)
+        page.get_by_text("Replay", exact=True).wait_for()
+    finally:
+        second.stop()
+
+
+def test_a_vehicle_that_is_not_heard_is_said(run, tmp_path, open_page):
+    records = read_journal(run / "journal.jsonl")
+    records[0] |= {"truth": False}  # a real one
+    begun = [record for record in records if record["t"] < 10.0]
+    journal = written(tmp_path / "live", begun, run)
+    live = LivePage(tmp_path / "live", Access("127.0.0.1"), free_port())
+    try:
+        page = open_page(live.address)
+        chip = page.locator(".chip")
+        page.locator(".chip[data-state=live]").wait_for()
+        assert chip.inner_text() == "Live"
+        page.locator(".chip[data-state=silent]").wait_for(timeout=15_000)
+        assert re.fullmatch(r"No news for \d+ s", chip.inner_text())
+        assert page.locator(".silent .figures").count() == 1
+        for record in (r for r in records if 10.0 <= r["t"] < 11.0):
+            fields = dict(record)
+            journal.write(fields.pop("t"), fields.pop("kind"), **fields)
+        page.locator(".chip[data-state=live]").wait_for(timeout=5_000)
+    finally:
+        live.close()
+        journal.close()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

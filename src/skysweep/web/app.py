@@ -181,7 +181,8 @@ class App:
         try:
             folder = self._places.root if identity == self._live else self._places.folder(identity)
             feed = self._feed(folder)
-            place = Place(line=_line(socket.query_params.get("from", "0")))
+            asked = socket.query_params
+            place = Place(line=_line(asked.get("from", "0")), mission=asked.get("mission"))
         except UserError as error:
             await socket.send_json({"type": "status", "flying": False, "ended": False, "error": str(error)})
             await socket.close()

@@ -13,7 +13,7 @@ from skysweep.errors import UserError
 from skysweep.files.line_file import scan_lines
 from skysweep.results.journal_lines import can_be_told
 from skysweep.results.picture_files import told_by_name
-from skysweep.results.run_folder import FILM, JOURNAL_FILE, PICTURES
+from skysweep.results.run_folder import CLOCK, CONFIG, FILM, JOURNAL_FILE, PICTURES
 from skysweep.web.coverage import Coverage
 from skysweep.web.places import refuse_link
 from skysweep.web.versions import newer_version
@@ -23,6 +23,7 @@ _READ_BYTES = 1 << 19  # at a time, so that others are served in between
 _LONGEST_LINE_BYTES = 1 << 25  # a snapshot with thousands of candidates has less
 FLYING_S = 10.0  # since the journal's last line: it may still fly
 _COVER_S, _COVER_LINES = 0.1, 50  # of coverage at a time
+_HEAD_LINES = 5  # within which a journal tells of its mission
 _LOOK_S = 0.5  # between looks into the folders of pictures
 _END = "end"  # kind of a whole journal's last line
 
@@ -42,6 +43,7 @@ class Place:
 
     edition: int = -1  # of the journal
     line: int = 0
+    mission: str | None = None  # to which these lines belong, as ``Feed.mission`` has it; None: not said
     n_coverage: int = 0
     n_film: int = 0
     of: dict[str, str] = field(default_factory=dict)  # pictures by candidate
@@ -162,6 +164,12 @@ class Feed:
             self.records.append(record)
             self._lines.append(json.dumps(record, separators=(",", ":")))
 
+    @property
+    def mission(self) -> str:
+        """What tells its mission from others: the configuration and, in real time, when it began."""
+        utc = next((r["utc"] for r in self.records[:_HEAD_LINES] if r["kind"] == CLOCK), "")
+        return f"{self.records[0].get(CONFIG, '')} {utc}" if self.records else ""
+
     def _list_pictures(self) -> None:
         film, pictures = self.folder / FILM, self.folder / PICTURES
         if (changed := _changed(film)) != self._film_time_ns:
@@ -186,6 +194,12 @@ class Feed:
             if place.edition >= 0:
                 place.line = place.n_coverage = 0
             place.edition = self._edition
+        if place.mission is not None and self.records:
+            if (
+                place.mission != self.mission
+            ):  # a page that was left open, and another mission's at its address
+                place.line = 0
+            place.mission = None
         if place.line > len(self._lines):  # by a page that has seen more than there is, or is read yet
             if not self._is_read:
                 return messages

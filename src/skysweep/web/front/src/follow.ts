@@ -35,7 +35,8 @@ export class Follow {
   private connect(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const from = this.store.lines.length;
-    this.socket = new WebSocket(`${scheme}://${location.host}${runPath(this.id)}/follow?from=${from}`);
+    const asked = new URLSearchParams({ from: String(from), ...(from > 0 && { mission: this.store.mission }) });
+    this.socket = new WebSocket(`${scheme}://${location.host}${runPath(this.id)}/follow?${asked}`);
     this.socket.onmessage = (event) => this.take(JSON.parse(event.data as string) as Message);
     this.socket.onclose = () => {
       if (this.closed) return;

@@ -23,6 +23,8 @@ import type { Heights, Scene, XY } from "./types";
 
 type View = "map" | "3d" | "both";
 const VIEWS: readonly [View, string][] = [["map", "Map"], ["3d", "3-D"], ["both", "Both"]];
+const LONGEST_QUIET_S = 5; // a vehicle tells its state twice a second
+const LONGEST_QUIET_SIMULATED_S = 30; // a slow computer may take a while for a picture
 const COPY_KEYS: Record<string, Notation> = { e: "local", l: "latlon", u: "utm", m: "mgrs" };
 
 /** Opens a run in an element. Throws an Error with a sentence where it cannot be shown. */
@@ -60,6 +62,8 @@ class RunPage {
   private shownKey = "";
   private opened = false;
   private last_ms = performance.now();
+  private newest_s = 0; // mission time of the newest line
+  private news_ms = performance.now(); // when it came
 
   constructor(
     page: HTMLElement,
@@ -193,15 +197,23 @@ class RunPage {
     if (!this.opened && store.lines.length) this.open();
     clock.step(wall_s);
     if (store.ended !== null && clock.following && clock.t >= clock.end_s) clock.following = false;
+    if (store.end_s !== this.newest_s) [this.newest_s, this.news_ms] = [store.end_s, now_ms];
     const film = this.store.film.length;
-    const key = `${clock.t} ${store.version} ${film} ${this.map.shown.colour}`;
+    const key = `${clock.t} ${store.version} ${film} ${this.map.shown.colour} ${this.silent_s(now_ms)}`;
     if (key !== this.shownKey) {
       this.shownKey = key;
-      this.show(clock.t);
+      this.show(clock.t, this.silent_s(now_ms));
     }
     this.camera.show(clock.t); // a picture comes when it comes
     this.scrubber.show(this.scene.live && store.ended === null);
     requestAnimationFrame((next_ms) => this.frame(next_ms));
+  }
+
+  /** For how many seconds a live mission has told nothing; 0 where that is not long. */
+  private silent_s(now_ms: number): number {
+    const quiet_s = Math.floor((now_ms - this.news_ms) / 1000);
+    const longest_s = this.scene.simulated ? LONGEST_QUIET_SIMULATED_S : LONGEST_QUIET_S;
+    return this.scene.live && this.store.ended === null && this.newest_s > 0 && quiet_s >= longest_s ? quiet_s : 0;
   }
 
   /** Where a page begins: at the time in its address, else at the present, else at the end. */
@@ -218,7 +230,7 @@ class RunPage {
     }
   }
 
-  private show(t: number): void {
+  private show(t: number, silent_s: number): void {
     const candidates = this.store.candidatesAt(t);
     this.figures.show(t, this.store.countsAt(candidates));
     if (this.view !== "3d") {
@@ -234,8 +246,9 @@ class RunPage {
     this.timeline.show(t);
     this.tools.show();
     const live = this.scene.live && this.store.ended === null;
-    setText(this.chip, live ? (this.clock.following ? "Live" : "Live, looking back") : this.store.ended !== null ? "Replay" : this.flying ? "Flying" : "Broken off");
-    this.chip.dataset.state = live ? "live" : "replay";
+    setText(this.chip, silent_s > 0 ? `No news for ${silent_s} s` : live ? (this.clock.following ? "Live" : "Live, looking back") : this.store.ended !== null ? "Replay" : this.flying ? "Flying" : "Broken off");
+    this.chip.dataset.state = silent_s > 0 ? "silent" : live ? "live" : "replay";
+    this.element.classList.toggle("silent", silent_s > 0);
     this.element.classList.toggle("over", this.store.ended !== null);
   }
 

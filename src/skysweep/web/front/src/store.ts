@@ -132,6 +132,7 @@ function sightingOf(line: Line, look: Look | null): Sighting {
 
 const SETTLING = new Set(["confirmed", "rejected", "unchecked"]);
 const DECISIONS = new Set([...SETTLING, "scanned", "reassessed", "misfit"]);
+const HEAD_LINES = 5; // within which a journal tells of its mission
 const RATE_WINDOW_S = 60; // of battery use, for the time left
 
 // Columns of the states.
@@ -165,6 +166,12 @@ export class Store {
   private timesOf = -1;
 
   constructor(readonly scene: Scene) {}
+
+  /** What tells this mission from others: as the server's Feed.mission. */
+  get mission(): string {
+    const clock = this.lines.slice(0, HEAD_LINES).find((line) => line.kind === "clock");
+    return `${this.lines[0]?.config ?? ""} ${clock?.utc ?? ""}`;
+  }
 
   add(lines: readonly Line[]): void {
     for (const line of lines) {

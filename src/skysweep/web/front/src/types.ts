@@ -79,6 +79,8 @@ export interface Heights extends Grid {
 export interface Line {
   t: number;
   kind: string;
+  config?: string;
+  utc?: string;
   p?: number[];
   v?: number[];
   mode?: string;
