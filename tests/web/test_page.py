@@ -361,9 +361,9 @@ def written(folder, records, run):
 
 def test_a_page_left_open_does_not_go_on_with_another_mission(run, tmp_path, open_page):
     records = read_journal(run / "journal.jsonl")
-    written(tmp_path / "one" / "short", records, run).close()
-    other = [records[0] | {"config": 64 * "0"}, *records[1:]]
-    written(tmp_path / "other" / "short", other, run).close()
+    for name, utc in (("one", "2026-05-01T10:00:00+00:00"), ("other", "2026-05-01T11:00:00+00:00")):
+        began = {"t": 0.0, "kind": "clock", "utc": utc}
+        written(tmp_path / name / "short", [records[0], began, *records[1:]], run).close()
     first = Server("view", tmp_path / "one", "--port", free_port())
     page = open_page(f"{first.base}/run/short")
     page.get_by_text("Replay", exact=True).wait_for()

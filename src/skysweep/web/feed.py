@@ -195,9 +195,7 @@ class Feed:
                 place.line = place.n_coverage = 0
             place.edition = self._edition
         if place.mission is not None and self.records:
-            if (
-                place.mission != self.mission
-            ):  # a page that was left open, and another mission's at its address
+            if place.mission != self.mission:  # another's page, which was left open
                 place.line = 0
             place.mission = None
         if place.line > len(self._lines):  # by a page that has seen more than there is, or is read yet
