@@ -299,3 +299,38 @@ def test_no_order_is_repeated_to_a_vehicle_that_is_not_heard():
     assert len(ordered_s) == 1
     assert there.flown() == (POSITION, True)
     assert there.vehicle.state().taken_over
+
+
+@pytest.mark.parametrize("on_loss", [3, 5])
+@pytest.mark.parametrize("gap_s", [0.8, 3.0, 8.0])
+def test_an_order_to_land_that_a_gap_swallows_is_given_after_it(on_loss, gap_s):
+    """PX4 does meanwhile what it does without us, which is nobody's choice."""
+    there = in_offboard(on_loss)
+    there.cut(gap_s)
+    there.vehicle.land()
+    end_s = there.now_s() + 90.0
+    while there.flown()[1] and there.now_s() < end_s:
+        there.wait(0.5)
+    assert there.flown()[1] is False
+    assert not there.vehicle.state().taken_over
+
+
+@pytest.mark.parametrize("mode", [HOLD, RETURN, POSITION])
+def test_who_takes_it_in_the_gap_that_swallows_an_order_to_land_keeps_it(mode):
+    there = in_offboard()
+    there.sticks(moving=False)
+    there.wait(0.3)
+    there.cut(4.0)
+    took_s = there.now_s() + 2.0
+
+    def pilot():
+        if there.now_s() >= took_s:
+            there.vehicle.link.others.remove(pilot)
+            there.command(m.MAV_CMD_DO_SET_MODE, 1, *mode)
+
+    there.vehicle.link.others.append(pilot)
+    there.vehicle.land()
+    for _ in range(100):
+        there.wait(0.1)
+    assert there.flown()[0] == mode
+    assert there.vehicle.state().taken_over

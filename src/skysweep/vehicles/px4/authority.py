@@ -62,6 +62,14 @@ class FlightAuthority:
         told = self._told
         return told.intended == PX4Mode.OFFBOARD.value and told.flown[0] in (AUTO, PX4Mode.OFFBOARD.value[0])
 
+    def lost_us_since(self, since_s: float) -> bool:
+        """Whether the link was lost since then, and PX4 does what it does for that: nobody's choice."""
+        with self._lock:
+            modes = _STICKS | {action: mode.value for action, mode in _NO_STICKS.items()}
+            does_that = self._on_loss is not None and self._told.flown == modes.get(self._on_loss)
+            was_lost = since_s < self._heard_again_s < float("inf")
+            return was_lost and does_that and self._is_left_to_px4()
+
     def lost(self) -> bool:
         """Whether somebody else flies it, from the newest messages."""
         with self._lock:

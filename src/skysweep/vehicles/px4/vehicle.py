@@ -404,7 +404,7 @@ class Px4Vehicle:
         timeout_s: float = ORDER_S,
     ) -> None:
         """Orders the vehicle into a mode, unless it goes into another one meanwhile."""
-        told, before = self.telemetry, self.telemetry.flown
+        told, before, begun_s = self.telemetry, self.telemetry.flown, self.link.now_s()
 
         def done() -> bool:
             return told.flown == mode.value or or_else()
@@ -413,7 +413,8 @@ class Px4Vehicle:
             if told.flown == mode.value:
                 return False
             undone = told.mode_heard_s > self.link.accepted_s(number) + _SHOWS_S and not or_else()
-            return undone or told.flown != before or self.authority.lost()
+            changed = told.flown != before and not self.authority.lost_us_since(begun_s)
+            return undone or changed or self.authority.lost()
 
         if self.link.order(what, number, params, done, timeout_s, elsewhere, self._knows_since):
             self.authority.regain(mode)
