@@ -86,12 +86,20 @@ def test_a_pilot_who_insists_is_not_asked_twice():
     assert there.vehicle.state().taken_over
 
 
-def test_what_landed_since_the_list_is_not_armed_again():
+def found_in_hold():
+    """A vehicle that another program left in Hold, 12 m up."""
     there = in_offboard()
     there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
     there.wait(2.0)
+    there.sticks(moving=False)
     there.connect()
     there.vehicle.begins_in_air = True
+    there.wait(0.5)
+    return there
+
+
+def test_what_landed_since_the_list_is_not_armed_again():
+    there = found_in_hold()
     there.command(m.MAV_CMD_DO_SET_MODE, 1, *LAND)
     while there.flown()[1]:
         there.wait(1.0)
@@ -199,18 +207,6 @@ def test_without_a_keyboard_nobody_can_say_that_the_battery_was_changed(monkeypa
         with pytest.raises(UserError, match=r"landed for another battery.*skysweep fly "):
             _Operator(tmp_path).look(State(""), Mode.SWAP)
         _Operator(tmp_path, live=True).look(State(""), Mode.SWAP)  # somebody may on the page
-
-
-def found_in_hold():
-    """A vehicle that another program left in Hold, 12 m up."""
-    there = in_offboard()
-    there.command(m.MAV_CMD_DO_SET_MODE, 1, *HOLD)
-    there.wait(2.0)
-    there.sticks(moving=False)
-    there.connect()
-    there.vehicle.begins_in_air = True
-    there.wait(0.5)
-    return there
 
 
 @pytest.mark.parametrize("in_the_gap", [True, False])

@@ -32,15 +32,12 @@ def scenario_from_plan(path: str | Path) -> Scenario:
         drawn = scenario_from_area(path)
     else:
         home = Home(latitude_deg=latitude, longitude_deg=longitude, altitude_amsl_m=altitude_amsl_m)
-        drawn = scenario_over(path, home, _around(path, plan, frame))
-    fence = fence_of(path, plan, frame)
+        drawn = scenario_over(path, home, _around(path, plan, frame), **fence_of(path, plan, frame))
     return change_scenario(
         drawn,
         {
             "search.plan": str(path),
             "search.scan_altitude_agl_m": _height_m(path, plan),
-            "geofence_enu_m": fence["geofence_enu_m"],
-            "safety.no_fly_enu_m": fence["safety"]["no_fly_enu_m"],
         },
     )
 

@@ -198,7 +198,7 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
             steps.append((started_s, f"{text}{back}"))
             check = None
         if kind == EventKind.FINISHED:
-            steps.append((time_s, f"{_done(run, record)}he way home begins."))
+            steps.append((time_s, _done(run, record)))
         elif kind == "landed":
             steps.append((time_s, "Landed."))
         elif kind == "end" and record["reason"] != "completed":
@@ -215,15 +215,15 @@ def _timeline(run: Run, named: Sequence[FoundTarget]) -> list[tuple[str, str]]:
 
 
 def _done(run: Run, finished: Any) -> str:
-    """What a strategy has done when it finishes, up to the T of "The way home begins"."""
-    if finished.get("reason"):
-        return "T"  # it ended early, which is said
+    """What a strategy has done when it finishes."""
+    if finished.get("reason"):  # it ended early, which is said
+        return "The way home begins."
     unchecked = run.events(EventKind.UNCHECKED)
     if any(record.get("reason") == UNDECIDED for record in unchecked):
-        return "All transects flown: t"
+        return "All transects flown: the way home begins."
     reachable = "reachable " if unchecked else ""
     done = "decided" if run.tells_probabilities else "checked"
-    return f"All transects flown, all {reachable}candidates {done}: t"
+    return f"All transects flown, all {reachable}candidates {done}: the way home begins."
 
 
 def _aim(start: Any) -> int | None:
