@@ -46,7 +46,9 @@ def test_a_look_costs_the_way_and_the_doubt_that_it_leaves():
     signs = Hypotheses(CONTEXT, "stop sign", BeliefParameters())
 
     def cost_s(loss_s, away_m, above_m=30.0, ways=1):
-        return CHECKS.look_costs_s(signs, signs.fresh(), 0.2, loss_s, np.zeros(3), away_m, above_m, ways=ways)
+        return CHECKS.look_costs_s(
+            signs, signs.fresh(), 0.2, loss_s, np.zeros(3), away_m, above_m, 4.0, ways=ways
+        )
 
     down_s = (30.0 - 4.0) / CONTEXT.vehicle.descent_speed_mps
     assert down_s < cost_s(0.0, 0.0) < down_s + 6.0
@@ -54,6 +56,21 @@ def test_a_look_costs_the_way_and_the_doubt_that_it_leaves():
     assert cost_s(0.0, 100.0) < cost_s(1.0, 100.0) < cost_s(0.0, 100.0) + 1.0
     assert cost_s(500.0, 100.0) < cost_s(0.0, 100.0) + 5.0, "another look costs less than that doubt"
     assert cost_s(0.0, 100.0, ways=2) == pytest.approx(2.0 * cost_s(0.0, 100.0))
+
+
+def test_a_demanded_look_is_no_lower_than_asked_for_unless_that_tells_enough():
+    signs = Hypotheses(CONTEXT, "stop sign", BeliefParameters())
+
+    def height_m(checks, doubt_s):
+        return checks.height_m(signs, signs.fresh(), 0.5, doubt_s, np.zeros(3))
+
+    assert height_m(CHECKS, 0.0) == height_m(CHECKS, 50.0) == 4.0, "no close look is demanded"
+    demanding = Checks(context_of(check_altitude_agl_m=4.0, confirm_height_max_m=12.0), BeliefParameters())
+    assert height_m(demanding, 0.0) == pytest.approx(12.0 - 0.8), "only the close look is lacking"
+    barely = Checks(context_of(check_altitude_agl_m=4.0, confirm_height_max_m=4.9), BeliefParameters())
+    assert height_m(barely, 50.0) in (4.0, pytest.approx(4.1))
+    high = Checks(context_of(check_altitude_agl_m=4.0, confirm_height_max_m=28.0), BeliefParameters())
+    assert height_m(high, 0.5) == pytest.approx(28.0 - 0.8), "so small a doubt is not worth the way down"
 
 
 def test_a_place_stays_in_view_for_three_looks():

@@ -13,6 +13,7 @@ from skysweep.arrays import F64
 from skysweep.geometry.camera import CameraPose
 from skysweep.geometry.frames import rotation_camera_to_enu
 from skysweep.planning.routing import tour_from
+from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.hypotheses import Hypotheses
 from skysweep.strategies.belief.parameters import BeliefParameters
 from skysweep.strategies.context import MissionContext
@@ -24,6 +25,7 @@ _SIDES = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1)) 
 _BESIDE = [(0.0, 0.0), *((s * u, s * v) for s in (0.4, 0.8) for u, v in _SIDES)]  # of half the picture
 _APART = 0.3  # of the picture's height: so far from each other are two sides
 _AT_A_PLACE_S = 1.5  # that one more place takes beside the way there
+SIDE_S = 20.0  # of doubt are a reason to look from another side
 LOOKS_THERE = 5  # that tell something; then another side is due, or a verdict by the odds
 _IN_PASSING = 3  # looks for which a place stays in view at least
 _BRAKES_MPS2 = 4.0
@@ -40,7 +42,9 @@ class Checks:
         self._looks_hz = context.looks_hz
         self._sinks_mps = context.vehicle.descent_speed_mps
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
-        self._height_m = search.check_altitude_agl_m
+        self._height_m = self._demanded_m = search.check_altitude_agl_m
+        if search.confirm_height_max_m is not None:
+            self._demanded_m = max(self._height_m, search.confirm_height_max_m - ALTITUDE_TOLERANCE_M)
         self._reach_m = _IN_VIEW * context.lens.footprint_m(self._height_m)[1]  # before it a place is in view
         self._obstacles, self._keep_m = context.obstacles, context.keep_m
 
@@ -66,20 +70,43 @@ class Checks:
         place_enu_m: F64,
         away_m: float,
         above_m: float,
+        height_m: float,
         ways: int,
     ) -> float:
-        """Price of a closer look: the time until it, and what the doubt that it leaves costs.
+        """Price of a look from ``height_m``: the time until it, and what the doubt that it leaves costs.
 
         The vehicle is ``away_m`` from the place and ``above_m`` above it; it flies there and, in two
         ``ways``, back. Where another look is cheaper than the doubt, that counts.
         """
-        eye = CameraPose(place_enu_m + np.array([0.0, 0.0, self._height_m]), self._R)
         flown_s = max(away_m - self._reach_m, 0.0) / self._speed_mps
-        takes_s = max(flown_s, max(above_m - self._height_m, 0.0) / self._sinks_mps)
+        takes_s = max(flown_s, max(above_m - height_m, 0.0) / self._sinks_mps)
         in_view_s, looks_s = 2.0 * self._reach_m / self._speed_mps, LOOKS_THERE / self._looks_hz
         takes_s += in_view_s if in_view_s >= looks_s else looks_s + _STOP_S
-        doubt = hypotheses.confusion(belief, eye, place_enu_m, nothing)
+        doubt = self._doubt_left(hypotheses, belief, nothing, place_enu_m, height_m)
         return ways * takes_s + doubt * min(loss_s, _AGAIN_S)
+
+    def height_m(
+        self, hypotheses: Hypotheses, belief: F64, nothing: float, doubt_s: float, place_enu_m: F64
+    ) -> float:
+        """Height above a place (3,) from which it is looked at.
+
+        That is the check's or, where a close look is demanded, the height that will do for one, if the
+        descent from there takes longer than what it would tell is worth. ``doubt_s`` is what deciding without
+        a look costs on average; none is left of it where only the close look is lacking.
+        """
+        low_m, high_m = self._height_m, self._demanded_m
+        if low_m == high_m or doubt_s == 0.0:
+            return high_m
+        high, low = (self._doubt_left(hypotheses, belief, nothing, place_enu_m, m) for m in (high_m, low_m))
+        worth_s = (high - low) * min(doubt_s, SIDE_S)
+        return low_m if worth_s > (high_m - low_m) / self._sinks_mps else high_m
+
+    def _doubt_left(
+        self, hypotheses: Hypotheses, belief: F64, nothing: float, place_enu_m: F64, height_m: float
+    ) -> float:
+        """Share of today's doubt that looks from so high above a place leave."""
+        eye = CameraPose(place_enu_m + np.array([0.0, 0.0, height_m]), self._R)
+        return hypotheses.confusion(belief, eye, place_enu_m, nothing)
 
     def speed_mps(self, away_m: float) -> float:
         """How fast to fly, so far from a place that is looked at in passing."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from skysweep.scenarios.model import ALTITUDE_TOLERANCE_M
 from skysweep.strategies.belief.candidates import Suspects
-from skysweep.strategies.belief.checks import LOOKS_THERE, Checks
+from skysweep.strategies.belief.checks import LOOKS_THERE, SIDE_S, Checks
 from skysweep.strategies.belief.goal import Goal
 from skysweep.strategies.belief.ground import LOOKS_AGAIN, Ground
 from skysweep.strategies.belief.parameters import BeliefParameters
@@ -37,7 +37,7 @@ _SMALL_DOUBT_S = 5.0  # is no reason for one
 _SUPPOSED, _SUPPOSED_SHARE = 5.0, 0.1  # targets of a search before any is found, and how much that weighs
 _TURNS = 3  # to a candidate that is not worth the way after all, then to another: not for ever
 _MOST_URGENT = 10  # candidates that are priced at one look
-_SIDES, _SIDE_S = 4, 20.0  # more that a candidate is looked at from, while its doubt costs so much
+_SIDES = 4  # more that a candidate is looked at from
 _NEARER = 0.6  # of the way to the goal: for a place this near the goal is changed
 _PATIENCE = 0.5  # share of the doubt with which a candidate in view is confirmed; the next look is free
 
@@ -242,8 +242,7 @@ class BeliefSearch:
         goal = self._goal
         if goal is not None and k == goal.id and goal.looks_before is not None:
             n = self._suspects.all[k].n_looks - goal.looks_before
-            from_m = self._search.check_altitude_agl_m
-            looked = f"after {n} more look{'' if n == 1 else 's'} from {from_m:.0f} m "
+            looked = f"after {n} more look{'' if n == 1 else 's'} from {goal.height_m:.0f} m "
         return f"{looked}a mistake costs {self._verdicts_s(k)[verdict]:.0f} s on average"
 
     # ---- checks ------------------------------------------------------------------------------------------
@@ -272,7 +271,7 @@ class BeliefSearch:
             if saved_s[i] <= 0.0:
                 return
             k, waits_s = open_[i], self._waiting_s(open_[i])
-            if self._look_costs_s(seen, k) < self._loss_s(k) + waits_s:
+            if self._look_costs_s(seen, k, self._height_m(seen, k)) < self._loss_s(k) + waits_s:
                 self._left = self._left or here
                 looks_s = {
                     "look now": float(visits.now_s[i]),
@@ -344,7 +343,7 @@ class BeliefSearch:
         x, y, _ = seen.vehicle.position_enu_m.tolist()
         return Waypoint(
             to,
-            self._search.check_altitude_agl_m,
+            goal.height_m,
             self._checks.speed_mps(math.dist((x, y), to)),
             to_look=True,
             then_xy_enu_m=None if goal.stops else then,
@@ -372,22 +371,32 @@ class BeliefSearch:
         if self._goal is None or first != self._goal.id:
             self._turns[first] = self._turns.get(first, 0) + 1
             look_s = float(self._checks.visits_s(here, places[route])[0])
-            self._turn_to(seen, first, events, {self._a_look: look_s})
+            self._turn_to(seen, first, events, {_a_look(self._height_m(seen, first)): look_s})
 
     def _turn_to(
         self, seen: Observation, k: int, events: list[Event], looks_s: Mapping[str, float], more: str = ""
     ) -> None:
         sides_m = self._checks.sides_m(seen.candidates[k].position_enu_m)
-        self._goal = Goal(k, sides_m[: 1 + _SIDES])
+        self._goal = Goal(k, self._height_m(seen, k), sides_m[: 1 + _SIDES])
         reason = f"a verdict now costs {self._loss_s(k):.0f} s on average{more}"
         options = _cheapest_first({**self._verdicts_s(k), **looks_s})
         events.append(self._event(EventKind.CHECK_STARTED, seen, k, reason, options))
 
-    @property
-    def _a_look(self) -> str:
-        return f"look from {self._search.check_altitude_agl_m:.0f} m"
+    def _height_m(self, seen: Observation, k: int) -> float:
+        """Above a candidate, from which a closer look is taken."""
+        if self._goal is not None and self._goal.id == k and self._goal.is_from_aside:
+            return self._search.check_altitude_agl_m
+        suspect, p = self._suspects.all[k], self._suspects.probability(k)
+        doubt_s = min(p * self._p.missed_cost_s, (1.0 - p) * self._p.alarm_cost_s)
+        return self._checks.height_m(
+            self._suspects.hypotheses(suspect.class_name),
+            suspect.belief,
+            self._suspects.nothing,
+            0.0 if p >= self._p.confirm_probability else doubt_s,
+            seen.candidates[k].position_enu_m,
+        )
 
-    def _look_costs_s(self, seen: Observation, k: int) -> float:
+    def _look_costs_s(self, seen: Observation, k: int, height_m: float) -> float:
         """Price of a closer look from here, and of the doubt that it leaves; in the scan, there and back."""
         suspect = self._suspects.all[k]
         x, y, _ = seen.vehicle.position_enu_m.tolist()
@@ -399,21 +408,24 @@ class BeliefSearch:
             seen.candidates[k].position_enu_m,
             math.dist((x, y), self._xy(seen, k)),
             seen.altitude_agl_m,
+            height_m,
             ways=2 if self._to_scan else 1,
         )
 
     def _options(self, seen: Observation, k: int) -> _Options:
         """What could be decided of a candidate now, and what that costs in s on average, cheapest first."""
         back = " and back" if self._to_scan else ""
-        look_s = self._look_costs_s(seen, k)
-        return _cheapest_first({**self._verdicts_s(k), self._a_look + back: look_s})
+        height_m = self._height_m(seen, k)
+        look_s = self._look_costs_s(seen, k, height_m)
+        return _cheapest_first({**self._verdicts_s(k), _a_look(height_m) + back: look_s})
 
     def _judge_goal(self, seen: Observation, here: XY, events: list[Event]) -> None:
         """Once it was looked at enough from there: look from another side, or decide."""
         if self._goal is None:
             return
         goal, k = self._goal, self._goal.id
-        to, height_m = self._beside(seen, goal), self._search.check_altitude_agl_m
+        goal.height_m = self._height_m(seen, k)
+        to, height_m = self._beside(seen, goal), goal.height_m
         if seen.lookout is not None:
             to, height_m = seen.lookout.xy_enu_m, seen.lookout.altitude_agl_m
         if seen.altitude_agl_m > height_m + _LEVEL_M and not _hovers(seen):
@@ -428,7 +440,7 @@ class BeliefSearch:
         is_clear = looks >= _LOOKS_AT_LEAST and self._loss_s(k) < _SMALL_DOUBT_S
         if not is_clear and looks < LOOKS_THERE and goal.looks_above < _LOOKS_AT_MOST:
             return
-        if self._loss_s(k) > _SIDE_S and len(goal.sides_m) > 1:
+        if self._loss_s(k) > SIDE_S and len(goal.sides_m) > 1:
             goal.look_from(goal.sides_m[1:])
             events.append(self._stays_open(seen, k, "another side may show more"))
         elif is_clear or not self._waits(k):
@@ -509,6 +521,10 @@ class BeliefSearch:
 def _hovers(seen: Observation) -> bool:
     """Whether it stands in the air: as near as obstacles let it come."""
     return bool(np.linalg.norm(seen.vehicle.velocity_enu_mps) < _HOVERS_MPS)
+
+
+def _a_look(height_m: float) -> str:
+    return f"look from {height_m:.0f} m"
 
 
 def _cheapest_first(costs_s: Mapping[str, float]) -> _Options:
