@@ -1,4 +1,4 @@
-"""A mission over steep hills flies its transects as high and as fast as they were planned."""
+"""A mission over steep hills flies its transects as high and as fast as they were planned, not as it cruises home."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def scenario():
         name="steep",
         area=Area(polygon_enu_m=[(0, 0), (300, 0), (300, 150), (0, 150)]),
         terrain=Terrain(hills_height_m=60, hills_wavelength_m=250, seed=2),
-        vehicle=VehicleLimits(cruise_speed_mps=8, battery_wh=2000),
+        vehicle=VehicleLimits(cruise_speed_mps=5, battery_wh=2000),
         camera=CameraModel(hfov_rad=1.2),
     ).with_search(strategy="scan-only", scan_altitude_agl_m=40, scan_speed_mps=8)
 

@@ -87,10 +87,6 @@ CASES = {
         {"trees": "[{position_enu_m: [-4, 0], height_m: 9, crown_radius_m: 2.5}]"},
         "home.position_enu_m: trees or buildings are nearer than safety.clearance_m (2 m) to take-off",
     ),
-    "faster than the vehicle": (
-        {"vehicle": "{cruise_speed_mps: 4}"},
-        "search.scan_speed_mps: 5 m/s is more than vehicle.cruise_speed_mps (4)",
-    ),
     "a wind that blows it off its transects": (
         {"wind": "{mean_speed_mps: 6}"},
         "search.scan_speed_mps: 5 m/s against a wind of 6 m/s is more than the vehicle sustains "

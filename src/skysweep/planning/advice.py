@@ -304,12 +304,7 @@ def _raster(area: shapely.Polygon) -> NDArray[np.object_]:
 
 
 def _about_speeds(scenario: Scenario) -> Iterator[str]:
-    cruise, wanted = scenario.vehicle.cruise_speed_mps, scenario.search.scan_speed_mps
-    if wanted > cruise:
-        yield (
-            f"search.scan_speed_mps: {wanted:g} m/s is more than vehicle.cruise_speed_mps ({cruise:g}), "
-            "which will be flown instead"
-        )
+    cruise, scan_mps = scenario.vehicle.cruise_speed_mps, scenario.search.scan_speed_mps
     mean_mps, air_mps = scenario.wind.mean_speed_mps, scenario.safety.air_speed_max_mps
     wind = mean_mps + 2 * scenario.wind.gust_std_mps
     if wind >= 2 * cruise:
@@ -317,7 +312,7 @@ def _about_speeds(scenario: Scenario) -> Iterator[str]:
             f"wind.mean_speed_mps: with gusts it blows at {wind:g} m/s, too much for a vehicle that "
             f"cruises at {cruise:g} m/s"
         )
-    elif (scan_mps := min(wanted, cruise)) + mean_mps > air_mps:
+    elif scan_mps + mean_mps > air_mps:
         held_mps = math.floor(10.0 * (air_mps - mean_mps)) / 10.0
         yield (
             f"search.scan_speed_mps: {scan_mps:g} m/s against a wind of {mean_mps:g} m/s is more than the "

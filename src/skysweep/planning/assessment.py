@@ -140,7 +140,7 @@ def assess(plan: CoveragePlan, scenario: Scenario, when: datetime | None = None)
         scenario,
         prove(plan, scenario, terrain),
         path,
-        float(plan.lost_s(min(scenario.search.scan_speed_mps, scenario.vehicle.cruise_speed_mps)).sum()),
+        float(plan.lost_s(scenario.search.scan_speed_mps).sum()),
         path.stretches(hidden),
         float(hidden.mean()),
         sun,

@@ -219,7 +219,7 @@ def _path(plan: CoveragePlan, scenario: Scenario) -> tuple[F64, Spent]:
     waypoints, scan_mps = plan.waypoints_xy_enu_m, scenario.search.scan_speed_mps
     legs = _legs(waypoints[:-1], waypoints[1:], scan_mps, scenario)
     if plan.profiles:
-        lost_s = plan.lost_s(min(scan_mps, scenario.vehicle.cruise_speed_mps))
+        lost_s = plan.lost_s(scan_mps)
         hover_w = float(_power_w(scenario, scenario.wind.mean_speed_mps))
         legs = Spent(legs.time_s + lost_s, legs.energy_wh + lost_s * hover_w / 3600.0)
     lengths_m = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)

@@ -57,8 +57,7 @@ def flown_path(
     keep_m = min(scenario.safety.clearance_m, altitude_agl_m)
     corners = np.concatenate([home, plan.waypoints_xy_enu_m, home])
     profiles = {p.leg_xy_enu_m.tobytes(): p for p in plan.profiles}
-    vehicle, cruise_mps = scenario.vehicle, scenario.vehicle.cruise_speed_mps
-    scan_mps = min(scenario.search.scan_speed_mps, cruise_mps)
+    vehicle, scan_mps = scenario.vehicle, scenario.search.scan_speed_mps
     parts: list[tuple[F64, F64, F64]] = []
     counts = [0]
     height_m = float(terrain.height_m(home)[0]) + altitude_agl_m
@@ -70,7 +69,7 @@ def flown_path(
         if profile is not None:
             height = profile.height_m
         else:
-            speed_mps = cruise_mps if k == len(corners) - 2 else scan_mps
+            speed_mps = vehicle.cruise_speed_mps if k == len(corners) - 2 else scan_mps
             step_s = math.dist(*leg) / (len(ground) - 1) / speed_mps
             ahead = round(LOOK_AHEAD_S / max(step_s, 1e-9)) if step_s > 0.0 else 0
             wanted = np.maximum(

@@ -147,8 +147,7 @@ def profiles_of(
 
     It stays below ``safety.altitude_max_agl_m``, also where more would be needed.
     """
-    vehicle = scenario.vehicle
-    scan_mps = min(scenario.search.scan_speed_mps, vehicle.cruise_speed_mps)
+    vehicle, scan_mps = scenario.vehicle, scenario.search.scan_speed_mps
     grounds = [ground_along(leg, terrain) for leg in transects]
     needs = [ground + altitude_agl_m for ground in grounds]
     if to_see is not None:

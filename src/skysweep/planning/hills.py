@@ -32,7 +32,7 @@ def plan_over_hills(scenario: Scenario, altitude_agl_m: float, terrain: TerrainS
     area, lens, search = scenario.area_enu_m, scenario.camera.lens, scenario.search
     start = np.array(scenario.home.position_enu_m, dtype=float)
     width, height = lens.footprint_m(altitude_agl_m)
-    scan_mps = min(search.scan_speed_mps, scenario.vehicle.cruise_speed_mps)
+    scan_mps = search.scan_speed_mps
 
     def cost(plan: CoveragePlan) -> float:
         follows = profiles_of(plan.transects, plan.heading_deg, scenario, altitude_agl_m, terrain)

@@ -471,7 +471,9 @@ class Light(Model):
 class VehicleLimits(Model):
     """The vehicle. Defaults are PX4's (v1.17) and fit its SIH quadrotor."""
 
-    cruise_speed_mps: Speed = Field(5.0, description="Horizontal limit")
+    cruise_speed_mps: Speed = Field(
+        5.0, description="On the way home and to where a search goes on; advice and tuning stay below"
+    )
     climb_speed_mps: float = Field(3.0, ge=0.01, le=8)
     descent_speed_mps: float = Field(1.5, ge=0.01, le=4)
     battery_wh: float = Field(98.0, gt=1, le=5000)
