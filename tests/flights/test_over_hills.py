@@ -1,4 +1,4 @@
-"""A mission over steep hills flies its transects as high and as fast as they were planned, not as it cruises home."""
+"""A mission over steep hills flies its transects as high and as fast as they were planned."""
 
 from __future__ import annotations
 

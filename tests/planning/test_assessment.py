@@ -46,6 +46,15 @@ def test_flat_ground_is_all_seen_at_one_height_in_sight_of_home():
     assert rows["radio"] == "in sight of an antenna 2 m above home all the way"
 
 
+def test_what_a_camera_sees_that_looks_ahead_is_not_said_to_be_known():
+    s = scenario(FLAT)
+    ahead = s.camera.gimbal.model_copy(update={"pitch_deg": -60.0})
+    s = s.model_copy(update={"camera": s.camera.model_copy(update={"gimbal": ahead})})
+    judged = assess(plan_scenario(s)[0], s)
+    assert judged.record()["seen_share"] is None
+    assert dict(judged.rows())["seen by the camera"] == "not known: camera.gimbal.pitch_deg is -60"
+
+
 def test_the_path_keeps_clear_of_the_ground_between_its_stations():
     s = scenario(
         np.random.default_rng(3).uniform(0.0, 60.0, (24, 24)), safety=Safety(altitude_max_agl_m=600.0)

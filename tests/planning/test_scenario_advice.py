@@ -87,6 +87,10 @@ CASES = {
         {"trees": "[{position_enu_m: [-4, 0], height_m: 9, crown_radius_m: 2.5}]"},
         "home.position_enu_m: trees or buildings are nearer than safety.clearance_m (2 m) to take-off",
     ),
+    "a camera that looks ahead": (
+        {"camera": "{hfov_rad: 1.2, gimbal: {pitch_deg: -60}}"},
+        "camera.gimbal.pitch_deg: at -60 the camera does not look straight down, as the plan assumes",
+    ),
     "a wind that blows it off its transects": (
         {"wind": "{mean_speed_mps: 6}"},
         "search.scan_speed_mps: 5 m/s against a wind of 6 m/s is more than the vehicle sustains "

@@ -56,6 +56,7 @@ def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = N
         *_about_way(scenario),
         *_about_resolution(scenario),
         *_about_footprints(scenario),
+        *_about_gimbal(scenario),
         *_about_obstacles(scenario),
         *_about_speeds(scenario),
         *_about_sun(scenario),
@@ -178,6 +179,16 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
                 "terrain.orthophoto: has no overviews, so that looks from high up read much of the file; "
                 "add them with  gdaladdo"
             )
+
+
+def _about_gimbal(scenario: Scenario) -> Iterator[str]:
+    gimbal = scenario.camera.gimbal
+    if not gimbal.looks_down:
+        yield (
+            f"camera.gimbal.pitch_deg: at {gimbal.pitch_deg:g} the camera does not look straight down, as "
+            "the plan assumes: its transects, pixels and probabilities are those of -90, and how much of the "
+            "area is seen is not known before it is flown; write -90"
+        )
 
 
 def _about_sun(scenario: Scenario) -> Iterator[str]:

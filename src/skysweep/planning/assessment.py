@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ class Assessment:
     """A plan, judged over its terrain before take-off."""
 
     scenario: Scenario
-    proof: Proof
+    proof: Proof | None  # none where the camera does not look straight down
     path: FlownPath
     slowed_s: float  # by slopes
     hidden: list[tuple[XY, float]]  # middle and length of stretches without radio, the longest first
@@ -45,12 +46,10 @@ class Assessment:
 
     def warnings(self) -> Iterator[str]:
         """A sentence for each thing that should change before take-off."""
-        missed = self.proof.unseen_places()
-        if missed and self.scenario.search.plan is None:
+        if self.proof is not None and self._missed and self.scenario.search.plan is None:
             yield (
                 f"safety.altitude_max_agl_m: {100 * (1.0 - self.proof.share):.2g} % of the area is in no "
-                f"picture, {_named([((p.x, p.y), a) for p, a in missed], 'm2')}; raise the ceiling, or write "
-                "a larger search.sidelap"
+                f"picture, {_named(self._missed, 'm2')}; raise the ceiling, or write a larger search.sidelap"
             )
         ceiling_m = self.scenario.safety.altitude_max_agl_m
         highest = int(self.path.agl_m.argmax())
@@ -77,8 +76,8 @@ class Assessment:
         """The figures, for JSON; lengths in metres, shares 0..1, places east and north."""
         agl_m = self.path.agl_m[self.path.search]
         return {
-            "seen_share": self.proof.share,
-            "unseen": [{"xy_enu_m": [p.x, p.y], "area_m2": area} for p, area in self.proof.unseen_places()],
+            "seen_share": None if self.proof is None else self.proof.share,
+            "unseen": [{"xy_enu_m": list(xy), "area_m2": area} for xy, area in self._missed],
             "height_agl_m": {
                 "lowest": float(agl_m.min()),
                 "median": float(np.median(agl_m)),
@@ -91,13 +90,18 @@ class Assessment:
             "sun": {"elevation_deg": self.sun.elevation_deg, "heading_deg": self.sun.heading_deg},
         }
 
+    @cached_property
+    def _missed(self) -> list[tuple[XY, float]]:
+        """Middle and area in m2 of each patch that is not seen, the largest first."""
+        return [] if self.proof is None else [((p.x, p.y), area) for p, area in self.proof.unseen_places()]
+
     def _seen(self) -> str:
+        if self.proof is None:
+            return f"not known: camera.gimbal.pitch_deg is {self.scenario.camera.gimbal.pitch_deg:g}"
         cells = f"{len(self.proof.seen):,} cells of {self.proof.cells.size_m:.1f} m"
-        missed = self.proof.unseen_places()
-        if not missed:
+        if not self._missed:
             return f"all of the area: each of {cells}"
-        places = _named([((p.x, p.y), a) for p, a in missed], "m2")
-        return f"{self.proof.share:.2%} of {cells}; not {places}"
+        return f"{self.proof.share:.2%} of {cells}; not {_named(self._missed, 'm2')}"
 
     def _heights(self) -> str:
         agl_m = self.path.agl_m[self.path.search]
@@ -138,7 +142,7 @@ def assess(plan: CoveragePlan, scenario: Scenario, when: datetime | None = None)
         sun = sun_at(when, home.latitude_deg, home.longitude_deg)
     return Assessment(
         scenario,
-        prove(plan, scenario, terrain),
+        prove(plan, scenario, terrain) if scenario.camera.gimbal.looks_down else None,
         path,
         float(plan.lost_s(scenario.search.scan_speed_mps).sum()),
         path.stretches(hidden),

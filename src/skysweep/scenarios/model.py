@@ -37,6 +37,7 @@ MAX_TREES, MAX_BUILDINGS, MAX_OBJECTS = 50_000, 5000, 5000
 MAX_HOVER_H = 48.0
 MAX_WAITING_PX = 300_000_000  # of pictures between exposure and answer
 GIMBAL_PITCH_DEG = (-90.0, 45.0)  # limits, above the horizon
+DOWN_WITHIN_DEG = 1.0  # of straight down
 ALTITUDE_TOLERANCE_M = 0.8  # within which a height is kept: PX4 NAV_MC_ALT_RAD
 MAX_CURRENT_MPS = 10.0
 SUN_LEAST_DEG = 3.0  # elevation, for visible pictures
@@ -522,6 +523,11 @@ class Gimbal(Model):
     def pitch_rad(self) -> float:
         """The pitch above the horizon."""
         return math.radians(self.pitch_deg)
+
+    @property
+    def looks_down(self) -> bool:
+        """Whether the camera looks straight down, as plans assume."""
+        return self.pitch_deg - GIMBAL_PITCH_DEG[0] <= DOWN_WITHIN_DEG
 
 
 class CameraModel(Model):
