@@ -4,12 +4,14 @@ import json
 
 import numpy as np
 import pytest
+import shapely
 from typer.testing import CliRunner
 
 from skysweep.cli import app
 from skysweep.planning.prior.map_files import read_map
 from skysweep.results.run_folder import load_flown
 from skysweep.results.searched import coverage_of_run
+from skysweep.scenarios.files import load_scenario
 from skysweep.sensing.statistical.sweep_width import sweep_width_from, sweep_width_m
 
 LKP = "22.105,60.202"
@@ -70,6 +72,33 @@ def test_a_map_is_made_over_an_area(tmp_path):
     cells = read_map("lost.npz")
     east, north = cells.bounds_m[2] - cells.bounds_m[0], cells.bounds_m[3] - cells.bounds_m[1]
     assert (east, north) == pytest.approx((115, 95), abs=10)
+
+
+def test_a_map_over_an_area_leaves_out_the_corners_around_it(tmp_path):
+    (tmp_path / "shore.yaml").write_text(SHORE.replace(", [60.2020, 22.106]", ""))  # a triangle
+    lost = ("lost-person", *OWN, "--over", "shore.yaml")
+    adrift = (
+        "drift",
+        "--lkp",
+        LKP,
+        "--hours",
+        0.05,
+        "--wind",
+        "1,180",
+        "--current",
+        "0,90",
+        "--over",
+        "shore.yaml",
+    )
+    for words, name in ((lost, "lost-person.npz"), (adrift, "drift.npz")):
+        said = done(*words).output
+        cells = read_map(name)
+        within = shapely.contains_xy(
+            load_scenario("shore.yaml").area_enu_m, *np.moveaxis(cells.centres_xy_m, -1, 0)
+        )
+        assert cells.poa[~within].sum() == 0.0
+        assert cells.poa[within].sum() == pytest.approx(1.0)
+        assert "outside shore.yaml: " in said
 
 
 def test_drift_goes_with_current_and_wind():
