@@ -45,6 +45,7 @@ def jpeg(
     *,
     make=None,
     focal_35_mm=None,
+    digital_zoom=None,
     place=None,
     taken=None,
     gps=None,
@@ -60,6 +61,8 @@ def jpeg(
     exposure = exif.get_ifd(0x8769)
     if focal_35_mm:
         exposure[0xA405] = focal_35_mm
+    if digital_zoom:
+        exposure[0xA404] = digital_zoom
     if taken:
         exposure[0x9003] = taken
     receiver = exif.get_ifd(0x8825)

@@ -193,6 +193,15 @@ def test_two_names_of_the_detector_for_one_of_ours_are_one_detection(tmp_path):
     assert result.total("person") == Score(n_targets=1, n_found=1, n_confirming=1, n_false=0)
 
 
+def test_a_crowd_of_one_class_excuses_no_other(tmp_path):
+    data = dataset(tmp_path, ([((10, 10, 20, 20), "person")], [(0, 0, 100, 100)], [], None))
+    (image,) = data.images
+    data = replace(data, images=(replace(image, crowd_names=("person",)),))
+    false = [[((50, 50, 60, 60), 0.9, "boat"), ((70, 70, 80, 80), 0.9, "person")]]
+    result = evaluate(Oracle(false), data)
+    assert (result.total("boat").n_false, result.total("person").n_false) == (1, 0)
+
+
 def test_reliability_by_hand(tmp_path):
     _, result = judged(tmp_path, GOOD)
     weak, sure, surest = reliability(result)

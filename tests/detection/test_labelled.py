@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from skysweep.detection.training.labelled import LabelledImage, write_labels
-from skysweep.detection.training.reading import read_dataset
+from skysweep.detection.training.reading import read_dataset, with_our_classes
 from skysweep.errors import UserError
 
 
@@ -203,3 +203,29 @@ def test_unnamed_classes(tmp_path):
     (yolo(tmp_path) / "data.yaml").unlink()
     with pytest.raises(UserError, match=r"class names are unknown; write data\.yaml"):
         read_dataset(tmp_path)
+
+
+def test_names_count_lines(tmp_path):
+    yolo(tmp_path)
+    (tmp_path / "data.yaml").unlink()
+    (tmp_path / "classes.txt").write_text("person\n\nboat\n")
+    with pytest.raises(UserError, match=r"classes\.txt: line 2 is empty"):
+        read_dataset(tmp_path)
+    (tmp_path / "classes.txt").write_text("person\nboat\n\n")
+    assert read_dataset(tmp_path).class_names == ("person", "boat")
+
+
+def test_labels_in_capitals_and_boxes_without_area(tmp_path):
+    yolo(tmp_path, "1 0.2 0.2 0.2 0.2\n0 0.5 0.5 0 0.1\n")
+    (tmp_path / "labels" / "a.txt").rename(tmp_path / "labels" / "a.TXT")
+    (image,) = read_dataset(tmp_path).images
+    assert image.class_names == ("boat",)
+
+
+def test_a_crowd_is_of_its_class(tmp_path):
+    picture(tmp_path / "a.png")
+    (tmp_path / "annotations.json").write_text(json.dumps(coco()))
+    (image,) = with_our_classes(read_dataset(tmp_path), {}).images
+    assert (len(image.crowds_of("person")), len(image.crowds_of("boat"))) == (1, 0)
+    (image,) = with_our_classes(read_dataset(tmp_path), {"boat": "ignored"}).images
+    assert (len(image.crowds_of("person")), len(image.crowds_of("boat"))) == (2, 1), "ignored for any class"

@@ -8,8 +8,10 @@ import pytest
 from drone_pictures import DJI, ELEMENTS, attributes, dji, jpeg
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from skysweep.detection.photos.exif import taken_of
+from skysweep.detection.photos.pixels import read_picture
 from skysweep.detection.photos.pose_table import read_poses
 from skysweep.detection.photos.taken import Taken
 from skysweep.detection.photos.xmp import properties
@@ -134,6 +136,33 @@ def test_time_is_utc_where_a_receiver_tells_it(tmp_path):
 
 def test_no_fix_yet_is_no_place(tmp_path):
     assert taken(tmp_path, xmp=dji(0, -90, 50, 0.0, 0.0)).latitude_deg is None
+    both = taken(tmp_path, xmp=dji(0, -90, 50, 0.0, 0.0), place=(0.0, 0.0, 0.0))
+    assert (both.latitude_deg, both.longitude_deg) == (None, None)
+
+
+def test_a_lens_behind_digital_zoom_is_not_known(tmp_path):
+    assert taken(tmp_path, focal_35_mm=24, digital_zoom=1.0).hfov_rad is not None
+    assert taken(tmp_path, focal_35_mm=24, digital_zoom=2.0).hfov_rad is None
+
+
+def test_a_height_that_is_told_comes_before_one_that_the_file_measured():
+    told = Taken(height_m=100.0).filled_from(Taken(altitude_agl_m=50.0, pitch_deg=-90.0))
+    assert (told.over_ground_m, told.pitch_deg) == (100.0, -90.0)
+
+
+def test_pixels_are_whole_and_bytes(tmp_path):
+    path = tmp_path / "a.jpg"
+    path.write_bytes(jpeg(GREY, orientation=6))
+    assert read_picture(path).shape == (64, 48, 3)
+    assert read_picture(path, upright=False).shape == (48, 64, 3)
+    noise = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
+    path.write_bytes(jpeg(noise)[:-1000])
+    with pytest.raises(UserError, match=r"a\.jpg: is damaged"):
+        read_picture(path)
+    deep = tmp_path / "thermal.png"
+    Image.fromarray(np.full((48, 64), 30_000, np.uint16)).save(deep)
+    with pytest.raises(UserError, match=r"thermal\.png: has more than 8 bits a channel"):
+        read_picture(deep)
 
 
 def test_a_bomb_of_entities_is_no_xmp():

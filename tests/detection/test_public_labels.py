@@ -40,6 +40,24 @@ def test_visdrone_honours_ignored_regions(tmp_path):
     assert len(image.crowds_xyxy) == 3  # the region, the car of score 0, and "others"
 
 
+def test_visdrone_leaves_out_what_cannot_be_found(tmp_path):
+    """Labels in an ignored region, beyond the picture, and without area."""
+    rows = (
+        "0,0,50,50,0,0,0,0\n5,5,20,20,1,1,0,0\n300,5,20,20,1,1,0,0\n60,5,0,20,1,1,0,0\n100,50,10,20,1,1,0,0\n"
+    )
+    (image,) = read_dataset(visdrone(tmp_path, rows)).images
+    np.testing.assert_allclose(image.boxes_xyxy, [[0.5, 0.5, 0.55, 0.7]])
+    assert image.class_names == ("pedestrian",)
+
+
+def test_visdrone_in_folders(tmp_path):
+    picture(tmp_path / "images" / "one" / "a.jpg")
+    (tmp_path / "annotations" / "one").mkdir(parents=True)
+    (tmp_path / "annotations" / "one" / "a.txt").write_text("100,50,10,20,1,1,0,0\n")
+    (image,) = read_dataset(tmp_path).images
+    assert image.class_names == ("pedestrian",)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -130,7 +148,8 @@ def test_names_are_mapped_and_overridden():
         "awning tricycle",
         "life saving appliances",
     ]
-    told = parse_renames(["people=ignored", "Life-Saving Appliances = buoy"])
+    assert parse_renames(["swimmer=Person", "ferry=Vessel"]) == {"swimmer": "person", "ferry": "boat"}
+    told = parse_renames(["people=Ignored", "Life-Saving Appliances = buoy"])
     assert (ours("People", told), ours("life_saving_appliances", told)) == ("ignored", "buoy")
     with pytest.raises(UserError, match="--class people: write NAME=OURS"):
         parse_renames(["people"])

@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
+from skysweep.detection.model_files import sha256_of
 from skysweep.detection.network import letterbox
+from skysweep.detection.tiling import cut_copies, tiles_px
 from skysweep.detection.yolo import YoloDetector
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
@@ -245,6 +247,14 @@ def test_tiles_are_enlarged_and_put_back(tmp_path):
     np.testing.assert_allclose(corners, expected)
 
 
+def test_what_a_tile_cuts_and_another_shows_whole_is_one_thing():
+    tiles = tiles_px(320, 320, 2)  # the first ends at 178, the second begins at 142
+    boxes = np.array([[150, 10, 178, 40], [150, 10, 210, 40], [150, 60, 178, 90], [10, 10, 20, 40]], float)
+    classes, of_tile = np.array([0, 0, 0, 0]), np.array([0, 1, 0, 0])
+    assert cut_copies(boxes, classes, of_tile, tiles, (320, 320)).tolist() == [True, False, False, False]
+    assert not cut_copies(boxes, np.array([0, 1, 0, 0]), of_tile, tiles, (320, 320)).any(), "another class"
+
+
 def test_names_from_a_file_beside_the_model(tmp_path):
     path = final_rows(tmp_path / "m.onnx", [[10, 10, 60, 60, 0.9, 1]], (320, 320))
     (tmp_path / "m.names").write_text("sheep\ngoat\n\n")
@@ -330,3 +340,18 @@ def test_inputs_that_are_not_one_picture(shape, tmp_path):
     path = model_of(tmp_path / "m.onnx", [node], {"rows": rows}, input_shape=shape, output="out")
     with pytest.raises(UserError, match=r"one picture"):
         YoloDetector(path)
+
+
+def test_weights_beside_a_model_are_part_of_it(tmp_path):
+    model = tmp_path / "best.onnx"
+    model.write_bytes(b"graph")
+    alone = sha256_of(model)
+    (tmp_path / "best.onnx.data").write_bytes(b"weights")
+    first = sha256_of(model)
+    (tmp_path / "best.onnx.data").write_bytes(b"weights of another day")
+    assert len({alone, first, sha256_of(model)}) == 3
+
+
+def test_a_very_thin_picture_keeps_a_row():
+    canvas, *_ = letterbox(np.zeros((2, 3000, 3), np.uint8), (640, 640), centred=True)
+    assert (canvas == 0).all(axis=(1, 2)).sum() == 1

@@ -181,3 +181,11 @@ def test_pictures_are_a_number_or_a_folder(tmp_path):
     few = CliRunner().invoke(app, ["calibrate", "--pictures", "9", "--out", str(tmp_path / "s.yaml")])
     assert few.exit_code == 2
     assert json.dumps(few.output).count("write 10 to 1000000, or a folder") <= 1
+
+
+def test_a_folder_that_is_named_as_a_number_is_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "2024").mkdir()
+    told = CliRunner().invoke(app, ["calibrate", "--pictures", "2024", "--out", "s.yaml"])
+    assert told.exit_code == 2
+    assert "2024: neither annotations nor labels are there" in " ".join(told.output.split())

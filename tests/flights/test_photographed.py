@@ -215,6 +215,24 @@ def test_pictures_of_the_same_name_are_other_pictures(tmp_path):
     assert look_at_flight(first, out, Options()).n_candidates == 1
 
 
+def test_deep_pixels_are_left_out_by_name(tmp_path):
+    """A detector would be shown white only."""
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    grey = np.full((SIZE_PX[1], SIZE_PX[0], 3), 90, np.uint8)
+    shot_from(None, folder, "a.jpg", (0.0, 0.0, 20.0), 0.0, -90.0, grey)
+    cv2.imwrite(str(folder / "b.png"), np.full(SIZE_PX[::-1], 20_000, np.uint16))
+    table = tmp_path / "poses.csv"
+    table.write_text(
+        "file,latitude_deg,longitude_deg,height_m,heading_deg,pitch_deg,hfov_deg\n"
+        f"b.png,{HOME[0]},{HOME[1]},20,0,-90,60\n"
+    )
+    looked = look_at_flight(folder, tmp_path / "out", Options(poses=table))
+    assert [(p.name, p.why.split(";")[0]) for p in looked.left_out] == [
+        ("b.png", "has more than 8 bits a channel")
+    ]
+
+
 def test_detections_of_the_wrong_size_are_counted(tmp_path):
     """From 100 m the sign's picture spans 9 m on the ground."""
     folder, out = tmp_path / "flight", tmp_path / "out"

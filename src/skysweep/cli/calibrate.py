@@ -118,7 +118,7 @@ def calibrate(
     from skysweep.sensing.statistical.model import StatisticalModel
 
     _refuse_unwritable(out)
-    if not pictures.isdecimal():
+    if Path(pictures).is_dir() or not pictures.isdecimal():
         for name in ("camera", "add_to", "seed", "workers"):
             source = context.get_parameter_source(name)
             if source is not None and source.name == "COMMANDLINE":

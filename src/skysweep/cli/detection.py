@@ -187,7 +187,7 @@ def detect_inspect(
     """
     from skysweep.api.detection import ImageDetector
     from skysweep.detection.inspection import describe, save_drawn
-    from skysweep.detection.training.evaluate import read_picture
+    from skysweep.detection.photos.pixels import read_picture
     from skysweep.detection.yolo import YoloDetector
 
     with working(f"trying {model}"):
@@ -285,12 +285,20 @@ def detect_evaluate(
         from skysweep.detection.training.stock import stock_model_path
 
         models["YOLOv3-tiny (COCO)"] = stock_model_path()
-    detectors = {}
+    told = Told(boxes, pixels, channels)
+
+    def opened(path: Path | str, told: Told) -> YoloDetector:
+        return YoloDetector(path, confidence_min=CONFIDENCE_FLOOR, tiles=tiles, threads=2, **told._asdict())
+
+    detectors = {model: opened(model, told)}
     for name, path in models.items():
-        told = Told(boxes, pixels, channels) if path == model else Told()
-        detectors[name] = YoloDetector(
-            path, confidence_min=CONFIDENCE_FLOOR, tiles=tiles, threads=2, **told._asdict()
-        )
+        if name != model:
+            try:
+                detectors[name] = opened(path, Told())
+            except UserError:
+                if told == Told():
+                    raise
+                detectors[name] = opened(path, told)  # what its file leaves open, it shares with the model
     known = [name for detector in detectors.values() for name in detector.class_names]
     refuse_unused(named, [*labelled.class_names, *known])
     evaluations = {}

@@ -42,9 +42,13 @@ def existing_model_file(model: Path | str) -> Path:
 
 
 def sha256_of(path: Path) -> str:
-    """The file's SHA-256 in hexadecimal; an unchanged file is read only once. Raises OSError."""
-    status = path.stat()
-    return _digest(path, status.st_mtime_ns, status.st_size)
+    """SHA-256 in hexadecimal of a file, with the weights that an export wrote beside it (``.onnx.data``).
+
+    Unchanged files are read only once. Raises OSError.
+    """
+    beside = path.with_name(f"{path.name}.data")
+    files = (path, beside) if beside.is_file() else (path,)
+    return _digest(files, tuple((f.stat().st_mtime_ns, f.stat().st_size) for f in files))
 
 
 def fingerprint(model: str) -> str:
@@ -54,5 +58,8 @@ def fingerprint(model: str) -> str:
 
 
 @lru_cache(maxsize=16)
-def _digest(path: Path, _changed_ns: int, _size: int) -> str:
-    return hashlib.sha256(read_limited(path, MAX_MODEL_BYTES)).hexdigest()
+def _digest(files: tuple[Path, ...], _changed_ns_and_size: tuple[tuple[int, int], ...]) -> str:
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(read_limited(file, MAX_MODEL_BYTES))
+    return digest.hexdigest()

@@ -298,7 +298,7 @@ def letterbox(picture: U8, input_hw: tuple[int, int], *, centred: bool) -> tuple
     """The picture (H, W, 3) scaled to fit ``input_hw`` on grey, its scale, and the left and top padding."""
     height, width = picture.shape[:2]
     scale = fitting_scale((height, width), input_hw)
-    new_h, new_w = round(height * scale), round(width * scale)
+    new_h, new_w = (max(1, round(side * scale)) for side in (height, width))
     if (new_h, new_w) != (height, width):
         shrinks = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
         picture = np.asarray(cv2.resize(picture, (new_w, new_h), interpolation=shrinks), dtype=np.uint8)

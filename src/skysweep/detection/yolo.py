@@ -14,7 +14,7 @@ from skysweep.detection.layouts import Boxes, BoxUnit, Channels, OutputLayout, P
 from skysweep.detection.model_files import OWN_MODEL, existing_model_file
 from skysweep.detection.model_trial import try_out
 from skysweep.detection.network import letterbox, load_network
-from skysweep.detection.tiling import tiles_px
+from skysweep.detection.tiling import cut_copies, tiles_px
 from skysweep.errors import UserError
 from skysweep.types import Detections, Frame
 
@@ -88,13 +88,18 @@ class YoloDetector:
         """
         input_hw = self.network.input_hw_for(frame.image.shape[:2])
         height, width = frame.image.shape[:2]
+        tiles = tiles_px(width, height, self._tiles)
         found = [
             self._look(frame.image[top:bottom, left:right], left, top, input_hw)
-            for left, top, right, bottom in tiles_px(width, height, self._tiles)
+            for left, top, right, bottom in tiles
         ]
         boxes = np.concatenate([b.xyxy_px for b in found]).astype(np.float64)
         scores = np.concatenate([b.scores for b in found]).astype(np.float64)
         classes = np.concatenate([b.classes for b in found])
+        if len(tiles) > 1:
+            of_tile = np.repeat(np.arange(len(tiles)), [len(b.scores) for b in found])
+            whole = ~cut_copies(boxes, classes, of_tile, tiles, (width, height))
+            boxes, scores, classes = boxes[whole], scores[whole], classes[whole]
         keep = _suppress(boxes, scores, classes, self._confidence_min, self._iou_max)
         return Detections(
             time_s=frame.time_s,

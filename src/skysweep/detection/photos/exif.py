@@ -40,7 +40,7 @@ _EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
 _MAKE = 0x010F
 _ORIENTATION, _ON_ITS_SIDE = 0x0112, (5, 6, 7, 8)
 _TIME, _OFFSET, _SUBSECOND = 0x9003, 0x9011, 0x9291  # of the original
-_FOCAL_35 = 0xA405
+_FOCAL_35, _DIGITAL_ZOOM = 0xA405, 0xA404
 _LOOKS_DOWN_AT_0 = ("autel", "sensefly", "sentera")  # makes whose Camera:Pitch is 0 straight down
 _MM_PER_UNIT = {2: 25.4, 3: 10.0}  # of EXIF's focal plane resolution
 _WIDEST_RAD, _NARROWEST_RAD = math.radians(150.0), math.radians(1.0)
@@ -105,9 +105,9 @@ def _xmp(picture: Image.Image) -> Mapping[str, str]:
 def _pose(tags: Tags, gps: Tags, xmp: Mapping[str, str]) -> Taken:
     latitude = _first(xmp, "GpsLatitude", "Latitude")
     longitude = _first(xmp, "GpsLongitude", "GpsLongtitude", "Longitude")
-    if latitude is None or longitude is None or (latitude, longitude) == (0.0, 0.0):  # 0, 0: no fix yet
+    if not _is_fix(latitude, longitude):
         latitude, longitude = _degrees(gps, 2, "S"), _degrees(gps, 4, "W")
-    if latitude is None or longitude is None or not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+    if not _is_fix(latitude, longitude):
         latitude = longitude = None
     altitude = _first(xmp, "AbsoluteAltitude")
     if altitude is None and (altitude := _number(gps.get(6))) is not None:
@@ -126,6 +126,13 @@ def _pose(tags: Tags, gps: Tags, xmp: Mapping[str, str]) -> Taken:
         pitch,
         roll,
     )
+
+
+def _is_fix(latitude: float | None, longitude: float | None) -> bool:
+    """Whether they are a place; 0, 0 stands for no fix yet."""
+    if latitude is None or longitude is None or (latitude, longitude) == (0.0, 0.0):
+        return False
+    return abs(latitude) <= 90.0 and abs(longitude) <= 180.0
 
 
 def _attitude(make: str, xmp: Mapping[str, str]) -> tuple[float | None, float | None, float | None]:
@@ -161,6 +168,8 @@ def _lens(tags: Tags, xmp: Mapping[str, str], size_px: tuple[int, int]) -> Taken
     hfov_deg = _first(xmp, "CameraHorizontalFOV")
     if hfov_deg is not None:
         hfov_rad = math.radians(hfov_deg)
+    elif (_number(tags.get(_DIGITAL_ZOOM)) or 1.0) > 1.0:
+        return Taken()  # makes differ in whether their focal lengths count it
     elif focal_px and focal_px > 0.0:
         hfov_rad = 2.0 * math.atan(width_px / (2.0 * focal_px))
     else:

@@ -32,8 +32,10 @@ class Taken:
     utc: datetime | None = None
 
     def filled_from(self, other: Taken) -> Taken:
-        """This, with what it does not know from another."""
+        """This, with what it does not know from another; a height that it knows is not measured elsewhere."""
         gaps = {f.name: getattr(other, f.name) for f in fields(self) if getattr(self, f.name) is None}
+        if self.height_m is not None:
+            gaps.pop("altitude_agl_m", None)
         return replace(self, **gaps)
 
     @property

@@ -21,6 +21,7 @@ from skysweep.detection.training.labelled import (
     LabelledDataset,
     LabelledImage,
     boxes_of,
+    have_area,
 )
 from skysweep.errors import UserError
 from skysweep.files.reading import read_limited
@@ -79,15 +80,19 @@ def _coco_image(
         return np.asarray(np.clip(boxes_of(rows) / ([width, height] * 2), 0, 1))
 
     single = [a for a in annotations if not a.get("iscrowd")]
+    crowds = [a for a in annotations if a.get("iscrowd")]
+    boxes = shares(single)
+    real = have_area(boxes)
     return LabelledImage(
         picture,
-        shares(single),
-        tuple(names[a["category_id"]] for a in single),
-        shares([a for a in annotations if a.get("iscrowd")]),
+        boxes[real],
+        tuple(names[a["category_id"]] for a, is_real in zip(single, real.tolist(), strict=True) if is_real),
+        shares(crowds),
         shares(decoys),
         tuple(str(d["name"]) for d in decoys),
         _altitude_agl_m(image),
         _measure(image.get("ground_m2")),
+        tuple(names[a["category_id"]] for a in crowds),
     )
 
 

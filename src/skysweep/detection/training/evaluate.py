@@ -16,10 +16,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from skysweep.arrays import F64, U8
-from skysweep.detection.training.class_map import ours
+from skysweep.arrays import F64
+from skysweep.detection.photos.pixels import read_picture
+from skysweep.detection.training.class_map import ours, with_our_names
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
-from skysweep.detection.training.matching import intersection_shares, iou, match, strongest
+from skysweep.detection.training.matching import intersection_shares, iou, match
 from skysweep.errors import UserError
 from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.types import Detections, Detector, Frame
@@ -237,11 +238,12 @@ def _judge(
     number = len(result.pictures)
     brightness = float(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).mean())
     result.pictures.append(Picture(image.path, image.altitude_agl_m, image.ground_m2, brightness))
-    of_class = {name: _of_class(found, name, renames) for name in result.classes}
+    found = with_our_names(found, renames)
+    of_class = {name: _of_class(found, name) for name in result.classes}
     for name, (boxes, confidences) in of_class.items():
         labels = image.boxes_xyxy[[c == name for c in image.class_names]] * size
         matched = match(boxes, confidences, labels, _IOU_MIN).tolist()
-        excused = np.any(intersection_shares(boxes, image.crowds_xyxy * size) > 0.5, axis=1)
+        excused = np.any(intersection_shares(boxes, image.crowds_of(name) * size) > 0.5, axis=1)
         numbers = {}
         for box, k in zip(labels, matched, strict=True):
             numbers[k] = len(result.labels)
@@ -256,24 +258,10 @@ def _judge(
         result.seen_decoys.append(Decoy(kind, _pixels(_box(box)), float(confidences[on_it].max(initial=0.0))))
 
 
-def _of_class(found: Detections, name: str, renames: Mapping[str, str] | None) -> tuple[F64, F64]:
-    """Boxes (N, 4) and confidences (N,) of one of our classes, also where the detector has it as several."""
-    own = np.array([ours(n, renames) == name for n in found.class_names], dtype=bool)
-    boxes, confidences = found.boxes_xyxy_px[own], found.confidences[own]
-    if len({n for n, mine in zip(found.class_names, own.tolist(), strict=True) if mine}) > 1:
-        kept = strongest(boxes, confidences, _SAME_IOU)
-        return boxes[kept], confidences[kept]
-    return boxes, confidences
-
-
-def read_picture(path: Path) -> U8:
-    """A picture (H, W, 3) RGB. Raises UserError if the file is missing or no picture."""
-    if not path.is_file():
-        raise UserError(f"{path}: there is no such picture; check the path")
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise UserError(f"{path}: not a readable picture")
-    return np.ascontiguousarray(picture[..., ::-1], dtype=np.uint8)
+def _of_class(found: Detections, name: str) -> tuple[F64, F64]:
+    """Boxes (N, 4) and confidences (N,) of one class."""
+    own = np.array([n == name for n in found.class_names], dtype=bool)
+    return found.boxes_xyxy_px[own], found.confidences[own]
 
 
 def _box(box: F64) -> Box:

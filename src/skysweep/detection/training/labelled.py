@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from skysweep.arrays import F64
 from skysweep.errors import UserError
@@ -24,7 +25,7 @@ class LabelledImage:
     """One picture and the boxes in it, as shares of its width and height.
 
     ``decoys`` are boxes of known look-alikes, named by their kind; crowds are regions where neither a hit
-    nor a miss counts. Both are empty if the data set has none.
+    nor a miss of the class counts, or of any class. Both are empty if the data set has none.
     """
 
     path: Path
@@ -35,6 +36,13 @@ class LabelledImage:
     decoy_names: tuple[str, ...]  # (D,)
     altitude_agl_m: float | None = None
     ground_m2: float | None = None  # of level ground in the picture, as ``Lens.seen_ground_m2``
+    crowd_names: tuple[str, ...] = ()  # (M,) classes, "" for any; empty: all of them for any
+
+    def crowds_of(self, name: str) -> F64:
+        """The crowds (K, 4) that count for a class."""
+        if not self.crowd_names:
+            return self.crowds_xyxy
+        return self.crowds_xyxy[[of in ("", name) for of in self.crowd_names]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +58,11 @@ class LabelledDataset:
 def boxes_of(rows: Sequence[Sequence[float]]) -> F64:
     """Rows of four numbers as an array (N, 4), also where there are none."""
     return np.array(rows, dtype=float).reshape(-1, 4)
+
+
+def have_area(boxes: F64) -> NDArray[np.bool_]:
+    """Which of the boxes (N, 4) are more than a line or a point."""
+    return np.asarray(((boxes[:, 2:] - boxes[:, :2]) > 0.0).all(axis=1))
 
 
 def pictures_below(folder: Path) -> list[Path]:

@@ -105,11 +105,14 @@ def with_our_classes(data: LabelledDataset, renames: Mapping[str, str]) -> Label
 def _renamed(image: LabelledImage, renames: Mapping[str, str]) -> LabelledImage:
     names = [ours(name, renames) for name in image.class_names]
     counts = np.array([name != IGNORED for name in names], dtype=bool)
+    of_crowds = image.crowd_names or ("",) * len(image.crowds_xyxy)
+    crowd_names = [name and ours(name, renames) for name in of_crowds] + [IGNORED] * int((~counts).sum())
     return replace(
         image,
         boxes_xyxy=image.boxes_xyxy[counts],
         class_names=tuple(name for name in names if name != IGNORED),
         crowds_xyxy=np.concatenate([image.crowds_xyxy, image.boxes_xyxy[~counts]]),
+        crowd_names=tuple("" if name == IGNORED else name for name in crowd_names),
     )
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from skysweep.arrays import F32, F64, U8
 from skysweep.detection.model_files import model_file
 from skysweep.detection.network import PAD_GREY
-from skysweep.detection.training.evaluate import read_picture
+from skysweep.detection.photos.pixels import read_picture
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.detection.training.reading import read_dataset
 from skysweep.detection.training.weights import OWN, Family, family_of, load_weights

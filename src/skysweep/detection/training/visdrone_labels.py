@@ -1,7 +1,7 @@
 """Labels of VisDrone's detection task: ``annotations/`` with a text file a picture in ``images/``.
 
 A line is  left, top, width, height, score, category, truncation, occlusion  in pixels. A score of 0 marks
-what the evaluation leaves out, as the categories "ignored regions" and "others" do
+what the evaluation leaves out, as the categories "ignored regions" and "others" do, with what lies in it
 (https://github.com/VisDrone/VisDrone2018-DET-toolkit).
 """
 
@@ -19,9 +19,11 @@ from skysweep.detection.training.labelled import (
     LabelledDataset,
     LabelledImage,
     boxes_of,
+    have_area,
     pictures_below,
     refuse_orphans,
 )
+from skysweep.detection.training.matching import intersection_shares
 from skysweep.errors import UserError
 from skysweep.files.reading import read_text_limited
 
@@ -34,7 +36,7 @@ _ROW = re.compile(r"(-?\d+(\.\d+)?,){7}-?\d+(\.\d+)?,?")
 
 def is_visdrone(path: Path) -> bool:
     """Whether a folder has such annotations: the first line of text in them has eight numbers."""
-    for label in sorted((path / "annotations").glob("*.txt"))[:20]:
+    for label in sorted((path / "annotations").rglob("*.txt"))[:20]:
         text = read_text_limited(label, MAX_LABEL_BYTES).strip()
         if text:
             return _ROW.fullmatch(text.splitlines()[0].replace(" ", "")) is not None
@@ -52,7 +54,7 @@ def read_visdrone(path: Path) -> LabelledDataset:
 
 
 def _image(path: Path, picture: Path) -> LabelledImage:
-    label = path / "annotations" / f"{picture.stem}.txt"
+    label = path / "annotations" / picture.relative_to(path / "images").with_suffix(".txt")
     boxes, classes, left_out = [], [], []
     lines = read_text_limited(label, MAX_LABEL_BYTES).splitlines() if label.is_file() else []
     for number, line in enumerate(lines, start=1):
@@ -76,4 +78,6 @@ def _image(path: Path, picture: Path) -> LabelledImage:
             classes.append(name)
     size = np.array(upright_size_px_of(picture) * 2, dtype=float)
     shares, crowds = (np.clip(boxes_of(rows) / size, 0, 1) for rows in (boxes, left_out))
-    return LabelledImage(picture, shares, tuple(classes), crowds, boxes_of([]), ())
+    counts = have_area(shares) & ~(intersection_shares(shares, crowds) > 0.5).any(axis=1)
+    named = tuple(name for name, one in zip(classes, counts.tolist(), strict=True) if one)
+    return LabelledImage(picture, shares[counts], named, crowds, boxes_of([]), ())

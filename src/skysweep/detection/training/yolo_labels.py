@@ -12,6 +12,7 @@ from skysweep.detection.training.labelled import (
     LabelledDataset,
     LabelledImage,
     boxes_of,
+    have_area,
     pictures_below,
     refuse_orphans,
 )
@@ -46,7 +47,7 @@ def _read_folder(path: Path) -> LabelledDataset:
         raise UserError(f"{images_in}: there are no pictures; a YOLO folder has images/ and labels/")
     if labels_in != images_in:
         refuse_orphans(labels_in, images_in, pictures)
-    labels = [labels_in / picture.relative_to(images_in).with_suffix(".txt") for picture in pictures]
+    labels = [_label_of(labels_in / picture.relative_to(images_in)) for picture in pictures]
     if not any(label.is_file() for label in labels):
         raise UserError(
             f"{path}: no picture has a label file, such as {labels[0]}; write the path of a folder with "
@@ -57,6 +58,12 @@ def _read_folder(path: Path) -> LabelledDataset:
         boxes, classes = _yolo_boxes(label, names) if label.is_file() else (boxes_of([]), ())
         images.append(LabelledImage(picture, boxes, classes, boxes_of([]), boxes_of([]), ()))
     return LabelledDataset(path, names, tuple(images), "YOLO")
+
+
+def _label_of(place: Path) -> Path:
+    """The label file of a picture's name in the folder of labels."""
+    label, upper = place.with_suffix(".txt"), place.with_suffix(".TXT")
+    return upper if upper.is_file() and not label.is_file() else label
 
 
 def names_file(path: Path) -> Path | None:
@@ -72,8 +79,11 @@ def _yolo_names(path: Path) -> tuple[str, ...]:
             f"{path}: class names are unknown; write data.yaml with names, or classes.txt, beside labels/"
         )
     if described.suffix == ".txt":
-        lines = read_text_limited(described, MAX_LABEL_BYTES).splitlines()
-        return tuple(line.strip() for line in lines if line.strip())
+        names = read_text_limited(described, MAX_LABEL_BYTES).rstrip().splitlines()
+        for number, name in enumerate(names, start=1):
+            if not name.strip():
+                raise UserError(f"{described}: line {number} is empty; labels count lines, so write a name")
+        return tuple(name.strip() for name in names)
     try:
         names = parse_foreign_yaml(read_text_limited(described, MAX_LABEL_BYTES), str(described))["names"]
     except (KeyError, TypeError) as error:
@@ -108,4 +118,6 @@ def _yolo_boxes(label: Path, names: tuple[str, ...]) -> tuple[F64, tuple[str, ..
             raise UserError(f"{label}: line {number}: class {index:g} is none of the {len(names)} named ones")
         rows.append([cx - width / 2, cy - height / 2, cx + width / 2, cy + height / 2])
         classes.append(names[int(index)])
-    return np.clip(boxes_of(rows), 0, 1), tuple(classes)
+    boxes = np.clip(boxes_of(rows), 0, 1)
+    real = have_area(boxes)
+    return boxes[real], tuple(name for name, is_real in zip(classes, real.tolist(), strict=True) if is_real)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from skysweep.arrays import F64
 from skysweep.detection.model_files import existing_model_file, sha256_of
+from skysweep.detection.photos.pixels import read_picture
 from skysweep.detection.training.class_map import ours, refuse_unused
-from skysweep.detection.training.evaluate import read_picture
 from skysweep.detection.training.labelled import LabelledDataset, LabelledImage
 from skysweep.detection.training.matching import intersection_shares
 from skysweep.detection.training.reading import with_our_classes
@@ -231,7 +231,9 @@ def look_at(
         if image.ground_m2:
             metres = np.sqrt(image.ground_m2 / (width * height)) / scale  # of ground for a calibrated pixel
             grounds.append((number, metres * rendered.camera.lens.focal_px, image.ground_m2 / 1e4))
-            away = (gaps > 2.0 * reach[None]).all(axis=1) & (classes >= 0) & ~_excused(image, boxes, size)
+            away = (
+                (gaps > 2.0 * reach[None]).all(axis=1) & (classes >= 0) & ~_excused(image, boxes, names, size)
+            )
             for k in np.flatnonzero(away).tolist():
                 extent = scale * float((boxes[k, 2:] - boxes[k, :2]).max())
                 strays.append((len(grounds) - 1, int(classes[k]), float(found.confidences[k]), extent))
@@ -253,8 +255,13 @@ def _refuse_unlabelled(data: LabelledDataset) -> None:
         )
 
 
-def _excused(image: LabelledImage, boxes: F64, size: F64) -> NDArray[np.bool_]:
-    return np.asarray((intersection_shares(boxes, image.crowds_xyxy * size) > 0.5).any(axis=1))
+def _excused(image: LabelledImage, boxes: F64, names: list[str], size: F64) -> NDArray[np.bool_]:
+    """Which of the boxes (N, 4) lie in a crowd that counts for their class."""
+    shares = (
+        intersection_shares(box[None], image.crowds_of(name) * size)
+        for box, name in zip(boxes, names, strict=True)
+    )
+    return np.array([bool((share > 0.5).any()) for share in shares], dtype=bool)
 
 
 def _looks(subjects: list[int], looks: list[tuple[int, float, F64, F64, F64]]) -> ScoredLooks:

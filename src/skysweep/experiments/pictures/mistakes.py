@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import cv2
 
-from skysweep.detection.training.evaluate import Evaluation, Label, Report, read_picture
+from skysweep.detection.photos.pixels import read_picture
+from skysweep.detection.training.evaluate import Evaluation, Label, Report
 from skysweep.results.reporting.html import Picture, data_uri
 
 SHOWN = 12  # of each sort

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from skysweep.detection.training.class_map import ours
+from skysweep.detection.training.class_map import with_our_names
 from skysweep.errors import UserError
 from skysweep.files.line_file import LineFile
 from skysweep.flights.photographed.shots import Reader, Shot
@@ -67,15 +67,15 @@ def _file(path: Path) -> str:
 def _look(shot: Shot, detector: Detector, classes: Sequence[str], reader: Reader) -> dict[str, Any]:
     try:
         image = reader.read(shot)
-    except UserError:
-        return {"failure": "is damaged"}
+    except UserError as error:
+        return {"failure": str(error).removeprefix(f"{shot.path}: ")}
     found = detector.detect(Frame(shot.time_s, image, _NOWHERE, shot.lens))
-    names = [ours(name) for name in found.class_names]
-    wanted = [k for k, name in enumerate(names) if name in classes]
+    found = with_our_names(found)
+    wanted = [k for k, name in enumerate(found.class_names) if name in classes]
     return {
         "boxes_xyxy_px": found.boxes_xyxy_px[wanted].tolist(),
         "confidences": found.confidences[wanted].tolist(),
-        "class_names": [names[k] for k in wanted],
+        "class_names": [found.class_names[k] for k in wanted],
     }
 
 

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from skysweep.arrays import U8
 from skysweep.detection.photos.exif import size_px_of, taken_of
+from skysweep.detection.photos.pixels import read_picture
 from skysweep.detection.photos.pose_table import PoseTable
 from skysweep.detection.photos.taken import Taken
 from skysweep.detection.training.labelled import PICTURE_SUFFIXES, pictures_below
@@ -169,15 +169,6 @@ def _in_time(found: list[Shot]) -> list[Shot]:
     return timed
 
 
-def _pixels(path: Path) -> U8 | None:
-    """A picture (H, W, 3) RGB; None if a part of it is missing, which OpenCV would make up."""
-    try:
-        with Image.open(path) as picture:
-            return np.asarray(picture.convert("RGB"))
-    except Exception:  # Pillow raises whatever its readers do on damaged files
-        return None
-
-
 class Reader:
     """Reads the pictures of shots, best in their order: a video is opened once."""
 
@@ -185,10 +176,10 @@ class Reader:
         self._video: tuple[Path, cv2.VideoCapture] | None = None
 
     def read(self, shot: Shot) -> U8:
-        """The picture (H, W, 3) RGB as the sensor saw it, not turned. Raises UserError if it is damaged."""
+        """The picture (H, W, 3) RGB as the sensor saw it. Raises UserError as ``read_picture``."""
         image: Any
         if shot.frame_s is None:
-            image = _pixels(shot.path)
+            image = read_picture(shot.path, upright=False)
         else:
             if self._video is None or self._video[0] != shot.path:
                 self.close()
@@ -198,7 +189,7 @@ class Reader:
             there, image = video.read()
             image = image[..., ::-1] if there else None
         if image is None or image.shape[1::-1] != shot.size_px:
-            raise UserError(f"{shot.name}: is damaged")
+            raise UserError(f"{shot.path}: is damaged")
         return np.ascontiguousarray(image, dtype=np.uint8)
 
     def close(self) -> None:
