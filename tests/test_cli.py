@@ -162,6 +162,9 @@ def test_any_field_can_be_set(tmp_path, scenario):
     result = skysweep("run", scenario, "--sensor", "statistical", *changes, "--out", "r", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert json.loads((tmp_path / "r" / "summary.json").read_text())["n_c"] == "inf"
+    unfenced = ("--sensor", "statistical", "--set", "safety.fence_margin_m=null")
+    assert skysweep("run", scenario, *unfenced, "--out", "u", cwd=tmp_path).returncode == 0
+    assert "fence_margin_m: null" in (tmp_path / "u" / "config.yaml").read_text()
     for text, word in (("search.nc=3", "n_c"), ("serach.n_c=3", "serach"), ("search.n_c", "FIELD=VALUE")):
         refused(skysweep("run", scenario, "--sensor", "statistical", "--set", text, cwd=tmp_path), word)
 

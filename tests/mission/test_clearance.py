@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from skysweep.flights.build import build_mission
+from skysweep.flights.fly import fly_in_memory
 from skysweep.flights.rig import Rig
 from skysweep.geometry.camera import CameraPose, project
 from skysweep.geometry.frames import rotation_camera_to_enu
@@ -47,6 +50,52 @@ def to_look(x, y):
 
 def over(clear, here, *way, speed_mps=2.0):
     return clear.over(np.array(here, dtype=float), way, 0.0, Waypoint(way[-1], HEIGHT_M, speed_mps))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 50),
+    place=st.tuples(st.floats(2, 58), st.floats(2, 38)),
+    keeps_m=st.floats(0, 10),
+    noise_m=st.floats(0, 2),
+    altitude_m=st.floats(2, 12),
+    east_m=st.floats(-0.4, 0.4),
+)
+def test_a_lookout_on_a_hillside_is_where_the_ground_lets_it_come(
+    seed, place, keeps_m, noise_m, altitude_m, east_m
+):
+    """Arrived there, and off by little in any direction, nothing raises the vehicle any more."""
+    steep = wood(
+        trees=[],
+        terrain={"hills_height_m": 60, "hills_wavelength_m": 120, "seed": seed},
+        safety={"clearance_m": keeps_m},
+        vehicle={"position_noise_m": noise_m},
+    )
+    clear, ground_m = clearance(steep), known_obstacles(steep).terrain.height_at_m(*place)
+    lookout = clear.lookout(Waypoint(place, altitude_m, 1.0, to_look=True))
+    assert lookout.altitude_agl_m >= altitude_m
+    here = np.array([place[0] + east_m, place[1] - east_m, ground_m + lookout.altitude_agl_m])
+    *_, height_m = clear.over(here, [place], ground_m, lookout)
+    assert height_m <= ground_m + lookout.altitude_agl_m + 1e-9
+
+
+def test_checks_on_a_hillside_end():
+    """A GNSS error of 1 m once let a vehicle hover above a slope until its battery was low."""
+    steep = wood(
+        area={"polygon_enu_m": [[0, 0], [120, 0], [120, 80], [0, 80]]},
+        trees=[],
+        terrain={"hills_height_m": 60, "hills_wavelength_m": 120, "seed": 1},
+        targets=[
+            {"class": "person", "position_enu_m": [20, 15]},
+            {"class": "person", "position_enu_m": [45, 30]},
+        ],
+        vehicle={"position_noise_m": 1},
+        search={"n_c": 1, "check_altitude_agl_m": 6},
+    )
+    summary = fly_in_memory(steep, 0)
+    assert summary["end_reason"] == "completed"
+    assert summary["collisions"] == 0
+    assert summary["n_checked"] > 0
 
 
 def test_what_is_kept_clear_of_grows_with_the_error_of_the_position():

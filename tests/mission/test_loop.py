@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -116,13 +117,23 @@ def test_hills_are_followed():
 
 
 def test_a_check_that_the_battery_does_not_allow_is_refused_and_reported():
-    reason, lines = flown(vehicle={"battery_wh": 10.0}, search={"n_c": 1, "check_speed_mps": 0.05})
+    reason, lines = flown(vehicle={"battery_wh": 10.0}, search={"n_c": 1, "check_speed_mps": 0.1})
     assert reason == "completed"
     unchecked = {line["candidate"] for line in of_kind(lines, "unchecked")}
     assert unchecked == {line["candidate"] for line in of_kind(lines, "scanned")}
     assert {(line["cause"], line["action"]) for line in of_kind(lines, "safety")} == {
         ("return energy", "REFUSE_CHECK")
     }
+
+
+def test_a_slow_camera_does_not_slow_the_vehicle_down():
+    """Rules and setpoints are due twice a second, however rarely a picture is taken."""
+    _, lines = flown(camera={"hfov_rad": 1.2, "rate_hz": 0.2}, search={"strategy": "scan-only"})
+    states = of_kind(lines, "state")
+    assert max(b["t"] - a["t"] for a, b in pairwise(states)) <= 0.5 + 1e-6
+    seen = [line["t"] for line in of_kind(lines, "sighting")]
+    assert len(seen) > 1
+    assert min(b - a for a, b in pairwise(seen)) == pytest.approx(5.0)
 
 
 def test_it_comes_home_while_the_battery_lasts():

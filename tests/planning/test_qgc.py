@@ -181,6 +181,10 @@ def test_over_hills_the_path_stays_above_the_ground_by_the_scan_altitude(tmp_pat
         above += (za + share[:, 0] * (zb - za) - terrain.height_m(a + share * (b - a)) - 200).tolist()
     assert min(above) > 29.0
     assert max(above[37:-37]) < 30.0 + 15.0, "it follows the ground, but for what is flown out and home"
+    path = shapely.LineString(np.column_stack([at, np.array(amsl) - 200.0]))
+    for profile in coverage.profiles:
+        stations = path.interpolate(path.project(shapely.points(profile.xy_enu_m())))
+        assert (shapely.get_z(stations) - profile.height_m).min() > -1.0, "from there all of the area is seen"
     again = coverage_from_qgc(read_plan(file), s.frame, s.camera.lens, 30.0)
     assert again.waypoints_xy_enu_m == pytest.approx(coverage.waypoints_xy_enu_m, abs=0.05)
 

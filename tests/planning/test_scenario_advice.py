@@ -18,6 +18,11 @@ def warnings_of(**sections: str) -> list[str]:
     return warnings_for(parse_scenario(text + "".join(f"{k}: {v}\n" for k, v in sections.items()), "mine"))
 
 
+def test_a_scan_faster_than_the_simulated_vehicle_flies_is_said():
+    said = warnings_of(search="{scan_speed_mps: 15}")
+    assert any("is 15, and the simulated vehicle flies at most at 12 m/s" in warning for warning in said)
+
+
 @pytest.mark.parametrize("name", list_scenarios())
 def test_shipped_scenarios_give_none_but_for_checks_among_trees_and_houses(name):
     shares = {"person-wilderness": "12%", "buildings": "41%"}
@@ -86,6 +91,18 @@ CASES = {
     "home below a tree": (
         {"trees": "[{position_enu_m: [-4, 0], height_m: 9, crown_radius_m: 2.5}]"},
         "home.position_enu_m: trees or buildings are nearer than safety.clearance_m (2 m) to take-off",
+    ),
+    "haze": (
+        {"light": "{visibility_m: 100}"},
+        "light.visibility_m: from 30 m haze leaves 31% of the contrast",
+    ),
+    "ground that does not count from home's": (
+        {"terrain": "{heightmap_m: [[100, 100], [100, 100]]}"},
+        "terrain.heightmap_m: is 100 m at home, and heights count from home.altitude_amsl_m",
+    ),
+    "a vehicle that sustains more than the simulated one": (
+        {"safety": "{air_speed_max_mps: 18}"},
+        "safety.air_speed_max_mps: is 18; the simulated vehicle sustains 9.8 m/s",
     ),
     "a camera that looks ahead": (
         {"camera": "{hfov_rad: 1.2, gimbal: {pitch_deg: -60}}"},

@@ -344,7 +344,27 @@ BAD_FIELDS = {
     ),
     "standing still": (
         MINIMAL + "search: {scan_speed_mps: 1.0e-300}",
-        "search.scan_speed_mps: is 1e-300; write a number greater than or equal to 0.01",
+        "search.scan_speed_mps: is 1e-300; write a number greater than or equal to 0.1",
+    ),
+    "a pose of persons": (
+        MINIMAL + "targets: [{class: boat, position_enu_m: [1, 1], pose: sitting}]",
+        "pose: sitting is of a person only; delete it from the boat",
+    ),
+    "centres of no clusters": (
+        MINIMAL + "generators: [{class: person, pattern: uniform, count: 1, centres_enu_m: [[1, 1]]}]",
+        "centres_enu_m: pattern uniform has none; write pattern: clustered",
+    ),
+    "checks below the lowest height": (
+        MINIMAL + "safety: {altitude_min_agl_m: 7}",
+        "search.check_altitude_agl_m: is 4; write at least safety.altitude_min_agl_m (7), or lower that",
+    ),
+    "a scan as high as the ceiling": (
+        MINIMAL + "safety: {altitude_max_agl_m: 30, fence_tolerance_m: 0}",
+        "search.scan_altitude_agl_m: is 30; write at most 29.2, or raise safety.altitude_max_agl_m or",
+    ),
+    "landing where the way home is not over": (
+        MINIMAL + "safety: {battery_critical: 0.25, battery_low: 0.3}",
+        "battery_critical: is 0.25; write at most landing_reserve (0.1), or raise that",
     ),
     "name with a slash": (
         "name: ../../x\n" + MINIMAL.split("\n", 1)[1],
@@ -460,7 +480,7 @@ generator = st.fixed_dictionaries(
         "seed": st.none() | st.integers(0, 2**31),
         "centres_enu_m": st.none() | st.just([[1.5, 0.5]]),
     },
-)
+).filter(lambda drawn: drawn["pattern"] == "clustered" or not drawn.get("centres_enu_m"))
 scenario_data = st.fixed_dictionaries(
     {
         "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}", fullmatch=True),

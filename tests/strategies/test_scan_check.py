@@ -420,6 +420,12 @@ def test_the_baselines_fly_blind_legs_again_too(altitude):
     assert command.waypoint.xy_enu_m == (5.0, 5.0)
 
 
+def test_a_drawn_plan_is_of_the_scan_altitude():
+    drawn = context_of(F, strategy="low-only", plan="mine.plan")
+    with pytest.raises(UserError, match=r"search\.plan: .* low-only flies at 4 m; delete it"):
+        SingleAltitude(drawn, 4.0)
+
+
 def test_a_close_look_that_is_demanded_is_one_from_low_enough():
     with pytest.raises(
         ValidationError, match=r"confirm_height_max_m: is 4, and checks are .* write 4.8 or more"

@@ -163,13 +163,15 @@ WorkersOption = Annotated[
 def changes_of(assignments: list[str] | None) -> dict[str, Any]:
     """FIELD=VALUE texts as a mapping; values are YAML."""
     from skysweep.files.plain_yaml import parse_yaml
+    from skysweep.scenarios.files import NULL
 
-    changes = {}
+    changes: dict[str, Any] = {}
     for text in assignments or []:
         field, equals, value = text.partition("=")
-        changes[field.strip()] = parse_yaml(value, f"--set {text}")
-        if not equals or changes[field.strip()] is None:
+        if not (equals and value.strip()):
             raise UserError(f"--set {text}: write FIELD=VALUE, such as search.n_c=3")
+        read = parse_yaml(value, f"--set {text}")
+        changes[field.strip()] = NULL if read is None else read
     return changes
 
 

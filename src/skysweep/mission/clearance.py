@@ -27,6 +27,13 @@ _CLIMB_SHARE = 0.5  # of the climb speed that is planned with on a leg
 _IN_PICTURE_M = 1.2  # from the picture's edges, for errors of hovering and position
 _FINENESS = 12  # places tried per height of the vehicle
 _LEVEL_M = 2.0  # between the heights tried
+_AROUND = np.array(
+    [
+        [share * math.cos(k * math.pi / 8), share * math.sin(k * math.pi / 8)]
+        for share in (0.5, 1.0)
+        for k in range(16)
+    ]
+)  # places in a circle
 _MOVED_M = 1.0  # a place that moves less keeps its lookout
 
 
@@ -76,8 +83,24 @@ class Clearance:
     def lookout(self, waypoint: Waypoint) -> Waypoint | None:
         """From where to see the waypoint's place: from there, else beside, else higher; None if nowhere.
 
-        The place is then well inside the picture, and no known crown or building hides it.
+        The place is then well inside the picture, and no known crown or building hides it. On a hillside it
+        is as low as the ground beside it lets the vehicle come.
         """
+        found = self._clear_of_solids(waypoint)
+        return None if found is None else self._above_the_slope(found)
+
+    def _above_the_slope(self, waypoint: Waypoint) -> Waypoint:
+        """No lower than ``over`` lets the vehicle come where the ground beside the waypoint is higher."""
+        terrain, altitude_m = self._obstacles.terrain, waypoint.altitude_agl_m
+        if terrain.is_flat:
+            return waypoint
+        places = np.array(waypoint.xy_enu_m) + (self._keep_m + _MOVED_M) * _AROUND
+        rises_m = float(terrain.height_m(places).max()) - terrain.height_at_m(*waypoint.xy_enu_m)
+        if rises_m + min(self._keep_m, altitude_m) <= altitude_m:
+            return waypoint
+        return waypoint._replace(altitude_agl_m=rises_m + max(self._keep_m, altitude_m) + _ROOM_M)
+
+    def _clear_of_solids(self, waypoint: Waypoint) -> Waypoint | None:
         if not len(self._obstacles.solids):
             return waypoint
         ground_m = self._obstacles.terrain.height_at_m(*waypoint.xy_enu_m)

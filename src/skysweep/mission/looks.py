@@ -36,6 +36,7 @@ class Looks:
         self._silent_s, self._dead_s = safety.detector_silent_s, safety.detector_dead_s
         self._along_m = camera.lens.footprint_m(cover_altitude_agl_m)[1]
         self._scan_speed_mps = scenario.search.scan_speed_mps
+        self._picture_s = 1.0 / scenario.camera.rate_hz
         self.newest_s = -math.inf  # exposure of the newest look that was answered
         self._excused_s = -math.inf
         self._pose_delay_s = camera.pose_delay_s
@@ -180,6 +181,7 @@ class Looks:
 
     def _longest_gap_s(self) -> float:
         usual_s, now_s = self._period.usual_period_s, self._period.period_s
+        usual_s = math.ceil(usual_s / self._picture_s - 1e-6) * self._picture_s  # looks wait for a picture
         return self._silent_s + max(usual_s, min(now_s, self._along_m / self.scan_speed_mps - self._silent_s))
 
     def _note_blind(self, since_s: float, until_s: float) -> None:

@@ -58,6 +58,7 @@ from skysweep.types import (
 _Result = TypeVar("_Result")
 _Part: TypeAlias = Generator["Tick", None, _Result]  # of a flight, and its result
 
+_TICK_MAX_S = 0.5  # also of a camera that is slower
 _HOME_ACCEPTANCE_M = 1.0
 _TAKE_OFF_LONGEST_S = 60.0  # and twice the climb
 _LANDING_LONGEST_S = 60.0  # and twice the way down
@@ -102,7 +103,8 @@ class Flight:
         self._m = replace(mission, vehicle=self._heard)
         self._operator, self._before = operator, before
         self._notes = Notes(journal)
-        self._tick_s = 1.0 / scenario.camera.rate_hz
+        picture_s = 1.0 / scenario.camera.rate_hz
+        self._tick_s = picture_s / math.ceil(picture_s / _TICK_MAX_S)
         self._looks = Looks(scenario, mission.look_period, mission.cover_altitude_agl_m)
         self._looks.take_blind(mission.blind_legs)
         state = self._heard.state()

@@ -37,6 +37,8 @@ _ALTITUDE_OFF_M = 15.0
 _FOOT_M, _LIKE_FEET = 0.3048, 0.03
 _DECLINATION_MAX_DEG = 24.0  # the sun's is 23.4, and scenarios are rounded
 _CROSSES_M = 1.0
+_CONTRAST_MIN = 0.5  # below, detectors see clearly less
+_SIMULATED_MAX_MPS = 12.0  # PX4's MPC_XY_VEL_MAX
 _RASTER = 316  # points across an area
 
 
@@ -60,6 +62,7 @@ def warnings_for_plan(scenario: Scenario, cover_altitude_agl_m: float | None = N
         *_about_obstacles(scenario),
         *_about_speeds(scenario),
         *_about_sun(scenario),
+        *_about_haze(scenario),
     ]
 
 
@@ -160,6 +163,13 @@ def _about_ground(scenario: Scenario) -> Iterator[str]:
                 "its heights are probably in feet: write terrain.dem_unit: feet" if in_feet else "write that"
             )
             yield (f"home.altitude_amsl_m: is {told_m:g} m, but terrain.dem has {is_m:.1f} m there; {cure}")
+    if scenario.terrain.heightmap_m is not None:
+        above_m = build_terrain(scenario).height_at_m(*scenario.home.position_enu_m)
+        if abs(above_m) > _ALTITUDE_OFF_M:
+            yield (
+                f"terrain.heightmap_m: is {above_m:.0f} m at home, and heights count from "
+                f"home.altitude_amsl_m, the ground's there; take {above_m:.0f} from all of them"
+            )
     if cover is not None:
         yield from cover.notes
         grown = sum(wanted_trees(cover, classes_of(scenario)))
@@ -200,6 +210,19 @@ def _about_sun(scenario: Scenario) -> Iterator[str]:
             f"light.sun_elevation_deg: the sun never stands {light.sun_elevation_deg:g} degrees high at "
             f"light.sun_heading_deg {light.sun_heading_deg:g} at home's latitude ({latitude_deg:.1f}), so "
             "temperatures are those of no real day; write both as  skysweep plan --at  prints them"
+        )
+
+
+def _about_haze(scenario: Scenario) -> Iterator[str]:
+    """Contrast falls with distance as Koschmieder (1924) has it: to 2 % at the visibility."""
+    visibility_m, height_m = scenario.light.visibility_m, scenario.search.scan_altitude_agl_m
+    left = math.exp(-3.912 * height_m / visibility_m)
+    if scenario.camera.kind == "visible" and left < _CONTRAST_MIN:
+        highest_m = math.floor(-visibility_m * math.log(_CONTRAST_MIN) / 3.912)
+        yield (
+            f"light.visibility_m: from {height_m:g} m haze leaves {left:.0%} of the contrast, so pictures "
+            "show less, while the statistical sensor draws looks as without haze; scan from "
+            f"{highest_m} m or lower"
         )
 
 
@@ -317,6 +340,16 @@ def _raster(area: shapely.Polygon) -> NDArray[np.object_]:
 def _about_speeds(scenario: Scenario) -> Iterator[str]:
     cruise, scan_mps = scenario.vehicle.cruise_speed_mps, scenario.search.scan_speed_mps
     mean_mps, air_mps = scenario.wind.mean_speed_mps, scenario.safety.air_speed_max_mps
+    if scan_mps > _SIMULATED_MAX_MPS:
+        yield (
+            f"search.scan_speed_mps: is {scan_mps:g}, and the simulated vehicle flies at most at "
+            f"{_SIMULATED_MAX_MPS:g} m/s, as PX4 does unless MPC_XY_VEL_MAX is raised"
+        )
+    if air_mps > (usual_mps := type(scenario.safety).model_fields["air_speed_max_mps"].default):
+        yield (
+            f"safety.air_speed_max_mps: is {air_mps:g}; the simulated vehicle sustains {usual_mps:g} m/s, "
+            "and against the wind it is slower than planned"
+        )
     wind = mean_mps + 2 * scenario.wind.gust_std_mps
     if wind >= 2 * cruise:
         yield (

@@ -18,6 +18,7 @@ from skysweep.scenarios.model import Scenario
 from skysweep.types import XY
 from skysweep.worlds.world import build_terrain
 
+_FLIES_HIGHER_M = 2.0  # than planned, at most, where the ground falls
 _NAMED = 3  # places in a sentence
 _LOWEST_SHARE = 0.8  # of the scan altitude, from which a low place is worth naming
 
@@ -53,7 +54,7 @@ class Assessment:
             )
         ceiling_m = self.scenario.safety.altitude_max_agl_m
         highest = int(self.path.agl_m.argmax())
-        if self.path.agl_m[highest] > ceiling_m + self.scenario.safety.fence_tolerance_m:
+        if self.path.agl_m[highest] > ceiling_m + self.scenario.safety.fence_tolerance_m - _FLIES_HIGHER_M:
             x, y = self.path.xy_enu_m[highest].tolist()
             yield (
                 f"search.scan_speed_mps: at [{x:.0f}, {y:.0f}] the ground falls faster than the vehicle "

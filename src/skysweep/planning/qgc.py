@@ -289,7 +289,7 @@ def plan_for_qgc(scenario: Scenario, plan: CoveragePlan, altitude_agl_m: float |
         frame_id, mode, heights = _RELATIVE, _ABOVE_HOME, np.full(len(path), height)
     else:
         frame_id, mode = _GLOBAL, _CALCULATED_ABOVE_TERRAIN
-        path, above_enu_m = _over_ground(terrain, path, home_xy[0], height)
+        path, above_enu_m = _over_ground(terrain, plan, home_xy[0], height)
         heights, rises_m = sea_level_m + above_enu_m, max(height, float(above_enu_m[0]) - home_ground)
     points = _geodetic(frame, path)
 
@@ -411,14 +411,22 @@ def _geodetic(frame: LocalFrame, xy_enu_m: F64) -> list[LatLon]:
     return [(float(lat), float(lon)) for lat, lon, _ in frame.geodetic_from_enu(xyz)]
 
 
-def _over_ground(terrain: TerrainSurface, xy: F64, home_xy: F64, height_m: float) -> tuple[F64, F64]:
-    """A path (M, 2) along that through waypoints (N, 2), and heights (M,) ``height_m`` or more above ground.
+def _over_ground(
+    terrain: TerrainSurface, plan: CoveragePlan, home_xy: F64, height_m: float
+) -> tuple[F64, F64]:
+    """A path (M, 2) along a plan's, and heights (M,), ``height_m`` or more above ground.
 
-    The first and last place are there twice where the way from and to home is higher than the path.
+    They are no lower than the plan's profiles, from which all of the area is seen. The first and last place
+    are there twice where the way from and to home is higher than the path.
     """
+    xy, profiles = plan.waypoints_xy_enu_m, {p.leg_xy_enu_m.tobytes(): p for p in plan.profiles}
     places, heights = [xy[:1]], [np.full(1, -math.inf)]
     for start, end in pairwise(xy):
         along, needed_m = _needed(terrain, start, end, height_m)
+        profile = profiles.get(np.array([start, end]).tobytes())
+        if profile is not None:
+            stations_m = np.linspace(0.0, profile.length_m, len(along))
+            needed_m = np.maximum(needed_m, np.interp(stations_m, profile.along_m, profile.height_m))
         flown_m = np.linspace(0.0, float(np.linalg.norm(end - start)), len(along))
         kept = _bends(np.column_stack([flown_m, needed_m]), _PROFILE_M)
         lifted = needed_m[kept]

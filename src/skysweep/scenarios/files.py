@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import reduce
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from skysweep.errors import UserError
 from skysweep.files.models import validated
@@ -83,6 +83,9 @@ def _beside(folder: Path, name: str) -> Path:
     return Path(name) if name.startswith(_OURS) else folder / os.path.expanduser(name)
 
 
+NULL: Final = object()  # as a value of ``change_scenario``, where None changes nothing
+
+
 def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
     """A scenario from YAML text; ``source`` names it in errors, ``area.file`` is relative to ``folder``.
 
@@ -95,7 +98,8 @@ def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
 def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     """A copy with other values at dotted fields, such as ``search.n_c``; ``area.file`` is read.
 
-    None leaves a field unchanged. Raises UserError if a field is unknown or the result is no valid scenario.
+    None leaves a field unchanged, ``NULL`` makes it null. Raises UserError if a field is unknown or the
+    result is no valid scenario.
     """
     data = scenario.model_dump(by_alias=True)
     if changes.get("camera.kind", scenario.camera.kind) != scenario.camera.kind:
@@ -104,7 +108,7 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
         if value is not None:
             *parents, field = dotted.split(".")
             try:
-                reduce(lambda node, key: node[key], parents, data)[field] = value
+                reduce(lambda node, key: node[key], parents, data)[field] = None if value is NULL else value
             except (KeyError, TypeError):
                 raise UserError(
                     f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"

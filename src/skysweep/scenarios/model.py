@@ -94,7 +94,7 @@ _OF_HEAT = ("air_temperature_c", "cloud_cover")
 
 PointXY = tuple[float, float]
 ObjectSpeed = Annotated[float, Field(gt=0, le=20, description="A walking adult: 1.4")]
-Speed = Annotated[float, Field(ge=0.01, le=20)]
+Speed = Annotated[float, Field(ge=0.1, le=20)]
 TreeHeight = Annotated[float, Field(gt=0.3, le=60)]
 CrownRadius = Annotated[float, Field(gt=0.1, le=15)]
 SideOfBuilding = Annotated[float, Field(gt=0, le=1000)]
@@ -355,6 +355,11 @@ def _only_of_a_person(name: str, kind: str) -> str:
     return f"{name}: only a person has one; delete it from the {kind}"
 
 
+def _refuse_pose(name: str, pose: ObjectPose | None, kind: str) -> None:
+    if pose in ("sitting", "crouching", "walking", "waving") and kind != "person":
+        raise ValueError(f"{name}: {pose} is of a person only; delete it from the {kind}")
+
+
 class Target(_Placed):
     """Something to find."""
 
@@ -372,6 +377,7 @@ class Target(_Placed):
     def _dressed(self) -> Target:
         if self.clothing and self.kind != "person":
             raise ValueError(_only_of_a_person("clothing", self.kind))
+        _refuse_pose("pose", self.pose, self.kind)
         return self
 
 
@@ -438,6 +444,10 @@ class Generator(_Placed):
         for name in ("ages", "clothing"):
             if getattr(self, name) and self.kind != "person":
                 raise ValueError(_only_of_a_person(name, self.kind))
+        for pose in self.poses or []:
+            _refuse_pose("poses", pose, self.kind)
+        if self.centres_enu_m is not None and self.pattern != "clustered":
+            raise ValueError(f"centres_enu_m: pattern {self.pattern} has none; write pattern: clustered")
         return self
 
 
@@ -766,7 +776,7 @@ class Safety(Model):
     position_std_max_m: float = Field(
         5.0, gt=0, le=100, description="Claimed horizontal standard deviation above: hold"
     )
-    position_jump_m: float = Field(10.0, gt=0, le=1000, description="Not explained by the velocity: hold")
+    position_jump_m: float = Field(10.0, ge=2, le=1000, description="Not explained by the velocity: hold")
     position_hold_s: float = Field(
         30.0, ge=0, le=3600, description="No position for longer: land; position that stays displaced: home"
     )
@@ -784,6 +794,16 @@ class Safety(Model):
     def _without_no_mast(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Without a mast, the keys are those from before there was this field."""
         return {k: v for k, v in write(self).items() if k != "radio_mast_enu_m" or v is not None}
+
+    @model_validator(mode="after")
+    def _lands_at_home(self) -> Safety:
+        for name in ("landing_reserve", "battery_low"):
+            if self.battery_critical > getattr(self, name):
+                raise ValueError(
+                    f"battery_critical: is {self.battery_critical:g}; write at most {name} "
+                    f"({getattr(self, name):g}), or raise that: it lands on the way home otherwise"
+                )
+        return self
 
     @model_validator(mode="after")
     def _areas_are_simple(self) -> Safety:
@@ -953,11 +973,19 @@ class Scenario(Model):
                 f"search.scan_altitude_agl_m: is {self.search.scan_altitude_agl_m:g}; write at most "
                 f"safety.altitude_max_agl_m ({self.safety.altitude_max_agl_m:g}), or raise that"
             )
-        if self.search.check_altitude_agl_m < self.safety.descent_floor_agl_m:
+        room_m = self.safety.altitude_max_agl_m + self.safety.fence_tolerance_m - ALTITUDE_TOLERANCE_M
+        if self.search.scan_altitude_agl_m > room_m:
             raise ValueError(
-                f"search.check_altitude_agl_m: is {self.search.check_altitude_agl_m:g}; write at least "
-                f"safety.descent_floor_agl_m ({self.safety.descent_floor_agl_m:g}), or lower that"
+                f"search.scan_altitude_agl_m: is {self.search.scan_altitude_agl_m:g}; write at most "
+                f"{room_m:g}, or raise safety.altitude_max_agl_m or safety.fence_tolerance_m: heights are "
+                f"kept within {ALTITUDE_TOLERANCE_M:g} m"
             )
+        for name in ("descent_floor_agl_m", "altitude_min_agl_m"):
+            if self.search.check_altitude_agl_m < getattr(self.safety, name):
+                raise ValueError(
+                    f"search.check_altitude_agl_m: is {self.search.check_altitude_agl_m:g}; write at least "
+                    f"safety.{name} ({getattr(self.safety, name):g}), or lower that"
+                )
         return self
 
     @model_validator(mode="after")

@@ -25,6 +25,11 @@ class SingleAltitude:
                 f"search.confirm_height_max_m: is {search.confirm_height_max_m:g}, and {search.strategy} "
                 f"looks from {altitude_agl_m:g} m alone; write null, or take another strategy"
             )
+        if search.plan is not None and altitude_agl_m != search.scan_altitude_agl_m:
+            raise UserError(
+                f"search.plan: is flown at search.scan_altitude_agl_m ({search.scan_altitude_agl_m:g}), and "
+                f"{search.strategy} flies at {altitude_agl_m:g} m; delete it, or take another strategy"
+            )
         self._c_t = search.c_t
         self._speed_mps = search.scan_speed_mps
         self._altitude_agl_m = altitude_agl_m
