@@ -46,7 +46,7 @@ _WAVES_MPS = 1.5
 _OFF_M, _OFF_SHARE = 0.5, 0.03  # explained by GNSS, and by attitude as a share of the height
 _OFF_MPS, _ACROSS, _ALONG = 0.05, 0.03, 0.12  # explained drift: with time, and with the way
 _FORGIVEN = 2
-_JUMP = 4.0  # times that, which a gimbal explains in one look
+_JUMP, _JUMP_HARD = 4.0, 0.2  # times that, and share of the height, which a gimbal explains in one look
 _CHANGE_MPS, _PROOF_S = 1.5, 2.0  # a change of velocity that late pictures would not follow
 _PLAIN = 3.0  # times what is explained: such a fault would be seen
 _DIRT_STEPS, _MOVING = 5, 0.5  # looks, and how much of the picture moved in each
@@ -63,6 +63,7 @@ class _Step(NamedTuple):
     relief: float  # the share by which what stands on the ground may seem faster
     shows_tops_again: bool  # both pictures show what stands highest, wherever it is
     drift_mps: float  # of the surface itself
+    height_m: float
     is_hard: bool = False  # a manoeuvre
 
     @property
@@ -72,6 +73,11 @@ class _Step(NamedTuple):
     @property
     def is_unsure(self) -> bool:
         return self.is_rough or self.is_hard
+
+    @property
+    def jump_m(self) -> float:
+        """What a gimbal explains in this step alone; more in a manoeuvre, where it lags by an angle."""
+        return max(_JUMP * self.off_m, _JUMP_HARD * self.height_m if self.is_hard else 0.0)
 
     @property
     def tells_alone(self) -> bool:
@@ -217,7 +223,7 @@ class CameraWatch:
         of_tops_m = min(footprint_m) / (1.0 + relief)
         again = math.hypot(*moved.believed_m) <= (1.0 - _COMMON) * of_tops_m
         off_m = _OFF_M + _OFF_SHARE * height_m
-        return _Step(now.time_s, moved, off_m, relief, again, self._drift_mps)
+        return _Step(now.time_s, moved, off_m, relief, again, self._drift_mps, height_m)
 
     def _relief(
         self, xy: F64, ground_m: float, height_m: float, footprint_m: tuple[float, float]
@@ -261,9 +267,9 @@ def _is_elsewhere(steps: Sequence[_Step]) -> bool:
 def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     """How the pictures differ from the estimated way; None: they do not.
 
-    Sums the last step, the last two, three ... For a gimbal or an attitude that lags in a hard manoeuvre, the
-    worst steps of each sum are forgiven, unless that makes it larger: they were ways back. What stands on the
-    ground seems faster along each step, which is across the whole way where that turns.
+    Sums the last step, the last two, three ... A gimbal or an attitude lags in a hard manoeuvre: the worst
+    steps of each sum are forgiven, or all of manoeuvres, unless that makes it larger: they were ways back.
+    What stands on the ground seems faster along each step, which is across the whole way where that turns.
     """
     if not steps:
         return None
@@ -272,13 +278,12 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     off_m = np.array([s.moved.excess_m for s in back])
     way_m = np.array([s.moved.believed_m for s in back])
     off_each_m, way_each_m = np.hypot(*off_m.T), np.hypot(*way_m.T)
-    sums_m = np.cumsum(off_m, axis=0)
-    forgiven_m = [off_m[np.argsort(off_each_m[: k + 1])[-_FORGIVEN:]].sum(axis=0) for k in range(len(back))]
-    both_m = np.stack([sums_m, sums_m - forgiven_m])
+    sums_m, calm_m = np.cumsum(off_m, axis=0), off_m * [[not s.is_hard] for s in back]
+    each_m = np.stack([sums_m, _forgiving(off_m), np.cumsum(calm_m, axis=0), _forgiving(calm_m)])
     covered_m = np.cumsum(way_m, axis=0)
     ahead = covered_m / np.maximum(np.hypot(*covered_m.T), 1e-6)[:, None]
-    along_m = np.abs((both_m * ahead).sum(axis=-1)).min(axis=0)
-    across_m = np.abs(both_m[..., 0] * ahead[:, 1] - both_m[..., 1] * ahead[:, 0]).min(axis=0)
+    along_m = np.abs((each_m * ahead).sum(axis=-1)).min(axis=0)
+    across_m = np.abs(each_m[..., 0] * ahead[:, 1] - each_m[..., 1] * ahead[:, 0]).min(axis=0)
     flown_m, lasted_s = np.cumsum(way_each_m), np.cumsum(elapsed_s)
     allowed_m = np.array([s.off_m for s in back])
     explained_m = allowed_m.max() + (_OFF_MPS + back[0].drift_mps) * lasted_s
@@ -290,7 +295,8 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
     false = across_m > explained_m + _ACROSS * flown_m + relief_across_m
     false |= along_m > explained_m + _ALONG * flown_m + relief_m
     tells_alone = np.array([s.tells_alone for s in back])
-    false |= (off_each_m > _JUMP * allowed_m + relief_each_m) & tells_alone
+    jump_m = np.array([s.jump_m for s in back])
+    false |= (off_each_m > jump_m + relief_each_m) & tells_alone
     if not false.any():
         return None
     k = int(np.argmax(false))
@@ -303,6 +309,12 @@ def _disagreement(steps: Sequence[_Step]) -> _Fault | None:
         math.hypot(*off_mps) / max(math.hypot(*believed_mps), 1e-6),
         math.hypot(*off_mps),
     )
+
+
+def _forgiving(off_m: F64) -> F64:
+    """The sums (N, 2) of the first, the first two, three ... without the worst of each."""
+    worst = [np.argsort(np.hypot(*off_m[: k + 1].T))[-_FORGIVEN:] for k in range(len(off_m))]
+    return np.asarray(np.cumsum(off_m, axis=0) - [off_m[of].sum(axis=0) for of in worst])
 
 
 def _velocity(of_camera_mps: F64) -> str:
