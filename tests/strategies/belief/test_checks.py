@@ -61,16 +61,16 @@ def test_a_look_costs_the_way_and_the_doubt_that_it_leaves():
 def test_a_demanded_look_is_no_lower_than_asked_for_unless_that_tells_enough():
     signs = Hypotheses(CONTEXT, "stop sign", BeliefParameters())
 
-    def height_m(checks, doubt_s):
-        return checks.height_m(signs, signs.fresh(), 0.5, doubt_s, np.zeros(3))
+    def height_m(confirm_height_max_m, doubt_s, away_m=0.0, above_m=30.0):
+        context = context_of(check_altitude_agl_m=4.0, confirm_height_max_m=confirm_height_max_m)
+        checks = Checks(context, BeliefParameters())
+        return checks.height_m(signs, signs.fresh(), 0.5, doubt_s, np.zeros(3), away_m, above_m)
 
-    assert height_m(CHECKS, 0.0) == height_m(CHECKS, 50.0) == 4.0, "no close look is demanded"
-    demanding = Checks(context_of(check_altitude_agl_m=4.0, confirm_height_max_m=12.0), BeliefParameters())
-    assert height_m(demanding, 0.0) == pytest.approx(12.0 - 0.8), "only the close look is lacking"
-    barely = Checks(context_of(check_altitude_agl_m=4.0, confirm_height_max_m=4.9), BeliefParameters())
-    assert height_m(barely, 50.0) in (4.0, pytest.approx(4.1))
-    high = Checks(context_of(check_altitude_agl_m=4.0, confirm_height_max_m=28.0), BeliefParameters())
-    assert height_m(high, 0.5) == pytest.approx(28.0 - 0.8), "so small a doubt is not worth the way down"
+    assert height_m(None, 0.0) == height_m(None, 50.0) == 4.0, "no close look is demanded"
+    assert height_m(12.0, 0.0) == pytest.approx(12.0 - 0.8), "only the close look is lacking"
+    assert height_m(28.0, 0.5) == pytest.approx(28.0 - 0.8), "so small a doubt is not worth the way down"
+    assert height_m(12.0, 0.0, above_m=4.0) == 4.0, "it is that low already"
+    assert height_m(12.0, 0.0, away_m=300.0) == pytest.approx(12.0 - 0.8), "from there it is seen sooner"
 
 
 def test_a_place_stays_in_view_for_three_looks():

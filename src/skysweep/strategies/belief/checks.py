@@ -41,6 +41,7 @@ class Checks:
         self._speed_mps = parameters.check_speed_mps
         self._looks_hz = context.looks_hz
         self._sinks_mps = context.vehicle.descent_speed_mps
+        self._climbs_mps = context.vehicle.climb_speed_mps
         self._R = rotation_camera_to_enu(context.yaw_rad, context.gimbal_pitch_rad)
         self._height_m = self._demanded_m = search.check_altitude_agl_m
         if search.confirm_height_max_m is not None:
@@ -86,20 +87,41 @@ class Checks:
         return ways * takes_s + doubt * min(loss_s, _AGAIN_S)
 
     def height_m(
-        self, hypotheses: Hypotheses, belief: F64, nothing: float, doubt_s: float, place_enu_m: F64
+        self,
+        hypotheses: Hypotheses,
+        belief: F64,
+        nothing: float,
+        doubt_s: float,
+        place_enu_m: F64,
+        away_m: float,
+        above_m: float,
     ) -> float:
         """Height above a place (3,) from which it is looked at.
 
-        That is the check's or, where a close look is demanded, the height that will do for one, if the
-        descent from there takes longer than what it would tell is worth. ``doubt_s`` is what deciding without
-        a look costs on average; none is left of it where only the close look is lacking.
+        That is the check's or, where a close look is demanded, the height that will do for one, if going
+        lower takes longer than what that would tell is worth. The vehicle is ``away_m`` from the place and
+        ``above_m`` above it. ``doubt_s`` is what deciding without a look costs on average; none is left of it
+        where only the close look is lacking.
         """
         low_m, high_m = self._height_m, self._demanded_m
-        if low_m == high_m or doubt_s == 0.0:
+        if low_m == high_m:
+            return low_m
+        takes_s = self._takes_s(away_m, above_m, low_m) - self._takes_s(away_m, above_m, high_m)
+        if takes_s <= 0.0:
+            return low_m
+        if doubt_s == 0.0:
             return high_m
         high, low = (self._doubt_left(hypotheses, belief, nothing, place_enu_m, m) for m in (high_m, low_m))
         worth_s = (high - low) * min(doubt_s, SIDE_S)
-        return low_m if worth_s > (high_m - low_m) / self._sinks_mps else high_m
+        return low_m if worth_s > takes_s else high_m
+
+    def _takes_s(self, away_m: float, above_m: float, height_m: float) -> float:
+        """Until a place is in view from a height: from higher up it is from farther away."""
+        reach_m = _IN_VIEW * self._lens.footprint_m(height_m)[1]
+        return max(max(away_m - reach_m, 0.0) / self._speed_mps, self._vertical_s(above_m, height_m))
+
+    def _vertical_s(self, from_m: float, to_m: float) -> float:
+        return (from_m - to_m) / self._sinks_mps if from_m > to_m else (to_m - from_m) / self._climbs_mps
 
     def _doubt_left(
         self, hypotheses: Hypotheses, belief: F64, nothing: float, place_enu_m: F64, height_m: float

@@ -394,6 +394,8 @@ class BeliefSearch:
             self._suspects.nothing,
             0.0 if p >= self._p.confirm_probability else doubt_s,
             seen.candidates[k].position_enu_m,
+            math.dist(seen.vehicle.position_enu_m[:2].tolist(), self._xy(seen, k)),
+            seen.altitude_agl_m,
         )
 
     def _look_costs_s(self, seen: Observation, k: int, height_m: float) -> float:
