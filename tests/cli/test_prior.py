@@ -98,7 +98,7 @@ def test_a_map_over_an_area_leaves_out_the_corners_around_it(tmp_path):
         )
         assert cells.poa[~within].sum() == 0.0
         assert cells.poa[within].sum() == pytest.approx(1.0)
-        assert "outside shore.yaml: " in said
+        assert "outside the area: " in said
 
 
 def test_drift_goes_with_current_and_wind():

@@ -85,7 +85,7 @@ def lost_person(
     reach_m = distances.within_m[-1]
     cells, here = _cells(lkp, over, cell_m, shapely.box(-reach_m, -reach_m, reach_m, reach_m))
     lost = around_last_known_position(cells, here, distances)
-    _write(out, f"{distances.category}, {distances.ecoregion}", _only_within(over, lost), here)
+    _write(out, f"{distances.category}, {distances.ecoregion}", _only_inside(cells, lost), here)
 
 
 @app.command("drift")
@@ -156,7 +156,7 @@ def drift(
             frame.geodetic_from_enu(np.column_stack([particles, heights]))
         )[:, :2]
     drifting = map_of_particles(cells, particles, smooth_m=2.0 * cells.cell_size_m)
-    _write(out, f"{LEEWAY[leeway].name}, after {hours:g} h", _only_within(over, drifting), here)
+    _write(out, f"{LEEWAY[leeway].name}, after {hours:g} h", _only_inside(cells, drifting), here)
 
 
 @app.command("terrain")
@@ -331,17 +331,13 @@ def _cells(
     return cells, ground_path([here], frame)[0]
 
 
-def _only_within(over: str | None, found: ProbabilityMap) -> ProbabilityMap:
-    """The map without what lies in the corners around the area."""
-    from skysweep.cli.common import scenario_or_area
-
-    if over is None:
+def _only_inside(cells: ProbabilityMap, found: ProbabilityMap) -> ProbabilityMap:
+    """The map without what lies in the corners around the area that the cells are of."""
+    inside = cells.poa > 0.0
+    if inside.all():
         return found
-    area = scenario_or_area(over).area_enu_m
-    outside = 1.0 - found.share_within(area)
-    if outside >= 0.005:
-        tell(f"outside {over}: {outside:.0%} of what these cells held; the map is of where it is inside")
-    return found.within(area)
+    tell(f"outside the area: {found.poa[~inside].sum():.0%} of what its bounds hold; the map is of the rest")
+    return found.times(inside)
 
 
 def _mark(lkp: str | None, cells: ProbabilityMap) -> F64 | None:

@@ -27,13 +27,9 @@ _CLIMB_SHARE = 0.5  # of the climb speed that is planned with on a leg
 _IN_PICTURE_M = 1.2  # from the picture's edges, for errors of hovering and position
 _FINENESS = 12  # places tried per height of the vehicle
 _LEVEL_M = 2.0  # between the heights tried
-_AROUND = np.array(
-    [
-        [share * math.cos(k * math.pi / 8), share * math.sin(k * math.pi / 8)]
-        for share in (0.5, 1.0)
-        for k in range(16)
-    ]
-)  # places in a circle
+_TURNS_RAD = np.arange(16) * math.pi / 8.0
+_ROUND = np.column_stack([np.cos(_TURNS_RAD), np.sin(_TURNS_RAD)])
+_AROUND = np.concatenate([0.5 * _ROUND, _ROUND])  # places in a circle
 _MOVED_M = 1.0  # a place that moves less keeps its lookout
 
 
@@ -98,7 +94,7 @@ class Clearance:
         rises_m = float(terrain.height_m(places).max()) - terrain.height_at_m(*waypoint.xy_enu_m)
         if rises_m + min(self._keep_m, altitude_m) <= altitude_m:
             return waypoint
-        return waypoint._replace(altitude_agl_m=rises_m + max(self._keep_m, altitude_m) + _ROOM_M)
+        return waypoint._replace(altitude_agl_m=rises_m + self._keep_m + _ROOM_M)
 
     def _clear_of_solids(self, waypoint: Waypoint) -> Waypoint | None:
         if not len(self._obstacles.solids):

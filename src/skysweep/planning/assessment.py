@@ -54,7 +54,8 @@ class Assessment:
             )
         ceiling_m = self.scenario.safety.altitude_max_agl_m
         highest = int(self.path.agl_m.argmax())
-        if self.path.agl_m[highest] > ceiling_m + self.scenario.safety.fence_tolerance_m - _FLIES_HIGHER_M:
+        above_m = max(self.scenario.safety.fence_tolerance_m - _FLIES_HIGHER_M, 0.0)
+        if self.path.agl_m[highest] > ceiling_m + above_m:
             x, y = self.path.xy_enu_m[highest].tolist()
             yield (
                 f"search.scan_speed_mps: at [{x:.0f}, {y:.0f}] the ground falls faster than the vehicle "
