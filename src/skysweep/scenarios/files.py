@@ -83,7 +83,7 @@ def _beside(folder: Path, name: str) -> Path:
     return Path(name) if name.startswith(_OURS) else folder / os.path.expanduser(name)
 
 
-NULL: Final = object()  # as a value of ``change_scenario``, where None changes nothing
+NULL: Final = "null"  # as a value of ``change_scenario``, where None changes nothing; files can hold it
 
 
 def parse_scenario(text: str, source: str, folder: Path = Path()) -> Scenario:
@@ -108,7 +108,7 @@ def change_scenario(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
         if value is not None:
             *parents, field = dotted.split(".")
             try:
-                reduce(lambda node, key: node[key], parents, data)[field] = None if value is NULL else value
+                reduce(lambda node, key: node[key], parents, data)[field] = None if value == NULL else value
             except (KeyError, TypeError):
                 raise UserError(
                     f"{scenario.name}: {dotted}: there is no such field; see 'skysweep scenarios show'"
