@@ -1,4 +1,9 @@
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -98,11 +103,29 @@ def test_a_rendered_data_set_is_whole_and_reproducible(tmp_path):
     assert json.loads((first / "annotations.json").read_text())["info"]["seed"] == 3
 
 
+def test_ctrl_c_leaves_nothing_and_says_so(tmp_path):
+    command = [sys.executable, "-m", "skysweep.cli", "dataset", "d", "--pictures", "100000"]
+    rendering = subprocess.Popen(
+        command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while not any(tmp_path.rglob("*.jpg")):
+        assert rendering.poll() is None
+        time.sleep(0.2)
+    os.killpg(rendering.pid, signal.SIGINT)
+    said = rendering.communicate(timeout=60)[1]
+    assert rendering.returncode == 130
+    assert "stopped; nothing was written, and the same command starts again" in said
+    assert not (tmp_path / "d").exists()
+
+
 def test_bad_requests(tmp_path):
     with pytest.raises(UserError, match="write at least 1"):
         render_dataset(tmp_path / "a", 0)
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "thesis.txt").write_text("precious")
+    (tmp_path / "killed" / ".unfinished-1").mkdir(parents=True)
+    with pytest.raises(UserError, match=r"not finished \(\.unfinished-1\); delete it, or write"):
+        render_dataset(tmp_path / "killed", 1)
     with pytest.raises(UserError, match="not empty"):
         render_dataset(tmp_path / "b", 4)
     assert (tmp_path / "b" / "thesis.txt").read_text() == "precious"

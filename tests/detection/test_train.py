@@ -2,7 +2,9 @@ import cv2
 import numpy as np
 import onnx
 import pytest
+from typer.testing import CliRunner
 
+from skysweep.cli import app
 from skysweep.detection.training.labelled import LabelledImage, write_labels
 from skysweep.detection.training.reading import read_dataset
 from skysweep.detection.training.train import SIDE_PX, _turn, mosaic, sample, train_detector
@@ -117,6 +119,21 @@ def test_fine_tuning_starts_from_the_models_own_weights(trained):
 def test_the_shipped_model_can_be_fine_tuned(trained):
     out = train_detector(trained / "d", trained / "own.onnx", minutes=0.001, init="skysweep", threads=1)
     assert YoloDetector(out).class_names == ("square",)
+
+
+def test_training_that_is_stopped_leaves_the_model_as_it_was_then(trained, monkeypatch):
+    monkeypatch.chdir(trained)
+    shares = []
+
+    def stop(share, loss):
+        shares.append(share)
+        raise KeyboardInterrupt
+
+    out = train_detector(trained / "d", trained / "early.onnx", minutes=5, threads=99, progress=stop)
+    assert len(shares) == 1
+    assert YoloDetector(out).class_names == ("square",)
+    again = CliRunner().invoke(app, ["train", "d", "--out", "early.onnx"])
+    assert "--out early.onnx: exists; write another, or --overwrite to replace it" in again.output
 
 
 def test_only_our_own_models_can_be_fine_tuned(trained):

@@ -161,9 +161,16 @@ def test_ranges_and_fixed_values():
     assert settings == {D_C: 30.0}
 
 
+def test_a_whole_number_has_whole_values():
+    scenario = tiny()
+    space, _ = changed_space([], [scenario], ["detector.tiles=1:3", "vehicle.batteries=1:10"], [])
+    assert [p.values for p in space] == [(1, 2, 3), tuple(range(1, 11))]
+
+
 @pytest.mark.parametrize(
     ("ranges", "fixed", "words"),
     [
+        (["detector.tiles=1,2.5,3"], [], ["detector.tiles: is 2.5"]),
         (["search.nc=1:3"], [], ["search.nc", "did you mean 'search.n_c'?"]),
         (["h_s=10:20"], [], ["h_s", "there is no parameter"]),
         (["search.n_c=4:2"], [], ["search.n_c=4:2", "empty"]),

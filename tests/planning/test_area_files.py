@@ -125,6 +125,23 @@ def test_areas_survive_the_way_through_a_file(tmp_path_factory, latitude, longit
     assert shapely.get_coordinates(area)[:-1] == pytest.approx(ring[:, :2], abs=0.05)
 
 
+@pytest.mark.parametrize("latitude", [0.0, -16.8, 60.0])
+def test_an_area_across_the_180th_meridian_lies_there(tmp_path, latitude):
+    ring = [
+        [179.999, latitude],
+        [-179.999, latitude],
+        [-179.999, latitude + 0.001],
+        [179.999, latitude + 0.001],
+    ]
+    file = save(tmp_path, "a.geojson", {"type": "Polygon", "coordinates": [[*ring, ring[0]]]})
+    area, frame = read_area(file)
+    width_m = 0.002 * 111_320 * math.cos(math.radians(latitude))
+    assert area.area == pytest.approx(width_m * 111.0, rel=0.02)
+    assert abs(frame.longitude_deg) == pytest.approx(180.0, abs=1e-6)
+    home = scenario_from_area(file).home
+    assert abs(home.longitude_deg) == pytest.approx(179.999, abs=1e-4)
+
+
 def test_an_area_becomes_a_scenario_that_can_be_planned(tmp_path):
     s = scenario_from_area(save(tmp_path, "Größe & co.kml", kml()))
     assert s.area_enu_m.area == pytest.approx(SQUARE.area, rel=1e-4)

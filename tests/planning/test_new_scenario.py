@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 from skysweep.cli import app
 from skysweep.flights.advise import advise
 from skysweep.flights.fly import fly_in_memory
+from skysweep.planning.area_files import scenario_from_area
 from skysweep.planning.flight_plan import plan_scenario
+from skysweep.planning.qgc import plan_for_qgc, write_plan
 from skysweep.scenarios.files import load_scenario
 from skysweep.worlds.obstacles import known_obstacles
 from skysweep.worlds.world import build_terrain, elevation_of
@@ -101,6 +103,37 @@ def test_what_is_written_needs_no_warning(place, target):
     scenario = load_scenario(place / "mine.yaml")
     assert scenario.detector == load_scenario("valley").detector
     assert all(option.pod > 0.8 for option in advise(scenario, 0.8).options)
+
+
+def test_a_boat_is_searched_from_land_where_there_is_land(place):
+    codes = np.full(SIZE, 30, np.uint8)
+    codes[:, 70:] = 80
+    write(place / "lc.tif", codes, transform=placed(10.0, SIZE))
+    assert new("--landcover", "lc.tif", "--target", "boat", "--out", "mine.yaml").exit_code == 0
+    assert build_terrain(load_scenario(place / "mine.yaml")).surface_at(0.0, 0.0) == "grass"
+
+
+def test_a_building_above_the_ceiling_is_named_with_its_place(place):
+    tower = shapely.box(300, 180, 310, 190)
+    collection(place / "b.geojson", (tower, {"building": "tower", "height": "150"}))
+    refused = new("--buildings", "b.geojson", "--out", "mine.yaml")
+    assert refused.exit_code == 2
+    assert "b.geojson: holds a building of 150 m at 61.00166, " in refused.output
+
+
+def test_home_and_fence_of_a_plan_are_kept(place):
+    area = scenario_from_area(place / "area.geojson")
+    fenced = area.model_copy(update={"geofence_enu_m": [(-300, -90), (200, -90), (200, 390), (-300, 390)]})
+    kept_out = [[(150, 300), (170, 300), (170, 320)]]
+    fenced = fenced.model_copy(update={"safety": fenced.safety.model_copy(update={"no_fly_enu_m": kept_out})})
+    write_plan(place / "drawn.plan", plan_for_qgc(fenced, plan_scenario(fenced)[0]))
+    words = ["--area", "drawn.plan", "--dem", "dem.tif", "--out", "mine.yaml"]
+    done = CliRunner().invoke(app, ["scenarios", "new", *words])
+    assert done.exit_code == 0, done.output
+    scenario = load_scenario(place / "mine.yaml")
+    assert scenario.home.latitude_deg == pytest.approx(area.home.latitude_deg, abs=1e-6)
+    assert np.array(scenario.geofence_enu_m) == pytest.approx(np.array(fenced.geofence_enu_m), abs=0.1)
+    assert np.array(scenario.safety.no_fly_enu_m[0]) == pytest.approx(np.array(kept_out[0]), abs=0.1)
 
 
 def test_another_target_is_refused(place):

@@ -139,12 +139,14 @@ def test_write_scenario_into_a_missing_folder_names_it(tmp_path):
         write_scenario(load_scenario("sparse"), tmp_path / "nowhere" / "mine.yaml")
 
 
-def test_plan_and_model_paths_count_from_the_scenario_file(tmp_path):
+def test_plan_and_model_paths_count_from_the_scenario_file(tmp_path, monkeypatch):
     path = tmp_path / "mine.yaml"
     path.write_text(MINIMAL + "search: {plan: area.plan}\ndetector: {model: best.onnx}\n")
     scenario = load_scenario(path)
     assert scenario.search.plan == str(tmp_path / "area.plan")
     assert scenario.detector.model == str(tmp_path / "best.onnx")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario("mine.yaml") == scenario
 
 
 def test_search_can_be_changed_with_the_same_care():

@@ -106,6 +106,12 @@ def test_what_a_map_leaves_open_is_the_terrain_s_surface(tmp_path):
     scenario = over(land_cover=small, land_cover_classes=CLASSES, surface="snow")
     assert build_terrain(scenario).surface_at(0, 0) == "snow"
     assert "tells of 11% of the ground; the rest is snow" in land_cover_of(scenario).notes[0]
+    empty = halves()
+    empty[:, 70:] = 0
+    cover = write(tmp_path / "empty.tif", empty, transform=placed(10.0, SIZE), nodata=0)
+    half = land_cover_of(over(land_cover=cover, land_cover_classes=CLASSES, surface="snow"))
+    assert half.covered == pytest.approx(0.5, abs=0.02)
+    assert "tells of 5" in half.notes[0]
 
 
 @pytest.mark.parametrize(("values", "sentence"), [
@@ -156,6 +162,11 @@ def test_footprints_become_boxes_of_their_height(tmp_path):
         ({"height": "~60"}, 60.0),
         ({"height": "197 feet"}, 60.05),
         ({"building:levels": "18-20"}, 60.0),
+        ({"building:levels": "20;4"}, 60.0),
+        ({"height": "6000 cm"}, 60.0),
+        ({"height": "1e9", "building:levels": "20"}, 60.0),
+        ({"height": "0.1 mi", "building:levels": "20"}, 60.0),
+        ({"height": None, "building:levels": "20"}, 60.0),
     ],
 )
 def test_heights_are_read_as_people_write_them(tmp_path, tags, top_m):
@@ -284,6 +295,39 @@ def test_roads_have_width_and_surface(tmp_path):
     assert terrain.surface_at(500, 100) == "forest floor"
     trees = build_trees(scenario, terrain)
     assert all(terrain.surface_at(*t.position_enu_m[:2]) == "forest floor" for t in trees)
+
+
+def test_empty_columns_of_a_table_are_no_tags(tmp_path):
+    road = shapely.LineString([(0, 200), (600, 200)])
+    file = collection(
+        tmp_path / "r.geojson",
+        (road, {"highway": "residential", "tunnel": None, "surface": "", "width": None}),
+        (shapely.LineString([(0, 100), (600, 100)]), {"highway": None, "waterway": "river"}),
+    )
+    told = json.loads(file.read_text())
+    told["features"].append({"type": "Feature", "properties": {"highway": "path"}, "geometry": None})
+    file.write_text(json.dumps(told))
+    terrain = build_terrain(over(surface="snow", others={"roads_file": str(file)}))
+    assert [terrain.surface_at(300, y) for y in (100, 200)] == ["snow", "asphalt"]
+    footprints = collection(
+        tmp_path / "b.geojson",
+        (shapely.box(100, 100, 120, 110), {"building": "house", "landuse": None}),
+        (shapely.box(200, 0, 400, 200), {"building": None, "landuse": "meadow"}),
+    )
+    (house,) = mapped_buildings(over(others={"buildings_file": str(footprints)}))
+    assert house.size_m == pytest.approx((20, 10), abs=0.05)
+
+
+def test_ground_across_the_180th_meridian(tmp_path):
+    home = (-16.8, 179.999)
+    size = (300, 300)
+    for west in (179.985, -180.015):
+        transform = rasterio.Affine(1e-4, 0, west, 0, -1e-4, home[0] + 0.015)
+        codes = np.ones(size, np.uint8)
+        codes[:, 160:] = 2  # from 180.001 on
+        cover = write(tmp_path / "lc.tif", codes, crs="EPSG:4326", transform=transform)
+        terrain = build_terrain(over(home=home, land_cover=cover, land_cover_classes=CLASSES))
+        assert [terrain.surface_at(x, 100.0) for x in (50.0, 500.0)] == ["forest floor", "rock"]
 
 
 def test_roads_alone_lie_on_the_terrain_s_surface(tmp_path):

@@ -65,7 +65,10 @@ description = _Description()
 
 
 def friendly(command: Callable[P, R]) -> Callable[P, R]:
-    """A user's error ends the command with one sentence and exit code 2, Ctrl-C with exit code 130."""
+    """A user's error ends the command with one sentence and exit code 2, Ctrl-C with exit code 130.
+
+    A KeyboardInterrupt that a command raises anew has its own sentence.
+    """
 
     @wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -78,8 +81,8 @@ def friendly(command: Callable[P, R]) -> Callable[P, R]:
         except OSError as error:
             where, why = error.filename or "a file or device", error.strerror or str(error)
             sentence = f"{where}: cannot be read or written ({why}); check name, permissions and free space"
-        except KeyboardInterrupt:
-            say("stopped; finished work is kept, and the same command continues it if it can")
+        except KeyboardInterrupt as stop:
+            say(str(stop) or "stopped; finished work is kept, and the same command continues it if it can")
             raise typer.Exit(130) from None
         _label("error", "bold red", sentence)
         raise typer.Exit(2)

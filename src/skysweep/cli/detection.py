@@ -24,6 +24,9 @@ RenamesOption = Annotated[
 ]
 
 
+_NOTHING_WRITTEN = "stopped; nothing was written, and the same command starts again"
+
+
 @contextmanager
 def by_options() -> Iterator[None]:
     """Errors name the options --boxes, --pixels and --channels instead of the fields of a scenario."""
@@ -87,18 +90,21 @@ def dataset(
         def show(done: int) -> None:
             progress.update(task, completed=done)
 
-        render_dataset(
-            out,
-            images,
-            seed=seed,
-            split=split,
-            camera=camera,
-            clutter=clutter,
-            photos=photos or (),
-            renames=parse_renames(renames or []),
-            workers=workers,
-            progress=show,
-        )
+        try:
+            render_dataset(
+                out,
+                images,
+                seed=seed,
+                split=split,
+                camera=camera,
+                clutter=clutter,
+                photos=photos or (),
+                renames=parse_renames(renames or []),
+                workers=workers,
+                progress=show,
+            )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_NOTHING_WRITTEN) from None
     tell(f"data set: {out}")
 
 
@@ -117,8 +123,11 @@ def train(
     ] = None,
     seed: SeedOption = 0,
     threads: Annotated[int, typer.Option(min=1, max=256, help="CPU cores to train on.")] = 2,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace the model.")] = False,
 ) -> None:
     """Train a detector, or fine-tune ours on your pictures (extra: train).
+
+    Ctrl-C ends the training early and writes the model as it is by then.
 
     Examples:
 
@@ -130,22 +139,32 @@ def train(
     """
     from skysweep.detection.training.train import train_detector
 
+    if out.exists() and not overwrite:
+        raise UserError(f"--out {out}: exists; write another, or --overwrite to replace it")
+    reached = 0.0
     with bar() as progress:
         task = progress.add_task("training", total=1000)
 
         def show(share: float, loss: float) -> None:
+            nonlocal reached
+            reached = share
             progress.update(task, completed=int(1000 * share), description=f"loss {loss:.2f}")
 
-        train_detector(
-            dataset,
-            out,
-            minutes=minutes,
-            init=init,
-            learning_rate=learning_rate,
-            seed=seed,
-            threads=threads,
-            progress=show,
-        )
+        try:
+            train_detector(
+                dataset,
+                out,
+                minutes=minutes,
+                init=init,
+                learning_rate=learning_rate,
+                seed=seed,
+                threads=threads,
+                progress=show,
+            )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(_NOTHING_WRITTEN) from None
+    if reached < 1.0:
+        raise KeyboardInterrupt(f"stopped after {reached:.0%} of the time; {out} is the model as it was then")
     tell(f"model: {out}; use it with detector.model in a scenario")
 
 
@@ -258,7 +277,7 @@ def detect_evaluate(
         skysweep detect evaluate my-labelled-flights --model old.onnx --against new.onnx --json
     """
     from skysweep.detection.layouts import Told
-    from skysweep.detection.model_files import existing_model_file, sha256_of
+    from skysweep.detection.model_files import OWN_MODEL, existing_model_file, sha256_of
     from skysweep.detection.photos.pose_table import read_poses
     from skysweep.detection.training.class_map import parse_renames, refuse_unused
     from skysweep.detection.training.evaluate import CONFIDENCE_FLOOR, evaluate
@@ -273,6 +292,8 @@ def detect_evaluate(
     named = parse_renames(renames or [])
     table = None if poses is None else read_poses(poses)
     labelled = read_dataset(dataset)
+    if labelled.camera == "thermal" and model == OWN_MODEL:
+        warn(f"--model {model}: knows visible pictures only, and these are thermal; write skysweep-thermal")
     data = with_our_classes(labelled, named)
     with counting("reading") as reading:
         data = with_poses(data, table, reading)

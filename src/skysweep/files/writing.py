@@ -11,6 +11,8 @@ from tempfile import TemporaryDirectory, TemporaryFile
 
 from skysweep.errors import CannotWriteError, UserError
 
+UNFINISHED = ".unfinished-"  # begins the name of a folder that is written into; a killed process leaves it
+
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")  # two letters at least: C:/ is a drive
 
 
@@ -23,7 +25,7 @@ def whole_files(folder: Path) -> Iterator[Path]:
     """
     made = make_folder(folder)
     try:
-        with TemporaryDirectory(prefix=".unfinished-", dir=folder) as name:
+        with TemporaryDirectory(prefix=UNFINISHED, dir=folder) as name:
             yield Path(name)
             for path in sorted(Path(name).rglob("*")):
                 place = folder / path.relative_to(name)

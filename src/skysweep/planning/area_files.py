@@ -169,12 +169,15 @@ def _on_ground(
         )
     if lon_lat.is_empty:
         raise UserError(f"{path}: the polygon has no corners; {_ONE_POLYGON}")
+    if np.ptp(corners[:, 0]) > 180.0:  # it lies across the 180th meridian
+        lon_lat = shapely.transform(lon_lat, lambda each: np.column_stack([each[:, 0] % 360.0, each[:, 1]]))
+        corners = shapely.get_coordinates(lon_lat)
     if not lon_lat.is_valid:
         reason = shapely.is_valid_reason(lon_lat)
         raise UserError(f"{path}: the polygon is not simple ({reason}); draw it without crossing lines")
     if frame is None:
         middle = lon_lat.centroid if lon_lat.area > 0 else shapely.Point(corners.mean(axis=0))
-        frame = LocalFrame(middle.y, middle.x)
+        frame = LocalFrame(middle.y, (middle.x + 180.0) % 360.0 - 180.0)
     local = frame
 
     def enu(lon_lat_deg: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -14,8 +14,10 @@ import shapely
 
 from skysweep.errors import UserError
 from skysweep.files.plain_yaml import dump_yaml
-from skysweep.planning.area_files import plain_name, read_area
+from skysweep.geometry.frames import LocalFrame
+from skysweep.planning.area_files import fence_of, plain_name, read_area
 from skysweep.planning.flight_plan import FlightEstimate, plan_scenario
+from skysweep.planning.qgc import read_plan
 from skysweep.scenarios.files import parse_scenario, with_paths_beside
 from skysweep.scenarios.model import DEFAULT_SIZE_M, Scenario, TargetClass
 from skysweep.types import XY
@@ -59,8 +61,9 @@ def draft_scenario(
     """A scenario that searches an area for ``target`` and can be flown, to be written to ``out``.
 
     ``files`` are those of the ground by field, as ``ground_files`` has them, ``terrain.dem`` among them. Home
-    is the one given, or open and level ground just outside the area, near its middle. Raises UserError where
-    a file is not what it should be, or does not cover the area.
+    is the one given, that of a ``.plan``, or open, level and dry ground just outside the area, near its
+    middle. A plan's fence is kept. Raises UserError where a file is not what it should be, or does not cover
+    the area.
     """
     if target not in get_args(TargetClass):
         raise UserError(
@@ -85,12 +88,17 @@ def draft_scenario(
     def scenario_of(text: str) -> Scenario:
         return with_paths_beside(parse_scenario(text, str(out), folder), folder)
 
+    plan = read_plan(area) if area.suffix.lower() == ".plan" else None
+    if home_lat_lon is None and plan is not None:
+        home_lat_lon = plan.mission.plannedHomePosition[:2]
     if home_lat_lon is None:
         home_lat_lon = _home(fields, area, scenario_of)
     fields["home"] = {"latitude_deg": round(home_lat_lon[0], 7), "longitude_deg": round(home_lat_lon[1], 7)}
     ground = elevation_of(scenario_of(dump_yaml(fields)))
     assert ground is not None
-    fields["home"]["altitude_amsl_m"] = round(ground.home_amsl_m, 1)
+    home_amsl_m = fields["home"]["altitude_amsl_m"] = round(ground.home_amsl_m, 1)
+    if plan is not None:
+        fields |= fence_of(area, plan, LocalFrame(*home_lat_lon, home_amsl_m))
     fields["search"] = _search(target, scenario_of(dump_yaml(fields)))
     _, estimate = plan_scenario(scenario_of(dump_yaml(fields)))
     fields["vehicle"]["batteries"] = estimate.batteries + 1  # checks take theirs
@@ -154,7 +162,15 @@ def _search(target: str, scenario: Scenario) -> dict[str, float]:
     focal_px = _CAMERA["width_px"] / 2 / math.tan(_CAMERA["hfov_rad"] / 2)
     size_m = DEFAULT_SIZE_M[target]
     tops_m = obstacles.solids[:, 8] - obstacles.terrain.height_m(obstacles.solids[:, :2])
-    lowest_m = float(tops_m.max(initial=0.0)) + _OVER_TREES_M
+    lowest_m, ceiling_m = float(tops_m.max(initial=0.0)) + _OVER_TREES_M, scenario.safety.altitude_max_agl_m
+    if lowest_m >= ceiling_m:
+        place = [[*obstacles.solids[np.argmax(tops_m), :2], 0.0]]
+        latitude, longitude, _ = scenario.frame.geodetic_from_enu(place)[0].tolist()
+        raise UserError(
+            f"{scenario.buildings_file}: holds a building of {tops_m.max():.0f} m at {latitude:.5f}, "
+            f"{longitude:.5f}, and the ceiling is {ceiling_m:g} m (safety.altitude_max_agl_m): draw the area "
+            "clear of it, leave it out here, and keep away from it with safety.no_fly_enu_m"
+        )
     scan_m = math.floor(max(min(size_m * focal_px / _SCAN_PX, _HIGHEST_SCAN_M), lowest_m))
     check_m = math.floor(min(max(size_m * focal_px / _CHECK_PX, scan_m / 3), 0.75 * scan_m))
     return {
@@ -181,13 +197,17 @@ def _home(
         )
     )
     away_m = np.hypot(*(places - shapely.get_coordinates(polygon.centroid)[0]).T)
+    on_water = None
     for k in np.argsort(away_m, kind="stable"):
         x, y = places[k].tolist()
         is_open = obstacles.top_within_m(places[k : k + 1], _CLEAR_M)[0] == -math.inf
-        is_dry = terrain.surface_at(x, y) != "water" or fields["terrain"].get("surface") == "water"
-        if is_open and is_dry and _slope_deg(obstacles, (x, y)) <= _STEEPEST_HOME_DEG:
+        if is_open and _slope_deg(obstacles, (x, y)) <= _STEEPEST_HOME_DEG:
             latitude, longitude, _ = frame.geodetic_from_enu([[x, y, 0.0]])[0].tolist()
-            return latitude, longitude
+            if terrain.surface_at(x, y) != "water":
+                return latitude, longitude
+            on_water = on_water or (latitude, longitude)
+    if on_water and fields["terrain"].get("surface") == "water":  # where no land cover tells of land
+        return on_water
     raise UserError(
         f"{area}: has no open and level ground beside it to take off from; choose a place with --home"
     )

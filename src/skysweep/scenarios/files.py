@@ -34,7 +34,8 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     """A shipped scenario by its name, or one from a YAML file.
 
     Relative paths of ``area.file``, ``search.plan``, ``detector.model``, ``detector.statistical_model`` and
-    the ground's files start at the scenario file's folder. Raises UserError if the scenario is not found, is
+    the ground's files start at the scenario file's folder, and are absolute in what is returned, so that it
+    can be written elsewhere. Raises UserError if the scenario is not found, is
     not plain YAML or is invalid.
     """
     name = str(name_or_path)
@@ -42,7 +43,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         return parse_scenario(_shipped().joinpath(f"{name}.yaml").read_text("utf-8"), f"{name}.yaml")
     path = Path(os.path.expanduser(name))
     scenario = parse_scenario(_read_text(path), str(path), path.parent)
-    return with_paths_beside(scenario, path.parent)
+    return with_paths_beside(scenario, path.parent.absolute())
 
 
 def with_paths_beside(scenario: Scenario, folder: Path) -> Scenario:

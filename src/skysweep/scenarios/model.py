@@ -114,7 +114,7 @@ class Area(Model):
     polygon_lat_lon_deg: list[LatLon] | None = Field(None, description="Corners, latitude and longitude")
     file: str | None = Field(
         None,
-        description="GeoJSON, KML, KMZ or QGroundControl .plan with one polygon, read with the scenario file",
+        description="GeoJSON, KML, KMZ or .plan (without its fence) with one polygon, read with the scenario",
     )
     holes_enu_m: list[list[PointXY]] = Field(
         default_factory=list, description="Corners of each hole, east and north of the origin"

@@ -101,9 +101,7 @@ def _land_cover(
     if source is not None:
         if not np.issubdtype(np.dtype(source.dtype), np.integer) or source.bands > 1:
             raise source.error("is no map of classes; give one band of whole numbers")
-        covered = source.overlap(bounds_enu_m).area / ((east - west) * (north - south))
-        if covered < 0.999:
-            notes.append(f"{FIELD}: tells of {covered:.0%} of the ground; the rest is {surface}")
+        source.overlap(bounds_enu_m)  # or refused
         x = west + (np.arange(columns) + 0.5) * (east - west) / columns
         y = south + (np.arange(rows) + 0.5) * (north - south) / rows
         places = source.pixels_over(x, y)
@@ -113,6 +111,9 @@ def _land_cover(
         i, j = np.floor(pixels.places_of(places) + 0.5).astype(int)
         told = (i >= 0) & (i < len(pixels.values)) & (j >= 0) & (j < pixels.values.shape[1])
         told[told] = pixels.is_valid[i[told], j[told]]
+        covered = float(told.mean())
+        if covered < 0.999:
+            notes.append(f"{FIELD}: tells of {covered:.0%} of the ground; the rest is {surface}")
         codes = pixels.values[i[told], j[told]]
         known = [c.code for c in classes]
         strange = sorted(set(np.unique(codes).tolist()) - set(known))

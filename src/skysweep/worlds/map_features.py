@@ -36,7 +36,11 @@ _NOTHING_M2 = 0.01
 _SIMPLER_M = 0.3
 _CORNERS = 60  # of a footprint that is worth cutting
 _NUMBER = r"(\d+(?:[.,]\d+)?)"
-_LENGTH = re.compile(rf"{_NUMBER}\s*(ft|feet|foot|')?(?:\s*{_NUMBER}\s*(?:\"|''|in))?", re.IGNORECASE)
+_LENGTH = re.compile(rf"{_NUMBER}\s*([a-z]+|'|\"|'')?(?:\s*{_NUMBER}\s*(?:\"|''|in))?", re.IGNORECASE)
+_UNITS_M = {
+    **dict.fromkeys(("", "m", "meter", "meters", "metre", "metres"), 1.0), "cm": 0.01, "km": 1000.0,
+    **dict.fromkeys(("ft", "feet", "foot", "'"), _FOOT_M), **dict.fromkeys(("in", '"', "''"), _FOOT_M / 12),
+}  # fmt: skip
 _ANOTHER_PLACE_KM = 5.0  # away; nearer, the area may be a part without any
 _ROADS_M = {
     "motorway": 20.0, "trunk": 12.0, "primary": 9.0, "secondary": 7.5, "tertiary": 6.5,
@@ -195,7 +199,9 @@ def _features(path: Path, field: str, frame: LocalFrame) -> Iterator[tuple[shape
 
     for number, feature in enumerate(features, 1):
         try:
-            lon_lat, tags = shape(feature["geometry"]), dict(feature.get("properties") or {})
+            if feature["geometry"] is None:
+                continue
+            lon_lat, told = shape(feature["geometry"]), dict(feature.get("properties") or {})
         except (AttributeError, KeyError, TypeError, ValueError, IndexError, shapely.errors.ShapelyError):
             raise UserError(
                 f"{field}: {path}: feature {number} has no shape; export it again as GeoJSON"
@@ -206,17 +212,19 @@ def _features(path: Path, field: str, frame: LocalFrame) -> Iterator[tuple[shape
                 f"{field}: {path}: feature {number} is not in longitude and latitude in degrees; export it "
                 "in EPSG:4326"
             )
+        tags = {tag: value for tag, value in told.items() if value not in (None, "")}  # empty table columns
         yield shapely.make_valid(shapely.transform(lon_lat, enu_m)), tags
 
 
 def _metres(told: Any) -> float | None:
-    """A length as OpenStreetMap has it: metres, or feet and inches; the greatest of several, or None."""
+    """A length as OpenStreetMap has it, metres or feet and inches; the greatest of several (3;4), or None."""
     lengths_m = []
-    for number, feet, inches in _LENGTH.findall(str(told)):
-        length = float(number.replace(",", "."))
-        lengths_m.append(length * _FOOT_M if feet else length)
-        if inches:
-            lengths_m[-1] += float(inches.replace(",", ".")) * _FOOT_M / 12
+    for part in re.split("[;-]", str(told)):
+        length = _LENGTH.fullmatch(part.strip(" ~<>"))
+        unit_m = _UNITS_M.get((length[2] or "").lower()) if length else None
+        if length and unit_m:
+            inches = float((length[3] or "0").replace(",", "."))
+            lengths_m.append(float(length[1].replace(",", ".")) * unit_m + inches * _FOOT_M / 12)
     return max(lengths_m, default=0.0) or None
 
 

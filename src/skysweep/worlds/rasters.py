@@ -89,6 +89,9 @@ class GeoTiff:
         geodetic = self.frame.geodetic_from_enu(np.column_stack([xy_enu_m, np.zeros(len(xy_enu_m))]))
         x, y = self._from_wgs84.transform(geodetic[:, 1], geodetic[:, 0])
         a, b, c, d, e, f = self.affine
+        if self.crs.is_geographic:  # its longitudes may end at 180 or go on
+            middle = a * self.size_px[0] / 2 + b * self.size_px[1] / 2 + c
+            x = middle + (np.asarray(x) - middle + 180.0) % 360.0 - 180.0
         x, y, whole = np.asarray(x) - c, np.asarray(y) - f, a * e - b * d
         pixels = np.column_stack([(e * x - b * y) / whole, (a * y - d * x) / whole])
         if not np.isfinite(pixels).all():

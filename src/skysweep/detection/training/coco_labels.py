@@ -53,7 +53,8 @@ def read_coco(path: Path) -> LabelledDataset:
             f"{path}: not COCO detection annotations (missing or malformed {error}); write images "
             "(id, file_name, width, height), annotations (image_id, category_id, bbox), categories (id, name)"
         ) from error
-    return LabelledDataset(path, tuple(names.values()), images)
+    camera = str(data["info"].get("camera", "")) if isinstance(data.get("info"), dict) else ""
+    return LabelledDataset(path, tuple(names.values()), images, camera=camera)
 
 
 def _coco_image(

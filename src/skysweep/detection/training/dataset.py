@@ -14,7 +14,7 @@ from skysweep.detection.training.photo_pictures import photos_in, pictures_of, s
 from skysweep.detection.training.random_worlds import SIDE_PX, Split, recipe_for
 from skysweep.detection.training.rendered_pictures import PICTURES_PER_WORLD, render_world
 from skysweep.errors import UserError
-from skysweep.files.writing import whole_files
+from skysweep.files.writing import UNFINISHED, whole_files
 from skysweep.scenarios.model import CameraKind
 
 PHOTO_SHARE = 0.5  # of the pictures, where there are photos
@@ -60,8 +60,10 @@ def render_dataset(
     """
     if n_images < 1:
         raise UserError(f"n_images: {n_images} is too few; write at least 1")
-    if out.is_dir() and any(out.iterdir()):
-        raise UserError(f"{out}: not empty; write the path of a new folder")
+    if out.is_dir() and (inside := [path.name for path in out.iterdir()]):
+        rest = all(name.startswith(UNFINISHED) for name in inside)
+        what = f"holds a data set that is not finished ({inside[0]}); delete it" if rest else "not empty"
+        raise UserError(f"{out}: {what}, or write the path of a new folder")
     if camera != "visible" and (clutter or photos):
         what = "clutter" if clutter else "photos"
         raise UserError(f"{what}: are for visible cameras only; leave them out, or the thermal camera")

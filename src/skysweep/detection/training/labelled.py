@@ -53,6 +53,7 @@ class LabelledDataset:
     class_names: tuple[str, ...]
     images: tuple[LabelledImage, ...]
     layout: str = "COCO"  # what was recognised: COCO, YOLO or VisDrone
+    camera: str = ""  # its kind, where the labels tell
 
 
 def boxes_of(rows: Sequence[Sequence[float]]) -> F64:

@@ -72,7 +72,7 @@ def train_detector(
         progress: called after every step with the share of the time that is over and the smoothed loss.
 
     Returns:
-        ``out``.
+        ``out``. Ctrl-C during the training ends it early.
 
     Raises:
         UserError: the data set is malformed or has no labels, ``init`` is no YOLOX model, or ``out`` cannot
@@ -156,31 +156,40 @@ def _optimise(
     threads: int,
     progress: Callable[[float, float], None],
 ) -> tuple[dict[str, Any], int]:
-    """Train for a time. Returns the exponential moving average of the weights and the number of steps."""
+    """Train for a time, or until Ctrl-C.
+
+    Returns the exponential moving average of the weights and the number of steps.
+    """
     torch = _torch()
     network.train().to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(network.parameters(), peak_learning_rate, weight_decay=WEIGHT_DECAY)
     average = {k: v.clone() for k, v in network.state_dict().items()}
     started, steps, loss_mean = time.monotonic(), 0, float("nan")
+    threads = min(threads, BATCH)
     one_core_each = ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
     with one_core_each as pool, ThreadPoolExecutor(1) as loader:
         replicas = _Replicas(network, threads, pool)
         batches = _batches(data, rng)
         upcoming = loader.submit(next, batches)
-        while (share := (time.monotonic() - started) / seconds) < 1.0 or steps == 0:
-            for group in optimiser.param_groups:
-                warm_up = min(1.0, (steps + 1) / WARM_UP_STEPS)
-                cosine = 0.5 * (1 + math.cos(math.pi * min(share, 1.0)))
-                group["lr"] = peak_learning_rate * warm_up * (0.01 + 0.99 * cosine)
-            pictures, labels = upcoming.result()
-            upcoming = loader.submit(next, batches)
-            loss = replicas.gradients(pictures, labels)
-            torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
-            optimiser.step()
-            steps += 1
-            _update_average(average, network, steps)
-            loss_mean = loss if steps == 1 else 0.95 * loss_mean + 0.05 * loss
-            progress(min(share, 1.0), loss_mean)
+        try:
+            while (share := (time.monotonic() - started) / seconds) < 1.0 or steps == 0:
+                for group in optimiser.param_groups:
+                    warm_up = min(1.0, (steps + 1) / WARM_UP_STEPS)
+                    cosine = 0.5 * (1 + math.cos(math.pi * min(share, 1.0)))
+                    group["lr"] = peak_learning_rate * warm_up * (0.01 + 0.99 * cosine)
+                pictures, labels = upcoming.result()
+                upcoming = loader.submit(next, batches)
+                loss = replicas.gradients(pictures, labels)
+                torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
+                optimiser.step()
+                steps += 1
+                _update_average(average, network, steps)
+                loss_mean = loss if steps == 1 else 0.95 * loss_mean + 0.05 * loss
+                progress(min(share, 1.0), loss_mean)
+            progress(1.0, loss_mean)
+        except KeyboardInterrupt:
+            if steps == 0:
+                raise
     return average, steps
 
 

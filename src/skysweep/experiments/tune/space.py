@@ -11,6 +11,7 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def changed_space(
     for text in ranges:
         field, _, wanted = text.partition("=")
         field = known_field(field.strip(), scenarios, f"--range {text}")
-        left[field] = Parameter(field, _parsed_range(text, field, wanted.strip()))
+        left[field] = Parameter(field, _parsed_range(text, field, wanted.strip(), scenarios))
         ranged.add(field)
     for text in fixed:
         field, equals, setting = text.partition("=")
@@ -85,17 +86,15 @@ def changed_space(
         fixed_scenario = change_scenario(scenario, settings)
         for parameter in left.values():
             if parameter.field not in (H_S, H_C):
-                for value in (parameter.values[0], parameter.values[-1]):
+                values = parameter.values
+                for value in values if _is_whole(parameter.field, scenarios) else (values[0], values[-1]):
                     checked(change_scenario(fixed_scenario, {parameter.field: value}))
     return list(left.values()), settings
 
 
 def known_field(field: str, scenarios: Sequence[Scenario], source: str) -> str:
     """``field``. Raises UserError, with the nearest name, unless it is a number of all scenarios."""
-    own = [dict(own_fields(scenario.search.strategy)) for scenario in scenarios]
-    common = [(name, info) for name, info in own[0].items() if all(name in others for others in own)]
-    every = [*leaf_fields(Scenario), *common]
-    fields = [name for name, info in every if {int, float} & {*union_arms(info.annotation)}]
+    fields = _kinds(scenarios)
     if field in fields:
         return field
     by_last = {name.rsplit(".", 1)[-1]: name for name in fields}
@@ -108,6 +107,21 @@ def known_field(field: str, scenarios: Sequence[Scenario], source: str) -> str:
         f"{source}: there is no parameter '{field}'; {start}"
         f"write a number of the scenario, such as {', '.join(TUNED[:3])}"
     )
+
+
+def _kinds(scenarios: Sequence[Scenario]) -> dict[str, set[Any]]:
+    """The numbers that all scenarios have: by field, int, float or both."""
+    own = [dict(own_fields(scenario.search.strategy)) for scenario in scenarios]
+    common = [(name, info) for name, info in own[0].items() if all(name in others for others in own)]
+    kinds = {
+        name: {int, float} & {*union_arms(info.annotation)}
+        for name, info in (*leaf_fields(Scenario), *common)
+    }
+    return {name: kind for name, kind in kinds.items() if kind}
+
+
+def _is_whole(field: str, scenarios: Sequence[Scenario]) -> bool:
+    return field == N_C or float not in _kinds(scenarios)[field]
 
 
 def nearby_distances_m(scenario: Scenario) -> tuple[float, ...]:
@@ -173,8 +187,8 @@ def _round_distance(metres: float) -> float:
     return max(5.0, 5.0 * round(metres / 5.0))
 
 
-def _parsed_range(text: str, field: str, wanted: str) -> tuple[float, ...]:
-    source = f"--range {text}"
+def _parsed_range(text: str, field: str, wanted: str, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
+    source, is_whole = f"--range {text}", _is_whole(field, scenarios)
     values: set[float] = set()
     for part in wanted.split(",") if wanted else []:
         low_text, colon, high_text = part.partition(":")
@@ -194,7 +208,8 @@ def _parsed_range(text: str, field: str, wanted: str) -> tuple[float, ...]:
         if colon and field == N_C:
             values |= {float(n) for n in np.arange(math.ceil(low), math.floor(high) + 1)}
         else:
-            values |= {low, high, *(_grid(low, high) if high > low else [])}
+            between = _grid(low, high) if high > low else []
+            values |= {low, high, *(value for value in between if not is_whole or value.is_integer())}
     if len(values) < 2:
         raise UserError(
             f"{source}: the range is empty; write two values or more, such as {field}=1:8 or {field}=1,2,inf "
