@@ -20,7 +20,7 @@ import skysweep.gym  # noqa: E402
 from skysweep.cli import app  # noqa: E402
 from skysweep.errors import UserError  # noqa: E402
 from skysweep.gym.baselines import PlannedPath  # noqa: E402
-from skysweep.scenarios.files import change_scenario, load_scenario  # noqa: E402
+from skysweep.scenarios.files import change_scenario, list_scenarios, load_scenario  # noqa: E402
 
 DIGEST = """
 import hashlib, gymnasium, numpy as np, skysweep.gym
@@ -84,7 +84,6 @@ def test_what_nobody_has_seen_is_not_in_the_observation():
         for key, value in here[0].items():
             np.testing.assert_array_equal(value, there[0][key], err_msg=key)
         assert here[1] == there[1]
-        assert here[2].pop("plan", np.zeros(0)).tolist() == there[2].pop("plan", np.zeros(0)).tolist()
         assert here[2] == there[2]
 
 
@@ -126,6 +125,34 @@ def test_a_mission_that_takes_too_long_is_called_home_and_truncated():
     assert info["summary"]["end_reason"] == "operator"
     assert info["summary"]["battery_remaining"] > 0.9
     assert any("calls the vehicle home" in sentence for sentence in info["safety"])
+
+
+def test_the_time_limit_holds_while_the_battery_is_changed():
+    """The first sortie leaves for home at 200 s, the second one searches from 307 s on."""
+    scenario = change_scenario(
+        load_scenario("clusters"),
+        {"vehicle.battery_wh": 14.0, "vehicle.batteries": 6, "vehicle.swap_s": 60.0},
+    )
+    env = make(scenario=scenario, time_limit_s=250.0)
+    env.reset(seed=1)
+    over = False
+    while not over:
+        _, _, terminated, over, info = env.step(np.zeros(3))
+        assert not terminated
+    assert info["summary"]["end_reason"] == "operator"
+    assert info["summary"]["total_time_s"] == pytest.approx(250.0, abs=1.0)
+
+
+def test_the_time_limit_holds_in_the_midst_of_a_long_decision():
+    env = make(time_limit_s=40.0, period_s=15.0)
+    env.reset(seed=0)
+    searched_s, truncated = 0.0, False
+    while not truncated:
+        _, reward, terminated, truncated, info = env.step(np.zeros(3))
+        assert not terminated
+        searched_s -= reward / env._team.rules.cost_second
+    assert info["summary"]["end_reason"] == "operator"
+    assert searched_s == pytest.approx(40.0 - 19.1, abs=0.5)  # less the take-off
 
 
 def test_what_safety_refuses_is_told_and_not_flown_to():
@@ -179,12 +206,38 @@ def test_another_scenario_at_a_reset_and_new_layouts_where_it_says_at_random():
     assert places(kept) == before
 
 
+@pytest.mark.parametrize("name", list_scenarios())
+def test_every_shipped_scenario_begins(name):
+    env = make(scenario=name)
+    assert env.reset(seed=0)[1]["scenario"] == name
+    env.close()
+
+
+def test_members_of_a_vector_may_fly_different_scenarios():
+    names = "clusters", "coast"
+    vector = gymnasium.vector.SyncVectorEnv([lambda name=name: make(scenario=name) for name in names])
+    _, info = vector.reset(seed=0)
+    for plan, name in zip(info["plan"], names, strict=True):
+        assert plan == make(scenario=name).reset(seed=0)[1]["plan"]
+        assert all(-1.0 <= place <= 1.0 for waypoint in plan for place in waypoint)
+    vector.close()
+
+
+def test_an_option_that_does_not_exist_is_refused():
+    with pytest.raises(UserError, match="no option 'scenari'; write scenario"):
+        make().reset(options={"scenari": "sparse"})
+
+
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
         ({"actions": "rudder"}, "velocity or waypoint"),
         ({"period_s": 0.0}, "period_s"),
+        ({"period_s": "1"}, "period_s: is '1'; write a finite number"),
         ({"cost_missed": float("nan")}, "cost_missed"),
+        ({"cost_missed": None}, "cost_missed: is None; write a finite number"),
+        ({"cells": 64.5}, "cells: is 64.5; write an integer of at least 1"),
+        ({"slots": "3"}, "slots: is '3'; write an integer of at least 1"),
         ({"horizon": 3}, "horizon"),
         ({"render_mode": "human"}, "rgb_array"),
         ({"scenario": "nowhere"}, "nowhere"),

@@ -60,6 +60,7 @@ def test_a_target_counts_for_who_finds_it_first():
     assert rewards == pytest.approx(10.0 * found)
 
 
-def test_one_vehicle_is_no_team():
-    with pytest.raises(UserError, match="at least 2"):
-        SearchParallelEnv(n=1)
+@pytest.mark.parametrize("n", [1, 2.5, "3"])
+def test_one_vehicle_is_no_team(n):
+    with pytest.raises(UserError, match="an integer of at least 2"):
+        SearchParallelEnv(n=n)

@@ -37,9 +37,10 @@ from skysweep.cli.live import (
     TilesOption,
     live_page,
 )
-from skysweep.cli.missions import StatusLine, answer_mission, answers_complete, free_folder
+from skysweep.cli.missions import StatusLine, answer_mission, answers_complete
 from skysweep.cli.terminal import enter_pressed, unblocked
 from skysweep.errors import UserError
+from skysweep.files.writing import free_folder
 from skysweep.text import printable
 
 if TYPE_CHECKING:

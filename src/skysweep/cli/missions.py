@@ -46,6 +46,7 @@ from skysweep.cli.live import (
 )
 from skysweep.cli.terminal import unblocked
 from skysweep.errors import UserError
+from skysweep.files.writing import free_folder
 
 if TYPE_CHECKING:
     from skysweep.experiments.matrix import MissionJob
@@ -285,13 +286,6 @@ def flying(name: str, folder: Path) -> Iterator[StatusLine]:
             how = f"go on with:  {resume_command(folder)}" if begun else "nothing was flown"
             say(f"stopped; {how}")
             raise typer.Exit(130) from None
-
-
-def free_folder(parent: Path, name: str) -> Path:
-    """A new folder of that name, with a number appended if need be."""
-    name = name.replace(":", ".")  # in the name of a user's own strategy; not every file system allows it
-    candidates = [parent / name] + [parent / f"{name}-{k}" for k in range(2, 10_000)]
-    return next(c for c in candidates if not c.exists())
 
 
 def answer_mission(as_json: bool, folder: Path, summary: RunSummary, **more: Any) -> None:

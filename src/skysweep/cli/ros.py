@@ -31,7 +31,7 @@ from skysweep.cli.live import (
     TilesOption,
     live_page,
 )
-from skysweep.cli.missions import answer_mission, flying, free_folder
+from skysweep.cli.missions import answer_mission, flying
 
 app = typer.Typer(no_args_is_help=True, help="Fly missions, and look for targets, as ROS 2 nodes.")
 
@@ -96,8 +96,7 @@ def ros_fly(
     from skysweep.flights.on_ros import Settings, ros_flight
     from skysweep.flights.rig import Rig
 
-    folder = out or free_folder(Path("runs"), f"{Path(scenario).stem}-ros-seed{seed}")
-    settings = Settings(scenario, seed, sensor, speed, not wait, str(folder), camera, detector, pose)
+    settings = Settings(scenario, seed, sensor, speed, not wait, str(out or ""), camera, detector, pose)
     with ExitStack() as page:
         with ros_flight(settings, changes_of(change), context.meta[_ROS_ARGUMENTS]) as flight:
             folder = flight.folder

@@ -77,6 +77,13 @@ def make_folder(folder: Path) -> Sequence[Path]:
         raise CannotWriteError(folder, error) from None
 
 
+def free_folder(parent: Path, name: str) -> Path:
+    """The path of a new folder of that name, with a number appended if need be."""
+    name = name.replace(":", ".")  # in the name of a user's own strategy; not every file system allows it
+    candidates = [parent / name] + [parent / f"{name}-{k}" for k in range(2, 10_000)]
+    return next(c for c in candidates if not c.exists())
+
+
 def _remove(folders: Sequence[Path]) -> None:
     """Remove the folders that are empty."""
     for folder in folders:

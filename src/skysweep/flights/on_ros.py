@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from skysweep.errors import UserError
+from skysweep.files.writing import free_folder
 from skysweep.flights.fly import fly_to_folder, refuse_other_mission
 from skysweep.flights.pace import paced
 from skysweep.flights.rig import Rig
@@ -34,7 +35,7 @@ class Settings:
     sensor: str = "imaging"
     speed: float = 1.0  # vehicle time over wall time, at most
     autostart: bool = True  # else the service ~/start begins
-    out: str = ""  # run folder
+    out: str = ""  # run folder; empty: a new one, runs/SCENARIO-ros-seedN
     camera: str = ""  # topic of pictures; empty: rendered
     detector: str = ""  # topic of detections; empty: the scenario's detector
     pose: str = ""  # topic of odometry; empty: the vehicle's own
@@ -101,10 +102,13 @@ def ros_flight(
     """
     with closing(RosLink("mission", arguments=arguments)) as link:
         settings = _parameters(link, settings)
-        if settings.speed <= 0.0:
+        if not settings.speed > 0.0:  # NaN
             raise UserError("speed: must be above 0; 1 is real time")
+        if settings.seed < 0:
+            raise UserError(f"seed: is {settings.seed}; write 0 or more")
         if not settings.out:
-            raise UserError("out: is empty; write a new folder")
+            name = f"{Path(settings.scenario).stem}-ros-seed{settings.seed}"
+            settings = replace(settings, out=str(free_folder(Path("runs"), name)))
         refuse_other_mission(Path(settings.out))
         scenario = change_scenario(load_scenario(settings.scenario), dict(changes or {}))
         yield RosFlight(link, settings, scenario)

@@ -50,7 +50,7 @@ class PlannedPath:
     def __init__(self, info: dict[str, Any], till_check: float = math.inf) -> None:
         west, south, east, north = info["bounds_enu_m"]
         self._half_m = np.array([east - west, north - south]) / 2.0
-        self._path, self._till_check = np.asarray(info["plan"]), till_check
+        self._path, self._till_check = np.array(info["plan"]), till_check
         self._next, self._checks = 0, False
         self._left: F32 | None = None
 

@@ -38,6 +38,9 @@ class SearchEnv(gymnasium.Env[Observed, F32]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
         """Take off and begin the search. Every episode draws another mission seed."""
+        unknown = next((name for name in options or () if name != "scenario"), None)
+        if unknown is not None:
+            raise UserError(f"options: there is no option {unknown!r}; write scenario")
         super().reset(seed=seed)
         begun = self._team.begin(self.np_random, options)[0]
         return begun.observation, begun.info

@@ -42,8 +42,10 @@ class SearchParallelEnv(ParallelEnv):  # type: ignore[misc]  # pettingzoo has no
         render_mode: str | None = None,
         **rules: Any,
     ) -> None:
-        if n < 2:
-            raise UserError(f"n: is {n!r}; write at least 2, or take skysweep/Search-v0 for one vehicle")
+        if not (isinstance(n, (int, np.integer)) and n >= 2):
+            raise UserError(
+                f"n: is {n!r}; write an integer of at least 2, or take skysweep/Search-v0 for one vehicle"
+            )
         self._team = Team(scenario, Rules.of(rules), n)
         self._rng = np.random.default_rng()
         self.render_mode = checked(render_mode)

@@ -19,6 +19,7 @@ from skysweep.gym.spaces import EMPTY, N_CANDIDATE, OPEN, Chart, Observed, as_nu
 from skysweep.mission.journal import MemoryJournal, line_of
 from skysweep.mission.loop import Flight
 from skysweep.mission.mission import Mission
+from skysweep.mission.notes import OPERATOR
 from skysweep.mission.orders import RETURN, Order
 from skysweep.planning.flight_plan import plan_scenario
 from skysweep.results.metrics import Matches, compute_summary, match
@@ -30,6 +31,7 @@ from skysweep.types import SEARCHING, Candidate, EventKind, Mode, VehicleState
 from skysweep.worlds.world import World, build_world
 
 LEARNER = "learner"  # the strategy's name, in summaries
+_NOT_CALLED = (Mode.TAKEOFF, Mode.RETURN, Mode.LAND)  # home: it climbs to altitude first, or comes anyway
 _EPS_S = 1e-6
 _MANY_LOOKS = 10.0
 _NO_ROW = np.zeros(0, dtype=np.float32)
@@ -45,14 +47,14 @@ class Sortie:
     def __init__(
         self, scenario: Scenario, seed: int, chart: Chart, belief_of: Callable[[Mission], Belief], unit: int
     ) -> None:
-        search = scenario.search.model_copy(update={"strategy": LEARNER})
+        search = scenario.search.model_copy(update={"strategy": LEARNER, "parameters": {}})
         self._scenario, self._seed = scenario.model_copy(update={"search": search}), seed
         self._chart = chart
         rig = Rig("statistical", strategy=StrategySpec(Follower), unit=unit)
         mission = build_mission(self._scenario, seed, rig)
         assert isinstance(mission.strategy, Follower)
         self._follower = mission.strategy
-        self.plan = np.array([chart.on_square(x, y) for x, y in mission.waypoints_xy_enu_m.tolist()])
+        self.plan = tuple(chart.on_square(x, y) for x, y in mission.waypoints_xy_enu_m.tolist())
         self.belief = belief_of(mission)
         self._logbook = _Logbook()
         self._order: Order | None = None
@@ -71,8 +73,11 @@ class Sortie:
             why = " ".join(self._logbook.alarms)
             raise UserError(f"scenario {scenario.name}: the mission ends before its search begins; {why}")
 
-    def fly(self, order: AgentOrder, duration_s: float) -> float:
-        """Follow an order, or return and land if it ends the search. Returns the seconds searched."""
+    def fly(self, order: AgentOrder, duration_s: float, time_limit_s: float) -> float:
+        """Follow an order, or return and land if it ends the search. Returns the seconds searched.
+
+        At ``time_limit_s`` of the mission, also between two batteries, it is called home.
+        """
         self._follower.follow(order)
         began_s = ended_s = self.state.time_s
         for tick in self._flight:
@@ -81,6 +86,8 @@ class Sortie:
                 self.searches = False
             elif tick.mode in SEARCHING:  # again, with another battery
                 self.searches = True
+            if tick.mode not in _NOT_CALLED and tick.state.time_s > time_limit_s - _EPS_S:
+                self._order = Order(RETURN)
             if not self.searches:
                 continue
             ended_s = tick.state.time_s
@@ -91,9 +98,10 @@ class Sortie:
         self.searches, self.is_over = False, True
         return ended_s - began_s
 
-    def call_home(self) -> None:
-        """End the search at the next tick."""
-        self._order = Order(RETURN)
+    @property
+    def was_called_home(self) -> bool:
+        """Whether the time limit ended the search; known once it is over."""
+        return self._flight.end_reason == OPERATOR
 
     def close(self) -> None:
         """Release the mission."""

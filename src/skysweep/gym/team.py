@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from numbers import Integral, Real
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -45,8 +46,9 @@ class Rules:
         limits = {"period_s": 0.1, "time_limit_s": 1.0, "cells": 1, "slots": 1}
         for field in fields(self)[1:-1]:
             value, lowest = getattr(self, field.name), limits.get(field.name, 0.0)
-            if not lowest <= value < math.inf:
-                raise UserError(f"{field.name}: is {value!r}; write a finite number of at least {lowest:g}")
+            kind, what = (Integral, "an integer") if field.type == "int" else (Real, "a finite number")
+            if not (isinstance(value, kind) and lowest <= float(value) < math.inf):
+                raise UserError(f"{field.name}: is {value!r}; write {what} of at least {lowest:g}")
 
     @classmethod
     def of(cls, given: dict[str, Any]) -> Rules:
@@ -112,18 +114,15 @@ class Team:
 
     def _fly(self, unit: int, action: ArrayLike) -> tuple[float, bool, bool, dict[str, Any]]:
         sortie, rules = self.sorties[unit], self.rules
-        late = sortie.state.time_s + rules.period_s > rules.time_limit_s
-        if late:
-            sortie.call_home()
         n_before = sortie.n_confirmed
-        searched_s = sortie.fly(self._order(sortie, action), rules.period_s)
+        searched_s = sortie.fly(self._order(sortie, action), rules.period_s, rules.time_limit_s)
         reward = -rules.cost_second * searched_s
         if sortie.n_confirmed > n_before:
             reward += self._score(unit)
         info = _info(sortie)
         if sortie.is_over:
             info |= {"summary": sortie.summary(), "found_by_all": len(self._found)}
-        return reward, sortie.is_over and not late, sortie.is_over and late, info
+        return reward, sortie.is_over and not sortie.was_called_home, sortie.was_called_home, info
 
     def _order(self, sortie: Sortie, action: ArrayLike) -> AgentOrder:
         east, north, check = np.clip(np.asarray(action, dtype=float), -1.0, 1.0).tolist()

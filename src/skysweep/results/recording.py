@@ -69,15 +69,22 @@ def write_recording(run: Run, path: str | Path) -> Path:
 def _messages(run: Run) -> Iterable[Timed]:
     """All messages in the order of their times. Pictures are read when their turn comes."""
     looks = FilmedLooks(run)
-    parts = (_beginning(run, looks), _flight(run), _moving(run), _film(looks), _evidence(run), _events(run))
+    lens, scale = run.scenario.camera.lens, looks.picture_scale
+    lens = Lens(round(lens.width_px * scale), round(lens.height_px * scale), lens.hfov_rad)
+    parts = (
+        _beginning(run, lens),
+        _flight(run),
+        _moving(run),
+        _film(looks, lens),
+        _evidence(run),
+        _events(run),
+    )
     return heapq.merge(*parts, key=itemgetter(0))
 
 
-def _beginning(run: Run, looks: FilmedLooks) -> Iterable[Timed]:
-    lens, scale = run.scenario.camera.lens, looks.picture_scale
-    size = round(lens.width_px * scale), round(lens.height_px * scale)
+def _beginning(run: Run, lens: Lens) -> Iterable[Timed]:
     yield 0.0, topics.TF_STATIC, m.fixed_transforms()
-    yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, Lens(*size, lens.hfov_rad))
+    yield 0.0, topics.CAMERA_INFO, m.camera_info(0.0, lens)
     yield 0.0, topics.WORLD, m.markers(0.0, _still_life(run))
     yield 0.0, topics.VEHICLE, m.markers(0.0, _vehicle())
     yield 0.0, topics.PLANNED_PATH, m.planned_path(run.plan_enu_m)
@@ -97,9 +104,10 @@ def _events(run: Run) -> Iterable[Timed]:
                 yield time_s, topics.GEOJSON, make(m.GEOJSON, geojson=_target_geojson(run, target))
 
 
-def _film(looks: FilmedLooks) -> Iterable[Timed]:
+def _film(looks: FilmedLooks, lens: Lens) -> Iterable[Timed]:
     for shot in looks.shots:
         if shot.picture is not None:
+            yield shot.time_s, topics.CAMERA_INFO, m.camera_info(shot.exposed_s, lens)
             image = m.compressed_image(shot.exposed_s, shot.picture.read_bytes())
             yield shot.time_s, topics.COMPRESSED_IMAGE, image
         boxes = shot.boxes_xyxy_px * looks.picture_scale

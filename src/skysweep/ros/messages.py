@@ -213,8 +213,12 @@ def read_odometry(message: Any, source: str) -> Pose:
 
 
 def fix(time_s: float, lat_lon_alt: F64) -> Any:
-    """``sensor_msgs/NavSatFix`` of base_link: degrees, degrees, metres above the ellipsoid (3,)."""
-    place = dict(zip(("latitude", "longitude", "altitude"), lat_lon_alt.tolist(), strict=True))
+    """``sensor_msgs/NavSatFix`` of base_link at a place (3,): degrees, degrees, metres above mean sea level.
+
+    The message's altitude would be above the WGS 84 ellipsoid, which is unknown here: it is NaN.
+    """
+    latitude, longitude, _ = lat_lon_alt.tolist()
+    place = {"latitude": latitude, "longitude": longitude, "altitude": float("nan")}
     return make("sensor_msgs/msg/NavSatFix", header=header(time_s, BASE), **place)
 
 

@@ -85,7 +85,8 @@ class RosDetector:
 
     Publishes every frame on ``camera/image_raw`` (with ``camera/camera_info``) and takes the detections with
     the same stamp, ``vision_msgs/Detection2DArray`` or their standard form, from a topic. Detections of other
-    classes than ``classes`` are dropped. Raises UserError if nobody connects within ``patience_s``.
+    classes than ``classes`` are dropped; the node warns of the first answer that has no others. Raises
+    UserError if nobody connects within ``patience_s``.
     """
 
     def __init__(
@@ -100,6 +101,7 @@ class RosDetector:
         self.class_names = classes
         self._link, self._confidence_min = link, confidence_min
         self._answer_s = self._patience_s = answer_s
+        self._has_warned = False
         link.advertise(topics.IMAGE, topics.CAMERA_INFO)
         self._answers = link.listen(topic, [m.DETECTIONS, m.MARKERS], patience_s)
         if not link.wait_for_listener(topics.IMAGE, patience_s):
@@ -123,6 +125,7 @@ class RosDetector:
             raise NoMessageError(f"{self._answers.name}: no answer to a picture for {waited_s:g} s")
         self._patience_s = self._answer_s
         found = m.read_detections(arrival.message, frame, self._answers.name)
+        self._warn_of_unknown(set(found.class_names))
         sure = found.confidences >= self._confidence_min
         keep = [k for k, name in enumerate(found.class_names) if name in self.class_names and sure[k]]
         return replace(
@@ -130,6 +133,17 @@ class RosDetector:
             boxes_xyxy_px=found.boxes_xyxy_px[keep],
             confidences=found.confidences[keep],
             class_names=tuple(found.class_names[k] for k in keep),
+        )
+
+    def _warn_of_unknown(self, names: set[str]) -> None:
+        """Once, of an answer whose boxes all have other classes than the mission's."""
+        if self._has_warned or not names or not names.isdisjoint(self.class_names):
+            return
+        self._has_warned = True
+        unknown, known = (", ".join(map(repr, some)) for some in (sorted(names), self.class_names))
+        self._link.node.get_logger().warning(
+            f"{self._answers.name}: boxes of {unknown} are ignored; publish what the mission looks for as "
+            f"{known}"
         )
 
 

@@ -11,9 +11,12 @@ from results_data import tiny_records, write_run
 from skysweep.errors import MissingExtraError, UserError
 from skysweep.results.run_folder import load_run
 from skysweep.results.video.chart import Chart
+from skysweep.results.video.encode import encode
 from skysweep.results.video.make import write_video
 from skysweep.results.video.page import Layout
-from skysweep.results.video.story import Story
+from skysweep.results.video.pen import rgb
+from skysweep.results.video.story import STANDING_COLOURS, Story, mode_colour
+from skysweep.types import Mode
 
 SMALL = 320, 180
 
@@ -79,6 +82,33 @@ def test_animations(name, tiny_run, tmp_path):
         assert np.asarray(image.convert("RGB")).std() > 20
 
 
+@pytest.mark.parametrize(("name", "unit_ms"), [("v.gif", 10), ("v.webp", 1)])
+def test_an_animation_lasts_as_long_as_its_frames(name, unit_ms, tiny_run, tmp_path):
+    path = write_video(tiny_run, tmp_path / name, 40.0, SMALL, 15)
+    with Image.open(path) as image:
+        lasts_ms = 0
+        for k in range(image.n_frames):
+            image.seek(k)
+            image.load()
+            lasts_ms += image.info["duration"]
+    assert lasts_ms == pytest.approx(1000 * len(Story(tiny_run, 40.0, 15)) / 15, abs=unit_ms)
+
+
+def test_a_gif_keeps_colours_that_its_first_frame_lacks(tmp_path):
+    rng = np.random.default_rng(0)
+    meadow = (np.array([70, 90, 40]) + rng.integers(-30, 30, (180, 320, 1))).astype(np.uint8)
+    colours = sorted({mode_colour(mode) for mode in Mode} | {rgb(c) for c in STANDING_COLOURS.values()})
+    marked = meadow.copy()
+    for k, colour in enumerate(colours):
+        marked[20 * k + 5, 10:60] = colour
+    encode([meadow, marked], 2, tmp_path / "v.gif", 10, 320, 180)
+    with Image.open(tmp_path / "v.gif") as image:
+        image.seek(1)
+        shown = np.asarray(image.convert("RGB")).astype(int)
+    for k, colour in enumerate(colours):
+        assert np.abs(shown[20 * k + 5, 10:60] - colour).max() <= 8
+
+
 def test_a_mission_that_flies_or_broke_off_is_shown_so_far(tmp_path):
     run = load_run(write_run(tmp_path / "run", tiny_records()[:12]))
     assert len(decoded(write_video(run, tmp_path / "v.mp4", 17.0, SMALL, 2))) == 2 + 1 + 4
@@ -98,6 +128,19 @@ def test_what_cannot_be_made_is_refused_and_nothing_is_written(name, size, speed
     with pytest.raises(UserError, match=words):
         write_video(tiny_run, tmp_path / "out" / name, speed, size, 15)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "fps", "words"),
+    [("v.gif", 51, "--fps 51: is too fast for a GIF; write at most 50"), ("folder.mp4", 15, "is a folder")],
+)
+def test_what_cannot_be_written_is_refused_before_a_frame_is_drawn(name, fps, words, tiny_run, tmp_path):
+    def drawn(done, of):
+        raise AssertionError
+
+    (tmp_path / "folder.mp4").mkdir()
+    with pytest.raises(UserError, match=words):
+        write_video(tiny_run, tmp_path / name, 40.0, SMALL, fps, drawn)
 
 
 def test_without_pyav_the_extra_is_named(tiny_run, tmp_path, monkeypatch):

@@ -29,10 +29,10 @@ def write_video(
     """Write an MP4, GIF or animated WebP, by the path's suffix, whole or not at all.
 
     The video plays ``speed`` times as fast as the mission flew. ``on_frame`` gets the frames done and their
-    number. Raises UserError for a mission that has not begun, a size that is odd or too small, and without a
-    renderer.
+    number. Raises UserError for a mission that has not begun, a size that is odd or too small, a path or
+    ``fps`` that the format does not allow, and without a renderer.
     """
-    refuse_unwritable(path)
+    refuse_unwritable(path, fps)
     for length, least, most in zip(size_px, SMALLEST_PX, _LARGEST_PX, strict=True):
         if length % 2 or not least <= length <= most:
             limits = " to ".join("x".join(map(str, limit)) for limit in (SMALLEST_PX, _LARGEST_PX))
@@ -42,7 +42,7 @@ def write_video(
     if len(story) > _MOST_FRAMES:
         raise UserError(f"--speed {speed:g}: gives {len(story):,} frames, too many; write a greater speed")
     with whole_files(path.parent) as unfinished, closing(Page(story, *size_px)) as page:
-        encode(_frames(story, page, on_frame), unfinished / path.name, fps, *size_px)
+        encode(_frames(story, page, on_frame), len(story), unfinished / path.name, fps, *size_px)
     return path
 
 
