@@ -12,7 +12,14 @@ import pytest
 
 from skysweep.detection.training.dataset import render_dataset
 from skysweep.detection.training.labelled import LabelledImage
-from skysweep.detection.training.random_worlds import SIDE_PX, THERMAL, VISIBLE, random_view, random_world
+from skysweep.detection.training.random_worlds import (
+    ANIMALS,
+    SIDE_PX,
+    THERMAL,
+    VISIBLE,
+    random_view,
+    random_world,
+)
 from skysweep.detection.training.reading import read_dataset
 from skysweep.detection.training.rendered_pictures import ID_MARGIN_PX, _stand_out, develop, labels_of
 from skysweep.errors import UserError
@@ -131,11 +138,12 @@ def test_bad_requests(tmp_path):
     assert (tmp_path / "b" / "thesis.txt").read_text() == "precious"
 
 
-def test_thermal_pictures_show_persons_that_stand_out_and_animals_beside_them(tmp_path):
+def test_thermal_pictures_show_persons_and_animals_that_stand_out(tmp_path):
     for name in ("a", "b"):
         render_dataset(tmp_path / name, 12, seed=4, camera="thermal", workers=1)
     data = read_dataset(tmp_path / "a")
-    assert data.class_names == ("person",)
+    assert data.class_names == ("person", "animal")
+    assert {name for image in data.images for name in image.class_names} == {"person", "animal"}
     written = json.loads((tmp_path / "a" / "annotations.json").read_text())
     assert written["info"]["camera"] == "thermal"
     altitudes_m = [image["altitude_agl_m"] for image in written["images"]]
@@ -153,7 +161,7 @@ def test_weather_of_thermal_pictures_is_by_day_and_by_night_and_possible():
     elevations = np.array([sky.light.sun_elevation_deg for sky in skies])
     assert 0.25 < np.mean(elevations < 0) < 0.75
     worlds = [random_world(np.random.default_rng(k), "train", THERMAL) for k in range(12)]
-    assert {o.kind for w in worlds for o in w.objects if o.is_target} == {"person"}
+    assert {o.kind for w in worlds for o in w.objects if o.is_target} == {"person", *ANIMALS}
     assert {"sheep", "deer", "dog", "rock"} <= {o.kind for w in worlds for o in w.objects}
 
 

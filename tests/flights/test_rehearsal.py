@@ -1,5 +1,7 @@
 """Camera and detector tried before take-off, by a clock that runs ten times as fast as the wall's."""
 
+import subprocess
+import sys
 import threading
 import time
 
@@ -133,3 +135,35 @@ def test_what_does_not_answer_or_fails_ends_it():
     check, _ = rehearsed(lambda: never.wait(3.0))
     assert check.passed is False
     assert "does not answer" in check.said
+
+
+NOTHING_MORE = """
+import gc
+from numba.core.dispatcher import Dispatcher
+from skysweep.flights.fly import fly_in_memory
+from skysweep.flights.rehearsal import compile_ahead
+from skysweep.scenarios.files import change_scenario, load_scenario
+
+def compiled():
+    functions = [o for o in gc.get_objects() if isinstance(o, Dispatcher)]
+    return {(f.py_func.__module__, f.py_func.__qualname__, s) for f in functions for s in f.signatures}
+
+compile_ahead()
+before = compiled()
+assert len(before) > 20, before
+for name, strategy, more in (
+    ("buildings", "scan-check", {}),
+    ("clusters", "low-only", {}),
+    ("sparse", "belief", {"search.confirm_height_max_m": 8}),
+    ("maritime", "belief", {"search.target_speed_mps": 0.3}),
+):
+    fly_in_memory(change_scenario(load_scenario(name), {"search.strategy": strategy} | more), 1)
+print(sorted(compiled() - before))
+"""
+
+
+def test_after_compiling_ahead_a_flight_compiles_nothing():
+    """In the air it took seconds in which nobody decided where the vehicle flies."""
+    told = subprocess.run([sys.executable, "-c", NOTHING_MORE], capture_output=True, text=True, timeout=300)
+    assert told.returncode == 0, told.stderr
+    assert told.stdout.strip() == "[]"

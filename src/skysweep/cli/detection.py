@@ -61,7 +61,7 @@ def dataset(
     ] = None,
     renames: RenamesOption = None,
     camera: Annotated[
-        Literal["visible", "thermal"], typer.Option(help="thermal: white-hot pictures of persons.")
+        Literal["visible", "thermal"], typer.Option(help="thermal: persons and animals, white hot.")
     ] = "visible",
     workers: WorkersOption = None,
 ) -> None:

@@ -27,6 +27,7 @@ from skysweep.cli.common import (
     refuse_unused_eye,
     status,
     warn,
+    working,
 )
 from skysweep.cli.live import (
     LOOPBACK,
@@ -122,6 +123,7 @@ def fly(
     """
     from skysweep.flights.on_px4 import Px4Flight
     from skysweep.flights.outlook import Outlook
+    from skysweep.flights.rehearsal import compile_ahead
     from skysweep.flights.resume import begun_scenario
     from skysweep.flights.rig import Rig
     from skysweep.planning.plan_files import scenario_from_plan
@@ -145,6 +147,8 @@ def fly(
     key = None if signing_key is None else read_signing_key(signing_key)
     name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
     folder = begun or out or free_folder(Path("runs"), name)
+    with working("compiling, which takes a minute after an installation"):
+        compile_ahead()
     with ExitStack() as page:
         with unblocked(), Px4Flight(chosen, connection, timeout, key, system_id) as flight:
             checks = flight.preflight(not dry_run, folder)

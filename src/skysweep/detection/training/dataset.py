@@ -46,7 +46,7 @@ def render_dataset(
         n_images: how many pictures.
         seed: seeds worlds, views and what is made of the photos.
         split: "train" or "held-out" assets.
-        camera: "visible", or "thermal" for white-hot pictures of persons, among animals and warm rocks.
+        camera: "visible", or "thermal" for white-hot pictures of persons and animals, among warm rocks.
         clutter: fields, roads, houses, jetties and more, in pictures as different as those of cameras. Cars
             and animals are labelled, too.
         photos: folders of photos, of which half of the pictures are made; see ``photo_pictures``.

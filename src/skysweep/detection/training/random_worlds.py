@@ -110,7 +110,7 @@ VISIBLE = Recipe(
     sky=_daylight,
 )  # fmt: skip
 THERMAL = Recipe(
-    classes=("person",),
+    classes=("person", "animal"),
     on_land={
         "person": 0.36, "sheep": 0.09, "deer": 0.09, "dog": 0.09, "rock": 0.19, "stump": 0.06,
         "clothing": 0.06, "red bucket": 0.02, "stop sign": 0.02, "boat": 0.02,
