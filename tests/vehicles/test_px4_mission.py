@@ -110,7 +110,7 @@ def test_nobody_answers_is_one_sentence_and_exit_code_2(file):
     assert done.stderr.startswith("error: --connection udpin://127.0.0.1:1")
 
 
-def wait_for(condition, what, seconds=90.0):
+def wait_for(condition, what, seconds=180.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, what

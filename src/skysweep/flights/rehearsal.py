@@ -29,8 +29,8 @@ _ENOUGH = 0.8  # of the rate: the first and the last look may lie outside
 def compile_ahead() -> None:
     """Fly a small simulated search, so that everything that is compiled when first used is so on the ground.
 
-    It takes a second or two; once after an installation a minute, for which a vehicle in the air would have
-    flown on without its mission.
+    It takes a second or two; once after an installation a minute, in which a vehicle in the air would fly on
+    without its mission.
     """
     fly_in_memory(change_scenario(load_scenario("person-wilderness"), {"search.strategy": "belief"}), 0)
 
