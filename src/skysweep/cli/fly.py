@@ -147,6 +147,9 @@ def fly(
     key = None if signing_key is None else read_signing_key(signing_key)
     name = f"{chosen.name}-{chosen.search.strategy}-seed{seed}"
     folder = begun or out or free_folder(Path("runs"), name)
+    if not dry_run:  # before the vehicle's clock counts: one that is gone on with may be in the air
+        with working("compiling, which takes a minute after an installation"):
+            compile_ahead()
     with ExitStack() as page:
         with unblocked(), Px4Flight(chosen, connection, timeout, key, system_id) as flight:
             checks = flight.preflight(not dry_run, folder)
@@ -162,8 +165,6 @@ def fly(
                 raise UserError("preflight: " + "; ".join(f"{check.name}: {check.said}" for check in failed))
             if dry_run:
                 return
-            with working("compiling, which takes a minute after an installation"):
-                compile_ahead()
             question = "Arm and take off?" if begun is None else "Go on with the mission?"
             if not yes and not typer.confirm(question, err=True):
                 raise typer.Exit(1)

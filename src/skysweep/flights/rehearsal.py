@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -26,6 +27,7 @@ _MEASURED_S = 5.0
 _ENOUGH = 0.8  # of the rate: the first and the last look may lie outside
 
 
+@cache
 def compile_ahead() -> None:
     """Fly a small simulated search, so that everything that is compiled when first used is so on the ground.
 
