@@ -76,7 +76,7 @@ def fly_command(file, url, *more):
 def test_a_dry_run_shows_the_list_and_leaves_the_vehicle_alone(file):
     with served(small()) as (server, (url,)):
         done = subprocess.run(
-            fly_command(file, url, "--dry-run"), capture_output=True, text=True, timeout=120
+            fly_command(file, url, "--dry-run"), capture_output=True, text=True, timeout=300
         )
         assert done.returncode == 0, done.stderr
         assert not server.face.pilot.armed
@@ -92,7 +92,7 @@ def test_a_folder_that_holds_a_mission_is_left_as_it_is(file, tmp_path):
     (folder / "journal.jsonl").write_text('{"t": 0.0, "kind": "start"}\n')
     with served(small()) as (server, (url,)):
         done = subprocess.run(
-            fly_command(file, url, "--yes", "--out", str(folder)), capture_output=True, text=True, timeout=120
+            fly_command(file, url, "--yes", "--out", str(folder)), capture_output=True, text=True, timeout=300
         )
         assert not server.face.pilot.armed
     assert done.returncode == 2, done.stderr
@@ -104,7 +104,7 @@ def test_nobody_answers_is_one_sentence_and_exit_code_2(file):
         fly_command(file, "udpin://127.0.0.1:1", "--timeout", "1"),
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
     )
     assert done.returncode == 2
     assert done.stderr.startswith("error: --connection udpin://127.0.0.1:1")
