@@ -93,12 +93,13 @@ def draft_scenario(
         home_lat_lon = plan.mission.plannedHomePosition[:2]
     if home_lat_lon is None:
         home_lat_lon = _home(fields, area, scenario_of)
-    fields["home"] = {"latitude_deg": round(home_lat_lon[0], 7), "longitude_deg": round(home_lat_lon[1], 7)}
+    latitude_deg, longitude_deg = (round(degrees, 7) for degrees in home_lat_lon)
+    fields["home"] = {"latitude_deg": latitude_deg, "longitude_deg": longitude_deg}
     ground = elevation_of(scenario_of(dump_yaml(fields)))
     assert ground is not None
     home_amsl_m = fields["home"]["altitude_amsl_m"] = round(ground.home_amsl_m, 1)
     if plan is not None:
-        fields |= fence_of(area, plan, LocalFrame(*home_lat_lon, home_amsl_m))
+        fields |= fence_of(area, plan, LocalFrame(latitude_deg, longitude_deg, home_amsl_m))
     fields["search"] = _search(target, scenario_of(dump_yaml(fields)))
     _, estimate = plan_scenario(scenario_of(dump_yaml(fields)))
     fields["vehicle"]["batteries"] = estimate.batteries + 1  # checks take theirs
