@@ -116,8 +116,37 @@ def test_counts_are_told_as_numbers_with_their_bins(tmp_path):
     told = json.loads(json.dumps(scores_json(found), allow_nan=False))
     (person,) = (each for each in told["by_pixels"] if each["class"] == "person" and each["n_targets"])
     assert (person["from"], person["to"], person["n_found"]) == (8.0, 12.0, 1)
-    (buoy,) = told["look_alikes"]
+    buoy, person = told["confusions"]
     assert (buoy["class"], buoy["n"], buoy["n_taken"]) == ("buoy", 1, 0)
+    assert (person["class"], person["n"], person["n_taken"]) == ("person", 1, 0)
+
+
+def test_what_is_taken_for_what(tmp_path):
+    data = dataset(
+        tmp_path,
+        # a sheep called a person; a person beside a boat that is found
+        (
+            [((10, 10, 20, 20), "sheep"), ((40, 40, 50, 50), "person"), ((42, 40, 52, 50), "boat")],
+            [],
+            [],
+            None,
+        ),
+        # a person found twice; a sheep called a person weakly
+        ([((10, 10, 20, 20), "person"), ((60, 60, 70, 70), "sheep")], [], [], None),
+    )
+    answers = [
+        [((10, 10, 20, 20), 0.7, "person"), ((42, 40, 52, 50), 0.9, "boat")],
+        [
+            ((10, 10, 20, 20), 0.9, "person"),
+            ((11, 10, 20, 20), 0.8, "person"),
+            ((60, 60, 70, 70), 0.2, "person"),
+        ],
+    ]
+    result = evaluate(Oracle(answers), data)
+    sheep = result.decoys["sheep", 8.0]
+    assert (sheep.n, sheep.n_taken, sheep.n_confirmed, sheep.taken_for) == (2, 1, 1, {"person": 1})
+    assert result.decoys["person", 8.0].n_taken == 0  # neither by a boat that is one nor by a double
+    assert "person 1" in markdown(grids({"ours": result})[-1])
 
 
 def test_confident_detections_choose_first():

@@ -4,7 +4,8 @@ A detection is right when it overlaps a label of its class by an intersection ov
 ``_IOU_MIN``; one that lies in a crowd or an ignored region by more than half is neither right nor false.
 Pixels on target are the longer side of the box; a false positive counts in the bin of its own size. All is
 kept from ``CONFIDENCE_FLOOR`` on. The most confident detections choose first, so what is matched at a higher
-threshold is what is matched here with that confidence.
+threshold is what is matched here with that confidence. A false detection on a look-alike or a label of
+another class (by at least ``_DECOY_IOU_MIN``) says what was taken for what.
 """
 
 from __future__ import annotations
@@ -81,11 +82,12 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Decoy:
-    """A look-alike, and the most confident detection of any class on it."""
+    """A look-alike or a label, and the most confident false detection of another class on it."""
 
     kind: str
     pixels: float
     confidence: float  # 0: none
+    taken_for: str | None  # the class of that detection
 
 
 @dataclass
@@ -108,11 +110,12 @@ class Score:
 
 @dataclass
 class DecoyScore:
-    """How often a kind of look-alike in one bin was taken for a target."""
+    """How often a kind of look-alike or label in one bin was taken for something else."""
 
     n: int = 0
     n_taken: int = 0
     n_confirmed: int = 0  # with at least CONFIRMING_CONFIDENCE
+    taken_for: dict[str, int] = field(default_factory=dict)  # how often for which class
 
 
 Scores = dict[
@@ -164,7 +167,9 @@ class Evaluation:
         for decoy in self.seen_decoys:
             score = found.setdefault((decoy.kind, bin_of(decoy.pixels, PIXEL_BINS)), DecoyScore())
             score.n += 1
-            score.n_taken += decoy.confidence >= self.confidence_min
+            if decoy.taken_for is not None and decoy.confidence >= self.confidence_min:
+                score.n_taken += 1
+                score.taken_for[decoy.taken_for] = score.taken_for.get(decoy.taken_for, 0) + 1
             score.n_confirmed += decoy.confidence >= CONFIRMING_CONFIDENCE
         return found
 
@@ -235,7 +240,7 @@ def _judge(
     height, width = picture.shape[:2]
     size = np.array([width, height] * 2, dtype=float)
     found = detector.detect(Frame(0.0, picture, _NOWHERE, Lens(width, height, 1.0)))
-    number = len(result.pictures)
+    number, n_before = len(result.pictures), len(result.reports)
     brightness = float(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).mean())
     result.pictures.append(Picture(image.path, image.altitude_agl_m, image.ground_m2, brightness))
     found = with_our_names(found, renames)
@@ -252,10 +257,14 @@ def _judge(
         for k, (box, sure) in enumerate(zip(boxes, confidences.tolist(), strict=True)):
             if k in numbers or not excused[k]:
                 result.reports.append(Report(number, name, _box(box), sure, numbers.get(k)))
-    boxes, confidences = (np.concatenate(parts) for parts in zip(*of_class.values(), strict=True))
-    overlaps = iou(image.decoys_xyxy * size, boxes) >= _DECOY_IOU_MIN
-    for kind, box, on_it in zip(image.decoy_names, image.decoys_xyxy * size, overlaps, strict=True):
-        result.seen_decoys.append(Decoy(kind, _pixels(_box(box)), float(confidences[on_it].max(initial=0.0))))
+    false = [report for report in result.reports[n_before:] if report.label is None]
+    things = np.concatenate([image.decoys_xyxy, image.boxes_xyxy]) * size
+    overlaps = iou(things, np.array([r.box_xyxy_px for r in false]).reshape(-1, 4)) >= _DECOY_IOU_MIN
+    for kind, box, on_it in zip(image.decoy_names + image.class_names, things, overlaps, strict=True):
+        others = (r for r, on in zip(false, on_it, strict=True) if on and r.class_name != kind)
+        worst = max(others, key=lambda r: r.confidence, default=None)
+        confidence, taken_for = (worst.confidence, worst.class_name) if worst else (0.0, None)
+        result.seen_decoys.append(Decoy(kind, _pixels(_box(box)), confidence, taken_for))
 
 
 def _of_class(found: Detections, name: str) -> tuple[F64, F64]:

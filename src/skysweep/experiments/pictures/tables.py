@@ -58,7 +58,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "by_pixels": _counts_json(evaluation.by_pixels, PIXEL_BINS),
         "by_altitude": _counts_json(evaluation.by_altitude, ALTITUDE_BINS_M),
         "by_light": _counts_json(evaluation.by_light, LIGHT_BINS),
-        "look_alikes": _counts_json(evaluation.decoys, PIXEL_BINS),
+        "confusions": _counts_json(evaluation.decoys, PIXEL_BINS),
     }
 
 
@@ -77,7 +77,7 @@ def _end(lower: float, edges: Sequence[float]) -> float | None:
 
 
 def grids(evaluations: Evaluations) -> list[Grid]:
-    """All tables: by class, pixels on target, altitude, light and look-alike, the detectors side by side."""
+    """All tables, the detectors side by side: by class, size, altitude, light, and what is taken for what."""
     first = next(iter(evaluations.values()))
     made = [
         _by_class(evaluations),
@@ -87,7 +87,7 @@ def grids(evaluations: Evaluations) -> list[Grid]:
         made.append(_divided(evaluations, "By altitude", "by_altitude", ALTITUDE_BINS_M, "m AGL"))
     made.append(_divided(evaluations, "By light", "by_light", LIGHT_BINS, "brightness"))
     if first.decoys:
-        made.append(_look_alikes(evaluations))
+        made.append(_confusions(evaluations))
     return made
 
 
@@ -143,16 +143,23 @@ def _brightness(picture: Picture) -> float | None:
     return picture.brightness
 
 
-def _look_alikes(evaluations: Evaluations) -> Grid:
+def _confusions(evaluations: Evaluations) -> Grid:
     first = next(iter(evaluations.values()))
-    titles = (f"at {first.confidence_min:g}", f"at {CONFIRMING_CONFIDENCE:g}")
-    header = ["look-alike", "px", "seen", *_side_by_side(evaluations, titles)]
+    titles = (f"at {first.confidence_min:g}", f"at {CONFIRMING_CONFIDENCE:g}", "taken for")
+    header = ["label or look-alike", "px", "seen", *_side_by_side(evaluations, titles)]
     rows = []
     for (kind, lower), seen in sorted(first.decoys.items()):
         scores = [e.decoys[kind, lower] for e in evaluations.values()]
-        cells = [_share(n, d.n) for d in scores for n in (d.n_taken, d.n_confirmed)]
+        cells = [
+            cell for d in scores for cell in (_share(d.n_taken, d.n), _share(d.n_confirmed, d.n), _names(d))
+        ]
         rows.append([kind, _bin_label(lower, PIXEL_BINS), str(seen.n), *cells])
-    return Grid(header, rows, "Look-alikes taken for a target")
+    return Grid(header, rows, "What is taken for something else")
+
+
+def _names(score: DecoyScore) -> str:
+    often = sorted(score.taken_for.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{name} {n}" for name, n in often) or "-"
 
 
 def _side_by_side(evaluations: Evaluations, titles: Sequence[str]) -> Iterator[str]:
