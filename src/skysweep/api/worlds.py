@@ -11,15 +11,14 @@ from numpy.typing import ArrayLike
 
 from skysweep.api.checks import whole_seed
 from skysweep.api.scenarios import ScenarioLike, load_scenario
-from skysweep.arrays import F32, F64, U8
+from skysweep.arrays import F32, U8
 from skysweep.errors import UserError
-from skysweep.geometry.camera import CameraMotion, CameraPose, Lens
+from skysweep.geometry.camera import CameraPose, Lens
 from skysweep.geometry.frames import rotation_camera_to_enu, yaw_from_heading
 from skysweep.scenarios.model import Scenario
-from skysweep.sensing.exposures import Exposures
 from skysweep.sensing.statistical.model import model_for
-from skysweep.sensing.statistical.sensor import StatisticalSensor
-from skysweep.types import Detections, VehicleState
+from skysweep.sensing.statistical.posed import PosedSensor
+from skysweep.types import Detections
 from skysweep.worlds import world as worlds
 
 if TYPE_CHECKING:
@@ -113,11 +112,7 @@ class World:
 
         Raises UserError if its model was made for another detector or camera than the scenario's.
         """
-        eye, sensor = self._statistical
-        eye.pose, eye.velocity_enu_mps = _pose(pose), np.asarray(velocity_enu_mps, dtype=float)
-        found = sensor.sense(eye.state())
-        assert found is not None
-        return found
+        return self._statistical.detect(_pose(pose), np.asarray(velocity_enu_mps, dtype=float))
 
     @cached_property
     def _renderer(self) -> Renderer:
@@ -127,43 +122,8 @@ class World:
         return make_renderer(self._contents, self._backend)
 
     @cached_property
-    def _statistical(self) -> tuple[_Eye, StatisticalSensor]:
-        eye, scenario, contents = _Eye(), self._scenario, self._contents
-        at_once = scenario.camera.model_copy(update={"latency_s": 0.0})
-        classes, detector, model = scenario.target_classes, scenario.detector, model_for(scenario)
-        sensor = StatisticalSensor(contents, at_once, detector, eye, _Always(), classes, contents.seed, model)
-        return eye, sensor
-
-
-class _Eye:
-    """Position and motion of the camera. Implements ``types.Truth``."""
-
-    pose: CameraPose
-    velocity_enu_mps: F64
-
-    @property
-    def true_position_enu_m(self) -> F64:
-        return self.pose.position_enu_m
-
-    def true_camera_pose(self) -> CameraPose:
-        return self.pose
-
-    def true_camera_motion(self) -> CameraMotion:
-        return CameraMotion(self.pose.R_camera_to_enu.T @ self.velocity_enu_mps, np.zeros(3))
-
-    def state(self) -> VehicleState:
-        position, R = self.pose
-        return VehicleState(0.0, position, self.velocity_enu_mps, R, self.pose, 1.0, 0.0, True)
-
-
-class _Always(Exposures):
-    """Makes every state an exposure."""
-
-    def __init__(self) -> None:
-        super().__init__(rate_hz=1.0, pose_delay_s=0.0)
-
-    def due(self, state: VehicleState) -> CameraPose:
-        return state.camera
+    def _statistical(self) -> PosedSensor:
+        return PosedSensor(self._scenario, self._contents, model_for(self._scenario), self._contents.seed)
 
 
 def _pose(given: CameraPose) -> CameraPose:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 LEAST_PICTURES, MOST_PICTURES = 10, 1_000_000  # to render
+ON_RENDERS, ON_SCENARIO = 27_000, 800  # unless asked for others
 FIRST_LOOK = 6000  # pictures below which a fit is rough
 
 
@@ -60,16 +62,25 @@ def calibrate(
             autocompletion=completion.scenarios,
         ),
     ] = "clusters",
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="Adapt the sensor model to this scenario's own worlds: a name or a file.",
+            autocompletion=completion.scenarios,
+        ),
+    ] = None,
     add_to: Annotated[
         Path | None,
         typer.Option("--add-to", help="Sensor model: measure only the kinds and poses that it lacks."),
     ] = None,
     pictures: Annotated[
-        str,
+        str | None,
         typer.Option(
-            metavar="NUMBER|FOLDER", help="How many to render; or a folder of labelled real pictures."
+            metavar="NUMBER|FOLDER",
+            help="How many to render (default 27000; 800 with --scenario), or a folder of labelled ones.",
+            show_default=False,
         ),
-    ] = "27000",
+    ] = None,
     rendered: Annotated[
         Path | None,
         typer.Option(
@@ -105,6 +116,8 @@ def calibrate(
 
         skysweep calibrate --add-to sensor.yaml --pictures 4000 --out more.yaml
 
+        skysweep calibrate --scenario my-search.yaml --out my-sensor.yaml
+
         skysweep calibrate --pictures my-labelled-flights --out ours.yaml
 
         skysweep calibrate validate --seeds 30
@@ -118,12 +131,22 @@ def calibrate(
     from skysweep.sensing.statistical.model import StatisticalModel
 
     _refuse_unwritable(out)
+    if scenario is not None:
+        counting_elsewhere = ("detector", "camera", "add_to", "rendered", "poses", "tiles")
+        _refuse_given(
+            context,
+            (*counting_elsewhere, "boxes", "pixels", "channels", "renames"),
+            "is the scenario's; leave it out",
+        )
+        _calibrate_on_scenario(scenario, _number(pictures or str(ON_SCENARIO)), seed, workers, out, as_json)
+        return
+    pictures = pictures or str(ON_RENDERS)
     if Path(pictures).is_dir() or not pictures.isdecimal():
-        for name in ("camera", "add_to", "seed", "workers"):
-            source = context.get_parameter_source(name)
-            if source is not None and source.name == "COMMANDLINE":
-                option = name.replace("_", "-")
-                raise UserError(f"--{option}: counts with rendered pictures only; leave it out")
+        _refuse_given(
+            context,
+            ("camera", "add_to", "seed", "workers"),
+            "counts with rendered pictures only; leave it out",
+        )
         looked_at_with = DetectorModel(
             model=detector or OWN_DETECTORS["visible"],
             tiles=tiles or 1,
@@ -136,35 +159,16 @@ def calibrate(
                 looked_at_with, Path(pictures), parse_renames(renames or []), rendered, poses, out, as_json
             )
         return
-    n = int(pictures)
-    of_a_folder = {
-        "rendered": rendered,
-        "poses": poses,
-        "tiles": tiles,
-        "boxes": boxes,
-        "pixels": pixels,
-        "channels": channels,
-        "class": renames,
-    }
-    for name, value in of_a_folder.items():
-        if value is not None:
-            raise UserError(f"--{name}: counts with real pictures only; write their folder as --pictures")
-    if not LEAST_PICTURES <= n <= MOST_PICTURES:
-        raise UserError(f"--pictures {pictures}: write {LEAST_PICTURES} to {MOST_PICTURES}, or a folder")
+    _refuse_given(
+        context,
+        ("rendered", "poses", "tiles", "boxes", "pixels", "channels", "renames"),
+        "counts with real pictures only; write their folder as --pictures",
+    )
+    n = _number(pictures)
     known = None if add_to is None else StatisticalModel.load(add_to)
     seeing = load_scenario(camera).camera
-    try:
-        with bar() as progress:
-            task = progress.add_task("looking", total=n)
-
-            def on_look(done: int, total: int) -> None:
-                doing = "fitting" if done == total else "looking"
-                progress.update(task, completed=done, total=total, description=doing)
-
-            model = fit(detector or OWN_DETECTORS[seeing.kind], seeing, out, n, seed, workers, on_look, known)
-    except KeyboardInterrupt:
-        say("stopped; nothing was written, and the same command starts again")
-        raise typer.Exit(130) from None
+    with _looking(n) as on_look:
+        model = fit(detector or OWN_DETECTORS[seeing.kind], seeing, out, n, seed, workers, on_look, known)
     if n < FIRST_LOOK:
         warn(
             f"{n} pictures are few: rarely seen cases are left out; {FIRST_LOOK} are enough for a first look"
@@ -179,6 +183,68 @@ def calibrate(
     }
     written = f"sensor model: {out}, picture: {picture}"
     answer(as_json, record, *_fit_tables(model.held_out), f"It holds for {model.holds_for}.", written)
+
+
+@contextmanager
+def _looking(n: int) -> Iterator[Callable[[int, int], None]]:
+    """A bar of the pictures, and a word where Ctrl-C ends it."""
+    try:
+        with bar() as progress:
+            task = progress.add_task("looking", total=n)
+
+            def on_look(done: int, total: int) -> None:
+                doing = "fitting" if done == total else "looking"
+                progress.update(task, completed=done, total=total, description=doing)
+
+            yield on_look
+    except KeyboardInterrupt:
+        say("stopped; nothing was written, and the same command starts again")
+        raise typer.Exit(130) from None
+
+
+def _refuse_given(context: typer.Context, names: Iterable[str], why: str) -> None:
+    """Raises UserError if one of these options was written."""
+    for option in context.command.params:
+        source = context.get_parameter_source(option.name or "")
+        if option.name in names and source is not None and source.name == "COMMANDLINE":
+            raise UserError(f"{option.opts[0]}: {why}")
+
+
+def _number(pictures: str) -> int:
+    if not pictures.isdecimal() or not LEAST_PICTURES <= int(pictures) <= MOST_PICTURES:
+        raise UserError(f"--pictures {pictures}: write {LEAST_PICTURES} to {MOST_PICTURES}, or a folder")
+    return int(pictures)
+
+
+def _calibrate_on_scenario(
+    scenario: str, pictures: int, seed: int, workers: int | None, out: Path, as_json: bool
+) -> None:
+    from skysweep.experiments.calibration.of_scenario import calibrate_on_scenario
+    from skysweep.scenarios.files import load_scenario
+
+    chosen = load_scenario(scenario)
+    with _looking(pictures) as on_look:
+        model = calibrate_on_scenario(chosen, out, pictures, seed, workers, on_look)
+    told = model.scenario
+    assert told is not None
+    table = Table("reports of", "as", "looks", "measured", "drawn before", "drawn now")
+    for part in told.parts:
+        table.add_row(
+            part.part,
+            part.reported_as,
+            str(part.looks),
+            str(part.measured),
+            f"{part.before:.1f}",
+            f"{part.now:.1f}",
+        )
+    record = {"sensor_model": str(out), "holds_for": model.holds_for, "scenario": told.model_dump()}
+    answer(
+        as_json,
+        record,
+        table,
+        "Drawn now: each half of the worlds by the fit to the other half.",
+        f"sensor model: {out}; fly with  --set detector.statistical_model={out}",
+    )
 
 
 def _calibrate_on_pictures(

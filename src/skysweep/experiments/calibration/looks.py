@@ -436,7 +436,7 @@ class Scorer:
         self._surface = SURFACES.index(world.terrain.surface)
         self._looks: list[tuple[object, ...]] = []
         self._colours: dict[int, list[float]] = {}  # object -> differences to the ground
-        self._crowns = _Crowns(world, lens)
+        self._crowns = Crowns(world, lens)
         self._pictures: list[tuple[float, float, float]] = []  # altitude in metres, hectares, trees
         self._strays: list[
             list[float]
@@ -577,7 +577,7 @@ class Scorer:
         )
 
 
-class _Crowns:
+class Crowns:
     """The trees and bushes of a world, and where a picture shows them."""
 
     def __init__(self, world: World, lens: Lens) -> None:

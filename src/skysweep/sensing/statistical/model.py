@@ -198,6 +198,26 @@ class RealPictures(_Part):
     from_renders: list[str] = Field(description="What they cannot tell, and is the rendered fit's")
 
 
+class PartOfScenario(_Part):
+    """Reports in pictures of one scenario: of a kind of thing, or where nothing is."""
+
+    part: str
+    reported_as: str
+    looks: int = Field(description="At things of this kind; of nothing the pictures")
+    measured: int
+    before: float = Field(description="Drawn by the model that was adapted")
+    now: float = Field(description="Predicted from the other half of the worlds")
+
+
+class OfScenario(_Part):
+    """The scenario that a model was adapted to."""
+
+    name: str
+    pictures: int
+    seed: int
+    parts: list[PartOfScenario]
+
+
 class StatisticalModel(_Part):
     """The whole model. Written by ``skysweep calibrate``, never by hand."""
 
@@ -213,6 +233,7 @@ class StatisticalModel(_Part):
     background: list[BackgroundModel]
     held_out: list[HeldOut] = []
     pictures: RealPictures | None = Field(None, description="Where real pictures were fitted, too")
+    scenario: OfScenario | None = Field(None, description="Where it was adapted to one scenario")
 
     @model_validator(mode="before")
     @classmethod
