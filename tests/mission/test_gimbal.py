@@ -140,3 +140,32 @@ def test_a_vehicle_that_cannot_point_its_camera_is_said_once():
     assert said["action"] == "CONTINUE"
     assert said["sentence"] == "The camera's pitch is -90 degrees, not -50: the vehicle does not point it."
     assert lines[-1] == {"t": lines[-1]["t"], "kind": "end", "reason": "completed"}
+
+
+class Yanked(Multirotor):
+    """Somebody else turns its camera up for a while."""
+
+    from_s, to_s = 20.0, 40.0
+
+    def command(self, setpoint):
+        up = self.from_s <= self.state().time_s < self.to_s
+        super().command(setpoint._replace(gimbal_pitch_rad=math.radians(20.0)) if up else setpoint)
+
+
+def test_what_a_camera_shows_that_somebody_turned_away_does_not_count():
+    s = Scenario.model_validate(SMALL)
+    vehicle = Yanked(s.vehicle, s.wind, s.camera, [-5.0, -5.0, 0.0], lambda _x, _y: 0.0, 0)
+    places = [((x, y), None) for y in (5.0, 20.0, 35.0) for x in (0.0, 60.0)]
+    ticks, lines = flown(*places, vehicle=vehicle)
+    said = [line for line in lines if line["kind"] == "safety" and line["cause"] == "gimbal"]
+    assert [line["sentence"] for line in said] == [
+        "The camera's pitch is 20 degrees, not -90: the vehicle does not point it, "
+        "and what it shows does not count.",
+        "The camera points where it is told again.",
+    ]
+    assert said[0]["t"] < 24.0
+    looks = [tick.detections for tick, _ in ticks if tick.detections is not None]
+    assert not [look for look in looks if Yanked.from_s + 1.5 < look.time_s < Yanked.to_s]
+    assert [look for look in looks if look.time_s > Yanked.to_s + 2.0]
+    blind = [line for line in lines if line["kind"] == "unsearched"]
+    assert sum(line["length_m"] for line in blind) > 30.0

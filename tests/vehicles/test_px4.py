@@ -351,7 +351,7 @@ def test_a_setpoint_points_the_gimbal():
 
 def test_a_camera_without_a_gimbal_is_believed_to_look_as_before():
     vehicle = LookAlike(0).vehicle
-    vehicle.gimbal = False
+    vehicle.gimbal = vehicle._has_gimbal = False
     vehicle.look(-0.5)
     assert vehicle.telemetry.gimbal_pitch_rad == pytest.approx(-math.pi / 2)
 

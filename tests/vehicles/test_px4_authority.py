@@ -9,6 +9,7 @@ from look_alike import LookAlike
 from takeovers import HOLD, LAND, OFFBOARD, POSITION, RETURN
 
 from skysweep.cli.fly import _Operator
+from skysweep.cli.terminal import enter_pressed, has_keyboard
 from skysweep.errors import UserError
 from skysweep.mission.orders import CONTINUE, TAKE_BACK, Order
 from skysweep.types import Mode, Setpoint
@@ -63,6 +64,48 @@ def test_the_end_of_the_program_does_not_end_a_failsafe(ends):
     for _ in range(1000):
         there.sky.face.tick()
     assert there.flown()[0] in (RETURN, LAND)
+
+
+def stand_still(there, seconds, meanwhile=lambda _passed_s: None):
+    """Our program does not run for a while, as after Ctrl-Z; what it is sent waits in its socket."""
+    link = there.vehicle.link
+    tick, link.tick = link.tick, lambda: None
+    begun_s = there.now_s()
+    while (passed_s := there.now_s() - begun_s) < seconds - 1e-6:
+        meanwhile(passed_s)
+        for other in link.others:
+            other()
+        there.sky.face.tick()
+    link.tick = tick
+    del link._inbox[60:]  # a socket holds the oldest
+    pass_time, there.sky.face.tick = there.sky.face.tick, lambda: None
+    link.tick()  # the thread that receives is the first to wake, then the one that streams
+    there.sky.face.tick = pass_time
+
+
+def test_a_pilot_who_took_it_while_our_program_stood_still_keeps_it():
+    there = in_offboard(on_loss=0)
+    stand_still(there, 6.0, lambda passed_s: passed_s > 0.5 and there.sticks(moving=passed_s > 3.5))
+    assert there.flown()[0] == POSITION
+    assert run(there, 6.0) == [POSITION]
+    assert there.vehicle.state().taken_over
+
+
+def test_what_landed_while_our_program_stood_still_stays_down():
+    there = in_offboard(on_loss=4)
+    stand_still(there, 30.0)
+    assert not there.flown()[1]
+    run(there, 6.0)
+    assert not there.flown()[1]
+    assert there.vehicle.state().taken_over
+
+
+def test_a_flight_goes_on_after_our_program_stood_still():
+    there = in_offboard(on_loss=5)
+    stand_still(there, 4.0)
+    assert there.flown()[0] == HOLD  # PX4's failsafe
+    assert run(there, 6.0)[-1] == OFFBOARD
+    assert not there.vehicle.state().taken_over
 
 
 def test_a_pilot_who_insists_is_not_asked_twice():
@@ -330,3 +373,58 @@ def test_who_takes_it_in_the_gap_that_swallows_an_order_to_land_keeps_it(mode):
         there.wait(0.1)
     assert there.flown()[0] == mode
     assert there.vehicle.state().taken_over
+
+
+def test_the_camera_of_a_vehicle_that_somebody_flies_is_left_alone():
+    there = in_offboard()
+    link = there.vehicle.link
+    link.orders.clear()
+    there.connect()
+    assert there.vehicle.gimbal
+    there.wait(2.0)
+    there.vehicle.close()
+    of_the_camera = {m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW}
+    assert not of_the_camera & set(link.orders)
+
+
+def test_two_vehicles_of_one_system_id_are_not_flown_together():
+    there = LookAlike(5)
+    link = there.vehicle.link
+
+    def fly_with_another():
+        for _ in range(12):
+            said = link.newest("LOCAL_POSITION_NED")
+            link._take("LOCAL_POSITION_NED", {**said, "time_boot_ms": said["time_boot_ms"] - 503})
+            there.wait(0.1)
+
+    with pytest.raises(UserError, match="two vehicles with the system id 1"):
+        fly_with_another()
+
+
+def test_a_message_that_comes_twice_is_of_one_vehicle():
+    there = LookAlike(5)
+    link = there.vehicle.link
+    for _ in range(40):
+        there.wait(0.1)
+        before = dict(link.newest("LOCAL_POSITION_NED"))
+        there.wait(0.1)
+        link._take("LOCAL_POSITION_NED", before)
+    there.vehicle.advance(0.1)
+
+
+def test_a_program_in_the_background_reads_no_keys(monkeypatch):
+    ours, theirs = os.openpty()
+    with open(theirs, encoding="ascii") as keyboard:
+        monkeypatch.setattr("sys.stdin", keyboard)
+        os.write(ours, b"\n")
+        time.sleep(0.1)
+        monkeypatch.setattr("os.tcgetpgrp", lambda _descriptor: os.getpgrp() + 1)
+        assert not enter_pressed()
+        monkeypatch.setattr("os.tcgetpgrp", lambda _descriptor: os.getpgrp())
+        assert enter_pressed()
+
+
+def test_a_program_without_standard_input_has_no_keyboard(monkeypatch):
+    monkeypatch.setattr("sys.stdin", None)
+    assert not has_keyboard()
+    assert not enter_pressed()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import signal
-import sys
 import time
 from contextlib import ExitStack
 from dataclasses import asdict, replace
@@ -39,7 +38,7 @@ from skysweep.cli.live import (
     live_page,
 )
 from skysweep.cli.missions import StatusLine, answer_mission, answers_complete
-from skysweep.cli.terminal import enter_pressed, unblocked
+from skysweep.cli.terminal import enter_pressed, has_keyboard, unblocked
 from skysweep.errors import UserError
 from skysweep.files.writing import free_folder
 from skysweep.text import printable
@@ -230,12 +229,12 @@ class _Operator:
         if (taken and not self._taken) or (waits and not self._waits):
             self._shown_s = time.monotonic()
         self._taken, self._waits = taken, waits
-        if waits and not self._live and not sys.stdin.isatty():
+        if waits and not self._live and not has_keyboard():
             raise UserError(
                 "the vehicle has landed for another battery, and there is no keyboard to say that it was "
                 f"changed; when it is:  skysweep fly {shlex.quote(str(self._folder))}"
             )
-        if self._taken and state.airborne and not self._live and not sys.stdin.isatty():
+        if self._taken and state.airborne and not self._live and not has_keyboard():
             raise UserError(
                 f"somebody else flies the vehicle ({state.taken_over}), and there is no keyboard to take it "
                 f"back; when it is free:  skysweep fly {shlex.quote(str(self._folder))}"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from skysweep.cli.common import say
+from skysweep.cli.terminal import has_keyboard
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def live_page(
         say(page.address)
         open_browser(page.address, no_browser)
         yield page.order
-        if sys.stdin.isatty():
+        if has_keyboard():
             say("the page stays until Ctrl-C")
             with suppress(KeyboardInterrupt):
                 page.wait()

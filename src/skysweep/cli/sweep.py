@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from skysweep.cli.common import WorkersOption, bar, duration, friendly, local_folder, say, warn
+from skysweep.cli.terminal import has_keyboard
 from skysweep.errors import UserError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def sweep(
             )
             if outlook.seconds <= ASK_ABOVE_S or yes:
                 return
-            if not sys.stdin.isatty():
+            if not has_keyboard():
                 raise UserError(
                     f"the sweep would take about {duration(outlook.seconds)}; add --yes to start it"
                 )

@@ -35,13 +35,32 @@ def unblocked() -> Iterator[None]:
 
 
 def enter_pressed() -> bool:
-    """Whether Enter was pressed; all input is consumed, so that none of it counts later."""
+    """Whether Enter was pressed; all input is consumed, so that none of it counts later.
+
+    A program in the background reads nothing: the terminal would stop it.
+    """
     pressed = False
-    while sys.stdin.isatty() and select.select([sys.stdin], [], [], 0.0)[0]:
-        if not os.read(sys.stdin.fileno(), 1024):
+    while has_keyboard() and _is_in_front() and select.select([sys.stdin], [], [], 0.0)[0]:
+        try:
+            if not os.read(sys.stdin.fileno(), 1024):
+                break
+        except OSError:  # the terminal is gone
             break
         pressed = True
     return pressed
+
+
+def has_keyboard() -> bool:
+    """Whether standard input is a terminal; a closed one is none."""
+    return sys.stdin is not None and not sys.stdin.closed and sys.stdin.isatty()
+
+
+def _is_in_front() -> bool:
+    """Whether the terminal's input is this program's; one that does not control it stops nobody."""
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except OSError:
+        return True
 
 
 class _Valve(io.RawIOBase):

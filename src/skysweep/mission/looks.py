@@ -42,6 +42,7 @@ class Looks:
         self._pose_delay_s = camera.pose_delay_s
         self._lost = self._silent = False
         self._distrusted = (math.inf, math.inf)
+        self._elsewhere = (math.inf, -math.inf)  # exposures while the camera looked elsewhere
         self._recent: deque[float] = deque(maxlen=_REMEMBERED)
         self._track: deque[tuple[float, F64, bool]] = deque()
         self._blind: list[tuple[XY, XY]] = []
@@ -118,6 +119,9 @@ class Looks:
             return False
         if self._distrusted[0] <= exposed_s <= self._distrusted[1]:
             return False
+        if self._elsewhere[0] <= exposed_s <= self._elsewhere[1]:
+            self.failure = "the camera looks elsewhere"
+            return False
         if exposed_s <= self.newest_s and exposed_s in self._recent:
             return False
         self._recent.append(exposed_s)
@@ -161,6 +165,13 @@ class Looks:
         if lost or silent or self._silent:
             self._excused_s = now_s
         self._lost, self._silent = lost, silent
+
+    def look_elsewhere(self, now_s: float, elsewhere: bool) -> None:
+        """Take note of whether the camera looks past the ground: what it shows meanwhile does not count."""
+        if elsewhere and self._elsewhere[1] < math.inf:
+            self._elsewhere = (now_s, math.inf)
+        elif not elsewhere and self._elsewhere[1] == math.inf:
+            self._elsewhere = (self._elsewhere[0], now_s + self._pose_delay_s)
 
     def are_due(self, now_s: float, until_s: float) -> bool:
         """Whether late answers to pictures up to ``until_s`` are still awaited."""

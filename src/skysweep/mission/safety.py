@@ -133,6 +133,13 @@ class Guard:
         self._homeward, self._progress = Progress(), Progress()
         self._disobeys = False
         self._is_fixed = False  # the camera, as the vehicle did not point it
+        self._was_elsewhere = False  # when that was said
+        self._told_rad = self._left_rad = (
+            self._gimbal.pitch_rad
+        )  # of the mission, and from where it turns there
+        lens = scenario.camera.lens
+        half_rad = math.atan(0.5 * min(lens.width_px, lens.height_px) / lens.focal_px)
+        self._half_view_rad = max(half_rad, _POINTS_AWAY_RAD)
         self._led_away = begins_in_air  # perhaps beyond the fence, by somebody else
         self._may_estimate = scenario.safety.battery_estimated and not begins_in_air
         self._room = ((math.inf, math.inf), 0.0)  # a place, and how far inside the fence it is
@@ -150,6 +157,7 @@ class Guard:
         """
         now_s = state.time_s + state.silent_s
         self._add_up_jumps(state)
+        self._note_pitch(state, goal)
         if phase is Phase.SEARCH and self._is_calm(state, altitude_agl_m):
             return ()
         if phase is Phase.LAND:
@@ -194,8 +202,8 @@ class Guard:
         if phase not in (Phase.SEARCH, Phase.SWAP):
             causes.add("wind")
         if phase is not Phase.SEARCH or goal is None:
-            causes |= {"setpoints ignored", "turned away"}
-        if phase is not Phase.SEARCH or goal is None or self._is_usual(goal.gimbal_pitch_rad):
+            causes |= {"setpoints ignored", "turned away", "gimbal"}
+        elif self._may_be_fixed:
             causes.add("gimbal")
         unsure = state.silent_s > self._limits.link_hold_s or self._since.keys() & _PLACELESS
         if phase is not Phase.SEARCH or unsure:
@@ -215,6 +223,7 @@ class Guard:
             or step_m > limits.position_jump_m
             or state.silent_s > limits.link_hold_s
             or not state.position_std_m <= limits.position_std_max_m
+            or self._looks_elsewhere(state)
         )
 
     def heed(self, word: str | None) -> None:
@@ -266,6 +275,9 @@ class Guard:
             return Alarm(
                 Action.REFUSE_CHECK, "waypoint", f"A waypoint is not flown to: its {field} is not finite."
             )
+        if waypoint.speed_mps <= 0.0:
+            sentence = f"A waypoint is not flown to: its speed_mps is {waypoint.speed_mps:g}, not above 0."
+            return Alarm(Action.REFUSE_CHECK, "waypoint", sentence)
         if flown_to is not None and self._was_allowed(flown_to):
             return None
         cause, why = self.objection(state, altitude_agl_m, waypoint, flown_to)
@@ -323,6 +335,7 @@ class Guard:
             or bool(state.taken_over)
             or state.silent_s > limits.link_hold_s
             or self._is_unsure(state)
+            or self._looks_elsewhere(state)
             or not state.battery_remaining >= limits.battery_low
             or state.ground_below_m is not None
             or not limits.altitude_min_agl_m < altitude_agl_m < limits.altitude_max_agl_m
@@ -478,22 +491,51 @@ class Guard:
             yield Alarm(self._home_after(turned_s), "turned away", sentence)
 
     def _pointing(self, state: VehicleState, goal: Setpoint | None, now_s: float) -> Iterator[Alarm]:
-        """Whether the camera takes a pitch other than the scenario's; that it does not is said once."""
-        pitch_rad = None if goal is None else goal.gimbal_pitch_rad
-        if pitch_rad is None or self._is_usual(pitch_rad):
+        """Whether the camera takes its pitch; that it does not is said once.
+
+        One that keeps the scenario's pitch covers the ground all the same. What another shows does not count
+        where it would look past the middle of its picture.
+        """
+        if goal is None:
             self._since.pop("gimbal", None)
             return
-        looks_rad = state.camera.pitch_rad
-        away_s = self._lasting_s("gimbal", abs(looks_rad - pitch_rad) > _POINTS_AWAY_RAD, now_s)
-        longest_s = _TURNED_SAID_S + 180.0 / self._gimbal.max_rate_dps
+        looks_rad, turns_s = state.camera.pitch_rad, 180.0 / self._gimbal.max_rate_dps
+        elsewhere = self._looks_elsewhere(state)
+        self._looks.look_elsewhere(state.time_s, elsewhere)
+        away_s = self._lasting_s("gimbal", abs(looks_rad - self._told_rad) > _POINTS_AWAY_RAD, now_s)
+        if away_s is None and self._may_be_fixed:
+            return
+        longest_s = turns_s if elsewhere else turns_s + _TURNED_SAID_S
         self._is_fixed = away_s is not None and (self._is_fixed or away_s > longest_s)
         if self._is_fixed:
-            told, looks = (f"{math.degrees(rad):.0f}" for rad in (pitch_rad, looks_rad))
-            sentence = f"The camera's pitch is {looks} degrees, not {told}: the vehicle does not point it."
+            self._was_elsewhere = elsewhere
+            told, looks = (f"{math.degrees(rad):.0f}" for rad in (self._told_rad, looks_rad))
+            shown = ", and what it shows does not count" if elsewhere else ""
+            sentence = (
+                f"The camera's pitch is {looks} degrees, not {told}: the vehicle does not point it{shown}."
+            )
             yield Alarm(Action.CONTINUE, "gimbal", sentence)
 
-    def _is_usual(self, pitch_rad: float | None) -> bool:
-        return pitch_rad is None or pitch_rad == self._gimbal.pitch_rad
+    @property
+    def _may_be_fixed(self) -> bool:
+        """Whether it is told to look as a camera without a gimbal does: that it does so tells nothing."""
+        return self._told_rad == self._gimbal.pitch_rad and not self._was_elsewhere
+
+    def _note_pitch(self, state: VehicleState, goal: Setpoint | None) -> None:
+        """What the camera is told, and from where it turns there."""
+        if goal is None:
+            return
+        told_rad = self._gimbal.pitch_rad if goal.gimbal_pitch_rad is None else goal.gimbal_pitch_rad
+        looks_rad = state.camera.pitch_rad
+        if told_rad != self._told_rad:
+            self._told_rad, self._left_rad = told_rad, looks_rad
+        if abs(looks_rad - told_rad) <= _POINTS_AWAY_RAD:
+            self._left_rad = told_rad
+
+    def _looks_elsewhere(self, state: VehicleState) -> bool:
+        """Whether the camera looks past all between the scenario's pitch, the mission's, and its last one."""
+        pitches_rad, half_rad = (self._gimbal.pitch_rad, self._told_rad, self._left_rad), self._half_view_rad
+        return not min(pitches_rad) - half_rad <= state.camera.pitch_rad <= max(pitches_rad) + half_rad
 
     def _home_after(self, lasted_s: float) -> Action:
         return Action.RETURN if lasted_s > self._limits.stuck_return_s else Action.CONTINUE

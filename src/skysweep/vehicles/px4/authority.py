@@ -37,9 +37,8 @@ class FlightAuthority:
         self.wanted: PX4Mode | None = None
         self.theirs = ""
         self._deaf = False
-        self._before: tuple[float, float] = (0.0, 0.0)  # now_s and boot_s of its last message
-        self._heard_again_s = float("-inf")
-        self._asked = False
+        self._heard_again_s = float("-inf")  # the end of the silence that was noticed last
+        self._caught_up_s = float("-inf")  # when its messages were current again: older ones tell nothing
         self._person = False  # a person took it, perhaps from a failsafe
         self._not_followed_s: float | None = None  # since when PX4 ignores our setpoints
 
@@ -67,7 +66,7 @@ class FlightAuthority:
         with self._lock:
             modes = _STICKS | {action: mode.value for action, mode in _NO_STICKS.items()}
             does_that = self._on_loss is not None and self._told.flown == modes.get(self._on_loss)
-            was_lost = since_s < self._heard_again_s < float("inf")
+            was_lost = since_s < self._heard_again_s and self._told.silent_s < SILENCE_S
             return was_lost and does_that and self._is_left_to_px4()
 
     def lost(self) -> bool:
@@ -99,17 +98,19 @@ class FlightAuthority:
         link, told = self._link, self._told
         now_s = link.now_s()
         if told.silent_s >= SILENCE_S:
-            if not self._deaf:
-                self._deaf, self._before = True, (now_s - told.silent_s, told.boot_s)
-            self._heard_again_s, self._asked = float("inf"), False
+            self._deaf, self._caught_up_s = True, float("inf")
             return False
+        if told.silence.until_s > self._heard_again_s:  # perhaps while this program did not run
+            self._deaf, self._caught_up_s = True, float("inf")
+            self._heard_again_s = told.silence.until_s
         if self._deaf:
-            self._heard_again_s = min(self._heard_again_s, now_s)
-            if not self._asked:
-                self._asked = True
+            if self._caught_up_s > now_s:
+                if not self._caught_up(now_s):
+                    return False
+                self._caught_up_s = now_s
                 for name in ("HEARTBEAT", "SYS_STATUS", "EXTENDED_SYS_STATE"):
                     link.request(name)
-            if not self._caught_up(now_s) or told.mode_heard_s <= self._heard_again_s:
+            if told.mode_heard_s <= self._caught_up_s:
                 return False
         self._person = self._person or (bool(self.theirs) and not self._is_left_to_px4())
         certain = self.wanted is None or bool(self.theirs) or self._judge(now_s)
@@ -117,10 +118,9 @@ class FlightAuthority:
         return certain
 
     def _caught_up(self, now_s: float) -> bool:
-        left_s, boot_s = self._before
-        passed_s = self._heard_again_s - left_s
-        caught_up = self._told.boot_s - boot_s >= passed_s - _CLOCK_SLACK_S
-        return caught_up or now_s - self._heard_again_s > _CATCH_UP_S
+        silence = self._told.silence
+        is_current = self._told.boot_s >= silence.over_boot_s - _CLOCK_SLACK_S
+        return is_current or now_s - silence.until_s > _CATCH_UP_S
 
     def _judge(self, now_s: float) -> bool:
         """Sets ``theirs``; False while that is not certain."""
@@ -146,18 +146,18 @@ class FlightAuthority:
         link, told = self._link, self._told
         if told.intended is None and self._deaf:
             chosen = False  # an older PX4 does not report it: it returns by itself, or not
-        elif told.intended_heard_s <= self._heard_again_s and self._deaf:
+        elif told.intended_heard_s <= self._caught_up_s and self._deaf:
             return False
         else:
             chosen = told.intended != PX4Mode.OFFBOARD.value
         action = self._on_loss
         if not chosen and action in _STICKS and mode == _STICKS[action]:
-            if self._deaf and link.heard_s("SYS_STATUS") <= self._heard_again_s:
+            if self._deaf and link.heard_s("SYS_STATUS") <= self._caught_up_s:
                 return False
             chosen = told.manual_control
         elif not chosen and (action not in _NO_STICKS or mode != _NO_STICKS[action].value):
             chosen = True
-        elif not chosen and self._deaf and link.heard_s("EXTENDED_SYS_STATE") <= self._heard_again_s:
+        elif not chosen and self._deaf and link.heard_s("EXTENDED_SYS_STATE") <= self._caught_up_s:
             return False
         if chosen or not told.airborne:  # with setpoints a landed vehicle would take off again
             self._give_up(mode)

@@ -91,6 +91,8 @@ def preflight(
 def _gimbal(vehicle: Px4Vehicle) -> Verdict:
     if not vehicle.gimbal:
         return True, "none: the camera is assumed to look as told"
+    if not vehicle.is_free:
+        return None, "left alone while somebody flies the vehicle"
     told, ours = vehicle.telemetry, vehicle.link.own_ids
     obeys = vehicle.gimbal_obeys
     if obeys not in (None, ours):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +28,9 @@ _UNSAID_S = 10.0  # of telemetry without a battery message
 _RANGE_UNSAID_S = 1.0
 _LONGEST_STEP_S = 1.0  # between two positions; longer is a silence of the whole vehicle
 _LAWLESS_MPS = 100.0  # faster than any multicopter: a broken message
+_PACE_S, _SLOWEST = 1.0, 0.01  # of telemetry that tells the pace of the vehicle's clock, and its least
+_STAMPS = 64  # of the newest positions: the same message may come over two ways
+_ALTERNATIONS, _ALTERNATING_S = 10, 5.0  # of two clocks, on the wall: more than a network's disorder
 _MODE_NAMES = {
     (1, 0): "Manual", (2, 0): "Altitude", (3, 0): "Position", (3, 1): "Orbit", (4, 1): "Ready",
     (4, 2): "Take-off", (4, 3): "Hold", (4, 4): "Mission", (4, 5): "Return", (4, 6): "Land",
@@ -52,6 +57,14 @@ class Battery:
     power_at_s: float  # by the vehicle's clock
 
 
+class Silence(NamedTuple):
+    """A time without positions, or in which this program did not run, by the link's clock."""
+
+    since_s: float
+    until_s: float
+    over_boot_s: float  # the vehicle's clock when it ended: what is told from before that is old
+
+
 class Telemetry:
     """The newest telemetry of a link. ``gimbal_pitch_rad``: the pitch of a gimbal that does not report it."""
 
@@ -70,6 +83,13 @@ class Telemetry:
         self.R_body_to_enu = np.eye(3)
         self.has_position = self.has_attitude = False
         self.restarted = False
+        self.silence = Silence(-math.inf, -math.inf, -math.inf)  # the last one that has ended
+        self._first: tuple[float, float] | None = None  # by both clocks, of the first position
+        self._stamps: deque[float] = deque(maxlen=_STAMPS)
+        self._is_back = False  # the newest position was of an earlier time
+        self._alternations: deque[float] = deque(
+            maxlen=_ALTERNATIONS
+        )  # when its clock was the later one again
         self.flown: PxMode = (0, 0)
         self.intended: PxMode | None = None  # None: not reported
         self.mode_heard_s = self.intended_heard_s = -math.inf  # by the link's clock
@@ -84,6 +104,12 @@ class Telemetry:
     def silent_s(self) -> float:
         """Seconds on the wall without a position of a newer time."""
         return self._link.now_s() - self._moved_s
+
+    @property
+    def are_two(self) -> bool:
+        """Whether two vehicles of one system id answer: their clocks come in turn."""
+        times_s = list(self._alternations)
+        return len(times_s) == _ALTERNATIONS and self._link.now_s() - times_s[0] < _ALTERNATING_S
 
     @property
     def armed(self) -> bool:
@@ -191,17 +217,39 @@ class Telemetry:
         if not all(isinstance(v, int | float) and math.isfinite(v) for v in numbers):
             return
         boot_s = said["time_boot_ms"] * 1e-3
+        if boot_s in self._stamps:
+            return
+        self._stamps.append(boot_s)
         if boot_s < self.boot_s:
             self.restarted = self.restarted or boot_s < self.boot_s - 1.0
+            self._is_back = True
             return
+        if self._is_back:
+            self._alternations.append(self._link.now_s())
+            self._is_back = False
         values = np.array(numbers, dtype=float)
         if np.abs(values[3:]).max() > _LAWLESS_MPS:
             return
         if boot_s > self.boot_s:
+            now_s = self._link.now_s()
             self._heard_s += min(boot_s - self.boot_s, _LONGEST_STEP_S)
-            self._moved_s = self._link.now_s()
+            self._note_silence(now_s, boot_s)
+            self._moved_s = now_s  # last: who sees it has seen the silence before it
         self.boot_s, self.ned_m, self.velocity_ned_mps = boot_s, values[:3], values[3:]
         self.has_position = True
+
+    def _note_silence(self, now_s: float, boot_s: float) -> None:
+        """Also one in which this program, or the computer and its clock, stood still."""
+        if self._first is None:
+            self._first = now_s, boot_s
+            return
+        first_s, first_boot_s = self._first
+        known_s = self._moved_s - first_s
+        pace = (self.boot_s - first_boot_s) / known_s if known_s > _PACE_S else 1.0  # of a simulator's clock
+        by_boot_s = (boot_s - self.boot_s) / max(pace, _SLOWEST)
+        passed_s = max(now_s - self._moved_s, by_boot_s)
+        if passed_s >= SILENCE_S:
+            self.silence = Silence(now_s - passed_s, now_s, self.boot_s + passed_s * pace)
 
     def _attitude(self, said: Fields) -> None:
         R = _rotation([said.get(k) for k in ("q1", "q2", "q3", "q4")])

@@ -54,6 +54,9 @@ _CHECKS_S = 1.5  # on the wall, for PX4's reasons not to arm
 _POSITION_GAIN = 0.95  # MPC_XY_P
 _BRAKES_MPS2 = 3.0  # deceleration into a hover
 _OFFBOARD_BELOW_M = 5.0  # the height of a take-off: there Offboard takes over
+_TWO = (
+    "two vehicles with the system id {} answer, and both obey; switch one off, or give it another MAV_SYS_ID"
+)
 _LEFT_OVER = (PX4Mode.OFFBOARD, PX4Mode.LAND, PX4Mode.RETURN, PX4Mode.MISSION, PX4Mode.TAKEOFF)
 
 
@@ -95,7 +98,11 @@ class Px4Vehicle:
             )
             self._ask_for_telemetry(timeout_s)
             self.home_enu_m, self.site = self._located()
-            self.gimbal = self._take_gimbal()
+            self.gimbal = self.link.ask("GIMBAL_MANAGER_INFORMATION", _HELLO_S) is not None
+            self._has_gimbal = False  # has taken control of it
+            self._watch_gimbal()
+            if self.is_free:
+                self._take_gimbal()
             self._since_boot_s = self.telemetry.boot_s
             on_loss = self.link.parameter("COM_OBL_RC_ACT")
             loss_act = None if on_loss is None else int(on_loss)
@@ -139,6 +146,8 @@ class Px4Vehicle:
             if told.silent_s >= SILENCE_S:
                 self._due_s = told.boot_s
                 break
+        if told.are_two:
+            raise UserError(_TWO.format(self.link.system_id))
         if told.restarted:
             raise UserError(
                 "the vehicle's clock went back: it restarted in flight; look after it by hand"
@@ -147,8 +156,8 @@ class Px4Vehicle:
                 "flight from its run folder, with 'skysweep fly FOLDER'"
             )
         self._look_after_orders()
-        if self.gimbal and told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
-            self.look(told.gimbal_pitch_rad)
+        if told.gimbal_is_off and told.boot_s > self._pointed_s + _POINT_AGAIN_S:
+            self._point_again()
         self._state = self._look()
 
     def takeoff(self, altitude_agl_m: float) -> None:
@@ -161,6 +170,7 @@ class Px4Vehicle:
         if not self.link.wait(self.authority.knows, CONNECT_S):
             raise UserError("the vehicle is silent: nothing is ordered; look after it, and start again")
         self._refuse_taken()
+        self._take_gimbal()
         if told.airborne:
             self._start_clock()
             self.command(self._above_here(altitude_agl_m))
@@ -224,13 +234,18 @@ class Px4Vehicle:
         The command is repeated every second while the gimbal reports another pitch. Without a gimbal the
         camera is believed to look as before.
         """
-        if self.gimbal:
+        if self._has_gimbal:
             self.telemetry.gimbal_pitch_rad = pitch_rad
             self._pointed_s = self.telemetry.boot_s
             pitch_deg = math.degrees(pitch_rad)
             self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, pitch_deg, 0.0, None, None, _LEVEL)
 
     # ---- before and after a mission ------------------------------------------------------------------
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nobody flies it: it is on the ground, in Hold, or lost its program."""
+        return not self.telemetry.airborne or is_free(self.telemetry)
 
     @property
     def gimbal_obeys(self) -> tuple[int, int] | None:
@@ -270,7 +285,7 @@ class Px4Vehicle:
         with _signals_wait():
             self._hand_over()
             self._offboard.stop()
-            if self.gimbal:
+            if self._has_gimbal:
                 self.link.command(m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, _RELEASE, _RELEASE, _LEAVE, _LEAVE)
             for name in self._spared:
                 self.link.command(m.MAV_CMD_SET_MESSAGE_INTERVAL, message_id(name), 0.0)
@@ -316,6 +331,8 @@ class Px4Vehicle:
             missing = "home" if told.has_position else "position"
             raise UserError(f"the vehicle has no {missing} ({timeout_s:g} s); wait for its GNSS fix")
         self.link.wait(lambda: not math.isnan(told.battery_remaining), _HELLO_S)
+        if told.are_two:
+            raise UserError(f"--connection {self.link.url}: {_TWO.format(self.link.system_id)}")
 
     def _located(self) -> tuple[F64, Site]:
         """The vehicle's home (3,) in the scenario, and where its local NED lies."""
@@ -341,20 +358,29 @@ class Px4Vehicle:
         up_m = np.array([0.0, 0.0, self._ground_m(here) - here[2]])
         self.site = Site(self.site.frame, self.site.origin_enu_m + up_m)
 
-    def _take_gimbal(self) -> bool:
-        """Takes control of the gimbal and points it as the scenario says; False if there is none."""
-        if self.link.ask("GIMBAL_MANAGER_INFORMATION", _HELLO_S) is None:
-            return False
-        self.gimbal = True
-        self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
-        self.link.every("GIMBAL_MANAGER_STATUS", _GIMBAL_STATUS_HZ)
+    def _watch_gimbal(self) -> None:
+        if self.gimbal:
+            self.link.every("GIMBAL_DEVICE_ATTITUDE_STATUS", _GIMBAL_RATE_HZ)
+            self.link.every("GIMBAL_MANAGER_STATUS", _GIMBAL_STATUS_HZ)
+
+    def _take_gimbal(self) -> None:
+        """Takes control of the gimbal, if there is one, and points it as it was told last."""
+        if not self.gimbal or self._has_gimbal:
+            return
+        self._has_gimbal = True
         what, take, ours = "hand over its gimbal", m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, self.link.own_ids
         with suppress(UserError):  # the preflight list reports who controls it
             self.link.order(what, take, [*ours, _LEAVE, _LEAVE], lambda: self.gimbal_obeys == ours, _GIMBAL_S)
         self.look(self.telemetry.gimbal_pitch_rad)
-        return True
 
     # ---- orders --------------------------------------------------------------------------------------
+
+    def _point_again(self) -> None:
+        """Points the gimbal anew, and asks for control again where nobody has it."""
+        if self._has_gimbal and self.gimbal_obeys == (0, 0) and not self.authority.lost():
+            take = m.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
+            self.link.command(take, *self.link.own_ids, _LEAVE, _LEAVE)
+        self.look(self.telemetry.gimbal_pitch_rad)
 
     def _refuse_taken(self) -> None:
         """Raises UserError if somebody flew, landed or armed it since the preflight list."""
@@ -428,8 +454,7 @@ class Px4Vehicle:
 
     def _is_nobodys(self) -> bool:
         """Whether it flies without an order of this program, and nobody else flies it either."""
-        told = self.telemetry
-        return self.authority.wanted is None and (not told.airborne or is_free(told))
+        return self.authority.wanted is None and self.is_free
 
     def _go_into_offboard(self, asked: bool = False) -> None:
         """From anybody's mode only if a person ``asked``."""
